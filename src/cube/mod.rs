@@ -1,0 +1,128 @@
+//! The cube as a puzzle: faces, facelets, turns, legal states.
+//!
+//! Cube frame: origin in the centre; R is +x, B is +y, U is +z (L -x, F -y, D -z), so that with F towards
+//! the viewer x points right, y away, z up. Facelet strings have 54 letters in the order URFDLB, each face
+//! in reading order as in the usual net; a letter names the face whose centre has that colour.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+/// A face of the cube, named by its position in the cube frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Face {
+    /// Up, +z, white.
+    U,
+    /// Right, +x, red.
+    R,
+    /// Front, -y, green.
+    F,
+    /// Down, -z, yellow.
+    D,
+    /// Left, -x, orange.
+    L,
+    /// Back, +y, blue.
+    B,
+}
+
+impl Face {
+    /// In the order of facelet strings.
+    pub const ALL: [Self; 6] = [Self::U, Self::R, Self::F, Self::D, Self::L, Self::B];
+
+    /// Outward normal in the cube frame.
+    #[must_use]
+    pub fn normal(self) -> Vector3<f64> {
+        match self {
+            Self::U => Vector3::z(),
+            Self::R => Vector3::x(),
+            Self::F => -Vector3::y(),
+            Self::D => -Vector3::z(),
+            Self::L => -Vector3::x(),
+            Self::B => Vector3::y(),
+        }
+    }
+
+    /// The face on the other side.
+    #[must_use]
+    pub fn opposite(self) -> Self {
+        match self {
+            Self::U => Self::D,
+            Self::R => Self::L,
+            Self::F => Self::B,
+            Self::D => Self::U,
+            Self::L => Self::R,
+            Self::B => Self::F,
+        }
+    }
+
+    /// The axis that the normal lies on.
+    #[must_use]
+    pub fn axis(self) -> Axis {
+        match self {
+            Self::R | Self::L => Axis::X,
+            Self::F | Self::B => Axis::Y,
+            Self::U | Self::D => Axis::Z,
+        }
+    }
+
+    /// Direction of increasing column and of increasing row in reading order, in the cube frame.
+    #[must_use]
+    pub fn reading_axes(self) -> (Vector3<f64>, Vector3<f64>) {
+        let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
+        match self {
+            Self::U => (x, -y),
+            Self::R => (y, -z),
+            Self::F => (x, -z),
+            Self::D => (x, y),
+            Self::L => (-y, -z),
+            Self::B => (-x, -z),
+        }
+    }
+
+    /// Its letter.
+    #[must_use]
+    pub fn letter(self) -> char {
+        match self {
+            Self::U => 'U',
+            Self::R => 'R',
+            Self::F => 'F',
+            Self::D => 'D',
+            Self::L => 'L',
+            Self::B => 'B',
+        }
+    }
+}
+
+/// An axis of the cube frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Axis {
+    /// L-R.
+    X,
+    /// F-B.
+    Y,
+    /// D-U.
+    Z,
+}
+
+impl Axis {
+    /// All three.
+    pub const ALL: [Self; 3] = [Self::X, Self::Y, Self::Z];
+
+    /// Unit vector.
+    #[must_use]
+    pub fn unit(self) -> Vector3<f64> {
+        match self {
+            Self::X => Vector3::x(),
+            Self::Y => Vector3::y(),
+            Self::Z => Vector3::z(),
+        }
+    }
+}
+
+/// A turn of one face: quarter turns clockwise seen from outside; 1, 2 or 3 (= -1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Turn {
+    /// Which face.
+    pub face: Face,
+    /// 1 clockwise, 2 half, 3 anticlockwise.
+    pub quarters: u8,
+}

@@ -1,0 +1,94 @@
+//! The paper's three classes of errors (Zieliński et al. 2007, p. 370).
+//!
+//! - non-fatal: a failed computation, or wrong arguments of a command or reply
+//! - fatal: malfunction of an effector
+//! - system: trouble with messages, or an actor that could not be created
+//!
+//! A failed step of the task (the cube slipped, a face could not be read) is an outcome, not an error.
+//! Every error carries its class as its type, the actor that detected it and the place.
+
+use crate::motion::{ArmFault, MoveRefused};
+
+/// An error that crosses a mailbox.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// The asker may go on.
+    #[error("non-fatal, {actor}, {place}: {cause}")]
+    NonFatal {
+        /// Name of the actor whose shell detected it.
+        actor: String,
+        /// What it was doing.
+        place: &'static str,
+        /// Why.
+        cause: NonFatal,
+    },
+    /// An effector must not move.
+    #[error("fatal, {actor}, {place}: {cause}")]
+    Fatal {
+        /// Name of the actor whose shell detected it.
+        actor: String,
+        /// What it was doing.
+        place: &'static str,
+        /// Why.
+        cause: Fatal,
+    },
+    /// The system of actors is damaged.
+    #[error("system, {actor}, {place}: {cause}")]
+    System {
+        /// Name of the actor whose shell detected it.
+        actor: String,
+        /// What it was doing.
+        place: &'static str,
+        /// Why.
+        cause: System,
+    },
+}
+
+/// Causes that leave the system usable.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NonFatal {
+    /// A command was not carried out.
+    #[error(transparent)]
+    Refused(#[from] MoveRefused),
+    /// A sensor has nothing to say.
+    #[error("no reading: {0}")]
+    NoReading(String),
+    /// Arguments that make no sense.
+    #[error("{0}")]
+    Arguments(String),
+}
+
+/// Causes that stop an effector.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Fatal {
+    /// The effector's own report.
+    #[error(transparent)]
+    Arm(#[from] ArmFault),
+    /// The bridge lost the effector.
+    #[error("bridge: {0}")]
+    Bridge(String),
+}
+
+/// Causes that break the system of actors.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum System {
+    /// The far end of a mailbox is gone.
+    #[error("the mailbox of {0} is closed")]
+    Closed(String),
+    /// No answer in time.
+    #[error("no answer from {who} in {seconds:.1} s")]
+    Silent {
+        /// Who should have answered.
+        who: String,
+        /// How long it was waited for.
+        seconds: f64,
+    },
+    /// An actor could not be created.
+    #[error("{who} could not be created: {why}")]
+    NotCreated {
+        /// Which.
+        who: String,
+        /// Reason.
+        why: String,
+    },
+}

@@ -1,0 +1,27 @@
+//! The hardware port: what the servo needs of a bridge to real controllers or of the simulated plant.
+
+use crate::servo::io::{ArmDrive, ArmReading};
+
+/// The bridge to the arms' hardware; one exchange a servo period.
+pub trait Port: Send {
+    /// Sends the drives of period `period` and fetches the readings at its end, in the order of effectors.
+    ///
+    /// # Errors
+    /// [`PortFault`] when the hardware does not answer.
+    fn exchange(
+        &mut self,
+        period: u64,
+        drives: &[ArmDrive],
+        readings: &mut [ArmReading],
+    ) -> Result<(), PortFault>;
+}
+
+/// The hardware did not answer.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("effector {effector}: {reason}")]
+pub struct PortFault {
+    /// Index of the effector.
+    pub effector: usize,
+    /// What happened.
+    pub reason: String,
+}

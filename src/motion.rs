@@ -1,0 +1,252 @@
+//! What an arm can be told and what it tells: the vocabulary between MP, ECP, EDP and the servo.
+//!
+//! - a [`MoveCommand`] says what to do for a number of 2 ms servo periods (Zieliński et al. 2007, p. 371:
+//!   frame, selector of force and position directions, execution time)
+//! - an [`ArmState`] is what the servo knows after a period
+
+use crate::spatial::{Pose, Wrench};
+use serde::{Deserialize, Serialize};
+
+/// Seconds in one servo period of the original.
+pub const PERIOD: f64 = 0.002;
+
+/// Axes of an arm without its jaw: index 0 is the prismatic track, 1..=6 the six rotary axes.
+/// The postument arm has no axis 0; its entry is 0.
+pub const AXES: usize = 7;
+
+/// Joint variables: `[0]` the track d0 [m], `[1..=6]` q1..q6 [rad] (q3, q4 relative, as in the URDF).
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct JointPositions(pub [f64; AXES]);
+
+/// Motor shaft angles [rad] in the same order.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct MotorPositions(pub [f64; AXES]);
+
+/// The axes in which the directions of a [`Motion::Task`] are expressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Frame {
+    /// The robot's base: the paper's absolute mode.
+    Base,
+    /// The tool: the paper's relative mode.
+    Tool,
+}
+
+/// What one direction of the task frame does: linear directions in m, N; angular ones in rad, Nm.
+///
+/// `admittance` is the original's reciprocal damping B [m/(s N) or rad/(s Nm)], `inertia` its M
+/// [kg or kg m2]; inertia 0 is the paper's plain scaling of the force error.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Direction {
+    /// Follows a velocity whatever the force.
+    Unguarded {
+        /// Set velocity [m/s or rad/s].
+        velocity: f64,
+    },
+    /// Follows a velocity and yields to any force.
+    Guarded {
+        /// Velocity in free motion [m/s or rad/s].
+        velocity: f64,
+        /// B.
+        admittance: f64,
+        /// M.
+        inertia: f64,
+    },
+    /// Seeks a force that the tool exerts on its surroundings.
+    Contact {
+        /// Set force or torque [N or Nm].
+        wanted: f64,
+        /// B.
+        admittance: f64,
+        /// M.
+        inertia: f64,
+    },
+}
+
+impl Direction {
+    /// Stands still, stiffly.
+    pub const HOLD: Self = Self::Unguarded { velocity: 0.0 };
+}
+
+/// Where a command takes the arm.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Motion {
+    /// Keeps the present set values.
+    Hold,
+    /// Reaches these motor positions at the end, linearly.
+    Motors(MotorPositions),
+    /// Reaches these joint positions at the end, linearly.
+    Joints(JointPositions),
+    /// Reaches this `base_from_tool` at the end along a straight line; d0 stays.
+    Pose(Pose),
+    /// Position-force control in a task frame.
+    Task {
+        /// Axes of the directions.
+        frame: Frame,
+        /// x, y, z, then rotations about them.
+        directions: [Direction; 6],
+    },
+}
+
+/// How deep a gripper reaches over the cube: over one layer or over two.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Depth {
+    /// One layer: the tool point lies in the outer layer's centre plane.
+    One,
+    /// Two layers: the tool point lies in the middle layer's centre plane.
+    Two,
+}
+
+/// Set values of a gripper's jaw.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct JawCommand {
+    /// Distance between the finger pads that is reached at the end of the command, linearly [m].
+    pub opening: f64,
+    /// Grip force at which the jaw motor's current is limited [N].
+    pub force_limit: f64,
+    /// Which position the palm's two-position stops take (a digital output of the parallel interface).
+    pub stops: Depth,
+}
+
+/// One command of an EDP: a motion, its duration, and the jaw's set values.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MoveCommand {
+    /// Where to.
+    pub motion: Motion,
+    /// Execution time in servo periods, at least 1.
+    pub periods: u32,
+    /// Jaw; `None` keeps its set values.
+    pub jaw: Option<JawCommand>,
+}
+
+/// Why an arm stopped by itself. Units and numbers are in the text of the error.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
+pub enum ArmFault {
+    /// Power stage's current limit.
+    #[error("axis {axis}: over-current, {amperes:.1} A")]
+    OverCurrent {
+        /// 0 the track, 1..=6 the rotary axes, 7 the jaw.
+        axis: usize,
+        /// Measured.
+        amperes: f64,
+    },
+    /// A limit switch was hit.
+    #[error("axis {axis}: limit switch hit at motor position {motor:.2} rad")]
+    LimitSwitch {
+        /// As above.
+        axis: usize,
+        /// Where.
+        motor: f64,
+    },
+    /// Set value and reading are too far apart.
+    #[error("axis {axis}: following error {error:.3} rad of motor angle")]
+    Following {
+        /// As above.
+        axis: usize,
+        /// Set minus measured.
+        error: f64,
+    },
+    /// The force sensor is saturated or silent while a force is being controlled.
+    #[error("force sensor: {reading:.1} N or Nm in direction {direction} is beyond its range")]
+    ForceSensor {
+        /// 0..=5 in the sensor's frame.
+        direction: usize,
+        /// Measured.
+        reading: f64,
+    },
+    /// Emergency stop.
+    #[error("emergency stop")]
+    EmergencyStop,
+}
+
+/// Why a command could not be carried out (the arm holds; non-fatal).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
+pub enum MoveRefused {
+    /// No joint positions reach the pose.
+    #[error("pose out of reach: {0:.4} m short")]
+    OutOfReach(f64),
+    /// A joint limit.
+    #[error("joint {axis}: {value:.4} is outside {low:.4}..{high:.4}")]
+    JointLimit {
+        /// 0 the track, 1..=6.
+        axis: usize,
+        /// Wanted [m or rad].
+        value: f64,
+        /// Limit.
+        low: f64,
+        /// Limit.
+        high: f64,
+    },
+    /// A motor limit.
+    #[error("motor {axis}: {value:.2} rad is outside {low:.2}..{high:.2}")]
+    MotorLimit {
+        /// 0 the track, 1..=6.
+        axis: usize,
+        /// Wanted [rad].
+        value: f64,
+        /// Limit.
+        low: f64,
+        /// Limit.
+        high: f64,
+    },
+    /// Faster than the drive may be asked to go.
+    #[error("motor {axis}: {rate:.1} rad/s is faster than {limit:.1} rad/s")]
+    TooFast {
+        /// 0 the track, 1..=6.
+        axis: usize,
+        /// Asked [rad/s].
+        rate: f64,
+        /// Allowed [rad/s].
+        limit: f64,
+    },
+    /// A number that is none.
+    #[error("the command or its result is not a finite number")]
+    NotANumber,
+}
+
+/// What the servo knows of an arm after a period.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ArmState {
+    /// Number of the period that this is the state of.
+    pub period: u64,
+    /// Measured.
+    pub motors: MotorPositions,
+    /// From the measured motors.
+    pub joints: JointPositions,
+    /// From the measured joints.
+    pub base_from_tool: Pose,
+    /// Set value of this period.
+    pub desired_joints: JointPositions,
+    /// Set value of this period.
+    pub desired_base_from_tool: Pose,
+    /// What the tool exerts on its surroundings, at the tool point, in tool axes; weight and bias removed.
+    pub wrench_in_tool: Wrench,
+    /// Measured distance between the pads [m], by the controller's belief of the jaw.
+    pub jaw_opening: f64,
+    /// Force that the jaw's motor current stands for [N].
+    pub jaw_force: f64,
+    /// Last period of the command being executed; not after `period` when idle.
+    pub command_end: u64,
+    /// Set when the last command was refused or broken off in the middle.
+    pub refused: Option<MoveRefused>,
+    /// Set until reset: the arm is stopped.
+    pub fault: Option<ArmFault>,
+}
+
+impl Default for ArmState {
+    fn default() -> Self {
+        Self {
+            period: 0,
+            motors: MotorPositions::default(),
+            joints: JointPositions::default(),
+            base_from_tool: Pose::identity(),
+            desired_joints: JointPositions::default(),
+            desired_base_from_tool: Pose::identity(),
+            wrench_in_tool: Wrench::default(),
+            jaw_opening: 0.0,
+            jaw_force: 0.0,
+            command_end: 0,
+            refused: None,
+            fault: None,
+        }
+    }
+}

@@ -1,0 +1,3 @@
+//! The Rubik's cube task of Zieliński et al. (2007).
+
+pub mod hold;
