@@ -149,7 +149,7 @@ impl Intrinsics {
 /// A camera of the cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
-    /// Name in the scenario: "standalone", "track_hand", "postument_hand".
+    /// Name in the scenario: `standalone`, `track_hand`, `postument_hand`.
     pub name: String,
     /// Where.
     pub mount: Mount,
