@@ -43,7 +43,10 @@ impl Twist {
     /// is 2e-6 m) and the original integrates in the same way.
     #[must_use]
     pub fn displacement(&self) -> Pose {
-        Pose::from_parts(Translation3::from(self.linear), UnitQuaternion::from_scaled_axis(self.angular))
+        Pose::from_parts(
+            Translation3::from(self.linear),
+            UnitQuaternion::from_scaled_axis(self.angular),
+        )
     }
 
     /// The inverse of [`Twist::displacement`]: translation and rotation vector of a pose.
@@ -80,7 +83,10 @@ impl Wrench {
     #[must_use]
     pub fn moved(&self, to_from: &Pose) -> Self {
         let force = to_from.rotation * self.force;
-        Self { force, torque: to_from.rotation * self.torque + to_from.translation.vector.cross(&force) }
+        Self {
+            force,
+            torque: to_from.rotation * self.torque + to_from.translation.vector.cross(&force),
+        }
     }
 
     /// The same free vectors in another orientation (no change of reference point).
@@ -119,7 +125,16 @@ impl std::ops::Neg for Wrench {
 
 /// The pose whose rotation has the given columns (right-handed, orthonormal) and whose origin is `origin`.
 #[must_use]
-pub fn pose_from_axes(x: Vector3<f64>, y: Vector3<f64>, z: Vector3<f64>, origin: Point3<f64>) -> Pose {
-    let rotation = nalgebra::Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_columns(&[x, y, z]));
-    Pose::from_parts(Translation3::from(origin.coords), UnitQuaternion::from_rotation_matrix(&rotation))
+pub fn pose_from_axes(
+    x: Vector3<f64>,
+    y: Vector3<f64>,
+    z: Vector3<f64>,
+    origin: Point3<f64>,
+) -> Pose {
+    let rotation =
+        nalgebra::Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_columns(&[x, y, z]));
+    Pose::from_parts(
+        Translation3::from(origin.coords),
+        UnitQuaternion::from_rotation_matrix(&rotation),
+    )
 }

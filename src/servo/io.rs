@@ -21,8 +21,13 @@ pub struct ArmDrive {
 
 impl ArmDrive {
     /// Power off.
-    pub const OFF: Self =
-        Self { enabled: false, pwm: [0; AXES], jaw_pwm: 0, jaw_current_limit: 0.0, stops: Depth::One };
+    pub const OFF: Self = Self {
+        enabled: false,
+        pwm: [0; AXES],
+        jaw_pwm: 0,
+        jaw_current_limit: 0.0,
+        stops: Depth::One,
+    };
 }
 
 /// Readings of one arm in one period.

@@ -71,6 +71,15 @@ pub enum Step {
         hand: Hand,
         /// How.
         hold: Hold,
+        /// Which of the two equivalent tool frames: see [`Hold::cube_from_tool`].
+        half_roll: bool,
+    },
+    /// The camera in the hand of `viewer`, which holds nothing, looks at `face` of the cube in the other hand.
+    Look {
+        /// Who looks.
+        viewer: Hand,
+        /// At what.
+        face: Face,
     },
     /// `hand` opens and leaves; the other goes on holding alone.
     Leave {
