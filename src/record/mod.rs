@@ -1,1 +1,3 @@
-//! To be written.
+//! What leaves the process: the summary of a run.
+
+pub mod summary;
