@@ -1,1 +1,3 @@
+//! What leaves the process: the summary of a run.
 
+pub mod summary;
