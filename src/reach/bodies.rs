@@ -4,9 +4,9 @@
 //! every roll. Pairs that touch by design are left out: fingers with fingers, palms and cube while both
 //! hands are on the cube, palm with palm.
 
-use crate::cell::{Arm, Cell};
+use crate::cell::{Arm, Cell, Gripper};
 use crate::motion::JointPositions;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 /// A segment with a radius [m].
 #[derive(Debug, Clone, Copy)]
@@ -22,6 +22,8 @@ const LINK_RADII: [f64; 4] = [0.12, 0.09, 0.08, 0.07];
 const GRIPPER_RADIUS: f64 = 0.075;
 /// Half the thickness of the palm plate [m].
 const PLATE: f64 = 0.006;
+/// Least gap between the grippers' parts in the nominal grasps: corrections are smaller [m].
+const FINGER_GAP: f64 = 0.003;
 /// Radius that the closed fingers sweep [m].
 const FINGERS_RADIUS: f64 = 0.040;
 
@@ -86,6 +88,37 @@ impl Bodies {
         let hand = [self.links[4], self.cube];
         least(&hand, &self.links[..3]).min(least(&[self.cube], &self.links[3..4]))
     }
+}
+
+/// Whether two grippers can hold one cube, each over one layer: whether fingers, palms and cube leave each other
+/// room. `rotation` is the second hand's tool in the first's, one of the 24 of a cube.
+///
+/// Hands with one palm axis collide, of course; so do adjacent ones when each has a finger on the face under the
+/// other's palm, since these two fingers cross outside the edge between the palms.
+pub(super) fn hands_fit(cell: &Cell, rotation: &UnitQuaternion<f64>) -> bool {
+    let half = 0.5 * cell.cube.edge;
+    let parts = |gripper: &Gripper| {
+        // Tool axes about the cube's centre, which lies a third of the edge before the tool point.
+        let near = -cell.cube.edge / 3.0;
+        let (x, tip, palm) =
+            (0.5 * gripper.finger_width, near + gripper.finger_tip, near - gripper.palm);
+        let out = half + gripper.finger_thickness;
+        let wide = gripper.palm_half_width;
+        [
+            (Vector3::new(-x, half, palm), Vector3::new(x, out, tip)),
+            (Vector3::new(-x, -out, palm), Vector3::new(x, -half, tip)),
+            (Vector3::new(-wide, -wide, palm - 2.0 * PLATE), Vector3::new(wide, wide, palm)),
+        ]
+    };
+    let (first, second) = (parts(&cell.arms[0].gripper), parts(&cell.arms[1].gripper));
+    first.iter().all(|a| {
+        second.iter().all(|b| {
+            // Quarter turns take boxes along the axes to boxes along the axes.
+            let corners = (rotation * b.0, rotation * b.1);
+            let (low, high) = (corners.0.inf(&corners.1), corners.0.sup(&corners.1));
+            (0..3).any(|i| (low[i] - a.1[i]).max(a.0[i] - high[i]) > FINGER_GAP)
+        })
+    })
 }
 
 /// Least distance while both hands are on one cube [m].

@@ -4,8 +4,9 @@
 //! roll of the camera. Both arms follow in closed form. The cost of a candidate is time: the way from a common
 //! reference, so that motions between meetings are short, and fines for narrow margins.
 
-use super::bodies::{Bodies, apart, at_the_cube};
+use super::bodies::{Bodies, apart, at_the_cube, hands_fit};
 use super::stance::{Roll, Stance, stances};
+use super::ways::way_clearance;
 use super::{Meeting, MeetingTable, ReachSettings, rotations};
 use crate::cell::{Arm, Cell, Mount};
 use crate::motion::JointPositions;
@@ -55,7 +56,7 @@ pub(super) fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
         return table;
     }
     let mut search = Search::new(cell, settings);
-    let wanted = wanted();
+    let wanted = wanted(cell);
     let mut found: Vec<Option<Found>> = vec![None; wanted.len()];
     for _ in 0..ROUNDS {
         for (i, wanted) in wanted.iter().enumerate() {
@@ -68,9 +69,10 @@ pub(super) fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
             *slot = slot.and_then(|f| search.evaluate(wanted, &f.candidate, f64::INFINITY));
         }
     }
+    clear_ways(&mut search, &wanted, &mut found);
     let mut found = found.into_iter();
     for (slot, rotation) in table.grasps.iter_mut().zip(rotations()) {
-        if !palms_agree(&rotation) {
+        if hands_fit(cell, &rotation) {
             *slot = found.next().flatten().map(|f| f.meeting);
         }
     }
@@ -80,20 +82,38 @@ pub(super) fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
     table
 }
 
+/// Searches anew, until none is left, for meetings whose ways to others are blocked: the worst first, under the
+/// condition that its ways are free. The few that stay blocked keep their old place.
+fn clear_ways(search: &mut Search, wanted: &[Wanted], found: &mut [Option<Found>]) {
+    let mut tried = vec![false; found.len()];
+    for _ in 0..found.len() {
+        let blocked = |i: usize| {
+            let Some(one) = found[i] else { return 0 };
+            let others = found.iter().flatten();
+            others.filter(|other| search.way_is_blocked(&one.meeting, &other.meeting)).count()
+        };
+        let worst = (0..found.len())
+            .filter(|&i| !tried[i])
+            .map(|i| (blocked(i), i))
+            .max_by_key(|&(count, i)| (count, std::cmp::Reverse(i)));
+        let Some((1.., worst)) = worst else { return };
+        tried[worst] = true;
+        let others = found.iter().enumerate().filter(|(i, _)| *i != worst);
+        search.peers = others.filter_map(|(_, f)| f.map(|f| f.meeting)).collect();
+        found[worst] = search.improve(&wanted[worst], None).or(found[worst]);
+        search.peers.clear();
+    }
+}
+
 /// Rounds of sampling over the whole table; the reference is settled anew after each.
 const ROUNDS: u32 = 3;
 
-fn wanted() -> Vec<Wanted> {
-    let grasps = rotations().into_iter().filter(|r| !palms_agree(r)).map(Wanted::Grasp);
+fn wanted(cell: &Cell) -> Vec<Wanted> {
+    let grasps = rotations().into_iter().filter(|r| hands_fit(cell, r)).map(Wanted::Grasp);
     let views = [0, 1].into_iter().flat_map(|holder| {
         [Vector3::z(), Vector3::x(), -Vector3::x()].map(|normal| Wanted::View { holder, normal })
     });
     grasps.chain(views).collect()
-}
-
-/// Both palms on one face.
-fn palms_agree(rotation: &UnitQuaternion<f64>) -> bool {
-    (rotation * Vector3::z()).z > 0.5
 }
 
 struct Search<'a> {
@@ -104,6 +124,10 @@ struct Search<'a> {
     /// Tools of meetings that were found: good places to look for others.
     known: Vec<Pose>,
     track: f64,
+    /// Meetings to which the way must be free.
+    peers: Vec<Meeting>,
+    /// [`rotations`].
+    rotations: [UnitQuaternion<f64>; 24],
 }
 
 impl<'a> Search<'a> {
@@ -120,6 +144,8 @@ impl<'a> Search<'a> {
             reference: [facing(1.0, track, 3.0), facing(-1.0, 0.0, 3.0)],
             known: Vec::new(),
             track,
+            peers: Vec::new(),
+            rotations: rotations(),
         }
     }
 
@@ -174,7 +200,7 @@ impl<'a> Search<'a> {
     /// The cube where another meeting has it, held by another of the 24 grasps.
     fn like_another(&mut self) -> Candidate {
         let known = self.known[self.random.random_range(0..self.known.len())];
-        let other = rotations()[self.random.random_range(0..24)];
+        let other = self.rotations[self.random.random_range(0..24)];
         let into = Translation3::new(0.0, 0.0, self.cell.cube.edge / 3.0);
         let candidate = Candidate {
             world_from_tool: known * into * other * into.inverse(),
@@ -214,22 +240,18 @@ impl<'a> Search<'a> {
     /// The meeting of a candidate, when it is allowed and costs less than `limit`.
     fn evaluate(&self, wanted: &Wanted, candidate: &Candidate, limit: f64) -> Option<Found> {
         let (tools, need) = self.tools(wanted, candidate)?;
-        let stances_of = |arm: usize| {
+        let stances_of = |arm: usize, limit: f64| {
             stances(
                 &self.cell.arms[arm],
                 &tools[arm],
                 if arm == 0 { candidate.track } else { 0.0 },
                 need,
-                &self.reference[arm],
+                (&self.reference[arm], limit),
                 self.settings,
             )
         };
-        let track = stances_of(0);
-        let cheapest = track.0[0]?.cost;
-        if cheapest >= limit {
-            return None;
-        }
-        let postument = stances_of(1);
+        let track = stances_of(0, limit);
+        let postument = stances_of(1, limit - track.0[0]?.cost);
         let mut best: Option<Found> = None;
         for a in track.iter() {
             for b in postument.iter() {
@@ -251,11 +273,17 @@ impl<'a> Search<'a> {
                         postument_roll: b.roll,
                         clearance,
                     };
-                    best = Some(Found { candidate: *candidate, meeting, cost });
+                    if !self.peers.iter().any(|peer| self.way_is_blocked(peer, &meeting)) {
+                        best = Some(Found { candidate: *candidate, meeting, cost });
+                    }
                 }
             }
         }
         best
+    }
+
+    fn way_is_blocked(&self, a: &Meeting, b: &Meeting) -> bool {
+        way_clearance(self.cell, self.settings.separation, a, b) < self.settings.clearance
     }
 
     /// Both tools in the world, and whether the wrists must roll there.
@@ -306,6 +334,7 @@ impl<'a> Search<'a> {
         let back = [a, b].map(|s| s.back);
         let place = |i: usize, joints: &JointPositions| Bodies::of(self.cell, arms[i], joints);
         let here = [place(0, &at[0]), place(1, &at[1])];
+        let half_gone = [place(0, &a.half_back), place(1, &b.half_back)];
         let gone = [place(0, &back[0]), place(1, &back[1])];
         if here.iter().chain(&gone).any(|body| body.lowest() < floor) {
             return None;
@@ -315,7 +344,7 @@ impl<'a> Search<'a> {
             Wanted::View { holder, .. } => enough(apart(&here[*holder], &here[1 - holder]))?,
         };
         for body in here.iter().chain(&gone) {
-            least = least.min(enough(body.own())?);
+            enough(body.own())?;
         }
         let newcomers: &[usize] = match wanted {
             Wanted::Grasp(_) => &[0, 1],
@@ -323,6 +352,7 @@ impl<'a> Search<'a> {
         };
         for &newcomer in newcomers {
             let (holder, other) = (here[1 - newcomer], gone[newcomer]);
+            least = least.min(enough(at_the_cube(&holder, &half_gone[newcomer]))?);
             least = least.min(enough(self.separating(newcomer, &holder, &other))?);
         }
         Some(least)

@@ -26,6 +26,9 @@ const SPEEDS: [f64; 7] = [0.08, 0.8, 0.8, 0.8, 1.0, 1.6, 0.43];
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stance {
     pub(super) joints: JointPositions,
+    /// Half-way drawn back.
+    pub(super) half_back: JointPositions,
+    /// Drawn back along the tool's own axis.
     pub(super) back: JointPositions,
     /// Room of the last joint, relative [rad].
     pub(super) roll: (f64, f64),
@@ -40,20 +43,23 @@ pub(super) enum Roll {
     Free,
 }
 
-/// Every stance of the arm with its tool at `world_from_tool`, cheapest first; d0 is `track`.
+/// The stances of the arm with its tool at `world_from_tool` that cost less than `limit` from the reference,
+/// cheapest first; d0 is `track`.
 pub(super) fn stances(
     arm: &Arm,
     world_from_tool: &Pose,
     track: f64,
     roll: Roll,
-    reference: &JointPositions,
+    (reference, limit): (&JointPositions, f64),
     settings: &ReachSettings,
 ) -> Stances {
     let base_from_flange =
         arm.world_from_base.inverse() * world_from_tool * arm.flange_from_tool.inverse();
     let mut found = Stances::default();
     for joints in arm.model.branches(&base_from_flange, track).as_slice() {
-        if let Some(stance) = stance(arm, &base_from_flange, joints, roll, reference, settings) {
+        if let Some(stance) =
+            stance(arm, &base_from_flange, joints, roll, (reference, limit), settings)
+        {
             found.push(stance);
         }
     }
@@ -84,7 +90,7 @@ fn stance(
     base_from_flange: &Pose,
     joints: &JointPositions,
     need: Roll,
-    reference: &JointPositions,
+    (reference, limit): (&JointPositions, f64),
     settings: &ReachSettings,
 ) -> Option<Stance> {
     let margin = margin(arm, joints);
@@ -95,6 +101,14 @@ fn stance(
     let roll = rolls(arm, joints);
     let quarter = FRAC_PI_2 + ROLL_MARGIN;
     if need == Roll::Needed && (roll.0 > -quarter || roll.1 < quarter) {
+        return None;
+    }
+    let half_turn = PI + ROLL_MARGIN;
+    let cost = way(joints, reference)
+        + fine(margin, 0.15)
+        + fine(sine, 0.5)
+        + if need == Roll::Needed && roll.0 > -half_turn && roll.1 < half_turn { 4.0 } else { 0.0 };
+    if cost >= limit {
         return None;
     }
     let tool = arm.flange_from_tool.rotation * Vector3::z();
@@ -113,12 +127,7 @@ fn stance(
         at(settings.shift * axis, joints)?;
         at(-settings.shift * axis, joints)?;
     }
-    let half_turn = PI + ROLL_MARGIN;
-    let cost = way(joints, reference)
-        + fine(margin, 0.15)
-        + fine(sine, 0.5)
-        + if need == Roll::Needed && roll.0 > -half_turn && roll.1 < half_turn { 4.0 } else { 0.0 };
-    Some(Stance { joints: *joints, back, roll, cost })
+    Some(Stance { joints: *joints, half_back: half, back, roll, cost })
 }
 
 /// Seconds for being nearer than `good` to something bad: up to 2.
