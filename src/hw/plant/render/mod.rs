@@ -28,7 +28,7 @@ use image::RgbImage;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use raster::{Rays, View};
+use raster::{Extent, Rays, View};
 use sensor::{Converter, Raw};
 use solids::Solids;
 
@@ -171,7 +171,9 @@ impl Renderer {
                 self.cast_furniture(world_from_camera, &mut background);
             }
         }
-        self.fill_raw(|pixel| background[pixel], exposure as f32);
+        if stands {
+            self.fill_raw(|pixel| background[pixel], exposure as f32);
+        }
         self.background = background;
         if stands {
             let raw = self.raw.clone();
@@ -221,7 +223,13 @@ impl Renderer {
         self.solids.clear();
         self.solids.add_furniture(&self.setting);
         let camera_from_world = world_from_camera.inverse();
-        self.view.look_at(&self.rays, &self.solids, &camera_from_world, &self.look, None);
+        self.view.look_at(
+            &self.rays,
+            &self.solids,
+            &camera_from_world,
+            &self.look,
+            Extent::Before(None),
+        );
         let room = background.to_vec();
         self.behind.fill(0.0);
         for row in 0..self.rays.height {
@@ -231,7 +239,7 @@ impl Renderer {
                 let range = line + from..line + to;
                 self.behind[range.clone()].copy_from_slice(&self.view.depth()[range]);
             }
-            self.view.colour_row(&self.rays, row, &room, |column, colour| {
+            self.view.colour_row(&self.rays, row, &room, false, |column, colour| {
                 background[line + column] = colour;
             });
         }
@@ -239,56 +247,81 @@ impl Renderer {
 
     fn draw_moving(&mut self, scene: &Scene, world_from_camera: &Pose, exposure: f64) {
         let camera_from_world = world_from_camera.inverse();
-        let (own, stands) = match self.camera.mount {
-            Mount::World { .. } => (None, true),
-            Mount::Flange { arm, .. } => (Some(arm), false),
-        };
-        let time = self.look.sensor.exposure_time * exposure;
-        let count = self.sub_frames(scene, &camera_from_world, time);
-        let share = 1.0 / count as f32;
-        let mut spans = vec![(usize::MAX, 0); if count > 1 { self.rays.height } else { 0 }];
-        if count > 1 {
-            self.sum.clear();
-            self.sum.resize(self.background.len(), [0.0; 3]);
+        let exposure = exposure as f32;
+        let stands = self.gather(scene);
+        let behind = stands.then_some(self.behind.as_slice());
+        let extent = if stands { Extent::Before(behind) } else { Extent::All };
+        self.view.look_at(&self.rays, &self.solids, &camera_from_world, &self.look, extent);
+        let (converter, raw, gain) = (&self.converter, &mut self.raw, &self.gain);
+        for row in 0..self.rays.height {
+            let line = row * self.rays.width;
+            self.view.colour_row(&self.rays, row, &self.background, !stands, |column, colour| {
+                converter.put(raw, row, column, colour, gain[line + column] * exposure);
+            });
         }
-        for k in 0..count {
-            let offset = ((k as f64 + 0.5) / count as f64 - 0.5) * time;
-            self.solids.clear();
-            let moved = if count > 1 { displaced(scene, offset) } else { *scene };
-            self.solids.add_moving(&moved, &self.setting, &self.look, own);
-            if !stands {
+        self.blur_motion(scene, &camera_from_world, exposure);
+    }
+
+    /// Collects what moves; whether the camera stands.
+    fn gather(&mut self, scene: &Scene) -> bool {
+        self.solids.clear();
+        match self.camera.mount {
+            Mount::World { .. } => {
+                self.solids.add_moving(scene, &self.setting, &self.look, None);
+                true
+            }
+            Mount::Flange { arm, .. } => {
+                self.solids.add_moving(scene, &self.setting, &self.look, Some(arm));
                 self.solids.add_furniture(&self.setting);
-            }
-            let behind = stands.then_some(self.behind.as_slice());
-            self.view.look_at(&self.rays, &self.solids, &camera_from_world, &self.look, behind);
-            for row in 0..self.rays.height {
-                let line = row * self.rays.width;
-                let (converter, raw, gain) = (&self.converter, &mut self.raw, &self.gain);
-                let (sum, background) = (&mut self.sum, &self.background);
-                if count == 1 {
-                    self.view.colour_row(&self.rays, row, background, |column, colour| {
-                        let gain = gain[line + column] * exposure as f32;
-                        converter.put(raw, row, column, colour, gain);
-                    });
-                } else {
-                    let span = self.view.span(row);
-                    spans[row] = (spans[row].0.min(span.0), spans[row].1.max(span.1));
-                    self.view.colour_row(&self.rays, row, background, |column, colour| {
-                        let pixel = line + column;
-                        for c in 0..3 {
-                            sum[pixel][c] += share * (colour[c] - background[pixel][c]);
-                        }
-                    });
-                }
+                false
             }
         }
-        for (row, (from, to)) in spans.into_iter().enumerate() {
-            for column in from..to.max(from) {
-                let pixel = row * self.rays.width + column;
-                let (sum, background) = (self.sum[pixel], self.background[pixel]);
-                let colour = std::array::from_fn(|c| (background[c] + sum[c]).max(0.0));
-                let gain = self.gain[pixel] * exposure as f32;
-                self.converter.put(&mut self.raw, row, column, colour, gain);
+    }
+
+    /// Draws the part where something moves again, as the mean of sub-frames over the exposure.
+    fn blur_motion(&mut self, scene: &Scene, camera_from_world: &Pose, exposure: f32) {
+        let time = self.look.sensor.exposure_time * f64::from(exposure);
+        let count = self.sub_frames(scene, camera_from_world, time);
+        if count < 2 {
+            return;
+        }
+        let offset = |k: usize| ((k as f64 + 0.5) / count as f64 - 0.5) * time;
+        self.gather(&displaced(scene, offset(0)));
+        let first = self.solids.clone();
+        let stands = self.gather(&displaced(scene, offset(count - 1)));
+        let (rays, view) = (&self.rays, &mut self.view);
+        let Some(region) = view.changed(rays, &first, &self.solids, camera_from_world, &self.look)
+        else {
+            return;
+        };
+        let (columns, rows) = region.inner(&self.rays).ranges();
+        let width = self.rays.width;
+        let size = columns.len() * rows.len();
+        self.sum.clear();
+        self.sum.resize(size, [0.0; 3]);
+        let share = 1.0 / count as f32;
+        for k in 0..count {
+            self.gather(&displaced(scene, offset(k)));
+            let behind = stands.then_some(self.behind.as_slice());
+            let extent = Extent::Inside(region, behind);
+            self.view.look_at(&self.rays, &self.solids, camera_from_world, &self.look, extent);
+            for (line, row) in rows.clone().enumerate() {
+                let sum = &mut self.sum[line * columns.len()..(line + 1) * columns.len()];
+                let background = &self.background;
+                self.view.colour_row(&self.rays, row, background, false, |column, colour| {
+                    let behind = background[row * width + column];
+                    for (c, sum) in sum[column - columns.start].iter_mut().enumerate() {
+                        *sum += share * (colour[c] - behind[c]);
+                    }
+                });
+            }
+        }
+        for (line, row) in rows.enumerate() {
+            for (k, column) in columns.clone().enumerate() {
+                let pixel = row * width + column;
+                let (sum, behind) = (self.sum[line * columns.len() + k], self.background[pixel]);
+                let colour = std::array::from_fn(|c| (behind[c] + sum[c]).max(0.0));
+                self.converter.put(&mut self.raw, row, column, colour, self.gain[pixel] * exposure);
             }
         }
     }
@@ -302,7 +335,7 @@ impl Renderer {
         }
         let speed = cube.velocity.linear.norm() + cube.velocity.angular.norm() * cube.edge * 0.8;
         let pixels = speed * time * self.camera.intrinsics.focal.0 / centre.z;
-        if pixels < 0.5 { 1 } else { (pixels.ceil() as usize + 1).min(8) }
+        if pixels < 0.5 { 1 } else { (pixels.ceil() as usize).clamp(2, 8) }
     }
 }
 

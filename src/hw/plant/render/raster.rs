@@ -75,13 +75,99 @@ impl Rays {
     }
 }
 
-/// A rectangle of pixels.
+impl Rays {
+    /// Columns of a row that may see a rod: the hull of the two ends' extents.
+    fn columns_of(&self, round: &Round, row: usize, window: Window) -> Option<(usize, usize)> {
+        let Some([a, b]) = round.ends_extent else { return Some((window.x0, window.x1)) };
+        let line = row * self.width;
+        let y = [window.x0, usize::midpoint(window.x0, window.x1), window.x1 - 1]
+            .map(|column| f64::from(self.y[line + column]));
+        let margin = f64::from(self.step.1);
+        let low = y[0].min(y[1]).min(y[2]) - margin;
+        let high = y[0].max(y[1]).max(y[2]) + margin;
+        // Shares s of the way from a to b whose extent meets low..high: two linear inequalities.
+        let (mut from, mut to) = (0.0_f64, 1.0_f64);
+        for (at_a, at_b) in [(high - a[2], high - b[2]), (a[3] - low, b[3] - low)] {
+            if at_a < 0.0 && at_b < 0.0 {
+                return None;
+            }
+            let zero = at_a / (at_a - at_b);
+            if at_a < 0.0 {
+                from = from.max(zero);
+            } else if at_b < 0.0 {
+                to = to.min(zero);
+            }
+        }
+        if from > to {
+            return None;
+        }
+        let at = |k: usize, s: f64| a[k] + s * (b[k] - a[k]);
+        let (x0, x1) = (at(0, from).min(at(0, to)), at(1, from).max(at(1, to)));
+        let pixel = |x: f64, y: f64| self.intrinsics.project(&Point3::new(x, y, 1.0)).0;
+        let [e0, e1, ..] = self.extent;
+        let (x0, x1) = (x0.clamp(e0, e1), x1.clamp(e0, e1));
+        let left = pixel(x0, low).min(pixel(x0, high)).floor() - 2.0;
+        let right = pixel(x1, low).max(pixel(x1, high)).ceil() + 3.0;
+        let clip = |x: f64| (x.max(0.0) as usize).clamp(window.x0, window.x1);
+        let (left, right) = (clip(left), clip(right));
+        (left < right).then_some((left, right))
+    }
+}
+
+/// Which pixels a cast is about.
 #[derive(Debug, Clone, Copy)]
-struct Window {
+pub(super) enum Extent<'a> {
+    /// All, before nothing.
+    All,
+    /// Those that see a solid, before what is there already (its reciprocal depths).
+    Before(Option<&'a [f32]>),
+    /// The same inside a rectangle.
+    Inside(Window, Option<&'a [f32]>),
+}
+
+/// A rectangle of pixels, without x1 and y1.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Window {
     x0: usize,
     x1: usize,
     y0: usize,
     y1: usize,
+}
+
+impl Window {
+    /// The common part with another.
+    fn within(self, other: Option<Self>) -> Option<Self> {
+        let Some(other) = other else { return Some(self) };
+        let (x0, x1) = (self.x0.max(other.x0), self.x1.min(other.x1));
+        let (y0, y1) = (self.y0.max(other.y0), self.y1.min(other.y1));
+        (x0 < x1 && y0 < y1).then_some(Self { x0, x1, y0, y1 })
+    }
+
+    /// Without the outermost pixels, except at the picture's border.
+    pub(super) fn inner(self, rays: &Rays) -> Self {
+        Self {
+            x0: if self.x0 == 0 { 0 } else { self.x0 + 1 },
+            x1: if self.x1 == rays.width { self.x1 } else { self.x1 - 1 },
+            y0: if self.y0 == 0 { 0 } else { self.y0 + 1 },
+            y1: if self.y1 == rays.height { self.y1 } else { self.y1 - 1 },
+        }
+    }
+
+    /// Columns and rows.
+    pub(super) fn ranges(self) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
+        (self.x0..self.x1, self.y0..self.y1)
+    }
+
+    /// The rectangle around both.
+    pub(super) fn hull(self, other: Option<Self>) -> Self {
+        let Some(other) = other else { return self };
+        Self {
+            x0: self.x0.min(other.x0),
+            x1: self.x1.max(other.x1),
+            y0: self.y0.min(other.y0),
+            y1: self.y1.max(other.y1),
+        }
+    }
 }
 
 type V3 = [f32; 3];
@@ -108,6 +194,8 @@ struct Facet {
     key: f32,
     /// The mirrored lamp: the cosine of its angle to a ray is the product with the ray.
     mirror: V3,
+    /// The colour, where it is the same all over.
+    flat: Option<Rgb>,
 }
 
 /// A rod as seen by the camera; `along` is the unit vector from a to b.
@@ -122,8 +210,13 @@ struct Round {
     start: f32,
     body: f32,
     ends: (f32, f32),
+    /// Products of a and of along with the direction of the lamp, and with upwards.
+    lamp: (f32, f32),
+    sky: (f32, f32),
     paint: Rgb,
     gloss: f32,
+    /// Directions of the two ends: low and high x, low and high y; `None` near the camera's plane.
+    ends_extent: Option<[[f64; 4]; 2]>,
 }
 
 impl Round {
@@ -160,6 +253,8 @@ impl Round {
 struct Lamp {
     towards: Vector3<f64>,
     up: Vector3<f64>,
+    towards_f32: V3,
+    up_f32: V3,
     ambient: f32,
     key: f32,
     cast: Rgb,
@@ -172,7 +267,7 @@ struct Lamp {
 pub(super) struct View {
     facets: Vec<Facet>,
     rounds: Vec<Round>,
-    windows: Vec<Option<Window>>,
+    windows: Vec<Window>,
     lamp: Lamp,
     stickers: [Rgb; 6],
     body: Rgb,
@@ -186,6 +281,8 @@ pub(super) struct View {
     surface: Vec<u32>,
     /// Touched pixels of each row.
     spans: Vec<(usize, usize)>,
+    /// Of one row: not 0 where a pixel lies beside another surface.
+    edges: Vec<u32>,
 }
 
 impl View {
@@ -199,6 +296,8 @@ impl View {
             lamp: Lamp {
                 towards: Vector3::z(),
                 up: Vector3::z(),
+                towards_f32: [0.0, 0.0, 1.0],
+                up_f32: [0.0, 0.0, 1.0],
                 ambient: 1.0,
                 key: 0.0,
                 cast: [1.0; 3],
@@ -212,35 +311,44 @@ impl View {
             depth: vec![0.0; pixels],
             surface: vec![0; pixels],
             spans: vec![(usize::MAX, 0); rays.height],
+            edges: Vec::new(),
         }
     }
 
-    /// Finds who is in front; `behind` is the reciprocal depth of what is there already.
+    /// Finds who is in front.
     pub(super) fn look_at(
         &mut self,
         rays: &Rays,
         solids: &Solids,
         camera_from_world: &Pose,
         look: &Look,
-        behind: Option<&[f32]>,
+        extent: Extent<'_>,
     ) {
+        let (clip, behind) = match extent {
+            Extent::All => (None, None),
+            Extent::Before(behind) => (None, behind),
+            Extent::Inside(clip, behind) => (Some(clip), behind),
+        };
         self.set_light(camera_from_world, look);
         self.facets.clear();
         self.rounds.clear();
         self.windows.clear();
-        self.spans.fill((usize::MAX, 0));
+        let all = matches!(extent, Extent::All);
+        self.spans.fill(if all { (0, rays.width) } else { (usize::MAX, 0) });
         for plate in &solids.plates {
             if let Some((facet, window)) = self.facet(plate, camera_from_world, rays) {
+                let Some(window) = window.within(clip) else { continue };
                 self.facets.push(facet);
-                self.touch(window, rays);
-                self.windows.push(Some(window));
+                self.touch(window);
+                self.windows.push(window);
             }
         }
         for rod in &solids.rods {
-            if let Some((round, window)) = round(rod, camera_from_world, rays) {
+            if let Some((round, window)) = self.round(rod, camera_from_world, rays) {
+                let Some(window) = window.within(clip) else { continue };
                 self.rounds.push(round);
-                self.touch(window, rays);
-                self.windows.push(Some(window));
+                self.touch(window);
+                self.windows.push(window);
             }
         }
         for row in 0..rays.height {
@@ -251,6 +359,7 @@ impl View {
             if from >= to {
                 continue;
             }
+            let (from, to) = (from.max(1) - 1, (to + 1).min(rays.width));
             let (from, to) = (row * rays.width + from, row * rays.width + to);
             self.surface[from..to].fill(0);
             match behind {
@@ -259,15 +368,50 @@ impl View {
             }
         }
         for index in 0..self.facets.len() {
-            if let Some(window) = self.windows[index] {
-                self.cast_facet(index, window, rays);
-            }
+            self.cast_facet(index, self.windows[index], rays);
         }
         for index in 0..self.rounds.len() {
-            if let Some(window) = self.windows[self.facets.len() + index] {
-                self.cast_round(index, window, rays);
+            self.cast_round(index, self.windows[self.facets.len() + index], rays);
+        }
+        if let Some(clip) = clip {
+            // The outermost pixels lack neighbours; nothing has changed there.
+            let inner = clip.inner(rays);
+            for (row, span) in self.spans.iter_mut().enumerate() {
+                let inside = (inner.y0..inner.y1).contains(&row);
+                *span = if inside { (span.0.max(inner.x0), span.1.min(inner.x1)) } else { (1, 0) };
             }
         }
+    }
+
+    /// The pixels that may see what differs between two lists of the same solids; `None` when nothing does.
+    pub(super) fn changed(
+        &mut self,
+        rays: &Rays,
+        before: &Solids,
+        after: &Solids,
+        camera_from_world: &Pose,
+        look: &Look,
+    ) -> Option<Window> {
+        self.set_light(camera_from_world, look);
+        let mut changed = None;
+        for (a, b) in before.plates.iter().zip(&after.plates) {
+            if a.corners() != b.corners() {
+                for plate in [a, b] {
+                    let corners = plate.corners().map(|p| camera_from_world * p);
+                    changed =
+                        window_of_polygon(&corners, rays).map(|w| w.hull(changed)).or(changed);
+                }
+            }
+        }
+        for (a, b) in before.rods.iter().zip(&after.rods) {
+            if (a.a, a.b) != (b.a, b.b) {
+                for rod in [a, b] {
+                    let seen = self.round(rod, camera_from_world, rays);
+                    changed = seen.map(|(_, w)| w.hull(changed)).or(changed);
+                }
+            }
+        }
+        changed
     }
 
     /// Touched pixels of a row, `from..to`; empty when `from >= to`.
@@ -283,8 +427,11 @@ impl View {
     fn set_light(&mut self, camera_from_world: &Pose, look: &Look) {
         let rotation = &camera_from_world.rotation;
         let light = &look.light;
+        let towards = light.key_direction.try_normalize(1e-9).unwrap_or_else(Vector3::z);
         self.lamp = Lamp {
-            towards: rotation * light.key_direction.try_normalize(1e-9).unwrap_or_else(Vector3::z),
+            towards_f32: v3(rotation * towards),
+            up_f32: v3(rotation * Vector3::z()),
+            towards: rotation * towards,
             up: rotation * Vector3::z(),
             ambient: light.ambient,
             key: light.key,
@@ -305,12 +452,10 @@ impl View {
         self.aperture = aperture(look.lens.defocus);
     }
 
-    fn touch(&mut self, window: Window, rays: &Rays) {
-        // One more pixel around, whose aperture may reach the solid.
-        let (x0, x1) = (window.x0.saturating_sub(1), (window.x1 + 1).min(rays.width));
-        let (y0, y1) = (window.y0.saturating_sub(1), (window.y1 + 1).min(rays.height));
-        for span in &mut self.spans[y0..y1] {
-            *span = (span.0.min(x0), span.1.max(x1));
+    /// Windows have margins of two pixels, so all that an aperture may see of a solid is inside.
+    fn touch(&mut self, window: Window) {
+        for span in &mut self.spans[window.y0..window.y1] {
+            *span = (span.0.min(window.x0), span.1.max(window.x1));
         }
     }
 
@@ -341,17 +486,73 @@ impl View {
             }
             stickers @ Skin::Stickers(..) => stickers,
         };
+        let ambient = lamp.sky(normal.dot(&lamp.up) as f32);
+        let key = lamp.key * facing.max(0.0) as f32;
+        let flat = match skin {
+            Skin::Plain(rgb, gloss) if (gloss == 0.0 || key == 0.0) && lamp.shadow.is_none() => {
+                Some(rgb.map(|c| c * (ambient + key)))
+            }
+            _ => None,
+        };
         let facet = Facet {
+            flat,
             w: v3(w),
             u: v3(u - w * u.dot(&origin)),
             v: v3(v - w * v.dot(&origin)),
             bounds: plate.bounds.map(|b| b as f32),
             skin,
-            ambient: lamp.sky(normal.dot(&lamp.up) as f32),
-            key: lamp.key * facing.max(0.0) as f32,
+            ambient,
+            key,
             mirror: v3(mirror),
         };
         Some((facet, window))
+    }
+
+    fn round(&self, rod: &Rod, camera_from_world: &Pose, rays: &Rays) -> Option<(Round, Window)> {
+        let (a, b) = (camera_from_world * rod.a, camera_from_world * rod.b);
+        let r = rod.radius;
+        let length = (b - a).norm();
+        let along = (b - a).try_normalize(1e-9).unwrap_or_else(Vector3::x);
+        let start = -along.dot(&a.coords);
+        let nearest = a + along * start.clamp(0.0, length);
+        if nearest.coords.norm() <= r + 1e-6 {
+            // The camera is inside.
+            return None;
+        }
+        let before = |p: &Point3<f64>| p.z > r + NEAR;
+        let ends_extent = (before(&a) && before(&b)).then(|| {
+            [a, b].map(|p| {
+                let ((x0, x1), (y0, y1)) = (sphere_extent(p.x, p.z, r), sphere_extent(p.y, p.z, r));
+                [x0, x1, y0, y1]
+            })
+        });
+        let window = if let Some([a, b]) = ends_extent {
+            rays.window((a[0].min(b[0]), a[2].min(b[2])), (a[1].max(b[1]), a[3].max(b[3])))?
+        } else if a.z < -r && b.z < -r {
+            return None;
+        } else {
+            // Reaches the camera's plane: rare, so no effort.
+            Window { x0: 0, x1: rays.width, y0: 0, y1: rays.height }
+        };
+        let round = Round {
+            a: v3(a.coords),
+            b: v3(b.coords),
+            along: v3(along),
+            length: length as f32,
+            radius: r as f32,
+            start: start as f32,
+            body: (a.coords.norm_squared() - start * start - r * r) as f32,
+            ends: (
+                (a.coords.norm_squared() - r * r) as f32,
+                (b.coords.norm_squared() - r * r) as f32,
+            ),
+            lamp: (a.coords.dot(&self.lamp.towards) as f32, along.dot(&self.lamp.towards) as f32),
+            sky: (a.coords.dot(&self.lamp.up) as f32, along.dot(&self.lamp.up) as f32),
+            ends_extent,
+            paint: rod.paint,
+            gloss: rod.gloss,
+        };
+        Some((round, window))
     }
 
     fn cast_facet(&mut self, index: usize, window: Window, rays: &Rays) {
@@ -381,7 +582,8 @@ impl View {
         let round = &self.rounds[index];
         let id = (self.facets.len() + index) as u32 + 1;
         for row in window.y0..window.y1 {
-            let range = row * rays.width + window.x0..row * rays.width + window.x1;
+            let Some((x0, x1)) = rays.columns_of(round, row, window) else { continue };
+            let range = row * rays.width + x0..row * rays.width + x1;
             let directions = rays.x[range.clone()].iter().zip(&rays.y[range.clone()]);
             let pixels = self.depth[range.clone()].iter_mut().zip(&mut self.surface[range]);
             for ((x, y), (depth, surface)) in directions.zip(pixels) {
@@ -394,38 +596,93 @@ impl View {
         }
     }
 
-    /// Colours a touched row: `put(column, colour)` for each pixel that differs from the background.
+    /// Colours a touched row: `put(column, colour)` for each pixel that differs from the background, and,
+    /// if `all`, for the background too.
     pub(super) fn colour_row(
-        &self,
+        &mut self,
         rays: &Rays,
         row: usize,
         background: &[Rgb],
+        all: bool,
         mut put: impl FnMut(usize, Rgb),
     ) {
         let (from, to) = self.spans[row];
         let width = rays.width;
-        for column in from..to.max(from) {
-            let pixel = row * width + column;
-            let id = self.surface[pixel];
-            let inner = column > from && column + 1 < to && row > 0 && row + 1 < rays.height;
-            let uniform = if inner { self.uniform(pixel, width, id) } else { id == 0 };
-            if !uniform {
-                let (left, right) = (column.max(1) - 1, (column + 2).min(width));
-                let (top, bottom) = (row.max(1) - 1, (row + 2).min(rays.height));
-                let around = Window { x0: left, x1: right, y0: top, y1: bottom };
+        let line = row * width;
+        if from >= to {
+            return;
+        }
+        let mut edges = std::mem::take(&mut self.edges);
+        self.find_edges(row, width, &mut edges);
+        let mut column = from;
+        while column < to {
+            let pixel = line + column;
+            if edges[column] != 0 {
+                let around = Window {
+                    x0: column.max(1) - 1,
+                    x1: (column + 2).min(width),
+                    y0: row.max(1) - 1,
+                    y1: (row + 2).min(rays.height),
+                };
                 put(column, self.edge(rays, pixel, around, background[pixel]));
-            } else if id != 0 {
-                put(column, self.shade(rays, pixel, id));
+                column += 1;
+                continue;
+            }
+            let id = self.surface[pixel];
+            let run =
+                (column..to).take_while(|c| edges[*c] == 0 && self.surface[line + c] == id).count();
+            let columns = column..column + run;
+            column += run;
+            let index = (id as usize).wrapping_sub(1);
+            if id == 0 {
+                if all {
+                    columns.for_each(|c| put(c, background[line + c]));
+                }
+            } else if let Some(facet) = self.facets.get(index) {
+                if let Some(colour) = facet.flat {
+                    columns.for_each(|c| put(c, colour));
+                } else {
+                    for c in columns {
+                        let (x, y) = (rays.x[line + c], rays.y[line + c]);
+                        put(c, self.shade_facet(facet, x, y, rays.step));
+                    }
+                }
+            } else {
+                let round = &self.rounds[index - self.facets.len()];
+                for c in columns {
+                    let pixel = line + c;
+                    put(
+                        c,
+                        self.shade_round(round, rays.x[pixel], rays.y[pixel], self.depth[pixel]),
+                    );
+                }
             }
         }
+        self.edges = edges;
     }
 
-    /// Whether the pixel's eight neighbours show the same surface.
-    #[inline(always)]
-    fn uniform(&self, pixel: usize, width: usize, id: u32) -> bool {
-        let s = &self.surface;
-        let three = |at: usize| (s[at - 1] ^ id) | (s[at] ^ id) | (s[at + 1] ^ id);
-        (three(pixel - width) | three(pixel) | three(pixel + width)) == 0
+    /// Marks the pixels of a row's span some of whose eight neighbours show another surface.
+    fn find_edges(&self, row: usize, width: usize, edges: &mut Vec<u32>) {
+        let (from, to) = self.spans[row];
+        edges.resize(width, 0);
+        let (left, right) = (from.max(1), to.min(width - 1));
+        let height = self.spans.len();
+        let own = &self.surface[row * width..(row + 1) * width];
+        edges[from] = 0;
+        edges[to - 1] = 0;
+        let mut first = true;
+        for beside in row.max(1) - 1..(row + 2).min(height) {
+            let other = &self.surface[beside * width..(beside + 1) * width];
+            let neighbours = own[left..right]
+                .iter()
+                .zip(&other[left - 1..right - 1])
+                .zip(other[left..right].iter().zip(&other[left + 1..=right]));
+            for (edge, ((id, a), (b, c))) in edges[left..right].iter_mut().zip(neighbours) {
+                let differs = (a ^ id) | (b ^ id) | (c ^ id);
+                *edge = if first { differs } else { *edge | differs };
+            }
+            first = false;
+        }
     }
 
     /// Mixes the surfaces of a neighbourhood by the share of the aperture that each covers.
@@ -546,6 +803,7 @@ impl View {
         }
     }
 
+    #[inline(always)]
     fn shade_facet(&self, facet: &Facet, x: f32, y: f32, step: (f32, f32)) -> Rgb {
         let near = dot(&facet.w, x, y);
         let t = 1.0 / near;
@@ -623,27 +881,26 @@ impl View {
         std::array::from_fn(|c| rgb[c] + rest * self.body[c])
     }
 
+    /// The normal n is (p - a - s along) / r; its products are formed without n itself.
+    #[inline(always)]
     fn shade_round(&self, round: &Round, x: f32, y: f32, near: f32) -> Rgb {
+        let lamp = &self.lamp;
         let t = 1.0 / near;
-        let p = [x * t, y * t, t];
-        let from_a: V3 = std::array::from_fn(|c| p[c] - round.a[c]);
-        let s =
-            (from_a[0] * round.along[0] + from_a[1] * round.along[1] + from_a[2] * round.along[2])
-                .clamp(0.0, round.length);
-        let n: V3 = std::array::from_fn(|c| (from_a[c] - s * round.along[c]) / round.radius);
-        let l = v3(self.lamp.towards);
-        let up = v3(self.lamp.up);
-        let inner = |a: &V3, b: &V3| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        let facing = inner(&n, &l);
-        let lit = self.lamp.lit(x, y, t);
-        let light = self.lamp.sky(inner(&n, &up)) + self.lamp.key * facing.max(0.0) * lit;
-        let shine = if facing > 0.0 && round.gloss > 0.0 {
-            let mirror: V3 = std::array::from_fn(|c| l[c] - 2.0 * facing * n[c]);
-            round.gloss * lit * self.lamp.key * highlight(&mirror, x, y)
-        } else {
-            0.0
-        };
-        std::array::from_fn(|c| (round.paint[c] * light + shine) * self.lamp.cast[c])
+        let (along, ahead) = (dot(&round.along, x, y), dot(&lamp.towards_f32, x, y));
+        let s = (round.start + t * along).clamp(0.0, round.length);
+        let per = 1.0 / round.radius;
+        let facing = (t * ahead - round.lamp.0 - s * round.lamp.1) * per;
+        let up = (t * dot(&lamp.up_f32, x, y) - round.sky.0 - s * round.sky.1) * per;
+        let lit = lamp.lit(x, y, t);
+        let light = lamp.sky(up) + lamp.key * facing.max(0.0) * lit;
+        let mut shine = 0.0;
+        if facing > 0.0 && round.gloss > 0.0 {
+            let square = x * x + (y * y + 1.0);
+            let inward = (t * square - dot(&round.a, x, y) - s * along) * per;
+            let mirrored = ahead - 2.0 * inward * facing;
+            shine = round.gloss * lit * lamp.key * power(mirrored, square);
+        }
+        std::array::from_fn(|c| (round.paint[c] * light + shine) * lamp.cast[c])
     }
 }
 
@@ -670,8 +927,13 @@ impl Lamp {
 /// The 32nd power of the cosine between a ray and the mirrored lamp.
 #[inline(always)]
 fn highlight(mirror: &V3, x: f32, y: f32) -> f32 {
-    let along = dot(mirror, x, y);
-    let square = along * along / (x * x + y * y + 1.0);
+    power(dot(mirror, x, y), x * x + y * y + 1.0)
+}
+
+/// The 32nd power of `along` over the root of `square`.
+#[inline(always)]
+fn power(along: f32, square: f32) -> f32 {
+    let square = along * along / square;
     if along <= 0.0 || square < 0.6 {
         return 0.0;
     }
@@ -720,47 +982,6 @@ fn window_of_polygon(corners: &[Point3<f64>; 4], rays: &Rays) -> Option<Window> 
         }
     }
     rays.window(low, high)
-}
-
-fn round(rod: &Rod, camera_from_world: &Pose, rays: &Rays) -> Option<(Round, Window)> {
-    let (a, b) = (camera_from_world * rod.a, camera_from_world * rod.b);
-    let r = rod.radius;
-    let length = (b - a).norm();
-    let along = (b - a).try_normalize(1e-9).unwrap_or_else(Vector3::x);
-    let start = -along.dot(&a.coords);
-    let nearest = a + along * start.clamp(0.0, length);
-    if nearest.coords.norm() <= r + 1e-6 {
-        // The camera is inside.
-        return None;
-    }
-    let window = if a.z > r + NEAR && b.z > r + NEAR {
-        let (mut low, mut high) = ((f64::MAX, f64::MAX), (f64::MIN, f64::MIN));
-        for p in [a, b] {
-            let (x0, x1) = sphere_extent(p.x, p.z, r);
-            let (y0, y1) = sphere_extent(p.y, p.z, r);
-            low = (low.0.min(x0), low.1.min(y0));
-            high = (high.0.max(x1), high.1.max(y1));
-        }
-        rays.window(low, high)?
-    } else if a.z < -r && b.z < -r {
-        return None;
-    } else {
-        // Reaches the camera's plane: rare, so no effort.
-        Window { x0: 0, x1: rays.width, y0: 0, y1: rays.height }
-    };
-    let round = Round {
-        a: v3(a.coords),
-        b: v3(b.coords),
-        along: v3(along),
-        length: length as f32,
-        radius: r as f32,
-        start: start as f32,
-        body: (a.coords.norm_squared() - start * start - r * r) as f32,
-        ends: ((a.coords.norm_squared() - r * r) as f32, (b.coords.norm_squared() - r * r) as f32),
-        paint: rod.paint,
-        gloss: rod.gloss,
-    };
-    Some((round, window))
 }
 
 /// Extent of a sphere's directions x/z: tangents from the eye in the x-z plane.

@@ -71,7 +71,9 @@ impl Converter {
     pub(super) fn put(&self, raw: &mut Raw, row: usize, column: usize, colour: Rgb, gain: f32) {
         let pixel = row * raw.width + column;
         if self.bayer {
-            let value = self.code(colour[(row & 1) + (column & 1)] * gain);
+            let ends = if row & 1 == 0 { colour[0] } else { colour[2] };
+            let signal = if (row + column) & 1 == 0 { ends } else { colour[1] };
+            let value = self.code(signal * gain);
             raw.value[pixel] = value;
             raw.deviation[pixel] = self.deviation[(value / ONE) as usize];
         } else {

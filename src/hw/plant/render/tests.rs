@@ -1,19 +1,20 @@
 use super::*;
 use crate::cell::Intrinsics;
-use crate::cube::Face;
+
 use crate::spatial::pose_from_axes;
 
 const EDGE: f64 = 0.057;
+const HEIGHT: f64 = 1.1;
 
 fn intrinsics(width: u32, height: u32, focal: f64) -> Intrinsics {
     let centre = (f64::from(width) / 2.0 - 0.5, f64::from(height) / 2.0 - 0.5);
     Intrinsics { width, height, focal: (focal, focal), centre, distortion: (0.0, 0.0) }
 }
 
-/// A camera at the world's origin that looks along +y, x to the right.
+/// A camera 1.1 m above the world's origin that looks along +y, x to the right.
 fn standing() -> Camera {
     let world_from_camera =
-        pose_from_axes(Vector3::x(), -Vector3::z(), Vector3::y(), Point3::origin());
+        pose_from_axes(Vector3::x(), -Vector3::z(), Vector3::y(), Point3::new(0.0, 0.0, HEIGHT));
     Camera {
         name: "standalone".to_owned(),
         mount: Mount::World { world_from_camera },
@@ -31,7 +32,7 @@ fn mixed() -> [u8; 54] {
 
 /// The cube `depth` in front of the standing camera, turned by a rotation vector.
 fn facing(depth: f64, turn: [f64; 3]) -> Pose {
-    Pose::new(Vector3::new(0.0, depth, 0.0), Vector3::from(turn))
+    Pose::new(Vector3::new(0.0, depth, HEIGHT), Vector3::from(turn))
 }
 
 /// Two arms, hand over the cube at `world_from_cube`; the track's gripper comes from -x.
@@ -46,9 +47,9 @@ fn hand_over(world_from_cube: Pose, distance: f64) -> Scene {
             Point3::new(-EDGE / 3.0 - distance, 0.0, 0.0),
         )
         * Pose::rotation(Vector3::y() * std::f64::consts::PI);
-    scene.arms[0] = arm(tool, Point3::new(-0.75, 0.35, -0.55), 0.075);
-    let away = Pose::new(Vector3::new(0.55, 1.1, 0.15), Vector3::new(1.2, 0.4, 0.3));
-    scene.arms[1] = arm(away, Point3::new(0.5, 1.9, -0.55), 0.06);
+    scene.arms[0] = arm(tool, Point3::new(-0.75, 0.35, 0.0), 0.075);
+    let away = Pose::new(Vector3::new(0.55, 1.1, HEIGHT + 0.15), Vector3::new(1.2, 0.4, 0.3));
+    scene.arms[1] = arm(away, Point3::new(0.5, 1.9, 0.0), 0.06);
     scene.hand = Some(world_from_cube);
     scene
 }
@@ -69,13 +70,8 @@ fn in_hand() -> (Camera, Scene) {
     let mut scene = hand_over(world_from_cube, 0.0);
     scene.hand = None;
     scene.arms[0].opening = EDGE;
-    let world_from_camera = world_from_cube
-        * pose_from_axes(-Vector3::y(), -Vector3::z(), -Vector3::x(), Point3::origin())
-            .inverse()
-            .inverse();
-    let x = world_from_camera.rotation * Vector3::x();
-    let z = -Vector3::x();
-    let y = z.cross(&x);
+    let (y, z) = (-Vector3::z(), -Vector3::x());
+    let x = y.cross(&z);
     let centre = Point3::from(world_from_cube.translation.vector) - z * (0.2 + EDGE / 2.0);
     let world_from_camera = pose_from_axes(x, y, z, centre);
     let flange_from_camera = Pose::new(
@@ -84,7 +80,7 @@ fn in_hand() -> (Camera, Scene) {
     );
     let flange = world_from_camera * flange_from_camera.inverse();
     scene.arms[1] =
-        arm(flange * Pose::translation(0.0, 0.0, 0.25), Point3::new(1.6, 1.2, -0.5), 0.08);
+        arm(flange * Pose::translation(0.0, 0.0, 0.25), Point3::new(1.6, 1.2, 0.0), 0.08);
     let mount = Mount::Flange { arm: 1, flange_from_camera };
     let camera = Camera {
         name: "postument_hand".to_owned(),
@@ -96,8 +92,8 @@ fn in_hand() -> (Camera, Scene) {
 
 fn setting() -> Setting {
     Setting {
-        table: Point3::new(0.0, 0.85, -0.28),
-        room: (Point3::new(-2.0, -1.5, -0.95), Point3::new(2.0, 2.8, 1.8)),
+        table: Point3::new(0.0, 0.85, 0.75),
+        room: (Point3::new(-2.0, -1.5, 0.0), Point3::new(2.0, 2.8, 2.8)),
         ..Setting::default()
     }
 }
