@@ -7,6 +7,7 @@ use super::{
     CameraSource, ControllerConfig, Draft, EffectorConfig, Owner, PlantSection, Scenario, VspConfig,
 };
 use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, Intrinsics, Mount};
+use crate::cube::{Cube, Facelets};
 use crate::kinematics::{self, ArmModel};
 use crate::motion::{AXES, JointPositions};
 use crate::spatial::{Pose, pose_from_axes};
@@ -351,37 +352,22 @@ fn vsp(
     })
 }
 
-fn cube_state(text: &str, reader: &mut Reader) -> Option<String> {
+fn cube_state(text: &str, reader: &mut Reader) -> Option<Facelets> {
     if text == "random" {
         return None;
     }
-    if let Err(reason) = facelets(text) {
-        let advice = "\"random\", or 54 letters: U1..U9 R1..R9 F1..F9 D1..D9 L1..L9 B1..B9";
-        help(reader, "cube.state", format!("`cube.state`: {reason}"), Some(advice.to_owned()));
-    }
-    Some(text.to_owned())
-}
-
-/// Whether a cube can look like this.
-fn facelets(text: &str) -> Result<(), String> {
-    let letters: Vec<char> = text.chars().collect();
-    if let Some((at, letter)) = letters.iter().enumerate().find(|(_, c)| !"URFDLB".contains(**c)) {
-        return Err(format!("'{letter}' at letter {} is none of URFDLB", at + 1));
-    }
-    if letters.len() != 54 {
-        return Err(format!("{} letters, 54 wanted", letters.len()));
-    }
-    for (face, letter) in "URFDLB".chars().enumerate() {
-        let count = letters.iter().filter(|c| **c == letter).count();
-        if count != 9 {
-            return Err(format!("{letter} stands {count} times, 9 wanted"));
-        }
-        let centre = letters[9 * face + 4];
-        if centre != letter {
-            return Err(format!("the centre of face {letter} is {centre}"));
+    let state = text
+        .parse::<Facelets>()
+        .map_err(|e| e.to_string())
+        .and_then(|f| Cube::try_from(f).map(|_| f).map_err(|e| e.to_string()));
+    match state {
+        Ok(facelets) => Some(facelets),
+        Err(reason) => {
+            let advice = "\"random\", or 54 letters: U1..U9 R1..R9 F1..F9 D1..D9 L1..L9 B1..B9";
+            help(reader, "cube.state", format!("`cube.state`: {reason}"), Some(advice.to_owned()));
+            None
         }
     }
-    Ok(())
 }
 
 fn planner(
@@ -498,6 +484,19 @@ mod tests {
     }
 
     #[test]
+    fn what_hangs_on_a_missing_effector_is_left_out() {
+        let text = "[[effector]]\nname = \"postument\"\n";
+
+        let scenario = read(Path::new("t.toml"), text, &[]).unwrap();
+
+        let cameras: Vec<&str> =
+            scenario.controller.cell.cameras.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(cameras, ["standalone", "postument_hand"]);
+        let vsps: Vec<&str> = scenario.controller.vsps.iter().map(|v| v.name.as_str()).collect();
+        assert_eq!(vsps, ["mpc", "gs2", "mpf"]);
+    }
+
+    #[test]
     fn references_that_lead_nowhere_are_told() {
         let text = "[[effector]]\nname = \"track\"\nprofile = \"irp6_trak\"\n\
                     [[camera]]\nname = \"c\"\nmount = \"flange\"\neffector = \"left\"\n\
@@ -527,7 +526,14 @@ mod tests {
     #[test]
     fn an_impossible_cube_is_refused() {
         let short = Override::option("--cube", "cube.state", "UUU");
-        assert!(faults("", &[short]).contains("--cube: `cube.state`: 3 letters, 54 wanted"));
+        assert!(faults("", &[short]).contains("--cube: `cube.state`: 3 letters instead of 54"));
+
+        // One edge flipped: nine of each colour, and yet no cube.
+        let mut flipped: Vec<char> =
+            "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB".chars().collect();
+        flipped.swap(7, 19);
+        let flipped = Override::option("--cube", "cube.state", &String::from_iter(flipped));
+        assert!(faults("", &[flipped]).contains("--cube: `cube.state`: "));
     }
 
     #[test]

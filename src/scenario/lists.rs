@@ -1,7 +1,8 @@
 //! Keys of the lists `[[effector]]`, `[[camera]]` and `[[vsp]]`.
 //!
 //! Without a list of its own a scenario has the built-in cell's (`scenarios/cell.toml`). An element that
-//! bears the name of a built-in one starts from its values; others start from the defaults here.
+//! bears the name of a built-in one starts from its values; others start from the defaults here. Built-in
+//! cameras and VSPs whose effector or camera the scenario leaves out are left out, too.
 
 use super::section::{section, words};
 

@@ -17,6 +17,7 @@ pub mod tree;
 mod check;
 
 use crate::cell::Cell;
+use crate::cube::Facelets;
 use fault::{Faults, Source};
 use keys::{
     Bridge, CellKeys, Control, Coordination, CubeKeys, FaceTurn, HandKeys, Pace, Planner, Servo,
@@ -123,8 +124,8 @@ pub struct VspConfig {
 /// What only the simulated plant may read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlantSection {
-    /// The cube's state, 54 letters URFDLB; `None` is drawn from the seed.
-    pub cube_state: Option<String>,
+    /// The cube's state, a possible one; `None` is drawn from the seed.
+    pub cube_state: Option<Facelets>,
     /// Keys under `plant`.
     pub keys: PlantKeys,
 }
@@ -321,6 +322,19 @@ fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Draft {
     draft.effectors = list("effector", lists[0].as_ref(), built_in, reader, |e: &Effector| &e.name);
     draft.cameras = list("camera", lists[1].as_ref(), built_in, reader, |c: &CameraKeys| &c.name);
     draft.vsps = list("vsp", lists[2].as_ref(), built_in, reader, |v: &lists::Vsp| &v.name);
+    // A scenario that leaves an effector or a camera out need not leave out what hangs on it.
+    if lists[1].is_none() {
+        let names: Vec<&String> = draft.effectors.iter().map(|e| &e.name).collect();
+        draft.cameras.retain(|c| c.effector.as_ref().is_none_or(|e| names.contains(&e)));
+    }
+    if lists[2].is_none() {
+        let owners: Vec<&String> = draft.effectors.iter().map(|e| &e.name).collect();
+        let cameras: Vec<&String> = draft.cameras.iter().map(|c| &c.name).collect();
+        draft.vsps.retain(|v| {
+            (v.owner == "mp" || owners.contains(&&v.owner))
+                && v.camera.as_ref().is_none_or(|c| cameras.contains(&c))
+        });
+    }
     // The built-in cell's own faults are ours.
     reader.faults.0.extend(silent.faults.0);
     draft
