@@ -7,6 +7,17 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+mod cubies;
+mod facelets;
+mod rotation;
+mod turn;
+
+pub(crate) use cubies::{CORNERS, EDGES};
+pub use cubies::{Cube, ImpossibleCube, Piece};
+pub use facelets::{FaceletPlace, Facelets, ParseFacelets, facelet_at, facelet_place};
+pub use rotation::{Rotation24, rotation_index, rotations};
+pub use turn::{ParseTurns, format_turns, parse_turns};
+
 /// A face of the cube, named by its position in the cube frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Face {
@@ -52,6 +63,18 @@ impl Face {
             Self::L => Self::R,
             Self::B => Self::F,
         }
+    }
+
+    /// Position in [`Face::ALL`].
+    #[must_use]
+    pub fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The face with this letter, upper case.
+    #[must_use]
+    pub fn from_letter(letter: char) -> Option<Self> {
+        Self::ALL.into_iter().find(|f| f.letter() == letter)
     }
 
     /// The axis that the normal lies on.
@@ -106,6 +129,16 @@ pub enum Axis {
 impl Axis {
     /// All three.
     pub const ALL: [Self; 3] = [Self::X, Self::Y, Self::Z];
+
+    /// The face at its positive end.
+    #[must_use]
+    pub fn positive_face(self) -> Face {
+        match self {
+            Self::X => Face::R,
+            Self::Y => Face::B,
+            Self::Z => Face::U,
+        }
+    }
 
     /// Unit vector.
     #[must_use]

@@ -1,0 +1,319 @@
+//! The 54 stickers of a cube, and where they are.
+//!
+//! - in: text in the order URFDLB, or colours that were read face by face
+//! - out: [`Facelets`], which know the laws of turning but not whether the cube is possible: that is [`super::Cube`]'s
+
+use super::{Face, ImpossibleCube, Rotation24, Turn};
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
+use std::sync::LazyLock;
+
+/// Colours of the 54 stickers in the order URFDLB, each face in reading order; a colour is the number (0..=5 in
+/// [`Face::ALL`]) of the face whose centre has it on a solved cube: 0 white, 1 red, 2 green, 3 yellow, 4 orange, 5 blue.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Facelets([u8; 54]);
+
+/// Why a text is no cube.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum ParseFacelets {
+    /// Not 54 letters.
+    #[error("{0} letters instead of 54")]
+    Length(usize),
+    /// Not one of URFDLB.
+    #[error("letter {letter:?} at position {position} ({place}) is none of U, R, F, D, L, B")]
+    Letter {
+        /// From 1.
+        position: usize,
+        /// Which sticker that is.
+        place: FaceletPlace,
+        /// What stands there.
+        letter: char,
+    },
+}
+
+/// A sticker's place on the cube.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FaceletPlace {
+    /// The face that it lies on.
+    pub face: Face,
+    /// 0..3 in reading order, from the top.
+    pub row: u8,
+    /// 0..3 in reading order, from the left.
+    pub col: u8,
+}
+
+/// Row, column and face of the facelet with this number, 0..54.
+#[must_use]
+pub fn facelet_place(index: usize) -> FaceletPlace {
+    let within = (index % 9) as u8;
+    FaceletPlace { face: Face::ALL[index / 9], row: within / 3, col: within % 3 }
+}
+
+/// The number of the facelet on `face` of the cubie at `cell` (components -1, 0, 1 along x, y, z).
+#[must_use]
+pub fn facelet_at(cell: [i8; 3], face: Face) -> usize {
+    let (col_axis, row_axis) = face.reading_axes();
+    let along = |axis: Vector3<f64>| {
+        let sum: f64 = (0..3).map(|k| axis[k] * f64::from(cell[k])).sum();
+        (sum + 1.0) as usize
+    };
+    face.index() * 9 + along(row_axis) * 3 + along(col_axis)
+}
+
+impl FaceletPlace {
+    /// The cubie that carries it: -1, 0 or 1 along x, y, z.
+    #[must_use]
+    pub fn cell(self) -> [i8; 3] {
+        // With an edge of 3 cubies, the sticker lies half a cubie outside its cubie's centre.
+        let cubie = self.centre(3.0).coords - self.face.normal() * 0.5;
+        [0, 1, 2].map(|k| cubie[k].round() as i8)
+    }
+
+    /// Its centre in the cube frame of a cube with this edge [m].
+    #[must_use]
+    pub fn centre(self, edge: f64) -> Point3<f64> {
+        let (col_axis, row_axis) = self.face.reading_axes();
+        let across =
+            col_axis * (f64::from(self.col) - 1.0) + row_axis * (f64::from(self.row) - 1.0);
+        Point3::from(self.face.normal() * (edge / 2.0) + across * (edge / 3.0))
+    }
+
+    /// Outward normal in the cube frame.
+    #[must_use]
+    pub fn normal(self) -> Vector3<f64> {
+        self.face.normal()
+    }
+
+    /// Its number, 0..54.
+    #[must_use]
+    pub fn index(self) -> usize {
+        self.face.index() * 9 + usize::from(self.row) * 3 + usize::from(self.col)
+    }
+}
+
+impl fmt::Display for FaceletPlace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}{}", self.face.letter(), self.row * 3 + self.col + 1)
+    }
+}
+
+/// For each turn (face x quarters - 1) and each place, the place from which the sticker comes.
+static TURNED_FROM: LazyLock<[[u8; 54]; 18]> = LazyLock::new(|| {
+    std::array::from_fn(|turn| {
+        let (face, quarters) = (Face::ALL[turn / 3], turn % 3 + 1);
+        let clockwise = Rotation24::quarter(face);
+        let mut from: [u8; 54] = std::array::from_fn(|i| i as u8);
+        for (index, source) in from.iter_mut().enumerate() {
+            let place = facelet_place(index);
+            if (Vector3::from(place.cell().map(f64::from))).dot(&face.normal()) < 0.5 {
+                continue;
+            }
+            // Going back one clockwise quarter is going on three.
+            let (mut cell, mut side) = (place.cell(), place.face);
+            for _ in 0..(4 - quarters) {
+                (cell, side) = (clockwise.cell(cell), clockwise.face(side));
+            }
+            *source = facelet_at(cell, side) as u8;
+        }
+        from
+    })
+});
+
+impl Facelets {
+    /// Each face in its own colour.
+    #[must_use]
+    pub fn solved() -> Self {
+        Self(std::array::from_fn(|i| (i / 9) as u8))
+    }
+
+    /// From the colours, face by face in the order URFDLB.
+    #[must_use]
+    pub fn from_faces(colours: [Face; 54]) -> Self {
+        Self(colours.map(|c| c.index() as u8))
+    }
+
+    /// The colour of a facelet, named by the face whose centre has it on a solved cube.
+    #[must_use]
+    pub fn colour(&self, index: usize) -> Face {
+        Face::ALL[usize::from(self.0[index])]
+    }
+
+    /// All colours as numbers 0..=5.
+    #[must_use]
+    pub fn colours(&self) -> &[u8; 54] {
+        &self.0
+    }
+
+    /// After a turn of one face.
+    #[must_use]
+    pub fn turned(&self, turn: Turn) -> Self {
+        let from = &TURNED_FROM[turn.index()];
+        Self(std::array::from_fn(|i| self.0[usize::from(from[i])]))
+    }
+
+    /// The stickers after the whole cube was turned over: colours travel, the frame stays.
+    #[must_use]
+    pub fn rotated(&self, rotation: Rotation24) -> Self {
+        let mut moved = [0; 54];
+        for (index, colour) in self.0.iter().enumerate() {
+            let place = facelet_place(index);
+            moved[facelet_at(rotation.cell(place.cell()), rotation.face(place.face))] = *colour;
+        }
+        Self(moved)
+    }
+
+    /// Re-expresses a reading whose frame lay anyhow on the cube in the frame in which each centre has the colour
+    /// of its own face, with the rotation that carries the old frame's directions into the new frame.
+    ///
+    /// # Errors
+    /// When the centres are not six colours in one of the 24 orientations of a cube.
+    pub fn normalised(&self) -> Result<(Self, Rotation24), ImpossibleCube> {
+        let centres = Face::ALL.map(|f| self.colour(f.index() * 9 + 4));
+        for (i, first) in Face::ALL.iter().enumerate() {
+            if let Some(j) = (i + 1..6).find(|&j| centres[i] == centres[j]) {
+                return Err(ImpossibleCube::CentreTwice {
+                    colour: centres[i],
+                    first: *first,
+                    second: Face::ALL[j],
+                });
+            }
+        }
+        let rotation = Rotation24::all()
+            .find(|r| Face::ALL.iter().zip(centres).all(|(&f, c)| r.face(f) == c))
+            .ok_or(ImpossibleCube::CentresMisplaced)?;
+        Ok((self.rotated(rotation), rotation))
+    }
+
+    /// Whether each face has one colour, in any orientation.
+    #[must_use]
+    pub fn is_solved(&self) -> bool {
+        self.0.chunks(9).all(|face| face.iter().all(|c| *c == face[4]))
+    }
+}
+
+impl TryFrom<[u8; 54]> for Facelets {
+    type Error = ParseFacelets;
+
+    fn try_from(colours: [u8; 54]) -> Result<Self, ParseFacelets> {
+        match colours.iter().position(|&c| c > 5) {
+            None => Ok(Self(colours)),
+            Some(at) => Err(ParseFacelets::Letter {
+                position: at + 1,
+                place: facelet_place(at),
+                letter: char::from_digit(u32::from(colours[at]), 36).unwrap_or('?'),
+            }),
+        }
+    }
+}
+
+impl FromStr for Facelets {
+    type Err = ParseFacelets;
+
+    fn from_str(text: &str) -> Result<Self, ParseFacelets> {
+        let mut colours = [0; 54];
+        let text = text.trim();
+        for (at, letter) in text.chars().enumerate().take(54) {
+            let face =
+                Face::from_letter(letter.to_ascii_uppercase()).ok_or(ParseFacelets::Letter {
+                    position: at + 1,
+                    place: facelet_place(at),
+                    letter,
+                })?;
+            colours[at] = face.index() as u8;
+        }
+        match text.chars().count() {
+            54 => Ok(Self(colours)),
+            other => Err(ParseFacelets::Length(other)),
+        }
+    }
+}
+
+impl TryFrom<String> for Facelets {
+    type Error = ParseFacelets;
+
+    fn try_from(text: String) -> Result<Self, ParseFacelets> {
+        text.parse()
+    }
+}
+
+impl From<Facelets> for String {
+    fn from(facelets: Facelets) -> Self {
+        facelets.to_string()
+    }
+}
+
+impl fmt::Display for Facelets {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|&c| write!(f, "{}", Face::ALL[usize::from(c)].letter()))
+    }
+}
+
+impl fmt::Debug for Facelets {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Facelets({self})")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::{Cube, parse_turns};
+
+    #[test]
+    fn places_and_numbers_are_inverse_and_lie_on_their_face() {
+        for index in 0..54 {
+            let place = facelet_place(index);
+
+            assert_eq!(place.index(), index);
+            assert_eq!(facelet_at(place.cell(), place.face), index);
+            assert!((place.centre(0.057).coords.dot(&place.normal()) - 0.0285).abs() < 1e-15);
+        }
+        // The top left sticker of the front is on the corner at left, front, up.
+        assert_eq!(facelet_place(18).cell(), [-1, -1, 1]);
+        assert!((facelet_place(18).centre(0.06) - Point3::new(-0.02, -0.03, 0.02)).norm() < 1e-15);
+    }
+
+    #[test]
+    fn a_turn_right_carries_front_stickers_up() {
+        let turned = parse_turns("R").unwrap().iter().fold(Facelets::solved(), |f, &t| f.turned(t));
+
+        assert_eq!(turned.to_string(), "UUFUUFUUFRRRRRRRRRFFDFFDFFDDDBDDBDDBLLLLLLLLLUBBUBBUBB");
+    }
+
+    #[test]
+    fn a_reading_in_any_orientation_is_brought_home() {
+        let scrambled = Facelets::from(&Cube::scrambled(7));
+
+        for rotation in Rotation24::all() {
+            let reading = scrambled.rotated(rotation);
+            let (home, back) = reading.normalised().unwrap();
+
+            assert_eq!(home, scrambled);
+            assert_eq!(back, rotation.inverse());
+        }
+    }
+
+    #[test]
+    fn a_mirrored_reading_has_no_orientation() {
+        let mut colours = *Facelets::solved().colours();
+        colours[9..18].fill(4);
+        colours[36..45].fill(1);
+
+        let answer = Facelets::try_from(colours).unwrap().normalised();
+
+        assert_eq!(answer, Err(ImpossibleCube::CentresMisplaced));
+    }
+
+    #[test]
+    fn a_wrong_letter_is_told_with_its_place() {
+        let text = Facelets::solved().to_string().replacen('R', "X", 1);
+
+        let message = text.parse::<Facelets>().unwrap_err().to_string();
+
+        assert_eq!(message, "letter 'X' at position 10 (R1) is none of U, R, F, D, L, B");
+        assert_eq!("UUU".parse::<Facelets>(), Err(ParseFacelets::Length(3)));
+    }
+}

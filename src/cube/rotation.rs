@@ -1,0 +1,208 @@
+//! The 24 rotations of a cube onto itself: how a reading lies on the cube, and how one tool stands to another.
+
+use super::{Axis, Face};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use std::fmt;
+use std::sync::LazyLock;
+
+/// A rotation that takes a cube onto itself. Numbered 4 x (number of the face that U goes to) + (which of the
+/// four faces around that, in the order of [`Face::ALL`], R goes to); 0 is the identity.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Rotation24(u8);
+
+/// What a rotation does to each face.
+static FACES: LazyLock<[[Face; 6]; 24]> = LazyLock::new(|| {
+    std::array::from_fn(|index| {
+        let up = Face::ALL[index / 4];
+        let mut around = Face::ALL.into_iter().filter(|f| f.axis() != up.axis());
+        let right = around.nth(index % 4).unwrap_or(up);
+        // U x R = B: z x x = y.
+        let back = face_towards(&up.normal().cross(&right.normal()));
+        // In the order of Face::ALL: U R F D L B.
+        [up, right, back.opposite(), up.opposite(), right.opposite(), back]
+    })
+});
+
+/// The products, and the inverse of each.
+static PRODUCTS: LazyLock<[[u8; 24]; 24]> = LazyLock::new(|| {
+    std::array::from_fn(|a| {
+        std::array::from_fn(|b| {
+            let through = |f: Face| FACES[a][FACES[b][f.index()].index()];
+            let product = Rotation24::all().find(|r| {
+                r.face(Face::U) == through(Face::U) && r.face(Face::R) == through(Face::R)
+            });
+            product.map_or(0, |r| r.0)
+        })
+    })
+});
+
+/// The face whose normal is nearest to a direction.
+fn face_towards(direction: &Vector3<f64>) -> Face {
+    let mut nearest = Face::U;
+    for face in Face::ALL {
+        if face.normal().dot(direction) > nearest.normal().dot(direction) {
+            nearest = face;
+        }
+    }
+    nearest
+}
+
+impl Rotation24 {
+    /// Leaves everything where it is.
+    pub const IDENTITY: Self = Self(0);
+
+    /// All, in the order of their numbers.
+    pub fn all() -> impl Iterator<Item = Self> {
+        (0..24).map(Self)
+    }
+
+    /// The number, 0..24.
+    #[must_use]
+    pub fn index(self) -> usize {
+        usize::from(self.0)
+    }
+
+    /// The rotation with this number; `None` from 24 on.
+    #[must_use]
+    pub fn from_index(index: usize) -> Option<Self> {
+        (index < 24).then_some(Self(index as u8))
+    }
+
+    /// The one nearest to any rotation.
+    #[must_use]
+    pub fn nearest(rotation: &UnitQuaternion<f64>) -> Self {
+        let likeness = |r: &Self| {
+            let (up, right) = (Vector3::z(), Vector3::x());
+            r.face(Face::U).normal().dot(&(rotation * up))
+                + r.face(Face::R).normal().dot(&(rotation * right))
+        };
+        let mut best = Self::IDENTITY;
+        for candidate in Self::all() {
+            if likeness(&candidate) > likeness(&best) {
+                best = candidate;
+            }
+        }
+        best
+    }
+
+    /// A quarter turn of the whole cube, clockwise when one looks at `face` from outside.
+    #[must_use]
+    pub fn quarter(face: Face) -> Self {
+        let axis = nalgebra::Unit::new_unchecked(face.normal());
+        Self::nearest(&UnitQuaternion::from_axis_angle(&axis, -std::f64::consts::FRAC_PI_2))
+    }
+
+    /// Where a face goes.
+    #[must_use]
+    pub fn face(self, face: Face) -> Face {
+        FACES[self.index()][face.index()]
+    }
+
+    /// Where an axis goes, its sense aside.
+    #[must_use]
+    pub fn axis(self, axis: Axis) -> Axis {
+        self.face(axis.positive_face()).axis()
+    }
+
+    /// Where the cubie at `cell` (components -1, 0, 1 along x, y, z) goes.
+    #[must_use]
+    pub fn cell(self, cell: [i8; 3]) -> [i8; 3] {
+        let mut moved = [0; 3];
+        for (axis, along) in Axis::ALL.into_iter().zip(cell) {
+            let face = self.face(axis.positive_face());
+            let at = face.axis();
+            moved[at as usize] = if face == at.positive_face() { along } else { -along };
+        }
+        moved
+    }
+
+    /// First `other`, then this one.
+    #[must_use]
+    pub fn after(self, other: Self) -> Self {
+        Self(PRODUCTS[self.index()][other.index()])
+    }
+
+    /// The way back.
+    #[must_use]
+    pub fn inverse(self) -> Self {
+        Self::all().find(|r| r.after(self) == Self::IDENTITY).unwrap_or(self)
+    }
+
+    /// As a quaternion.
+    #[must_use]
+    pub fn quaternion(self) -> UnitQuaternion<f64> {
+        let columns = [Face::R, Face::B, Face::U].map(|f| self.face(f).normal());
+        let matrix = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&columns));
+        UnitQuaternion::from_rotation_matrix(&matrix)
+    }
+}
+
+impl fmt::Debug for Rotation24 {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (up, right) = (self.face(Face::U).letter(), self.face(Face::R).letter());
+        write!(f, "Rotation24({}: U to {up}, R to {right})", self.0)
+    }
+}
+
+/// The 24 proper rotations of a cube, in the order of [`Rotation24`].
+#[must_use]
+pub fn rotations() -> [UnitQuaternion<f64>; 24] {
+    std::array::from_fn(|i| Rotation24(i as u8).quaternion())
+}
+
+/// The number of the rotation of a cube that is nearest to this one.
+#[must_use]
+pub fn rotation_index(rotation: &UnitQuaternion<f64>) -> usize {
+    Rotation24::nearest(rotation).index()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rotations_form_a_group_of_24() {
+        let mut seen: Vec<[Face; 6]> = FACES.to_vec();
+        seen.sort_unstable();
+        seen.dedup();
+
+        assert_eq!(seen.len(), 24);
+        for a in Rotation24::all() {
+            assert_eq!(a.after(a.inverse()), Rotation24::IDENTITY);
+            for b in Rotation24::all() {
+                let difference =
+                    a.quaternion() * b.quaternion() * a.after(b).quaternion().inverse();
+                assert!(difference.angle() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_and_quaternions_belong_together() {
+        for (index, rotation) in rotations().iter().enumerate() {
+            assert_eq!(rotation_index(rotation), index);
+        }
+    }
+
+    #[test]
+    fn faces_axes_and_cells_turn_alike() {
+        for r in Rotation24::all() {
+            for face in Face::ALL {
+                let moved = r.quaternion() * face.normal();
+                assert!((moved - r.face(face).normal()).norm() < 1e-12);
+                assert_eq!(r.axis(face.axis()), r.face(face).axis());
+            }
+            let moved = r.quaternion() * Vector3::new(1.0, -1.0, 0.0);
+            assert_eq!(
+                r.cell([1, -1, 0]).map(f64::from),
+                [0, 1, 2].map(|k: usize| moved[k].round())
+            );
+        }
+    }
+
+    #[test]
+    fn clockwise_about_up_takes_front_to_left() {
+        assert_eq!(Rotation24::quarter(Face::U).face(Face::F), Face::L);
+        assert_eq!(Rotation24::quarter(Face::R).face(Face::F), Face::U);
+    }
+}

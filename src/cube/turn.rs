@@ -1,0 +1,131 @@
+//! Face turns in the usual notation: a letter, then nothing, `2` or `'`.
+
+use super::{Face, Turn};
+use std::fmt;
+use std::str::FromStr;
+
+/// What cannot be read as face turns.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "{found:?} at position {position} is no face turn: expected U, R, F, D, L or B, then nothing, 2 or '"
+)]
+pub struct ParseTurns {
+    /// From 1, in letters.
+    pub position: usize,
+    /// What stands there.
+    pub found: char,
+}
+
+impl Turn {
+    /// All 18: three of each face.
+    pub fn all() -> impl Iterator<Item = Self> {
+        (0..18).map(Self::from_index)
+    }
+
+    /// A turn by `quarters` clockwise quarters, counted modulo 4; `None` where nothing turns.
+    #[must_use]
+    pub fn new(face: Face, quarters: u8) -> Option<Self> {
+        (quarters % 4 != 0).then_some(Self { face, quarters: quarters % 4 })
+    }
+
+    /// Three times the face's number + quarters - 1, so 0..18.
+    #[must_use]
+    pub fn index(self) -> usize {
+        self.face.index() * 3 + usize::from(self.quarters) - 1
+    }
+
+    /// The turn with that number, 0..18.
+    #[must_use]
+    pub fn from_index(index: usize) -> Self {
+        Self { face: Face::ALL[index / 3], quarters: (index % 3) as u8 + 1 }
+    }
+
+    /// The turn that undoes this one.
+    #[must_use]
+    pub fn inverse(self) -> Self {
+        Self { face: self.face, quarters: 4 - self.quarters }
+    }
+}
+
+impl fmt::Display for Turn {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let suffix = ["", "2", "'"][usize::from(self.quarters) - 1];
+        write!(f, "{}{suffix}", self.face.letter())
+    }
+}
+
+impl FromStr for Turn {
+    type Err = ParseTurns;
+
+    fn from_str(text: &str) -> Result<Self, ParseTurns> {
+        match parse_turns(text)?.as_slice() {
+            [turn] => Ok(*turn),
+            _ => Err(ParseTurns { position: 1, found: text.chars().next().unwrap_or(' ') }),
+        }
+    }
+}
+
+/// Reads face turns, with or without spaces between them: `R U2 F'`, `RU2F'`.
+///
+/// # Errors
+/// With the position of the first letter that is no part of a face turn.
+pub fn parse_turns(text: &str) -> Result<Vec<Turn>, ParseTurns> {
+    let mut turns = Vec::new();
+    let mut letters = text.chars().enumerate().peekable();
+    while let Some((at, letter)) = letters.next() {
+        if letter.is_whitespace() {
+            continue;
+        }
+        let face =
+            Face::from_letter(letter).ok_or(ParseTurns { position: at + 1, found: letter })?;
+        let quarters = match letters.peek() {
+            Some((_, '2')) => 2,
+            Some((_, '\'' | '’' | '3')) => 3,
+            _ => 1,
+        };
+        if quarters != 1 {
+            letters.next();
+        }
+        // Some write a half turn that goes anticlockwise as 2'.
+        if quarters == 2 && matches!(letters.peek(), Some((_, '\'' | '’'))) {
+            letters.next();
+        }
+        turns.push(Turn { face, quarters });
+    }
+    Ok(turns)
+}
+
+/// The turns with spaces between them.
+#[must_use]
+pub fn format_turns(turns: &[Turn]) -> String {
+    turns.iter().map(Turn::to_string).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn turns_are_read_as_they_are_written() {
+        let turns: Vec<Turn> = Turn::all().collect();
+
+        assert_eq!(parse_turns(&format_turns(&turns)).unwrap(), turns);
+        assert_eq!(parse_turns("RU2F'").unwrap(), parse_turns(" R  U2 F3").unwrap());
+        assert!(parse_turns("").unwrap().is_empty());
+    }
+
+    #[test]
+    fn what_is_no_turn_is_told_with_its_position() {
+        assert_eq!(parse_turns("R x"), Err(ParseTurns { position: 3, found: 'x' }));
+        assert_eq!(parse_turns("2R"), Err(ParseTurns { position: 1, found: '2' }));
+    }
+
+    #[test]
+    fn a_turn_and_its_inverse_make_four_quarters() {
+        for turn in Turn::all() {
+            assert_eq!(turn.inverse().inverse(), turn);
+            assert_eq!(turn.quarters + turn.inverse().quarters, 4);
+            assert_eq!(Turn::from_index(turn.index()), turn);
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! The 16 symmetries of a cube that keep the up-down axis, on the coordinates of phase 1.
+//!
+//! A state and its image under a symmetry are equally far from the goal, so one of each class is enough.
+//! Twists and flips are counted relative to up and down, which these symmetries keep: a reflection reverses the
+//! twists, and a quarter about the vertical exchanges the sides that a middle-layer edge is judged by.
+
+use super::coordinates::{FLIPS, SLICES, TWISTS, quad, twist, with_flip, with_quad, with_twist};
+use crate::cube::{CORNERS, Cube, EDGES, Face};
+
+/// How many there are.
+pub const SYMMETRIES: usize = 16;
+/// Classes of (slice, flip).
+pub const CLASSES: usize = 64430;
+
+/// What one symmetry does to the places of a cube.
+#[derive(Debug, Clone, Copy)]
+struct Symmetry {
+    corners: [u8; 8],
+    edges: [u8; 12],
+    mirrors: bool,
+    exchanges_sides: bool,
+}
+
+impl Symmetry {
+    /// The symmetry that carries each face to `faces[face]`.
+    fn new(faces: [Face; 6]) -> Self {
+        let carry = |f: &Face| faces[f.index()];
+        let corners = CORNERS.map(|c| place(&CORNERS, c.each_ref().map(carry)));
+        let edges = EDGES.map(|e| place(&EDGES, e.each_ref().map(carry)));
+        let [u, r, f] = [Face::U, Face::R, Face::F].map(|f| faces[f.index()].normal());
+        Self {
+            corners,
+            edges,
+            mirrors: u.cross(&r).dot(&f) > 0.0,
+            exchanges_sides: faces[Face::R.index()].axis() != Face::R.axis(),
+        }
+    }
+
+    /// The twists of the image.
+    fn twist(&self, number: usize) -> usize {
+        let (cube, mut image) = (with_twist(number), Cube::SOLVED);
+        for (i, &t) in cube.twists.iter().enumerate() {
+            image.twists[usize::from(self.corners[i])] = if self.mirrors { (3 - t) % 3 } else { t };
+        }
+        twist(&image)
+    }
+
+    /// The slice and the flips of the image, of which the former are given as bits by place.
+    fn edges(&self, slice: u16, flips: u16) -> (u16, u16) {
+        let (mut image_slice, mut image_flips) = (0, 0);
+        for i in 0..12 {
+            let to = self.edges[i];
+            let (inside, flip) = (slice >> i & 1, flips >> i & 1);
+            let changes = u16::from(self.exchanges_sides) & (inside ^ u16::from(i >= 8));
+            image_slice |= inside << to;
+            image_flips |= (flip ^ changes) << to;
+        }
+        (image_slice, image_flips)
+    }
+}
+
+fn place<const N: usize>(pieces: &[[Face; N]], mut faces: [Face; N]) -> u8 {
+    faces.sort_unstable();
+    let same = |p: &[Face; N]| {
+        let mut sorted = *p;
+        sorted.sort_unstable();
+        sorted == faces
+    };
+    pieces.iter().position(same).unwrap_or(0) as u8
+}
+
+/// The symmetries: eight rotations, then the same after a reflection left-right; number 0 changes nothing.
+fn symmetries() -> [Symmetry; SYMMETRIES] {
+    use Face::{B, D, F, L, R, U};
+    let quarter = [U, F, L, D, B, R];
+    let half_over = [D, L, F, U, R, B];
+    let mirror = [U, L, F, D, R, B];
+    std::array::from_fn(|s| {
+        let mut faces = Face::ALL;
+        let steps = std::iter::repeat_n(quarter, s % 4)
+            .chain(std::iter::repeat_n(half_over, s / 4 % 2))
+            .chain(std::iter::repeat_n(mirror, s / 8));
+        for step in steps {
+            faces = faces.map(|f| step[f.index()]);
+        }
+        Symmetry::new(faces)
+    })
+}
+
+/// The twists under each symmetry: `[symmetry * TWISTS + twist]`.
+#[must_use]
+pub fn twist_images() -> Vec<u16> {
+    let all = symmetries();
+    all.iter().flat_map(|s| (0..TWISTS).map(|n| s.twist(n) as u16)).collect()
+}
+
+/// The classes of (slice, flip) = slice * FLIPS + flip.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Classes {
+    /// For each (slice, flip): 16 * class + the symmetry that carries it to the class's representative.
+    pub of: Vec<u32>,
+    /// For each class its representative.
+    pub representatives: Vec<u32>,
+    /// For each class which symmetries leave the representative as it is, as bits.
+    pub stabilisers: Vec<u16>,
+}
+
+impl Classes {
+    /// Finds them all.
+    #[must_use]
+    pub fn build() -> Self {
+        let all = symmetries();
+        let inverse = inverses(&all);
+        let (number_of, bits_of) = edge_bits();
+        let mut classes = Self {
+            of: vec![u32::MAX; SLICES * FLIPS],
+            representatives: Vec::with_capacity(CLASSES),
+            stabilisers: Vec::with_capacity(CLASSES),
+        };
+        for raw in 0..SLICES * FLIPS {
+            if classes.of[raw] != u32::MAX {
+                continue;
+            }
+            let class = classes.representatives.len() as u32;
+            let (slice, flips) = (bits_of.0[raw / FLIPS], bits_of.1[raw % FLIPS]);
+            let mut stabiliser = 0;
+            for (s, symmetry) in all.iter().enumerate() {
+                let (image_slice, image_flips) = symmetry.edges(slice, flips);
+                let image = usize::from(number_of.0[usize::from(image_slice)]) * FLIPS
+                    + usize::from(number_of.1[usize::from(image_flips)]);
+                if classes.of[image] == u32::MAX {
+                    classes.of[image] = class * 16 + inverse[s] as u32;
+                }
+                stabiliser |= u16::from(image == raw) << s;
+            }
+            classes.representatives.push(raw as u32);
+            classes.stabilisers.push(stabiliser);
+        }
+        classes
+    }
+}
+
+/// Slices and flips as bits by place: (number of bits, bits of number), each for (slice, flip).
+type EdgeBits = ((Vec<u16>, Vec<u16>), (Vec<u16>, Vec<u16>));
+
+fn edge_bits() -> EdgeBits {
+    let slices: Vec<u16> = (0..SLICES)
+        .map(|n| {
+            let cube = with_quad(n * 24);
+            debug_assert_eq!(quad(&cube, 8) / 24, n);
+            (0..12).filter(|&i| cube.edges[i] >= 8).fold(0, |bits, i| bits | 1 << i)
+        })
+        .collect();
+    let flips: Vec<u16> = (0..FLIPS)
+        .map(|n| (0..12).fold(0, |bits, i| bits | u16::from(with_flip(n).flips[i]) << i))
+        .collect();
+    let back = |bits: &[u16]| {
+        let mut number = vec![0; 4096];
+        bits.iter().enumerate().for_each(|(n, &b)| number[usize::from(b)] = n as u16);
+        number
+    };
+    ((back(&slices), back(&flips)), (slices, flips))
+}
+
+fn inverses(all: &[Symmetry; SYMMETRIES]) -> [usize; SYMMETRIES] {
+    all.each_ref().map(|a| {
+        let undoes = |b: &Symmetry| (0..8).all(|i| b.corners[usize::from(a.corners[i])] == i as u8);
+        all.iter().position(undoes).unwrap_or(0)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::Turn;
+    use crate::solver::coordinates::{flip, flip_moves, quad_moves, twist_moves};
+
+    #[test]
+    fn there_are_as_many_classes_as_known() {
+        let classes = Classes::build();
+
+        assert_eq!(classes.representatives.len(), CLASSES);
+        assert!(classes.of.iter().all(|&c| c != u32::MAX));
+    }
+
+    #[test]
+    fn symmetries_are_sixteen_and_the_first_changes_nothing() {
+        let mut images: Vec<[u8; 8]> = symmetries().iter().map(|s| s.corners).collect();
+        assert_eq!(images[0], Cube::SOLVED.corners);
+        images.sort_unstable();
+        images.dedup();
+        assert_eq!(images.len(), SYMMETRIES);
+    }
+
+    /// The images of one cube's neighbours are the neighbours of its image, twists and edges together.
+    #[test]
+    fn symmetries_carry_turns_to_turns() {
+        let (number_of, bits_of) = edge_bits();
+        let (twists, flips, quads) = (twist_moves(), flip_moves(), quad_moves());
+        let quads = &quads;
+        let cube = Cube::scrambled(3);
+        let state = (quad(&cube, 8) / 24, flip(&cube), twist(&cube));
+        let turned = |(slice, flip, twist): (usize, usize, usize)| {
+            Turn::all().map(move |t| t.index()).map(move |t| {
+                (usize::from(quads[t * SLICES * 24 + slice * 24]) / 24, flip, twist, t)
+            })
+        };
+        for symmetry in symmetries() {
+            let image = |(slice, flip, twist): (usize, usize, usize)| {
+                let (s, f) = symmetry.edges(bits_of.0[slice], bits_of.1[flip]);
+                let slice = usize::from(number_of.0[usize::from(s)]);
+                (slice, usize::from(number_of.1[usize::from(f)]), symmetry.twist(twist))
+            };
+            let neighbours = |state| {
+                turned(state)
+                    .map(|(slice, flip, twist, t)| {
+                        let flip = usize::from(flips[t * FLIPS + flip]);
+                        (slice, flip, usize::from(twists[t * TWISTS + twist]))
+                    })
+                    .collect::<Vec<_>>()
+            };
+            let mut of_image = neighbours(image(state));
+            let mut images: Vec<_> = neighbours(state).into_iter().map(image).collect();
+
+            of_image.sort_unstable();
+            images.sort_unstable();
+            assert_eq!(of_image, images);
+        }
+    }
+}
