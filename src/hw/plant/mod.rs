@@ -1,0 +1,3 @@
+//! The simulated plant, behind the same port and frame source as real hardware.
+
+pub mod render;

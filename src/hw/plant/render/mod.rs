@@ -1,0 +1,409 @@
+//! The plant's cameras: an exact ray caster with the faults of real lenses and sensors.
+//!
+//! - in: a [`Scene`], the camera's *true* parameters, the [`Setting`] that stands still, a [`Look`], a seed
+//! - out: an 8-bit picture, equal for equal inputs and seed
+//! - source: the effects that `README` of real cube photographs shows: colour casts, reflections, shadow edges,
+//!   defocus, mosaic, noise. Shares no constants with the detector.
+//!
+//! The background of a camera that stands is cast once. Tone is coded before the mosaic and the noise is added
+//! to coded values: the noise is then given in units of the picture.
+
+mod backdrop;
+mod look;
+pub mod picture;
+mod raster;
+mod sensor;
+mod solids;
+
+pub use look::{CubeLook, HandLook, Lens, Light, Look, Rgb, Sensor, Shadow};
+pub use solids::Setting;
+
+use crate::cell::{Camera, Mount};
+use crate::cube::Axis;
+use crate::hw::camera::{Frame, FrameSource, NoFrame};
+use crate::hw::scene::{Scene, SceneArm, SceneCube};
+use crate::spatial::{Pose, Twist};
+use backdrop::Backdrop;
+use image::RgbImage;
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use raster::{Extent, Rays, View};
+use sensor::{Converter, Raw};
+use solids::Solids;
+
+/// Renders what one camera sees.
+#[derive(Debug, Clone)]
+pub struct Renderer {
+    camera: Camera,
+    setting: Setting,
+    look: Look,
+    rays: Rays,
+    /// Transmission of the lens per pixel, times the sensor's gain.
+    gain: Vec<f32>,
+    backdrop: Backdrop,
+    converter: Converter,
+    view: View,
+    solids: Solids,
+    raw: Raw,
+    /// Linear colours, reciprocal depths and coded values without what moves.
+    background: Vec<Rgb>,
+    behind: Vec<f32>,
+    still: Option<Still>,
+    /// Sum of the sub-frames of a blurred frame: change against the background.
+    sum: Vec<Rgb>,
+    rng: Pcg64,
+}
+
+/// The coded background of a camera that stands.
+#[derive(Debug, Clone)]
+struct Still {
+    world_from_camera: Pose,
+    exposure: f64,
+    raw: Raw,
+}
+
+impl Renderer {
+    /// A renderer of a camera with its true parameters, in the default [`Setting`].
+    #[must_use]
+    pub fn new(camera: Camera, look: Look, seed: u64) -> Self {
+        let rays = Rays::new(&camera.intrinsics);
+        let pixels = rays.width * rays.height;
+        let corner = rays.x.iter().zip(&rays.y).map(|(x, y)| x * x + y * y).fold(1e-9, f32::max);
+        let gain =
+            rays.x.iter().zip(&rays.y).map(|(x, y)| {
+                look.sensor.gain * (1.0 - look.lens.vignette * (x * x + y * y) / corner)
+            });
+        let setting = Setting::default();
+        let converter = Converter::new(&look.sensor, seed ^ 0x6e6f_6973_65);
+        Self {
+            gain: gain.collect(),
+            backdrop: Backdrop::new(&setting, &look),
+            view: View::new(&rays),
+            solids: Solids::default(),
+            raw: Raw::new(rays.width, rays.height, converter.channels()),
+            background: vec![[0.0; 3]; pixels],
+            behind: vec![0.0; pixels],
+            still: None,
+            sum: Vec::new(),
+            rng: Pcg64::seed_from_u64(seed),
+            converter,
+            rays,
+            camera,
+            setting,
+            look,
+        }
+    }
+
+    /// The same renderer in another setting.
+    #[must_use]
+    pub fn with_setting(mut self, setting: Setting) -> Self {
+        self.backdrop = Backdrop::new(&setting, &self.look);
+        self.setting = setting;
+        self.still = None;
+        self
+    }
+
+    /// The camera's true parameters.
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// How things look.
+    #[must_use]
+    pub fn look(&self) -> &Look {
+        &self.look
+    }
+
+    /// `world_from_camera` in a scene; `None` when the arm that carries the camera is not there.
+    #[must_use]
+    pub fn world_from_camera(&self, scene: &Scene) -> Option<Pose> {
+        match self.camera.mount {
+            Mount::World { world_from_camera } => Some(world_from_camera),
+            Mount::Flange { arm, flange_from_camera } => {
+                let arm = scene.arms[..scene.arm_count.min(scene.arms.len())].get(arm)?;
+                Some(arm.world_from_flange * flange_from_camera)
+            }
+        }
+    }
+
+    /// The picture; `exposure` scales the nominal exposure time. Without its arm, or with the cap on the lens,
+    /// a camera sees the dark.
+    pub fn render(&mut self, scene: &Scene, exposure: f64) -> RgbImage {
+        match self.world_from_camera(scene) {
+            Some(world_from_camera) if !self.look.lens_cap => {
+                self.prepare_background(&world_from_camera, exposure);
+                self.draw_moving(scene, &world_from_camera, exposure);
+            }
+            _ => self.fill_raw(|_| [0.0; 3], 0.0),
+        }
+        self.converter.develop(&mut self.raw, &mut self.rng)
+    }
+
+    fn fill_raw(&mut self, colour: impl Fn(usize) -> Rgb, exposure: f32) {
+        let width = self.rays.width;
+        for row in 0..self.rays.height {
+            for column in 0..width {
+                let pixel = row * width + column;
+                let gain = self.gain[pixel] * exposure;
+                self.converter.put(&mut self.raw, row, column, colour(pixel), gain);
+            }
+        }
+    }
+
+    fn prepare_background(&mut self, world_from_camera: &Pose, exposure: f64) {
+        if let Some(still) = &self.still
+            && still.world_from_camera == *world_from_camera
+            && still.exposure == exposure
+        {
+            self.raw.copy_from(&still.raw);
+            return;
+        }
+        let stands = matches!(self.camera.mount, Mount::World { .. });
+        let cast = self.still.as_ref().is_some_and(|s| s.world_from_camera == *world_from_camera);
+        let mut background = std::mem::take(&mut self.background);
+        if !cast {
+            // A camera in hand moves: it gets a coarse room, as if out of focus, and the table in draw_moving.
+            let grid = if stands { 1 } else { 8 };
+            self.cast_room(world_from_camera, grid, &mut background);
+            if stands {
+                self.cast_furniture(world_from_camera, &mut background);
+            }
+        }
+        if stands {
+            self.fill_raw(|pixel| background[pixel], exposure as f32);
+        }
+        self.background = background;
+        if stands {
+            let raw = self.raw.clone();
+            self.still = Some(Still { world_from_camera: *world_from_camera, exposure, raw });
+        }
+    }
+
+    /// The room at every `grid`-th pixel, linear in between.
+    fn cast_room(&self, world_from_camera: &Pose, grid: usize, background: &mut [Rgb]) {
+        let Rays { width, height, .. } = self.rays;
+        let eye = Point3::from(world_from_camera.translation.vector);
+        let at = |row: usize, column: usize| {
+            let pixel = row.min(height - 1) * width + column.min(width - 1);
+            let ray = Vector3::new(self.rays.x[pixel].into(), self.rays.y[pixel].into(), 1.0);
+            self.backdrop.colour(&eye, &(world_from_camera.rotation * ray))
+        };
+        if grid == 1 {
+            for (pixel, colour) in background.iter_mut().enumerate() {
+                *colour = at(pixel / width, pixel % width);
+            }
+            return;
+        }
+        let columns = width.div_ceil(grid) + 1;
+        let line = |row: usize| -> Vec<Rgb> { (0..columns).map(|k| at(row, k * grid)).collect() };
+        let mut above = line(0);
+        for top in (0..height).step_by(grid) {
+            let below = line(top + grid);
+            for row in top..(top + grid).min(height) {
+                let down = (row - top) as f32 / grid as f32;
+                let mix = |a: Rgb, b: Rgb, s: f32| -> Rgb {
+                    std::array::from_fn(|c| a[c] + s * (b[c] - a[c]))
+                };
+                let out = &mut background[row * width..(row + 1) * width];
+                for (k, out) in out.chunks_mut(grid).enumerate() {
+                    let left = mix(above[k], below[k], down);
+                    let right = mix(above[k + 1], below[k + 1], down);
+                    for (i, colour) in out.iter_mut().enumerate() {
+                        *colour = mix(left, right, i as f32 / grid as f32);
+                    }
+                }
+            }
+            above = below;
+        }
+    }
+
+    fn cast_furniture(&mut self, world_from_camera: &Pose, background: &mut [Rgb]) {
+        self.solids.clear();
+        self.solids.add_furniture(&self.setting);
+        let camera_from_world = world_from_camera.inverse();
+        self.view.look_at(
+            &self.rays,
+            &self.solids,
+            &camera_from_world,
+            &self.look,
+            Extent::Before(None),
+        );
+        let room = background.to_vec();
+        self.behind.fill(0.0);
+        for row in 0..self.rays.height {
+            let line = row * self.rays.width;
+            let (from, to) = self.view.span(row);
+            if from < to {
+                let range = line + from..line + to;
+                self.behind[range.clone()].copy_from_slice(&self.view.depth()[range]);
+            }
+            self.view.colour_row(&self.rays, row, &room, false, |column, colour| {
+                background[line + column] = colour;
+            });
+        }
+    }
+
+    fn draw_moving(&mut self, scene: &Scene, world_from_camera: &Pose, exposure: f64) {
+        let camera_from_world = world_from_camera.inverse();
+        let exposure = exposure as f32;
+        let stands = self.gather(scene);
+        let behind = stands.then_some(self.behind.as_slice());
+        let extent = if stands { Extent::Before(behind) } else { Extent::All };
+        self.view.look_at(&self.rays, &self.solids, &camera_from_world, &self.look, extent);
+        let (converter, raw, gain) = (&self.converter, &mut self.raw, &self.gain);
+        for row in 0..self.rays.height {
+            let line = row * self.rays.width;
+            self.view.colour_row(&self.rays, row, &self.background, !stands, |column, colour| {
+                converter.put(raw, row, column, colour, gain[line + column] * exposure);
+            });
+        }
+        self.blur_motion(scene, &camera_from_world, exposure);
+    }
+
+    /// Collects what moves; whether the camera stands.
+    fn gather(&mut self, scene: &Scene) -> bool {
+        self.solids.clear();
+        match self.camera.mount {
+            Mount::World { .. } => {
+                self.solids.add_moving(scene, &self.setting, &self.look, None);
+                true
+            }
+            Mount::Flange { arm, .. } => {
+                self.solids.add_moving(scene, &self.setting, &self.look, Some(arm));
+                self.solids.add_furniture(&self.setting);
+                false
+            }
+        }
+    }
+
+    /// Draws the part where something moves again, as the mean of sub-frames over the exposure.
+    fn blur_motion(&mut self, scene: &Scene, camera_from_world: &Pose, exposure: f32) {
+        let time = self.look.sensor.exposure_time * f64::from(exposure);
+        let count = self.sub_frames(scene, camera_from_world, time);
+        if count < 2 {
+            return;
+        }
+        let offset = |k: usize| ((k as f64 + 0.5) / count as f64 - 0.5) * time;
+        self.gather(&displaced(scene, offset(0)));
+        let first = self.solids.clone();
+        let stands = self.gather(&displaced(scene, offset(count - 1)));
+        let (rays, view) = (&self.rays, &mut self.view);
+        let Some(region) = view.changed(rays, &first, &self.solids, camera_from_world, &self.look)
+        else {
+            return;
+        };
+        let (columns, rows) = region.inner(&self.rays).ranges();
+        let width = self.rays.width;
+        let size = columns.len() * rows.len();
+        self.sum.clear();
+        self.sum.resize(size, [0.0; 3]);
+        let share = 1.0 / count as f32;
+        for k in 0..count {
+            self.gather(&displaced(scene, offset(k)));
+            let behind = stands.then_some(self.behind.as_slice());
+            let extent = Extent::Inside(region, behind);
+            self.view.look_at(&self.rays, &self.solids, camera_from_world, &self.look, extent);
+            for (line, row) in rows.clone().enumerate() {
+                let sum = &mut self.sum[line * columns.len()..(line + 1) * columns.len()];
+                let background = &self.background;
+                self.view.colour_row(&self.rays, row, background, false, |column, colour| {
+                    let behind = background[row * width + column];
+                    for (c, sum) in sum[column - columns.start].iter_mut().enumerate() {
+                        *sum += share * (colour[c] - behind[c]);
+                    }
+                });
+            }
+        }
+        for (line, row) in rows.enumerate() {
+            for (k, column) in columns.clone().enumerate() {
+                let pixel = row * width + column;
+                let (sum, behind) = (self.sum[line * columns.len() + k], self.background[pixel]);
+                let colour = std::array::from_fn(|c| (behind[c] + sum[c]).max(0.0));
+                self.converter.put(&mut self.raw, row, column, colour, self.gain[pixel] * exposure);
+            }
+        }
+    }
+
+    /// Sub-frames that resolve the cube's motion to about a pixel each.
+    fn sub_frames(&self, scene: &Scene, camera_from_world: &Pose, time: f64) -> usize {
+        let cube = &scene.cube;
+        let centre = camera_from_world * Point3::from(cube.world_from_cube.translation.vector);
+        if centre.z < 0.05 {
+            return 1;
+        }
+        let speed = cube.velocity.linear.norm() + cube.velocity.angular.norm() * cube.edge * 0.8;
+        let pixels = speed * time * self.camera.intrinsics.focal.0 / centre.z;
+        if pixels < 0.5 { 1 } else { (pixels.ceil() as usize).clamp(2, 8) }
+    }
+}
+
+/// The scene `dt` later: the cube moves, and with it the hand and the grippers that are at it.
+fn displaced(scene: &Scene, dt: f64) -> Scene {
+    let cube = &scene.cube;
+    let centre = cube.world_from_cube.translation.vector;
+    let turn = UnitQuaternion::from_scaled_axis(cube.velocity.angular * dt);
+    let shift = cube.velocity.linear * dt;
+    let motion = Pose::from_parts(Translation3::from(centre + shift - turn * centre), turn);
+    let near = |pose: &Pose| (pose.translation.vector - centre).norm() < 0.04;
+    let mut moved = *scene;
+    moved.cube.world_from_cube = motion * cube.world_from_cube;
+    if let Some(hand) = moved.hand.as_mut().filter(|hand| near(hand)) {
+        *hand = motion * *hand;
+    }
+    for arm in &mut moved.arms {
+        if near(&arm.world_from_tool) {
+            arm.world_from_tool = motion * arm.world_from_tool;
+        }
+    }
+    moved
+}
+
+/// A scene with a cube alone: no arms, no hand, at rest.
+#[must_use]
+pub fn cube_alone(world_from_cube: Pose, edge: f64, facelets: [u8; 54]) -> Scene {
+    let arm = SceneArm {
+        points: [Point3::origin(); 5],
+        world_from_tool: Pose::identity(),
+        world_from_flange: Pose::identity(),
+        opening: 0.0,
+    };
+    let velocity = Twist::default();
+    let turned = (Axis::Z, 0.0, 0.0);
+    let cube = SceneCube { world_from_cube, velocity, edge, facelets, turned };
+    Scene { period: 0, cube, arms: [arm; 2], arm_count: 0, hand: None }
+}
+
+/// A camera of the plant: renders the latest scene that the plant has shown.
+pub struct PlantCamera {
+    renderer: Renderer,
+    scene: triple_buffer::Output<Scene>,
+}
+
+impl PlantCamera {
+    /// Joins a renderer and the plant's scenes.
+    #[must_use]
+    pub fn new(renderer: Renderer, scene: triple_buffer::Output<Scene>) -> Self {
+        Self { renderer, scene }
+    }
+}
+
+impl FrameSource for PlantCamera {
+    /// The latest scene; the frame carries the scene's period, which is `period` when plant and camera keep step.
+    fn grab(&mut self, _period: u64, exposure: f64) -> Result<Frame, NoFrame> {
+        let scene = *self.scene.read();
+        let camera = &self.renderer.camera.name;
+        let refuse = |reason: &str| NoFrame { camera: camera.clone(), reason: reason.to_owned() };
+        if !(exposure.is_finite() && exposure > 0.0) {
+            return Err(refuse(&format!("exposure {exposure} is not a positive number")));
+        }
+        if self.renderer.world_from_camera(&scene).is_none() {
+            return Err(refuse("the arm that carries it is not there"));
+        }
+        Ok(Frame { period: scene.period, image: self.renderer.render(&scene, exposure) })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,1 @@
+//! An overview of the whole cell from outside, for the README and the operator.

@@ -1,0 +1,407 @@
+//! What there is to be seen, as flat plates and round rods in the world frame.
+//!
+//! - in: a [`Scene`], the [`Setting`] that does not move, the [`Look`] of the cube and the hand
+//! - out: [`Solids`]; a box is six plates, the cube one box, or three slabs while a layer is turned
+
+use super::look::{CubeLook, HandLook, Look, Rgb};
+use crate::cell::{Cell, Gripper};
+use crate::cube::{Axis, Face};
+use crate::hw::scene::{Scene, SceneArm, SceneCube};
+use crate::spatial::Pose;
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+
+/// What stands in the cell and does not move, and the sizes of the grippers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Setting {
+    /// True sizes of the grippers, in the order of effectors.
+    pub grippers: [Gripper; 2],
+    /// Centre of the table top, in the world [m].
+    pub table: Point3<f64>,
+    /// Size of the table top along x and y [m].
+    pub table_size: (f64, f64),
+    /// Inner size of the tray on the table along x and y [m]; it lies in the table's middle.
+    pub tray_size: (f64, f64),
+    /// Inner corners of the room's walls and ceiling: low and high [m]; the floor is z = 0.
+    pub room: (Point3<f64>, Point3<f64>),
+    /// Optical frames of the cameras that stand in the cell: drawn in the overview only.
+    pub cameras: Vec<Pose>,
+}
+
+impl Default for Setting {
+    fn default() -> Self {
+        let gripper = Gripper {
+            finger_width: 0.014,
+            finger_thickness: 0.012,
+            finger_tip: 0.0095,
+            palm: 0.040,
+            palm_half_width: 0.030,
+            opening: (0.053, 0.091),
+            opening_of_motor: [0.074, -1.451_910_074e-5, -2.8313e-9],
+            opening_offset: 0.0,
+            increments: 128.0,
+            amperes_per_newton: 0.004,
+        };
+        Self {
+            grippers: [gripper; 2],
+            table: Point3::new(0.9, 1.05, 0.70),
+            table_size: (0.7, 1.2),
+            tray_size: (0.5, 0.7),
+            room: (Point3::new(-2.6, -2.6, 0.0), Point3::new(3.2, 4.4, 3.2)),
+            cameras: Vec::new(),
+        }
+    }
+}
+
+impl Setting {
+    /// Of a cell: the grippers, the table under the place of hand-over, the cameras that stand.
+    #[must_use]
+    pub fn of(cell: &Cell) -> Self {
+        let mut setting = Self::default();
+        for (mine, arm) in setting.grippers.iter_mut().zip(&cell.arms) {
+            *mine = arm.gripper;
+        }
+        let hand = cell.hand.world_from_cube.translation.vector;
+        setting.table = Point3::new(hand.x, hand.y, cell.table_height);
+        let reach = Vector3::new(3.0, 3.0, 0.0);
+        for base in cell.arms.iter().map(|arm| arm.world_from_base.translation.vector) {
+            let (low, high) = &mut setting.room;
+            *low = Point3::from(low.coords.inf(&(base - reach)));
+            *high = Point3::from(high.coords.sup(&(base + reach)));
+        }
+        setting.room.0.z = 0.0;
+        for camera in &cell.cameras {
+            if let crate::cell::Mount::World { world_from_camera } = camera.mount {
+                setting.cameras.push(world_from_camera);
+            }
+        }
+        setting
+    }
+}
+
+/// What covers a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Skin {
+    /// One paint: reflectance and gloss.
+    Plain(Rgb, f32),
+    /// Nine stickers in reading order, colours 0..=5; side of a cubie [m].
+    Stickers([u8; 9], f64),
+}
+
+/// A flat rectangle seen from its front.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Plate {
+    /// Origin of `u`, `v`.
+    pub(super) origin: Point3<f64>,
+    /// Unit vector to the right.
+    pub(super) u: Vector3<f64>,
+    /// Unit vector down.
+    pub(super) v: Vector3<f64>,
+    /// Outward normal.
+    pub(super) normal: Vector3<f64>,
+    /// Low and high bound of u, then of v [m].
+    pub(super) bounds: [f64; 4],
+    /// Surface.
+    pub(super) skin: Skin,
+}
+
+impl Plate {
+    /// Point at (u, v).
+    pub(super) fn at(&self, u: f64, v: f64) -> Point3<f64> {
+        self.origin + self.u * u + self.v * v
+    }
+
+    /// The four corners, around.
+    pub(super) fn corners(&self) -> [Point3<f64>; 4] {
+        let [u0, u1, v0, v1] = self.bounds;
+        [self.at(u0, v0), self.at(u1, v0), self.at(u1, v1), self.at(u0, v1)]
+    }
+
+    fn moved(mut self, to_from: &Pose) -> Self {
+        self.origin = to_from * self.origin;
+        self.u = to_from.rotation * self.u;
+        self.v = to_from.rotation * self.v;
+        self.normal = to_from.rotation * self.normal;
+        self
+    }
+}
+
+/// A cylinder with round ends.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rod {
+    /// Centre of one end.
+    pub(super) a: Point3<f64>,
+    /// Centre of the other.
+    pub(super) b: Point3<f64>,
+    /// Radius [m].
+    pub(super) radius: f64,
+    /// Reflectance.
+    pub(super) paint: Rgb,
+    /// Gloss.
+    pub(super) gloss: f32,
+}
+
+/// Everything, in the world frame.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Solids {
+    pub(super) plates: Vec<Plate>,
+    pub(super) rods: Vec<Rod>,
+}
+
+const STEEL: Rgb = [0.30, 0.31, 0.33];
+const DARK: Rgb = [0.045, 0.047, 0.05];
+const RUBBER: Rgb = [0.03, 0.03, 0.03];
+const WOOD: Rgb = [0.42, 0.33, 0.24];
+const FELT: Rgb = [0.12, 0.14, 0.15];
+
+impl Solids {
+    /// Empties the lists, keeping their memory.
+    pub(super) fn clear(&mut self) {
+        self.plates.clear();
+        self.rods.clear();
+    }
+
+    /// All that moves. `own` is the arm that carries the camera: only its gripper is drawn, since its
+    /// links are behind the camera.
+    pub(super) fn add_moving(
+        &mut self,
+        scene: &Scene,
+        setting: &Setting,
+        look: &Look,
+        own: Option<usize>,
+    ) {
+        self.add_cube(&scene.cube, &look.cube);
+        for (index, arm) in scene.arms.iter().enumerate().take(scene.arm_count) {
+            self.add_gripper(arm, &setting.grippers[index]);
+            if own != Some(index) {
+                self.add_links(arm, &setting.grippers[index], look.arm);
+            }
+        }
+        if let Some(world_from_hand) = scene.hand {
+            self.add_hand(&world_from_hand, &look.hand, scene.cube.edge);
+        }
+    }
+
+    /// Table and tray.
+    pub(super) fn add_furniture(&mut self, setting: &Setting) {
+        let (top, (w, d)) = (setting.table, setting.table_size);
+        let at = |x: f64, y: f64, z: f64| Pose::translation(top.x + x, top.y + y, top.z + z);
+        let half = |x: f64, y: f64, z: f64| Vector3::new(x, y, z);
+        self.add_box(&at(0.0, 0.0, -0.015), half(w / 2.0, d / 2.0, 0.015), WOOD, 0.0);
+        for (sx, sy) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+            let leg = (top.z - 0.03) / 2.0;
+            let place = at(sx * (w / 2.0 - 0.04), sy * (d / 2.0 - 0.04), -0.03 - leg);
+            self.add_box(&place, half(0.02, 0.02, leg), DARK, 0.0);
+        }
+        let (tw, td) = setting.tray_size;
+        self.add_box(&at(0.0, 0.0, 0.001), half(tw / 2.0, td / 2.0, 0.001), FELT, 0.0);
+        for side in [-1.0, 1.0] {
+            let rim = 0.006;
+            self.add_box(
+                &at(side * (tw / 2.0 + rim), 0.0, 0.012),
+                half(rim, td / 2.0 + 2.0 * rim, 0.012),
+                STEEL,
+                0.0,
+            );
+            self.add_box(
+                &at(0.0, side * (td / 2.0 + rim), 0.012),
+                half(tw / 2.0, rim, 0.012),
+                STEEL,
+                0.0,
+            );
+        }
+    }
+
+    /// A box of one paint, given by the pose of its centre and half its sides.
+    pub(super) fn add_box(
+        &mut self,
+        world_from_box: &Pose,
+        half: Vector3<f64>,
+        paint: Rgb,
+        gloss: f32,
+    ) {
+        for face in Face::ALL {
+            let (u, v) = face.reading_axes();
+            let normal = face.normal();
+            let (hu, hv) = (u.dot(&half).abs(), v.dot(&half).abs());
+            let plate = Plate {
+                origin: Point3::from(normal * normal.dot(&half).abs()),
+                u,
+                v,
+                normal,
+                bounds: [-hu, hu, -hv, hv],
+                skin: Skin::Plain(paint, gloss),
+            };
+            self.plates.push(plate.moved(world_from_box));
+        }
+    }
+
+    /// The cube: one box, or three slabs when a layer is turned.
+    fn add_cube(&mut self, cube: &SceneCube, look: &CubeLook) {
+        let (axis, low, high) = cube.turned;
+        let stickers = |face: Face| {
+            let first = face as usize * 9;
+            let colours = std::array::from_fn(|i| cube.facelets[first + i].min(5));
+            Skin::Stickers(colours, cube.edge / 3.0)
+        };
+        let whole = cube.edge / 2.0;
+        let side = |face: Face| {
+            let (u, v) = face.reading_axes();
+            Plate {
+                origin: Point3::from(face.normal() * whole),
+                u,
+                v,
+                normal: face.normal(),
+                bounds: [-whole, whole, -whole, whole],
+                skin: stickers(face),
+            }
+        };
+        if low == 0.0 && high == 0.0 {
+            for face in Face::ALL {
+                self.plates.push(side(face).moved(&cube.world_from_cube));
+            }
+            return;
+        }
+        let cut = cube.edge / 6.0;
+        let inside = Skin::Plain(look.body, 0.2 * look.gloss);
+        for (angle, from, to) in [(low, -whole, -cut), (0.0, -cut, cut), (high, cut, whole)] {
+            let turn = UnitQuaternion::from_scaled_axis(axis.unit() * angle);
+            let world_from_slab =
+                cube.world_from_cube * Pose::from_parts(Translation3::identity(), turn);
+            for face in Face::ALL {
+                let mut plate = side(face);
+                if face.axis() == axis {
+                    let along = face.normal().dot(&axis.unit());
+                    let out = if along > 0.0 { to } else { -from };
+                    plate.origin = Point3::from(face.normal() * out);
+                    if out != whole {
+                        plate.skin = inside;
+                    }
+                } else {
+                    plate.bounds = slab_bounds(&plate, axis, from, to);
+                }
+                self.plates.push(plate.moved(&world_from_slab));
+            }
+        }
+    }
+
+    /// Fingers, pads and palm plate.
+    fn add_gripper(&mut self, arm: &SceneArm, gripper: &Gripper) {
+        let pose = &arm.world_from_tool;
+        let pad = 0.002;
+        let (low, high) = (-gripper.palm, gripper.finger_tip);
+        let (w, t) = (gripper.finger_width / 2.0, gripper.finger_thickness);
+        for side in [-1.0, 1.0] {
+            let y = side * (arm.opening / 2.0 + pad + (t - pad) / 2.0);
+            let finger = pose * Pose::translation(0.0, y, f64::midpoint(low, high));
+            let half = Vector3::new(w, (t - pad) / 2.0, (high - low) / 2.0);
+            self.add_box(&finger, half, STEEL, 0.25);
+            let length = (high + 0.0285).min(high - low);
+            let rubber = pose
+                * Pose::translation(0.0, side * (arm.opening + pad) / 2.0, high - length / 2.0);
+            self.add_box(&rubber, Vector3::new(w, pad / 2.0, length / 2.0), RUBBER, 0.0);
+        }
+        let plate = 0.006;
+        let p = gripper.palm_half_width;
+        let palm = pose * Pose::translation(0.0, 0.0, -gripper.palm - plate);
+        self.add_box(&palm, Vector3::new(p, p.max(arm.opening / 2.0 + t), plate), DARK, 0.1);
+    }
+
+    /// Column, lower and upper arm, wrist and the gripper's body.
+    fn add_links(&mut self, arm: &SceneArm, gripper: &Gripper, paint: Rgb) {
+        let [base, shoulder, elbow, wrist, flange] = arm.points;
+        let mut rod =
+            |a, b, radius, paint| self.rods.push(Rod { a, b, radius, paint, gloss: 0.15 });
+        let up = Vector3::z();
+        rod(base + up * 0.36, shoulder - up * 0.10, 0.13, paint);
+        // The shoulder's and the elbow's axles lie across the arm's plane.
+        let across = (elbow - shoulder).cross(&(wrist - elbow));
+        let across = across.try_normalize(1e-9).unwrap_or_else(Vector3::x);
+        rod(shoulder - across * 0.13, shoulder + across * 0.13, 0.09, DARK);
+        rod(shoulder, elbow, 0.075, paint);
+        rod(elbow - across * 0.08, elbow + across * 0.08, 0.07, DARK);
+        rod(elbow, wrist, 0.058, paint);
+        rod(wrist - across * 0.05, wrist + across * 0.05, 0.055, DARK);
+        rod(wrist, flange, 0.042, STEEL);
+        let palm = arm.world_from_tool * Point3::new(0.0, 0.0, -gripper.palm - 0.045);
+        rod(flange, palm, 0.034, STEEL);
+        let along = base.xy() - shoulder.xy();
+        let foot = Pose::translation(base.x + along.x, base.y + along.y, base.z + 0.18);
+        self.add_box(&foot, Vector3::new(0.20, 0.20, 0.18), STEEL, 0.0);
+    }
+
+    /// Fingertips on both sides of the cube, the palm beyond its +x face, the forearm.
+    fn add_hand(&mut self, world_from_hand: &Pose, look: &HandLook, edge: f64) {
+        let half = edge / 2.0;
+        let mut rod = |a: Vector3<f64>, b: Vector3<f64>, radius: f64, paint: Rgb| {
+            let (a, b) = (world_from_hand * Point3::from(a), world_from_hand * Point3::from(b));
+            self.rods.push(Rod { a, b, radius, paint, gloss: 0.05 });
+        };
+        let tip = half - look.reach;
+        // A finger lies on the surface from its tip to a knuckle beyond the edge, then bends to the palm.
+        let mut finger = |side: f64, z: f64, radius: f64, lie: Vector3<f64>| {
+            let on = lie * (side * (half + radius * 0.85));
+            let across = if lie.y == 0.0 { Vector3::y() } else { Vector3::z() } * z;
+            let start = on + across + Vector3::x() * (tip + radius);
+            let knuckle = on * 1.12 + across + Vector3::x() * (half + 0.018);
+            rod(start, knuckle, radius, look.skin);
+            let root = on * 0.55 + across * 0.8 + Vector3::x() * (half + 0.055);
+            rod(knuckle, root, radius * 1.15, look.skin);
+        };
+        let spread: &[f64] = match look.front_fingers {
+            0 => &[],
+            1 => &[0.0],
+            2 => &[-0.011, 0.011],
+            _ => &[-0.019, 0.0, 0.019],
+        };
+        if spread.is_empty() {
+            // Held from above and below, so that the front stays free.
+            finger(-1.0, 0.006, 0.0095, Vector3::z());
+            for y in [-0.002, 0.016] {
+                finger(1.0, y, 0.008, Vector3::z());
+            }
+        } else {
+            let thumb = if spread.len() == 1 { 0.0095 } else { 0.0075 };
+            for z in spread {
+                finger(-1.0, z + look.height, thumb, Vector3::y());
+            }
+            for z in [-0.018, 0.0, 0.018] {
+                finger(1.0, z + look.height, 0.008, Vector3::y());
+            }
+        }
+        let z = look.height;
+        for dz in [-0.022, 0.0, 0.022] {
+            rod(
+                Vector3::new(half + 0.062, -0.004, z + dz),
+                Vector3::new(half + 0.11, 0.0, z + dz * 0.8),
+                0.021,
+                look.skin,
+            );
+        }
+        rod(
+            Vector3::new(half + 0.12, 0.0, z),
+            Vector3::new(half + 0.19, 0.0, z - 0.01),
+            0.029,
+            look.skin,
+        );
+        rod(
+            Vector3::new(half + 0.20, 0.0, z - 0.01),
+            Vector3::new(half + 0.50, 0.02, z - 0.09),
+            0.042,
+            look.sleeve,
+        );
+    }
+}
+
+/// Bounds of a side plate of the slab between `from` and `to` along `axis`.
+fn slab_bounds(plate: &Plate, axis: Axis, from: f64, to: f64) -> [f64; 4] {
+    let [u0, u1, v0, v1] = plate.bounds;
+    let (du, dv) = (plate.u.dot(&axis.unit()), plate.v.dot(&axis.unit()));
+    let range = |d: f64| if d > 0.0 { (from, to) } else { (-to, -from) };
+    if du == 0.0 {
+        let (low, high) = range(dv);
+        [u0, u1, low, high]
+    } else {
+        let (low, high) = range(du);
+        [low, high, v0, v1]
+    }
+}
