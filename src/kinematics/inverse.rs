@@ -118,13 +118,18 @@ impl ArmModel {
             for wrist in plane.wrists(0.0) {
                 let wrist = wrist.turned_near(0.0, &middle);
                 let Ok(first) = self.arm(&plane, &wrist, q1, d0) else { continue };
-                for (t5, t6) in TURNS {
-                    let mut joints = first;
-                    joints.0[4] = nearest_turn(first.0[4], middle.0[4]);
-                    joints.0[5] += t5;
-                    joints.0[6] += t6;
-                    if self.check_joints(&joints).is_ok() {
-                        branches.push(joints);
+                let mut joints = first;
+                joints.0[4] = nearest_turn(first.0[4], middle.0[4]);
+                if !(0..5).all(|axis| axis < self.first_axis() || self.allows(axis, joints.0[axis]))
+                {
+                    continue;
+                }
+                for q5 in TURNS.map(|turn| first.0[5] + turn) {
+                    for q6 in TURNS.map(|turn| first.0[6] + turn) {
+                        if self.allows(5, q5) && self.allows(6, q6) {
+                            (joints.0[5], joints.0[6]) = (q5, q6);
+                            branches.push(joints);
+                        }
                     }
                 }
             }
@@ -186,17 +191,7 @@ impl ArmModel {
 }
 
 /// The full turns that may be added to q5 and q6.
-const TURNS: [(f64, f64); 9] = [
-    (0.0, 0.0),
-    (TAU, 0.0),
-    (-TAU, 0.0),
-    (0.0, TAU),
-    (0.0, -TAU),
-    (TAU, TAU),
-    (TAU, -TAU),
-    (-TAU, TAU),
-    (-TAU, -TAU),
-];
+const TURNS: [f64; 3] = [0.0, TAU, -TAU];
 
 impl Plane {
     /// Both wrists; in the singularity the one that keeps `t4`, and its mirror image.

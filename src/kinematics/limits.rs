@@ -51,8 +51,14 @@ impl ArmModel {
         })
     }
 
+    /// Whether a joint is inside its limits.
+    pub(super) fn allows(&self, axis: usize, value: f64) -> bool {
+        let (low, high) = self.joint_limits[axis];
+        (low..=high).contains(&value)
+    }
+
     /// An arm without a track has no axis 0.
-    fn first_axis(&self) -> usize {
+    pub(super) fn first_axis(&self) -> usize {
         usize::from(!self.has_track)
     }
 }
