@@ -1,6 +1,6 @@
 //! What no single key can say: that they agree with each other. And the way from keys to the cell.
 
-use super::keys::{BridgeKind, Rule};
+use super::keys::{BridgeKind, Rule, Servo};
 use super::lists::{CameraKeys, Effector, MountKind, Vsp, VspKind};
 use super::section::Reader;
 use super::{
@@ -10,6 +10,7 @@ use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, I
 use crate::cube::{Cube, Facelets};
 use crate::kinematics::{self, ArmModel};
 use crate::motion::{AXES, JointPositions};
+use crate::servo::regulator::{self, ServoGains};
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use std::path::Path;
@@ -29,6 +30,15 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     } else if draft.effectors.len() > 2 {
         fault(reader, "effector.2", "at most two effectors can be driven".to_owned());
     }
+    let effectors: Vec<Option<EffectorConfig>> = draft
+        .effectors
+        .iter()
+        .map(|e| {
+            let gains = gains(&e.servo_profile, &key("effector", &e.name), folder, reader)?;
+            let gains = adjusted(gains, &root.servo);
+            Some(EffectorConfig { palm_clearance: e.gripper.palm_clearance, gains })
+        })
+        .collect();
     let cameras: Vec<Option<Camera>> = draft
         .cameras
         .iter()
@@ -51,14 +61,6 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         world_from_cube: pose(root.hand.centre_xyz, root.hand.cube_rpy),
         half_extent: Vector3::from(root.hand.half_extent_xyz),
     };
-    let effectors = draft
-        .effectors
-        .iter()
-        .map(|e| EffectorConfig {
-            palm_clearance: e.gripper.palm_clearance,
-            over_current: e.over_current,
-        })
-        .collect();
     Some(Scenario {
         path: path.to_path_buf(),
         seed: root.seed,
@@ -74,7 +76,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
                 table_height: root.cell.table_height,
                 hand,
             },
-            effectors,
+            effectors: effectors.into_iter().collect::<Option<_>>()?,
             cameras: sources,
             vsps: vsps.into_iter().collect::<Option<_>>()?,
             control: root.control,
@@ -82,7 +84,6 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
             vision: root.vision,
             planner,
             face_turn: root.face_turn,
-            servo: root.servo,
         },
         plant: PlantSection { cube_state, keys: root.plant },
     })
@@ -203,37 +204,62 @@ fn arm(keys: &Effector, path: &str, folder: &Path, reader: &mut Reader) -> Optio
     })
 }
 
-/// A built-in profile by name, or a file from the scenario's folder.
+/// Geometry of an arm: a built-in profile by name, or a file.
 fn profile(name: &str, path: &str, folder: &Path, reader: &mut Reader) -> Option<ArmModel> {
     let at = format!("{path}.profile");
-    if !Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
-        let model = kinematics::builtin(name);
-        if model.is_none() {
-            let advice = match super::fault::nearest(name, &kinematics::BUILTIN) {
-                Some(word) => format!("did you mean \"{word}\"?"),
-                None => format!(
-                    "built in: {}; or the path of a .toml file",
-                    kinematics::BUILTIN.join(", ")
-                ),
-            };
-            help(reader, &at, format!("`{at}`: there is no profile \"{name}\""), Some(advice));
-        }
-        return model;
+    data(name, &at, folder, reader, &kinematics::BUILTIN, kinematics::builtin_text)
+}
+
+/// Regulators of an arm: a built-in profile by name, or a file.
+fn gains(name: &str, path: &str, folder: &Path, reader: &mut Reader) -> Option<ServoGains> {
+    let at = format!("{path}.servo_profile");
+    data(name, &at, folder, reader, &["irp6_servo"], |name| {
+        (name == "irp6_servo").then_some(regulator::IRP6)
+    })
+}
+
+fn adjusted(mut gains: ServoGains, keys: &Servo) -> ServoGains {
+    for axis in gains.axes.iter_mut().chain([&mut gains.jaw]) {
+        axis.ratio *= keys.gain_factor;
     }
+    gains.pwm_limit = keys.pwm_limit.unwrap_or(gains.pwm_limit);
+    gains.following_error = keys.following_error.unwrap_or(gains.following_error);
+    gains
+}
+
+/// Data that the key `at` refers to: built in by name, or a file from the scenario's folder.
+fn data<T: serde::de::DeserializeOwned>(
+    name: &str,
+    at: &str,
+    folder: &Path,
+    reader: &mut Reader,
+    known: &[&str],
+    built_in: impl Fn(&str) -> Option<&'static str>,
+) -> Option<T> {
     let file = folder.join(name);
-    let text = match std::fs::read_to_string(&file) {
-        Ok(text) => text,
-        Err(error) => {
-            fault(reader, &at, format!("`{at}`: {}: {error}", file.display()));
-            return None;
+    let (text, source) = if let Some(text) = built_in(name) {
+        (text.to_owned(), name.to_owned())
+    } else if Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+        match std::fs::read_to_string(&file) {
+            Ok(text) => (text, file.display().to_string()),
+            Err(error) => {
+                fault(reader, at, format!("`{at}`: {}: {error}", file.display()));
+                return None;
+            }
         }
+    } else {
+        let advice = match super::fault::nearest(name, known) {
+            Some(word) => format!("did you mean \"{word}\"?"),
+            None => format!("built in: {}; or the path of a .toml file", known.join(", ")),
+        };
+        help(reader, at, format!("`{at}`: there is no profile \"{name}\""), Some(advice));
+        return None;
     };
     match toml::from_str(&text) {
-        Ok(model) => Some(model),
+        Ok(data) => Some(data),
         Err(error) => {
             let line = error.span().map_or(1, |s| text[..s.start].matches('\n').count() + 1);
-            let reason = format!("`{at}`: {}:{line}: {}", file.display(), error.message());
-            fault(reader, &at, reason);
+            fault(reader, at, format!("`{at}`: {source}:{line}: {}", error.message()));
             None
         }
     }

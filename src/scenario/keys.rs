@@ -186,12 +186,10 @@ section! {
         angular_speed [deg_s]: f64 = 40.0, 1.0..=180.0;
         /// Share of the motors' speed limit that set values may use.
         velocity_factor: f64 = 1.0, 0.01..=1.0;
-        /// Servo periods over which a force sensor's bias is averaged.
-        bias_periods: u32 = 50, 1.0..=1000.0;
         /// 1, or -1 to spoil the controller: the force reading changes its sign.
         force_sign: i32 = 1, -1.0..=1.0;
         /// Servo periods by which force readings are late, to spoil the controller.
-        force_delay_periods: u32 = 0, 0.0..=500.0;
+        force_delay_periods: u32 = 0, 0.0..=63.0;
         /// Tries of a step that failed (a jam, a missed grasp, a doubtful face) before the task fails.
         retries: u32 = 3, 0.0..=20.0;
     }
@@ -258,23 +256,13 @@ section! {
 }
 
 section! {
-    /// The incremental regulators of the axes: d0 of the track, q1..q6, the jaw. Gains in pulses a period.
+    /// The regulators of all axes; their gains are the data of each effector's `servo_profile`.
     Servo {
-        /// Memory of the output a.
-        a: [f64; 8] = [0.0; 8], 0.0..=1.0;
-        /// Gain b0 on the new increment error, before `ratio`.
-        b0: [f64; 8] = [0.0; 8], 0.0..=100.0;
-        /// Gain b1 on the last increment error, before `ratio`.
-        b1: [f64; 8] = [0.0; 8], 0.0..=100.0;
-        /// Ratio of the supply voltage that b0 and b1 were tuned at.
-        ratio: [f64; 8] = [0.0; 8], 0.0..=2.0;
-        /// Gain k1 on the new error of position increments.
-        k1: [f64; 8] = [0.0; 8], 0.0..=2.0;
-        /// Gain k2 on the last error of position increments.
-        k2: [f64; 8] = [0.0; 8], 0.0..=2.0;
-        /// Largest pulse width.
-        pwm_limit: u32 = 190, 1.0..=255.0;
-        /// Following error that stops the arm, as motor angle.
-        following_error [deg]: f64 = 1800.0, 1.0..=36000.0;
+        /// Factor of the gains b0 and b1 of every axis.
+        gain_factor: f64 = 1.0, 0.0..=10.0;
+        /// Largest pulse width, of 255; the profile's when not given.
+        pwm_limit: Option<f64> = None, 1.0..=255.0;
+        /// Following error that stops an arm, as motor angle; the profile's when not given.
+        following_error [rad]: Option<f64> = None, 0.01..=1000.0;
     }
 }

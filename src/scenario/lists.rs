@@ -35,6 +35,8 @@ section! {
         name: String = String::new();
         /// Geometry, transmissions and limits: a built-in profile, or a path from the scenario's folder.
         profile: String = "irp6_postument".to_owned();
+        /// Regulators of the axes: "irp6_servo", or a path from the scenario's folder.
+        servo_profile: String = "irp6_servo".to_owned();
         /// Base on the floor below the shoulder, in the world (track: at d0 = 0).
         base_xyz [mm]: [f64; 3] = [0.0; 3], -20000.0..=20000.0;
         /// Roll, pitch, yaw of the base.
@@ -47,8 +49,6 @@ section! {
         start_d0 [mm]: f64 = 0.0, -200.0..=2000.0;
         /// Joints q1..q6 when the run begins; the default is the original's front position.
         start_joints [deg]: [f64; 6] = [0.0, -89.954, 0.0, 89.381, 89.954, -89.954], -600.0..=600.0;
-        /// Current of each axis that trips its power stage: d0, q1..q6, jaw.
-        over_current [a]: [f64; 8] = [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0, 0.2], 0.01..=100.0;
     } with {
         /// Gripper.
         gripper: GripperKeys,

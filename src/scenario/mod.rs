@@ -18,6 +18,7 @@ mod check;
 
 use crate::cell::Cell;
 use crate::cube::Facelets;
+use crate::servo::regulator::ServoGains;
 use fault::{Faults, Source};
 use keys::{
     Bridge, CellKeys, Control, Coordination, CubeKeys, FaceTurn, HandKeys, Pace, Planner, Servo,
@@ -75,17 +76,15 @@ pub struct ControllerConfig {
     pub planner: Planner,
     /// What task = "face_turn" does.
     pub face_turn: FaceTurn,
-    /// Regulators of the axes.
-    pub servo: Servo,
 }
 
 /// What an effector has beside its geometry.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct EffectorConfig {
     /// Whether the palm stands off the cube.
     pub palm_clearance: bool,
-    /// Current that trips each axis: d0, q1..q6, jaw [A].
-    pub over_current: [f64; 8],
+    /// Regulators and watch-dogs of its axes.
+    pub gains: ServoGains,
 }
 
 /// Where a camera's frames come from.

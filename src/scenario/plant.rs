@@ -37,6 +37,10 @@ section! {
         jaws: Jaws = Jaws::Rubber;
         /// Friction and play of the cube's layers.
         cube_kind: CubeKind = CubeKind::Of2007;
+        /// Current that trips the power stage of each axis: d0, q1..q6 (2012 sources: track arm).
+        trip_current [a]: [f64; 7] = [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0], 0.1..=1000.0;
+        /// Steps of the simulation in a servo period.
+        substeps: u32 = 4, 1.0..=100.0;
         /// Black images from all cameras.
         lens_cap: bool = false;
     } with {
@@ -78,10 +82,6 @@ section! {
         weight [n]: f64 = 0.2, 0.0..=10.0;
         /// Its centre of mass, each axis.
         weight_centre [mm]: f64 = 2.0, 0.0..=50.0;
-        /// Where the hand stops, each axis.
-        hand [mm]: f64 = 20.0, 0.0..=200.0;
-        /// How the hand holds the cube, each axis.
-        hand_tilt as hand [deg]: f64 = 4.0, 0.0..=45.0;
     }
 }
 
@@ -104,20 +104,30 @@ section! {
 section! {
     /// How the operator's hand moves.
     PlantHand {
-        /// When it comes into view.
+        /// When it starts to bring the cube.
         appears [s]: f64 = 1.0, 0.0..=600.0;
         /// How long it takes to come to the place.
         arrival [s]: f64 = 4.0, 0.1..=60.0;
-        /// From where it comes, relative to the place.
+        /// From where it comes, relative to the place; it leaves towards there as well.
         start_xyz [mm]: [f64; 3] = [250.0, 120.0, -60.0], -2000.0..=2000.0;
-        /// Slow sway, r.m.s.
+        /// Slow sway on the way and after the arrival, r.m.s. of each axis.
         sway [mm]: f64 = 3.0, 0.0..=50.0;
-        /// Fast tremor, amplitude.
+        /// Typical time in which the sway changes.
+        sway_time [s]: f64 = 0.7, 0.05..=10.0;
+        /// Fast tremor, amplitude of each axis.
         tremor [mm]: f64 = 0.2, 0.0..=5.0;
-        /// When it holds still, after its arrival.
+        /// After its arrival it calms down over this time.
         stills [s]: f64 = 3.0, 0.0..=600.0;
-        /// Times that it draws the cube back before it holds still.
+        /// Spread of the place where it holds the cube, each axis, within the hand-over place.
+        place_spread [mm]: f64 = 20.0, 0.0..=200.0;
+        /// Spread of the tilt with which it holds the cube, each axis.
+        tilt_spread [deg]: f64 = 4.0, 0.0..=45.0;
+        /// Whether the cube comes in any of its 24 orientations, or as `hand.cube_rpy_deg` says.
+        any_orientation: bool = true;
+        /// Times that it draws the cube back before it stays.
         withdrawals: u32 = 0, 0.0..=20.0;
+        /// How far it draws back.
+        withdrawal [mm]: f64 = 150.0, 0.0..=1000.0;
         /// Stiffness with which it holds the cube.
         stiffness [n_m]: f64 = 300.0, 1.0..=10000.0;
         /// Damping of the same.
@@ -126,6 +136,12 @@ section! {
         release [n]: f64 = 8.0, 0.1..=100.0;
         /// It lets go this long after the jaws closed, at the latest.
         release_time [s]: f64 = 2.0, 0.0..=60.0;
+        /// It comes back for the cube when this has passed since it let go.
+        return_after [s]: f64 = 20.0, 0.0..=3600.0;
+        /// It comes back for a solved cube only.
+        return_solved_only: bool = false;
+        /// Pull on the cube when it takes it back.
+        pull [n]: f64 = 6.0, 0.0..=100.0;
     }
 }
 
@@ -136,7 +152,7 @@ section! {
         temperature [k]: Option<f64> = None, 1500.0..=12000.0;
         /// Brightness; 1 exposes well.
         level: f64 = 1.0, 0.05..=4.0;
-        /// Red, orange and yellow things behind the cube.
-        distractors: u32 = 3, 0.0..=50.0;
+        /// Red, orange and yellow things on the walls.
+        distractors: u32 = 9, 0.0..=50.0;
     }
 }

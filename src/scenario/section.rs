@@ -14,6 +14,8 @@ use std::ops::RangeInclusive;
 pub mod units {
     /// Millimetres.
     pub const mm: f64 = 1e-3;
+    /// Radians.
+    pub const rad: f64 = 1.0;
     /// Degrees.
     pub const deg: f64 = std::f64::consts::PI / 180.0;
     /// Milliseconds.
