@@ -52,7 +52,7 @@ struct Found {
 pub(super) fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
     let mut table =
         MeetingTable { grasps: [None; 24], views: [[None; 3]; 2], separation: settings.separation };
-    if cell.arms.len() < 2 {
+    if cell.arms.len() < 2 || !cell.arms[0].model.has_track {
         return table;
     }
     let mut search = Search::new(cell, settings);
