@@ -3,5 +3,6 @@
 //! Nothing here names an actor or a task.
 
 pub mod camera;
+pub mod plant;
 pub mod port;
 pub mod scene;
