@@ -21,7 +21,6 @@ mod sensor;
 mod testing;
 #[cfg(test)]
 mod tests;
-pub mod render;
 pub mod truth;
 pub mod verdict;
 
