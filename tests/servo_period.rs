@@ -1,46 +1,20 @@
 //! One arm's servo, period by period, on motors that follow their set values to the increment.
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
 
-use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
-use rubik_robot::cell::{ForceSensor, Gripper};
-use rubik_robot::kinematics::builtin;
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rubik_robot::motion::{
-    ArmFault, ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion,
-    MotorPositions, MoveCommand, MoveRefused, PERIOD,
+    ArmFault, ArmState, Depth, Direction, Frame, JawCommand, Motion, MotorPositions, MoveCommand,
+    MoveRefused, PERIOD,
 };
 use rubik_robot::servo::io::{ArmDrive, ArmReading};
-use rubik_robot::servo::regulator::{IRP6, ServoGains};
 use rubik_robot::servo::{ArmServo, ForceSettings, ServoCommand, ServoConfig};
 use rubik_robot::spatial::{Pose, Wrench};
 use std::f64::consts::TAU;
 
-const START: JointPositions = JointPositions([0.5, 0.1, -1.55, 0.05, 1.2, 1.6, -0.4]);
-const COMPLIANT: Direction = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
+mod servo_rig;
+use servo_rig::{START, config, first_reading};
 
-fn config() -> ServoConfig {
-    ServoConfig {
-        model: builtin("irp6_track").unwrap(),
-        flange_from_tool: Pose::translation(0.0, 0.0, 0.25),
-        gripper: Gripper {
-            finger_width: 0.02,
-            finger_thickness: 0.01,
-            finger_tip: 0.01,
-            palm: 0.04,
-            palm_half_width: 0.03,
-            opening: (0.053, 0.091),
-            opening_of_motor: [0.074, -1.451910074e-5, -2.8313e-9],
-            opening_offset: 0.0,
-            increments: 128.0,
-            amperes_per_newton: 0.004,
-        },
-        sensor: ForceSensor {
-            flange_from_sensor: Pose::translation(0.0, 0.0, 0.09),
-            weight: 0.0,
-            centre_in_flange: Point3::origin(),
-            range: [65.0, 65.0, 130.0, 5.0, 5.0, 5.0],
-        },
-        gains: ServoGains::parse(IRP6).unwrap(),
-    }
-}
+const COMPLIANT: Direction = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
 
 /// An arm whose motors are where they were told to be a period ago.
 struct Ideal {
@@ -56,8 +30,7 @@ struct Ideal {
 impl Ideal {
     fn new() -> Self {
         let config = config();
-        let mut reading = ArmReading::default();
-        reading.counts = counts(&config, &config.model.motors(&START));
+        let reading = first_reading();
         let servo = ArmServo::new(config.clone(), &reading);
         Self { config, servo, reading, drive: ArmDrive::OFF, period: 0, spring: None }
     }
@@ -404,16 +377,18 @@ fn a_silent_sensor_stops_force_control_at_once_and_disturbs_no_position_control(
 
 #[test]
 fn faults_switch_the_drives_off_until_reset() {
+    type Spoil = fn(&mut ArmReading);
+
     let switch = |r: &mut ArmReading| r.limit_switches = 1 << 3;
     let current = |r: &mut ArmReading| {
         r.over_currents = 1 << 5;
         r.currents[5] = 11.0;
     };
     let jump = |r: &mut ArmReading| r.counts[2] += 1200;
-    let spoil: [(&dyn Fn(&mut ArmReading), &str); 3] = [
-        (&switch, "axis 3: limit switch"),
-        (&current, "axis 5: over-current, 11.0 A"),
-        (&jump, "axis 2: following"),
+    let spoil: [(Spoil, &str); 3] = [
+        (switch, "axis 3: limit switch"),
+        (current, "axis 5: over-current, 11.0 A"),
+        (jump, "axis 2: following"),
     ];
     for (spoil, why) in spoil {
         let mut arm = Ideal::new();

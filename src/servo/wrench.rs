@@ -78,8 +78,7 @@ impl WristForce {
     pub fn fault(&self, wrench_on_sensor: &Wrench) -> Option<ArmFault> {
         let components = wrench_on_sensor.directions();
         (0..6)
-            // Not below also catches what is not a number.
-            .find(|&i| !(components[i].abs() < self.sensor.range[i]))
+            .find(|&i| components[i].is_nan() || components[i].abs() >= self.sensor.range[i])
             .map(|direction| ArmFault::ForceSensor { direction, reading: components[direction] })
     }
 
