@@ -6,6 +6,7 @@
 pub mod kinematics;
 pub mod output;
 mod run;
+pub mod vision;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::io::{BufRead, Write};

@@ -1,6 +1,114 @@
-//! Vision: image -> faces, pose, colours. Pure.
+//! Vision: image -> faces, pose, colours. Pure: time, randomness and calibration are arguments.
+//!
+//! | step | module | in -> out |
+//! |---|---|---|
+//! | segmentation | [`segment`] (edges), [`paper`] (colour tables, run lengths) | image -> tile candidates |
+//! | lattice | [`lattice`] | candidates -> 3x3 lattices |
+//! | detection | [`detect`] | image -> [`FaceSighting`]s or a [`Refusal`] that says why |
+//! | pose | [`pose`] | sighting, intrinsics -> [`CubeSighting`], [`pose::CubeLocation`] |
+//! | time | [`tracker`] | poses -> position, velocity, window, age |
+//! | colours | [`colours`] | mean colours -> names, with a margin each |
+//! | guided reading | [`sensor`] | image, predicted pose -> nine colours, measured pose |
+//!
+//! Pixels: the centre of the first pixel is (0, 0), x to the right, y down.
+
+pub mod assignment;
+pub mod colours;
+pub mod detect;
+pub mod homography;
+pub mod lattice;
+pub mod paper;
+pub mod pose;
+pub mod segment;
+pub mod sensor;
+#[cfg(test)]
+pub(crate) mod testing;
+pub mod tracker;
 
 use crate::spatial::Pose;
+
+pub use detect::{DetectorSettings, Method, detect};
+pub use pose::{CubeLocation, locate, locate_cube};
+pub use sensor::{FaceReading, read_face};
+pub use tracker::Tracker;
+
+/// A rectangle of pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Rect {
+    /// First column.
+    pub x: u32,
+    /// First row.
+    pub y: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+impl Rect {
+    /// The part that lies inside an image of `width` x `height` pixels; `None` when nothing does.
+    #[must_use]
+    pub fn inside(self, width: u32, height: u32) -> Option<Self> {
+        let (x, y) = (self.x.min(width), self.y.min(height));
+        let (right, bottom) = (
+            self.x.saturating_add(self.width).min(width),
+            self.y.saturating_add(self.height).min(height),
+        );
+        (right > x && bottom > y).then(|| Self { x, y, width: right - x, height: bottom - y })
+    }
+}
+
+/// Why no face was reported.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Refusal {
+    /// There are not enough pixels for nine tiles.
+    #[error("the picture has only {width}x{height} px")]
+    TooFewPixels {
+        /// Columns that were looked at.
+        width: u32,
+        /// Rows that were looked at.
+        height: u32,
+    },
+    /// The brightest hundredth is dark.
+    #[error("too dark: the brightest hundredth of the picture is at {brightest} of 255")]
+    TooDark {
+        /// Level of the 99th percentile, 0..=255.
+        brightest: u8,
+    },
+    /// Much of the picture is clipped.
+    #[error("overexposed: {:.0} % of the picture is clipped", share * 100.0)]
+    Overexposed {
+        /// Share of clipped pixels, 0..=1.
+        share: f64,
+    },
+    /// No region looks like a tile.
+    #[error("no region looks like a tile")]
+    NoTiles,
+    /// Tiles, but no lattice of 3x3.
+    #[error("{tiles} regions look like tiles, but no nine of them form a lattice of 3x3")]
+    NoLattice {
+        /// Number of candidates.
+        tiles: usize,
+    },
+    /// A lattice that is not good enough to report.
+    #[error("a lattice was found, but its confidence is only {confidence:.2}")]
+    Doubtful {
+        /// Confidence of the best lattice, 0..=1.
+        confidence: f64,
+    },
+    /// A face that is too small for the arm's work.
+    #[error("outside the work-space: the face is only {width_px:.0} px wide")]
+    TooSmall {
+        /// Length of the face's longest side [px].
+        width_px: f64,
+    },
+    /// The face is not where it was expected.
+    #[error("not where it was expected: {matched} of 9 tiles fit the prediction")]
+    NotExpected {
+        /// Tiles that fit.
+        matched: usize,
+    },
+}
 
 /// A face of a cube found in an image.
 #[derive(Debug, Clone, PartialEq)]
@@ -8,9 +116,13 @@ pub struct FaceSighting {
     /// Corners of the face's outline [px], in the image: top-left, top-right, bottom-right, bottom-left of
     /// the reading order used for the tiles.
     pub corners: [(f64, f64); 4],
-    /// Centres of the nine tiles in reading order [px].
+    /// Centres of the nine tiles in reading order [px]: measured centroids where `seen`, else the lattice's.
     pub centres: [(f64, f64); 9],
-    /// Mean colour of each tile, linear or as in the image (documented by the producer), 0..=255.
+    /// Which tiles were found as regions of their own; the others are filled in by the lattice.
+    pub seen: [bool; 9],
+    /// Side of a tile's coloured part as a share of the tile pitch, 0..=1, estimated from the regions.
+    pub sticker: f64,
+    /// Mean colour of each tile as in the image, 0..=255 (trimmed mean of samples of its interior).
     pub rgb: [[f64; 3]; 9],
     /// Decision for each tile on this face alone: 0..=5 = white, red, green, yellow, orange, blue (URFDLB).
     pub colours: [u8; 9],
@@ -20,12 +132,51 @@ pub struct FaceSighting {
     pub confidence: f64,
 }
 
+impl FaceSighting {
+    /// Length of the longest side of the outline [px].
+    #[must_use]
+    pub fn width_px(&self) -> f64 {
+        (0..4)
+            .map(|i| {
+                let (a, b) = (self.corners[i], self.corners[(i + 1) % 4]);
+                (a.0 - b.0).hypot(a.1 - b.1)
+            })
+            .fold(0.0, f64::max)
+    }
+
+    /// The same face read after a quarter turn of the page, `quarters` times: the tile that was at the
+    /// bottom left comes to the top left.
+    #[must_use]
+    pub fn turned(&self, quarters: usize) -> Self {
+        let mut face = self.clone();
+        for _ in 0..quarters % 4 {
+            let old = face.clone();
+            for row in 0..3 {
+                for column in 0..3 {
+                    let (to, from) = (3 * row + column, 3 * (2 - column) + row);
+                    face.centres[to] = old.centres[from];
+                    face.seen[to] = old.seen[from];
+                    face.rgb[to] = old.rgb[from];
+                    face.colours[to] = old.colours[from];
+                    face.confidences[to] = old.confidences[from];
+                }
+            }
+            for i in 0..4 {
+                face.corners[i] = old.corners[(i + 3) % 4];
+            }
+        }
+        face
+    }
+}
+
 /// The cube localised in 3-D.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CubeSighting {
     /// Frame of the dominant face: origin in the face's centre, x along increasing column, y along increasing
     /// row of its reading order, z into the cube (away from the camera when frontal).
     pub camera_from_face: Pose,
+    /// The other solution of the planar pose and its root mean square error [px].
+    pub other: (Pose, f64),
     /// Edge of the face in the image [px].
     pub width_px: f64,
     /// Root mean square of the reprojection error [px].

@@ -1,0 +1,265 @@
+//! A plan replayed on a cube of stickers with two hands: the last check before arms move.
+//!
+//! It shares no rule with the planner. Fingers, palms and layers fill cells of a grid whose step is one cubie: the
+//! cube's own are -1..=1 along x, y, z; a finger on a face fills cells at 2 along that face's normal; a palm that
+//! touches fills the nine cells at 2 above its face, one that stands off those at 3. Two hands may not fill one
+//! cell, and a turning layer sweeps the ring of cells around it.
+
+use super::hold::{Grip, Hand, Hands, Hold, Step, hands_after};
+use super::plan::Rule;
+use crate::cube::{Axis, Face, Facelets, Turn};
+use crate::motion::Depth;
+
+/// A cell of the grid.
+type Cell = [i8; 3];
+
+/// Why a step must not be done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("step {step}: {fault}")]
+pub struct Illegal {
+    /// Position in the plan, from 0.
+    pub step: usize,
+    /// What is wrong.
+    pub fault: Fault,
+}
+
+/// What is wrong with a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Fault {
+    /// Nobody would hold the cube.
+    #[error("the {0:?} hand lets go and no one holds the cube")]
+    Dropped(Hand),
+    /// Jaws along the palm's own axis.
+    #[error("the jaws of the {0:?} hand close along its palm's axis")]
+    Jaws(Hand),
+    /// The hands are in each other's way.
+    #[error("the hands are in each other's way at cell {0:?}")]
+    Collision(Cell),
+    /// The hand is to do something that it can only do while it holds.
+    #[error("the {0:?} hand holds nothing")]
+    Empty(Hand),
+    /// The hand is to look while it holds.
+    #[error("the {0:?} hand holds the cube and sees nothing of it")]
+    Busy(Hand),
+    /// The turner's palm is elsewhere, or it holds more than the layer.
+    #[error("the {0:?} hand holds other layers than the one that it turns")]
+    Turner(Hand),
+    /// The other hand holds the layer that turns, or not the middle one.
+    #[error("the {0:?} hand does not hold the body alone")]
+    Body(Hand),
+    /// A turn that needs more than one roll of a wrist between two grasps.
+    #[error("the {0:?} hand turns twice without letting go")]
+    TurnedTwice(Hand),
+    /// A turn by nothing or by more than three quarters.
+    #[error("a turn by {0} quarters")]
+    Quarters(u8),
+    /// The face that is to be seen is under the palm or the jaws.
+    #[error("face {} is covered by the hand that holds", .0.letter())]
+    Covered(Face),
+}
+
+/// The cube and the hands after all steps, each of which was found to be possible.
+///
+/// # Errors
+/// With the first step that is not.
+pub fn replay(
+    start: Facelets,
+    hands: Hands,
+    steps: &[Step],
+    rule: Rule,
+) -> Result<(Facelets, Hands), Illegal> {
+    let (mut cube, mut hands, mut turned) = (start, hands, [false; 2]);
+    for (step, action) in steps.iter().enumerate() {
+        check(hands, action, rule, &mut turned).map_err(|fault| Illegal { step, fault })?;
+        hands = hands_after(hands, action);
+        if let Step::Turn { turn, .. } = action {
+            cube = cube.turned(*turn);
+            apart(hands, rule).map_err(|fault| Illegal { step, fault })?;
+        }
+    }
+    Ok((cube, hands))
+}
+
+fn check(hands: Hands, step: &Step, rule: Rule, turned: &mut [bool; 2]) -> Result<(), Fault> {
+    match *step {
+        Step::Grasp { hand, hold, .. } => {
+            if hands[hand.other().index()].is_none() {
+                return Err(Fault::Dropped(hand));
+            }
+            if hold.palm.axis() == hold.jaws {
+                return Err(Fault::Jaws(hand));
+            }
+            *turned = [false; 2];
+            apart(hands_after(hands, step), rule)
+        }
+        Step::Leave { hand } => {
+            hands[hand.index()].ok_or(Fault::Empty(hand))?;
+            match hands[hand.other().index()] {
+                Some(_) => Ok(()),
+                None => Err(Fault::Dropped(hand)),
+            }
+        }
+        Step::Look { viewer, face } => {
+            if hands[viewer.index()].is_some() {
+                return Err(Fault::Busy(viewer));
+            }
+            let holder = viewer.other();
+            let grip = hands[holder.index()].ok_or(Fault::Empty(holder))?;
+            let hidden = face == grip.hold.palm || face.axis() == grip.hold.jaws;
+            if hidden { Err(Fault::Covered(face)) } else { Ok(()) }
+        }
+        Step::Turn { turner, turn } => turns(hands, turner, turn, rule, turned),
+    }
+}
+
+fn turns(
+    hands: Hands,
+    turner: Hand,
+    turn: Turn,
+    rule: Rule,
+    turned: &mut [bool; 2],
+) -> Result<(), Fault> {
+    if !(1..=3).contains(&turn.quarters) {
+        return Err(Fault::Quarters(turn.quarters));
+    }
+    let layer = |cell: &Cell| {
+        cell.iter().zip(turn.face.normal().iter()).map(|(&c, n)| c * *n as i8).sum::<i8>()
+    };
+    let own = hands[turner.index()].ok_or(Fault::Empty(turner))?.hold;
+    if own.palm != turn.face || fingers(own).iter().any(|c| layer(c) < 1) {
+        return Err(Fault::Turner(turner));
+    }
+    if std::mem::replace(&mut turned[turner.index()], true) {
+        return Err(Fault::TurnedTwice(turner));
+    }
+    let body = turner.other();
+    let other = hands[body.index()].ok_or(Fault::Empty(body))?.hold;
+    let around = |c: &Cell| c.iter().all(|k| k.abs() <= 2);
+    let mut filled = fingers(other).into_iter().chain(palm(other, own, rule));
+    let in_the_way = filled.any(|c| layer(&c) >= 1 && around(&c));
+    let holds_middle = fingers(other).iter().any(|c| layer(c) == 0);
+    if in_the_way || !holds_middle { Err(Fault::Body(body)) } else { Ok(()) }
+}
+
+/// That no cell is filled by both hands.
+fn apart(hands: Hands, rule: Rule) -> Result<(), Fault> {
+    let [Some(Grip { hold: a, .. }), Some(Grip { hold: b, .. })] = hands else { return Ok(()) };
+    let of_a = [fingers(a), palm(a, b, rule)].concat();
+    let of_b = [fingers(b), palm(b, a, rule)].concat();
+    match of_a.into_iter().find(|c| of_b.contains(c)) {
+        Some(cell) => Err(Fault::Collision(cell)),
+        None => Ok(()),
+    }
+}
+
+/// The cells of both fingers, from the palm's height inwards.
+fn fingers(hold: Hold) -> Vec<Cell> {
+    let reach: &[i8] = match hold.depth {
+        Depth::One => &[2, 1],
+        Depth::Two => &[2, 1, 0],
+    };
+    let mut cells = Vec::with_capacity(6);
+    for side in [2, -2] {
+        for along in reach {
+            let mut cell = [0; 3];
+            cell[hold.palm.axis() as usize] = sign(hold.palm) * along;
+            cell[hold.jaws as usize] = side;
+            cells.push(cell);
+        }
+    }
+    cells
+}
+
+/// The cells of the palm, which stands off only with clearance and when both hands reach over one layer.
+fn palm(hold: Hold, partner: Hold, rule: Rule) -> Vec<Cell> {
+    let stands_off =
+        rule == Rule::Clearance && hold.depth == Depth::One && partner.depth == Depth::One;
+    let height = if stands_off { 3 } else { 2 };
+    let axis = hold.palm.axis() as usize;
+    let across: Vec<usize> =
+        Axis::ALL.map(|a| a as usize).into_iter().filter(|&a| a != axis).collect();
+    let mut cells = Vec::with_capacity(9);
+    for i in -1..=1 {
+        for j in -1..=1 {
+            let mut cell = [0; 3];
+            cell[axis] = sign(hold.palm) * height;
+            (cell[across[0]], cell[across[1]]) = (i, j);
+            cells.push(cell);
+        }
+    }
+    cells
+}
+
+fn sign(face: Face) -> i8 {
+    if face == face.axis().positive_face() { 1 } else { -1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::plan::{compatible, turnable};
+    use super::*;
+
+    fn grip(palm: Face, jaws: Axis, depth: Depth) -> Option<Grip> {
+        Some(Grip { hold: Hold { palm, jaws, depth }, half_roll: false })
+    }
+
+    /// Two statements of the same rules, by axes in the planner and by cells here.
+    #[test]
+    fn cells_and_axes_agree_on_every_pair_of_holds() {
+        let all: Vec<Grip> = Grip::all(Depth::One).chain(Grip::all(Depth::Two)).collect();
+        let mut legal = 0;
+        for rule in [Rule::Strict, Rule::Clearance] {
+            for (a, b) in all.iter().flat_map(|a| all.iter().map(move |b| (a, b))) {
+                let hands = [Some(*a), Some(*b)];
+
+                let by_cells = a.hold.palm != b.hold.palm && apart(hands, rule).is_ok();
+                assert_eq!(by_cells, compatible(a.hold, b.hold, rule), "{a:?} {b:?} {rule:?}");
+                legal += usize::from(by_cells);
+                if !by_cells {
+                    continue;
+                }
+                let turn = Turn { face: a.hold.palm, quarters: 2 };
+                let step = turns(hands, Hand::Track, turn, rule, &mut [false; 2]);
+                assert_eq!(step.is_ok(), turnable(a.hold, b.hold, rule), "{a:?} {b:?} {rule:?}");
+            }
+        }
+        assert!(legal > 1000, "{legal}");
+    }
+
+    #[test]
+    fn letting_go_alone_drops_the_cube() {
+        let hands = [grip(Face::D, Axis::Y, Depth::Two), None];
+
+        let result =
+            replay(Facelets::solved(), hands, &[Step::Leave { hand: Hand::Track }], Rule::Strict);
+
+        assert_eq!(result, Err(Illegal { step: 0, fault: Fault::Dropped(Hand::Track) }));
+    }
+
+    #[test]
+    fn a_layer_turns_only_while_the_middle_one_is_held() {
+        let turn = Step::Turn { turner: Hand::Track, turn: Turn { face: Face::U, quarters: 1 } };
+        let turner = grip(Face::U, Axis::X, Depth::One);
+        let try_with = |body| replay(Facelets::solved(), [turner, body], &[turn], Rule::Clearance);
+
+        let outer = try_with(grip(Face::D, Axis::Y, Depth::One));
+        let middle = try_with(grip(Face::D, Axis::Y, Depth::Two));
+        let beside = try_with(grip(Face::F, Axis::X, Depth::One));
+
+        assert_eq!(outer, Err(Illegal { step: 0, fault: Fault::Body(Hand::Postument) }));
+        assert!(middle.is_ok() && beside.is_ok());
+    }
+
+    #[test]
+    fn a_covered_face_is_not_seen() {
+        let hands = [grip(Face::D, Axis::Y, Depth::One), None];
+        let look = |face| {
+            let steps = [Step::Look { viewer: Hand::Postument, face }];
+            replay(Facelets::solved(), hands, &steps, Rule::Strict).is_ok()
+        };
+
+        let seen: Vec<Face> = Face::ALL.into_iter().filter(|&f| look(f)).collect();
+
+        assert_eq!(seen, [Face::U, Face::R, Face::L]);
+    }
+}

@@ -1,0 +1,92 @@
+//! The assignment problem: rows to columns at the least total cost.
+//!
+//! - in: a square matrix of costs
+//! - out: the column of each row
+//! - source: Kuhn (1955) in the O(n^3) form with potentials (Jonker and Volgenant 1987)
+
+/// The column of each row of an `n` x `n` matrix (row by row) such that the sum of costs is least.
+///
+/// # Panics
+/// When `cost` has not `n * n` entries.
+#[must_use]
+pub fn assign(cost: &[f64], n: usize) -> Vec<usize> {
+    assert_eq!(cost.len(), n * n, "a square matrix");
+    // One-based with a virtual column 0, as in the textbook form.
+    let (mut u, mut v) = (vec![0.0; n + 1], vec![0.0; n + 1]);
+    let mut row_of = vec![0usize; n + 1];
+    let mut way = vec![0usize; n + 1];
+    for row in 1..=n {
+        row_of[0] = row;
+        let mut column = 0;
+        let mut least = vec![f64::INFINITY; n + 1];
+        let mut used = vec![false; n + 1];
+        loop {
+            used[column] = true;
+            let i = row_of[column];
+            let (mut delta, mut next) = (f64::INFINITY, 0);
+            for j in 1..=n {
+                if used[j] {
+                    continue;
+                }
+                let reduced = cost[(i - 1) * n + j - 1] - u[i] - v[j];
+                if reduced < least[j] {
+                    least[j] = reduced;
+                    way[j] = column;
+                }
+                if least[j] < delta {
+                    delta = least[j];
+                    next = j;
+                }
+            }
+            for j in 0..=n {
+                if used[j] {
+                    u[row_of[j]] += delta;
+                    v[j] -= delta;
+                } else {
+                    least[j] -= delta;
+                }
+            }
+            column = next;
+            if row_of[column] == 0 {
+                break;
+            }
+        }
+        while column != 0 {
+            row_of[column] = row_of[way[column]];
+            column = way[column];
+        }
+    }
+    let mut answer = vec![0; n];
+    for j in 1..=n {
+        answer[row_of[j] - 1] = j - 1;
+    }
+    answer
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_assignment_is_as_cheap_as_the_cheapest_permutation(
+            cost in proptest::collection::vec(0.0..10.0f64, 16)
+        ) {
+            let total = |columns: &[usize]| -> f64 {
+                columns.iter().enumerate().map(|(i, &j)| cost[4 * i + j]).sum()
+            };
+            let mut cheapest = f64::INFINITY;
+            for code in 0..256usize {
+                let columns = [code & 3, code >> 2 & 3, code >> 4 & 3, code >> 6];
+                if (0..4).all(|c| columns.contains(&c)) {
+                    cheapest = cheapest.min(total(&columns));
+                }
+            }
+
+            let found = assign(&cost, 4);
+
+            prop_assert!((total(&found) - cheapest).abs() < 1e-9);
+        }
+    }
+}

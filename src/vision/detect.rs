@@ -1,0 +1,373 @@
+//! The detector: image -> faces, or the reason why there is none.
+//!
+//! - in: RGB pixels, an optional window, [`DetectorSettings`]
+//! - out: [`FaceSighting`]s, best first, or a [`Refusal`]
+//! - source: own work on the paper's scheme (segmentation, filters, neighbours; Zieliński et al. 2007, p. 373)
+
+use super::homography::{self, GRID, OUTLINE, Point, apply};
+use super::lattice::{self, Lattice};
+use super::segment::{Edges, Tile, TileLimits, percentile};
+use super::{FaceSighting, Rect, Refusal, colours, paper};
+use image::RgbImage;
+use nalgebra::Matrix3;
+
+/// How tile candidates are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Regions enclosed by edges, at several thresholds: leans on no colour.
+    #[default]
+    Edges,
+    /// The paper's colour tables, run lengths and filters.
+    Paper2007,
+}
+
+/// What the detector may be told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DetectorSettings {
+    /// How tile candidates are made.
+    pub method: Method,
+    /// Faces whose longest side is below this are not reported [px].
+    pub least_width_px: f64,
+    /// Faces below this confidence are not reported, 0..=1.
+    pub least_confidence: f64,
+    /// Cells that must be held by regions of their own, of 9.
+    pub least_tiles: usize,
+    /// Pictures with more pixels than this are searched at half the size first (a third, ...).
+    pub most_pixels: usize,
+}
+
+impl Default for DetectorSettings {
+    fn default() -> Self {
+        Self {
+            method: Method::Edges,
+            least_width_px: 0.0,
+            least_confidence: 0.4,
+            least_tiles: 6,
+            most_pixels: 700_000,
+        }
+    }
+}
+
+/// Limits of a tile's shape: generous, because the lattice decides.
+pub(super) const SHAPE: TileLimits =
+    TileLimits { area: (12.0, f64::INFINITY), fullness: (0.78, 1.09), elongation: 4.5 };
+
+/// Finds the faces of cubes in an image, or in a window of it; best first.
+///
+/// # Errors
+/// [`Refusal`] says why nothing is reported.
+pub fn detect(
+    image: &RgbImage,
+    window: Option<Rect>,
+    settings: &DetectorSettings,
+) -> Result<Vec<FaceSighting>, Refusal> {
+    let (width, height) = image.dimensions();
+    let whole = Rect { x: 0, y: 0, width, height };
+    let window = match window {
+        Some(window) => window.inside(width, height),
+        None => whole.inside(width, height),
+    };
+    let Some(window) = window.filter(|w| w.width >= 16 && w.height >= 16) else {
+        let (width, height) = window.map_or((0, 0), |w| (w.width, w.height));
+        return Err(Refusal::TooFewPixels { width, height });
+    };
+
+    let mut step = 1;
+    let pixels = window.width as usize * window.height as usize;
+    while pixels / (step * step) > settings.most_pixels {
+        step += 1;
+    }
+    let mut result = Patch::new(image, window, step).faces(settings);
+    // A small face in a large picture survives only at full size.
+    while result.is_err()
+        && step > 1
+        && pixels / ((step - 1) * (step - 1)) <= 16 * settings.most_pixels
+    {
+        step -= 1;
+        result = Patch::new(image, window, step).faces(settings);
+    }
+    let faces = result?;
+
+    let widest = faces.iter().map(FaceSighting::width_px).fold(0.0, f64::max);
+    let kept: Vec<_> =
+        faces.into_iter().filter(|f| f.width_px() >= settings.least_width_px).collect();
+    if kept.is_empty() { Err(Refusal::TooSmall { width_px: widest }) } else { Ok(kept) }
+}
+
+/// The part of an image that is looked at, perhaps at a fraction of its size.
+#[derive(Debug)]
+pub(super) struct Patch {
+    rgb: Vec<u8>,
+    width: usize,
+    height: usize,
+    step: usize,
+    origin: (f64, f64),
+}
+
+impl Patch {
+    /// Copies a window that lies inside the image; `step` x `step` pixels become one.
+    pub(super) fn new(image: &RgbImage, window: Rect, step: usize) -> Self {
+        let stride = 3 * image.width() as usize;
+        let raw = image.as_raw();
+        let (width, height) = (window.width as usize / step, window.height as usize / step);
+        let mut rgb = Vec::with_capacity(3 * width * height);
+        for y in 0..height {
+            let row = (window.y as usize + y * step) * stride + 3 * window.x as usize;
+            if step == 1 {
+                rgb.extend_from_slice(&raw[row..row + 3 * width]);
+                continue;
+            }
+            let n = (step * step) as u32;
+            for x in 0..width {
+                let mut sum = [0u32; 3];
+                for dy in 0..step {
+                    let at = row + dy * stride + 3 * x * step;
+                    for pixel in raw[at..at + 3 * step].chunks_exact(3) {
+                        for (s, &v) in sum.iter_mut().zip(pixel) {
+                            *s += u32::from(v);
+                        }
+                    }
+                }
+                rgb.extend(sum.map(|s| ((s + n / 2) / n) as u8));
+            }
+        }
+        let origin = (f64::from(window.x), f64::from(window.y));
+        Self { rgb, width, height, step, origin }
+    }
+
+    /// Pixel of the whole image of a pixel of the patch.
+    pub(super) fn to_image(&self, p: Point) -> Point {
+        let step = self.step as f64;
+        ((p.0 + 0.5) * step - 0.5 + self.origin.0, (p.1 + 0.5) * step - 0.5 + self.origin.1)
+    }
+
+    /// Pixel of the patch of a pixel of the whole image.
+    pub(super) fn to_patch(&self, p: Point) -> Point {
+        let step = self.step as f64;
+        ((p.0 - self.origin.0 + 0.5) / step - 0.5, (p.1 - self.origin.1 + 0.5) / step - 0.5)
+    }
+
+    /// The pixel nearest to a point; `None` outside.
+    fn pixel(&self, p: Point) -> Option<[f64; 3]> {
+        let (x, y) = (p.0.round(), p.1.round());
+        if !(x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64) {
+            return None;
+        }
+        let at = 3 * (y as usize * self.width + x as usize);
+        Some([self.rgb[at], self.rgb[at + 1], self.rgb[at + 2]].map(f64::from))
+    }
+
+    /// Level of the brightest hundredth, and the share of clipped pixels.
+    pub(super) fn exposure(&self) -> (u8, f64) {
+        let mut counts = [0u32; 256];
+        let (mut total, mut clipped) = (0u32, 0u32);
+        for pixel in self.rgb.chunks_exact(3).step_by(7) {
+            counts[usize::from(pixel[0].max(pixel[1]).max(pixel[2]))] += 1;
+            clipped += u32::from(pixel[0].min(pixel[1]).min(pixel[2]) >= 250);
+            total += 1;
+        }
+        (percentile(&counts, total, 0.99), f64::from(clipped) / f64::from(total.max(1)))
+    }
+
+    /// Tile candidates of the edge method at three thresholds, each tile once; the edges and the middle
+    /// threshold go with them.
+    pub(super) fn candidates(&self) -> (Vec<Tile>, Edges, u8) {
+        let edges = Edges::new(&self.rgb, self.width, self.height);
+        let (brightest, _) = self.exposure();
+        // Dark pictures have weak edges; noisy ones need a higher floor.
+        let contrast = (f64::from(brightest) / 255.0).clamp(0.2, 1.0);
+        let low = (11.0 * contrast).max(1.3 * f64::from(edges.floor()) + 3.0).min(40.0);
+        let mut limits = SHAPE;
+        limits.area.1 = (self.width * self.height) as f64 / 9.0;
+        let mut tiles: Vec<Tile> = Vec::new();
+        for factor in [1.0, 1.8, 3.4] {
+            let threshold = (low * factor).round().clamp(2.0, 120.0) as u8;
+            merge(&mut tiles, edges.tiles(threshold, &limits).0);
+        }
+        (tiles, edges, (low * 1.8).round() as u8)
+    }
+
+    /// The faces of the patch in image coordinates.
+    fn faces(&self, settings: &DetectorSettings) -> Result<Vec<FaceSighting>, Refusal> {
+        let tiles = match settings.method {
+            Method::Edges => self.candidates().0,
+            Method::Paper2007 => paper::tiles(&self.rgb, self.width, self.height).0,
+        };
+        let lattices = lattice::vote(&tiles, settings.least_tiles);
+        let mut faces: Vec<FaceSighting> =
+            lattices.iter().map(|l| self.sighting(l, &tiles)).collect();
+        faces.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+        let best = faces.first().map(|f| f.confidence);
+        faces.retain(|f| f.confidence >= settings.least_confidence);
+        if !faces.is_empty() {
+            return Ok(faces);
+        }
+        let (brightest, clipped) = self.exposure();
+        Err(if brightest < 30 {
+            Refusal::TooDark { brightest }
+        } else if clipped > 0.35 {
+            Refusal::Overexposed { share: clipped }
+        } else if let Some(confidence) = best {
+            Refusal::Doubtful { confidence }
+        } else if tiles.is_empty() {
+            Refusal::NoTiles
+        } else {
+            Refusal::NoLattice { tiles: tiles.len() }
+        })
+    }
+
+    /// A lattice as a face: places in the image, colours, confidence.
+    fn sighting(&self, lattice: &Lattice, tiles: &[Tile]) -> FaceSighting {
+        let samples: [TileSample; 9] =
+            std::array::from_fn(|i| self.sample(&lattice.homography, GRID[i], lattice.sticker));
+        let rgb = samples.map(|s| s.rgb);
+        let (colours, confidences) = colours::decide_face(&rgb);
+        // A cell without a region of its own may still be a tile: then its inside is even.
+        let even = (0..9)
+            .filter(|&i| lattice.tiles[i].is_none() && samples[i].spread < 0.08)
+            .count() as f64;
+        let held = lattice.count() as f64;
+        let support = ((held + 0.6 * even - 4.5) / 4.5).clamp(0.0, 1.0);
+        let fit = (-(lattice.residual / 0.10).powi(2)).exp();
+        let regular = (-(lattice.unevenness / 0.5).powi(2)).exp();
+        FaceSighting {
+            corners: OUTLINE.map(|c| self.to_image(apply(&lattice.homography, c))),
+            centres: std::array::from_fn(|i| {
+                self.to_image(match lattice.tiles[i] {
+                    Some(t) => tiles[t].centre,
+                    None => apply(&lattice.homography, GRID[i]),
+                })
+            }),
+            seen: lattice.tiles.map(|t| t.is_some()),
+            sticker: lattice.sticker.clamp(0.3, 1.0),
+            rgb,
+            colours,
+            confidences,
+            confidence: support * fit * regular,
+        }
+    }
+
+    /// Samples the inside of the tile at grid place `g`.
+    pub(super) fn sample(&self, h: &Matrix3<f64>, g: Point, sticker: f64) -> TileSample {
+        let reach = 0.36 * sticker.clamp(0.4, 0.95);
+        let mut pixels: Vec<[f64; 3]> = Vec::with_capacity(49);
+        for i in -3..=3 {
+            for j in -3..=3 {
+                let at = (g.0 + reach * f64::from(i) / 3.0, g.1 + reach * f64::from(j) / 3.0);
+                pixels.extend(self.pixel(apply(h, at)));
+            }
+        }
+        TileSample::new(pixels)
+    }
+}
+
+/// Adds tiles, each once: of two at one place the larger stays unless it is ragged.
+pub(super) fn merge(tiles: &mut Vec<Tile>, more: Vec<Tile>) {
+    let old = tiles.len();
+    for tile in more {
+        let reach = 0.25 * tile.area.sqrt();
+        let same = tiles[..old].iter().position(|t| {
+            (t.centre.0 - tile.centre.0).abs() < reach
+                && (t.centre.1 - tile.centre.1).abs() < reach
+                && (0.35..2.9).contains(&(t.area / tile.area))
+        });
+        match same {
+            None => tiles.push(tile),
+            Some(i) => {
+                let worth = |t: &Tile| t.area.powf(0.3) * (1.0 - 2.0 * (t.fullness - 1.0).abs());
+                if worth(&tile) > worth(&tiles[i]) {
+                    tiles[i] = tile;
+                }
+            }
+        }
+    }
+}
+
+/// What the pixels of one tile say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct TileSample {
+    /// Trimmed mean colour, 0..=255.
+    pub(super) rgb: [f64; 3],
+    /// Mean distance from the trimmed mean over 255: 0 is an even tile.
+    pub(super) spread: f64,
+    /// Share of samples that lie in the image.
+    pub(super) inside: f64,
+}
+
+impl TileSample {
+    fn new(mut pixels: Vec<[f64; 3]>) -> Self {
+        let inside = pixels.len() as f64 / 49.0;
+        if pixels.is_empty() {
+            return Self { rgb: [0.0; 3], spread: 1.0, inside };
+        }
+        let sum = |p: &[f64; 3]| p[0] + 2.0 * p[1] + p[2];
+        // The middle half by brightness: neither glare nor a groove or a logo.
+        pixels.sort_by(|a, b| sum(a).total_cmp(&sum(b)));
+        let quarter = pixels.len() / 4;
+        let middle = &pixels[quarter..pixels.len() - quarter];
+        let n = middle.len() as f64;
+        let rgb = std::array::from_fn(|c| middle.iter().map(|p| p[c]).sum::<f64>() / n);
+        let spread = pixels
+            .iter()
+            .map(|p| (0..3).map(|c| (p[c] - rgb[c]).abs()).fold(0.0, f64::max))
+            .sum::<f64>()
+            / (255.0 * pixels.len() as f64);
+        Self { rgb, spread, inside }
+    }
+}
+
+/// A window around a face predicted by its outline, with a margin in widths of the face.
+#[must_use]
+pub fn window_around(corners: &[Point], margin: f64) -> Option<Rect> {
+    let low = |f: fn(&Point) -> f64| corners.iter().map(f).fold(f64::INFINITY, f64::min);
+    let high = |f: fn(&Point) -> f64| corners.iter().map(f).fold(f64::NEG_INFINITY, f64::max);
+    let (left, right) = (low(|p| p.0), high(|p| p.0));
+    let (top, bottom) = (low(|p| p.1), high(|p| p.1));
+    let size = (right - left).max(bottom - top);
+    if !size.is_finite() {
+        return None;
+    }
+    let grow = margin * size;
+    let (x0, y0) = ((left - grow).max(0.0), (top - grow).max(0.0));
+    let (x1, y1) = (right + grow, bottom + grow);
+    (x1 > x0 && y1 > y0).then(|| Rect {
+        x: x0 as u32,
+        y: y0 as u32,
+        width: (x1 - x0).ceil() as u32,
+        height: (y1 - y0).ceil() as u32,
+    })
+}
+
+/// Places of the tile centres of an outline, for callers that know the corners only.
+#[must_use]
+pub fn centres_of(corners: &[Point; 4]) -> Option<[Point; 9]> {
+    // Four pairs are exact but fewer than `fit` wants for a homography: the edges' middles follow from the
+    // diagonals, so the quadrilateral's own map is used.
+    let (a, b, c, d) = (corners[0], corners[1], corners[2], corners[3]);
+    let (dx1, dx2, sx) = (b.0 - c.0, d.0 - c.0, a.0 - b.0 + c.0 - d.0);
+    let (dy1, dy2, sy) = (b.1 - c.1, d.1 - c.1, a.1 - b.1 + c.1 - d.1);
+    let det = dx1 * dy2 - dx2 * dy1;
+    if det.abs() < 1e-12 {
+        return None;
+    }
+    let (g, h) = ((sx * dy2 - dx2 * sy) / det, (dx1 * sy - sx * dy1) / det);
+    let unit = Matrix3::new(
+        b.0 - a.0 + g * b.0,
+        d.0 - a.0 + h * d.0,
+        a.0,
+        b.1 - a.1 + g * b.1,
+        d.1 - a.1 + h * d.1,
+        a.1,
+        g,
+        h,
+        1.0,
+    );
+    Some(GRID.map(|(x, y)| apply(&unit, ((x + 1.5) / 3.0, (y + 1.5) / 3.0))))
+}
+
+/// The homography of a sighting's measured tiles.
+#[must_use]
+pub fn homography_of(face: &FaceSighting) -> Option<Matrix3<f64>> {
+    let pairs: Vec<_> = (0..9).map(|i| (GRID[i], face.centres[i])).collect();
+    homography::fit(&pairs)
+}

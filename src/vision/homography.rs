@@ -1,0 +1,142 @@
+//! Plane to plane: least-squares homographies of a few points.
+//!
+//! - in: pairs of points of a model plane and of the image
+//! - out: the 3x3 matrix that maps the first to the second
+//! - source: Hartley and Zisserman, Multiple View Geometry (2004), ch. 4 (direct linear transform)
+
+use nalgebra::{Matrix3, SMatrix, SVector};
+
+/// A point of a plane.
+pub type Point = (f64, f64);
+
+/// Model coordinates of the nine tiles in reading order: column - 1, row - 1.
+pub const GRID: [Point; 9] = [
+    (-1.0, -1.0),
+    (0.0, -1.0),
+    (1.0, -1.0),
+    (-1.0, 0.0),
+    (0.0, 0.0),
+    (1.0, 0.0),
+    (-1.0, 1.0),
+    (0.0, 1.0),
+    (1.0, 1.0),
+];
+
+/// Model coordinates of the outline's corners: top-left, top-right, bottom-right, bottom-left.
+pub const OUTLINE: [Point; 4] = [(-1.5, -1.5), (1.5, -1.5), (1.5, 1.5), (-1.5, 1.5)];
+
+/// The image of a point; not finite when it lies on the horizon.
+#[must_use]
+pub fn apply(h: &Matrix3<f64>, p: Point) -> Point {
+    let w = h[(2, 0)] * p.0 + h[(2, 1)] * p.1 + h[(2, 2)];
+    (
+        (h[(0, 0)] * p.0 + h[(0, 1)] * p.1 + h[(0, 2)]) / w,
+        (h[(1, 0)] * p.0 + h[(1, 1)] * p.1 + h[(1, 2)]) / w,
+    )
+}
+
+/// The homography that takes the model points to the image points in the least-squares sense; the model's
+/// origin must have a finite image. Fewer than six pairs give an affinity, fewer than three nothing.
+#[must_use]
+pub fn fit(pairs: &[(Point, Point)]) -> Option<Matrix3<f64>> {
+    if pairs.len() < 3 {
+        return None;
+    }
+    let n = pairs.len() as f64;
+    let mean = pairs.iter().fold((0.0, 0.0), |m, (_, q)| (m.0 + q.0 / n, m.1 + q.1 / n));
+    let scale =
+        (pairs.iter().map(|(_, q)| (q.0 - mean.0).powi(2) + (q.1 - mean.1).powi(2)).sum::<f64>()
+            / n)
+            .sqrt()
+            .max(1e-9);
+    let affine = pairs.len() < 6;
+
+    let mut normal = SMatrix::<f64, 8, 8>::zeros();
+    let mut right = SVector::<f64, 8>::zeros();
+    for &((x, y), q) in pairs {
+        let (u, v) = ((q.0 - mean.0) / scale, (q.1 - mean.1) / scale);
+        let (px, py) = if affine { (0.0, 0.0) } else { (x, y) };
+        let rows = [
+            (SVector::<f64, 8>::from([x, y, 1.0, 0.0, 0.0, 0.0, -u * px, -u * py]), u),
+            (SVector::<f64, 8>::from([0.0, 0.0, 0.0, x, y, 1.0, -v * px, -v * py]), v),
+        ];
+        for (row, value) in rows {
+            normal += row * row.transpose();
+            right += row * value;
+        }
+    }
+    if affine {
+        normal[(6, 6)] = 1.0;
+        normal[(7, 7)] = 1.0;
+    }
+    let h = normal.cholesky()?.solve(&right);
+    let inner = Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0);
+    let outer = Matrix3::new(scale, 0.0, mean.0, 0.0, scale, mean.1, 0.0, 0.0, 1.0);
+    Some(outer * inner)
+}
+
+/// Distance of two points.
+#[must_use]
+pub fn distance(a: Point, b: Point) -> f64 {
+    (a.0 - b.0).hypot(a.1 - b.1)
+}
+
+/// Shortest distance between the images of neighbouring tile centres [px].
+#[must_use]
+pub fn smallest_pitch(centres: &[Point; 9]) -> f64 {
+    let mut pitch = f64::INFINITY;
+    for row in 0..3 {
+        for column in 0..3 {
+            let i = 3 * row + column;
+            if column < 2 {
+                pitch = pitch.min(distance(centres[i], centres[i + 1]));
+            }
+            if row < 2 {
+                pitch = pitch.min(distance(centres[i], centres[i + 3]));
+            }
+        }
+    }
+    pitch
+}
+
+/// Area of a polygon and its centroid; the sign is positive when the corners run clockwise on the screen.
+#[must_use]
+pub fn polygon(corners: &[Point]) -> (f64, Point) {
+    let origin = corners[0];
+    let (mut area, mut cx, mut cy) = (0.0, 0.0, 0.0);
+    for i in 0..corners.len() {
+        let a = (corners[i].0 - origin.0, corners[i].1 - origin.1);
+        let next = corners[(i + 1) % corners.len()];
+        let b = (next.0 - origin.0, next.1 - origin.1);
+        let cross = a.0 * b.1 - b.0 * a.1;
+        area += cross;
+        cx += (a.0 + b.0) * cross;
+        cy += (a.1 + b.1) * cross;
+    }
+    (area / 2.0, (origin.0 + cx / (3.0 * area), origin.1 + cy / (3.0 * area)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_perspective_view_of_the_grid_is_recovered_exactly() {
+        let truth = Matrix3::new(40.0, 5.0, 310.0, -3.0, 35.0, 200.0, 0.02, -0.04, 1.0);
+        let pairs: Vec<_> = GRID.iter().map(|&g| (g, apply(&truth, g))).collect();
+
+        let found = fit(&pairs).unwrap();
+
+        for g in OUTLINE {
+            assert!(distance(apply(&found, g), apply(&truth, g)) < 1e-7);
+        }
+    }
+
+    #[test]
+    fn the_centroid_of_a_square_is_its_centre() {
+        let (area, centre) = polygon(&[(1.0, 1.0), (3.0, 1.0), (3.0, 3.0), (1.0, 3.0)]);
+
+        assert!((area - 4.0).abs() < 1e-12);
+        assert!(distance(centre, (2.0, 2.0)) < 1e-12);
+    }
+}

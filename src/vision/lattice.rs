@@ -1,0 +1,525 @@
+//! The vote of 3x3 lattices over tile candidates: lost and false tiles do not matter.
+//!
+//! Each candidate's second moments say how a square tile lies in the picture; measured in that metric its
+//! neighbours on the lattice are at one pitch and at right angles. Each such pair of neighbours proposes a
+//! lattice, which grows cell by cell (so perspective is followed), and the 3x3 window with the most tiles
+//! and the smallest residual wins. Candidates with the most neighbours propose first (the paper, p. 373:
+//! the centre tile has the most neighbours).
+//!
+//! - in: [`Tile`]s
+//! - out: [`Lattice`]s, best first
+
+use super::homography::{self, GRID, Point, apply, distance};
+use super::segment::Tile;
+use nalgebra::Matrix3;
+
+/// Nine cells, some of them held by tiles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lattice {
+    /// Takes (column - 1, row - 1) to pixels.
+    pub homography: Matrix3<f64>,
+    /// Index of the tile of each cell in reading order.
+    pub tiles: [Option<usize>; 9],
+    /// Root mean square distance of tiles from the lattice, in pitches.
+    pub residual: f64,
+    /// Spread of the tiles' area ratio to their cells: s.d. over mean.
+    pub unevenness: f64,
+    /// Side of a tile as a share of the pitch.
+    pub sticker: f64,
+}
+
+impl Lattice {
+    /// How many cells are held.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.tiles.iter().flatten().count()
+    }
+
+    /// Rank among rivals: tiles held, less a penalty for a poor fit.
+    #[must_use]
+    pub fn score(&self) -> f64 {
+        self.count() as f64 - 12.0 * self.residual - 2.0 * self.unevenness
+    }
+
+    /// The same lattice read so that columns run to the right and rows down the picture.
+    #[must_use]
+    fn upright(mut self) -> Self {
+        for _ in 0..4 {
+            let (o, x) = (apply(&self.homography, (0.0, 0.0)), apply(&self.homography, (1.0, 0.0)));
+            let (dx, dy) = (x.0 - o.0, x.1 - o.1);
+            if dx > 0.0 && dx.abs() >= dy.abs() {
+                break;
+            }
+            // One quarter turn of the grid: the new (x, y) are the old (-y, x).
+            let turn = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+            self.homography *= turn;
+            let old = self.tiles;
+            for row in 0..3 {
+                for column in 0..3 {
+                    self.tiles[3 * row + column] = old[3 * column + 2 - row];
+                }
+            }
+        }
+        self
+    }
+}
+
+/// Most lattices that are grown in one picture: bounds the time in textured pictures.
+const MOST_PROPOSALS: usize = 6000;
+
+/// Tolerance of a tile's place while growing, in pitches.
+const GROWING: f64 = 0.28;
+
+/// All lattices of 3x3 that do not share tiles, best first.
+#[must_use]
+pub fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
+    let near: Vec<Vec<Neighbour>> = (0..tiles.len()).map(|i| neighbours(tiles, i)).collect();
+    let mut order: Vec<usize> = (0..tiles.len()).filter(|&i| near[i].len() >= 2).collect();
+    order.sort_by_key(|&i| (std::cmp::Reverse(near[i].len().min(8)), i));
+
+    let mut taken = vec![false; tiles.len()];
+    let mut found: Vec<Lattice> = Vec::new();
+    let mut proposals = 0;
+    for &seed in &order {
+        if taken[seed] || proposals > MOST_PROPOSALS {
+            continue;
+        }
+        let best = propose(tiles, &near, seed, &taken, least, &mut proposals);
+        let Some(best) = best else { continue };
+        // A full and regular face is certain: its tiles need not propose any more.
+        if best.count() == 9 && best.residual < 0.06 && best.unevenness < 0.25 {
+            for &tile in best.tiles.iter().flatten() {
+                taken[tile] = true;
+            }
+        }
+        found.push(best);
+    }
+    distinct(found, tiles.len())
+}
+
+/// Keeps the best of the lattices that share tiles or places.
+fn distinct(mut found: Vec<Lattice>, tiles: usize) -> Vec<Lattice> {
+    found.sort_by(|a, b| b.score().total_cmp(&a.score()));
+    let mut used = vec![false; tiles];
+    let mut kept: Vec<Lattice> = Vec::new();
+    for lattice in found {
+        let shared = lattice.tiles.iter().flatten().filter(|&&t| used[t]).count();
+        let centre = apply(&lattice.homography, (0.0, 0.0));
+        let inside = kept.iter().any(|k| {
+            let corners = homography::OUTLINE.map(|c| apply(&k.homography, c));
+            encloses(&corners, centre)
+        });
+        if shared == 0 && !inside {
+            lattice.tiles.iter().flatten().for_each(|&t| used[t] = true);
+            kept.push(lattice.upright());
+        }
+    }
+    kept
+}
+
+/// Whether a convex polygon that runs clockwise on the screen encloses a point.
+#[must_use]
+pub(super) fn encloses(corners: &[Point; 4], p: Point) -> bool {
+    (0..4).all(|i| {
+        let (a, b) = (corners[i], corners[(i + 1) % 4]);
+        (b.0 - a.0) * (p.1 - a.1) - (b.1 - a.1) * (p.0 - a.0) > 0.0
+    })
+}
+
+/// A tile near another one, measured in the first one's shape.
+#[derive(Debug, Clone, Copy)]
+struct Neighbour {
+    tile: usize,
+    /// In units in which the tile is a unit square.
+    whitened: Point,
+}
+
+/// Tiles of about the same shape and size at about one pitch, nearest first.
+fn neighbours(tiles: &[Tile], i: usize) -> Vec<Neighbour> {
+    let me = &tiles[i];
+    let [xx, xy, yy] = me.moments;
+    // Cholesky factor of the moments: L^-1 whitens; a unit square has moments 1/12.
+    let l11 = xx.sqrt();
+    let l21 = xy / l11;
+    let l22 = (yy - l21 * l21).max(1e-9).sqrt();
+    let unit = 12f64.sqrt();
+    let reach = 2.4 * unit * (xx + yy).sqrt();
+    let mut near: Vec<Neighbour> = tiles
+        .iter()
+        .enumerate()
+        .filter(|&(j, other)| {
+            j != i
+                && (other.centre.0 - me.centre.0).abs() < reach
+                && (other.centre.1 - me.centre.1).abs() < reach
+                && alike(me, other)
+        })
+        .filter_map(|(j, other)| {
+            let (dx, dy) = (other.centre.0 - me.centre.0, other.centre.1 - me.centre.1);
+            let u = dx / l11;
+            let whitened = (u / unit, (dy - l21 * u) / l22 / unit);
+            let q = whitened.0.hypot(whitened.1);
+            (0.9..2.3).contains(&q).then_some(Neighbour { tile: j, whitened })
+        })
+        .collect();
+    near.sort_by(|a, b| {
+        let q = |n: &Neighbour| n.whitened.0.hypot(n.whitened.1);
+        q(a).total_cmp(&q(b)).then(a.tile.cmp(&b.tile))
+    });
+    near.truncate(12);
+    near
+}
+
+/// Whether two tiles may be of one face: their moments are alike.
+fn alike(a: &Tile, b: &Tile) -> bool {
+    let ratio = b.area / a.area;
+    if !(0.4..2.5).contains(&ratio) {
+        return false;
+    }
+    let [axx, axy, ayy] = a.moments;
+    let [bxx, bxy, byy] = b.moments;
+    let det = axx * ayy - axy * axy;
+    // Trace of A^-1 B: 2 when the shapes are equal.
+    let trace = (ayy * bxx - 2.0 * axy * bxy + axx * byy) / det;
+    trace / (2.0 * ratio) < 1.7
+}
+
+/// The best lattice that a seed and pairs of its neighbours propose.
+fn propose(
+    tiles: &[Tile],
+    near: &[Vec<Neighbour>],
+    seed: usize,
+    taken: &[bool],
+    least: usize,
+    proposals: &mut usize,
+) -> Option<Lattice> {
+    let mut best: Option<Lattice> = None;
+    let mine = &near[seed];
+    for (k, a) in mine.iter().enumerate() {
+        if taken[a.tile] {
+            continue;
+        }
+        for b in &mine[k + 1..] {
+            if taken[b.tile] {
+                continue;
+            }
+            let (p, q) = (a.whitened, b.whitened);
+            let (lp, lq) = (p.0.hypot(p.1), q.0.hypot(q.1));
+            let cos = (p.0 * q.0 + p.1 * q.1) / (lp * lq);
+            if cos.abs() > 0.4 || lq > 1.5 * lp {
+                continue;
+            }
+            *proposals += 1;
+            let right_handed = p.0 * q.1 - p.1 * q.0 > 0.0;
+            let (x, y) = if right_handed { (a.tile, b.tile) } else { (b.tile, a.tile) };
+            let Some(lattice) = grow(tiles, near, seed, x, y, taken, least) else { continue };
+            if best.as_ref().is_none_or(|best| lattice.score() > best.score()) {
+                let certain = lattice.count() == 9 && lattice.residual < 0.04;
+                best = Some(lattice);
+                if certain {
+                    return best;
+                }
+            }
+        }
+    }
+    best
+}
+
+/// Grows a lattice over 5x5 cells around `seed` with `x` and `y` as its neighbours, and picks the best 3x3.
+fn grow(
+    tiles: &[Tile],
+    near: &[Vec<Neighbour>],
+    seed: usize,
+    x: usize,
+    y: usize,
+    taken: &[bool],
+    least: usize,
+) -> Option<Lattice> {
+    let at = |i: usize| tiles[i].centre;
+    let mut cells: [[Option<usize>; 5]; 5] = [[None; 5]; 5];
+    cells[2][2] = Some(seed);
+    cells[2][3] = Some(x);
+    cells[3][2] = Some(y);
+    let step = |from: usize, to: usize| (at(to).0 - at(from).0, at(to).1 - at(from).1);
+    let (basis_x, basis_y) = (step(seed, x), step(seed, y));
+
+    // Two rounds reach every cell of the window that is reachable over held cells.
+    for _ in 0..3 {
+        let before = cells;
+        for row in 0..5 {
+            for column in 0..5 {
+                if cells[row][column].is_some() {
+                    continue;
+                }
+                let Some((anchor, place, pitch)) =
+                    predict(&before, tiles, (row, column), basis_x, basis_y)
+                else {
+                    continue;
+                };
+                let held = |t: usize| cells.iter().flatten().any(|&c| c == Some(t));
+                let chosen = near[anchor]
+                    .iter()
+                    .map(|n| n.tile)
+                    .filter(|&t| !taken[t])
+                    .map(|t| (t, distance(at(t), place)))
+                    .filter(|&(_, d)| d < GROWING * pitch)
+                    .min_by(|a, b| a.1.total_cmp(&b.1));
+                if let Some((tile, _)) = chosen
+                    && !held(tile)
+                {
+                    cells[row][column] = Some(tile);
+                }
+            }
+        }
+        if cells == before {
+            break;
+        }
+    }
+
+    let mut best: Option<Lattice> = None;
+    for top in 0..3 {
+        for left in 0..3 {
+            let mut held = [None; 9];
+            for (i, cell) in held.iter_mut().enumerate() {
+                *cell = cells[top + i / 3][left + i % 3];
+            }
+            let count = held.iter().flatten().count();
+            if count < least || best.as_ref().is_some_and(|b| count < b.count()) {
+                continue;
+            }
+            if let Some(lattice) = settle(tiles, held, least, taken)
+                && best.as_ref().is_none_or(|b| lattice.score() > b.score())
+            {
+                best = Some(lattice);
+            }
+        }
+    }
+    best
+}
+
+/// Where a cell should be, judged from a held cell beside it: that tile, the place, the pitch there.
+fn predict(
+    cells: &[[Option<usize>; 5]; 5],
+    tiles: &[Tile],
+    (row, column): (usize, usize),
+    basis_x: Point,
+    basis_y: Point,
+) -> Option<(usize, Point, f64)> {
+    let get = |r: i32, c: i32| {
+        ((0..5).contains(&r) && (0..5).contains(&c))
+            .then(|| cells[r as usize][c as usize])
+            .flatten()
+    };
+    let (r, c) = (row as i32, column as i32);
+    for (dr, dc) in [(0, 1), (0, -1), (1, 0), (-1, 0)] {
+        let Some(anchor) = get(r + dr, c + dc) else { continue };
+        let from = tiles[anchor].centre;
+        let basis = if dr == 0 { basis_x } else { basis_y };
+        let sign = -f64::from(dr + dc);
+        let mut step = (basis.0 * sign, basis.1 * sign);
+        // A longer or parallel step nearby is a better guess than the seed's.
+        if let Some(beyond) = get(r + 2 * dr, c + 2 * dc) {
+            let b = tiles[beyond].centre;
+            step = (from.0 - b.0, from.1 - b.1);
+        } else {
+            for side in [1, -1] {
+                let (sr, sc) = (side * dc.abs(), side * dr.abs());
+                if let (Some(a), Some(b)) = (get(r + dr + sr, c + dc + sc), get(r + sr, c + sc)) {
+                    let (a, b) = (tiles[a].centre, tiles[b].centre);
+                    step = (b.0 - a.0, b.1 - a.1);
+                    break;
+                }
+            }
+        }
+        return Some((anchor, (from.0 + step.0, from.1 + step.1), step.0.hypot(step.1)));
+    }
+    None
+}
+
+/// Fits the homography, drops what does not lie on it, fills free cells with tiles that do.
+#[must_use]
+pub(super) fn settle(
+    tiles: &[Tile],
+    mut held: [Option<usize>; 9],
+    least: usize,
+    taken: &[bool],
+) -> Option<Lattice> {
+    for round in 0..3 {
+        let pairs: Vec<(Point, Point)> = held
+            .iter()
+            .enumerate()
+            .filter_map(|(i, t)| t.map(|t| (GRID[i], tiles[t].centre)))
+            .collect();
+        let h = homography::fit(&pairs)?;
+        let centres = GRID.map(|g| apply(&h, g));
+        let pitch = homography::smallest_pitch(&centres);
+        // A face is convex and not turned over; its corners are in front of the camera.
+        let corners = homography::OUTLINE.map(|c| apply(&h, c));
+        let positive =
+            homography::OUTLINE.iter().all(|c| h[(2, 0)] * c.0 + h[(2, 1)] * c.1 + h[(2, 2)] > 0.2);
+        if !positive || !pitch.is_finite() || pitch < 4.0 {
+            return None;
+        }
+        let (area, _) = homography::polygon(&corners);
+        if area <= 0.0 || !convex(&corners) {
+            return None;
+        }
+        // Tiles are judged against the local pitch: the root of the cell's area.
+        let cell: [f64; 9] = std::array::from_fn(|i| cell_area(&h, GRID[i]));
+        let error = |i: usize, t: usize| {
+            distance(tiles[t].centre, centres[i]) / cell[i].abs().sqrt().min(2.0 * pitch)
+        };
+        if round < 2 {
+            let mut changed = false;
+            for (i, slot) in held.iter_mut().enumerate() {
+                if let Some(tile) = *slot {
+                    let share = tiles[tile].area / cell[i];
+                    if error(i, tile) > 0.2 || !(0.12..1.15).contains(&share) {
+                        *slot = None;
+                        changed = true;
+                    }
+                }
+            }
+            for i in 0..9 {
+                if held[i].is_some() {
+                    continue;
+                }
+                let fill = (0..tiles.len())
+                    .filter(|&t| {
+                        !taken[t]
+                            && (0.2..1.1).contains(&(tiles[t].area / cell[i]))
+                            && error(i, t) < 0.15
+                    })
+                    .min_by(|&a, &b| error(i, a).total_cmp(&error(i, b)));
+                if let Some(tile) = fill
+                    && !held.contains(&Some(tile))
+                {
+                    held[i] = Some(tile);
+                    changed = true;
+                }
+            }
+            if held.iter().flatten().count() < least {
+                return None;
+            }
+            if changed {
+                continue;
+            }
+        }
+        let shares: Vec<f64> = held
+            .iter()
+            .enumerate()
+            .filter_map(|(i, t)| t.map(|t| tiles[t].area / cell[i]))
+            .collect();
+        let n = shares.len() as f64;
+        if shares.len() < least {
+            return None;
+        }
+        let mean = shares.iter().sum::<f64>() / n;
+        let spread = (shares.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / n).sqrt();
+        let square = held
+            .iter()
+            .enumerate()
+            .filter_map(|(i, t)| t.map(|t| error(i, t).powi(2)))
+            .sum::<f64>();
+        // Eight parameters are fitted to 2n numbers: fewer freedoms make a small residual cheap.
+        let freedom = (2.0 * n - if n < 6.0 { 6.0 } else { 8.0 }).max(1.0);
+        let residual = (square / freedom).sqrt();
+        if residual > 0.14 {
+            return None;
+        }
+        return Some(Lattice {
+            homography: h,
+            tiles: held,
+            residual,
+            unevenness: spread / mean,
+            sticker: mean.sqrt(),
+        });
+    }
+    None
+}
+
+/// Whether four corners make a convex quadrilateral that runs clockwise on the screen.
+fn convex(corners: &[Point; 4]) -> bool {
+    (0..4).all(|i| {
+        let (a, b, c) = (corners[i], corners[(i + 1) % 4], corners[(i + 2) % 4]);
+        (b.0 - a.0) * (c.1 - b.1) - (b.1 - a.1) * (c.0 - b.0) > 0.0
+    })
+}
+
+/// Area of the image of a cell [px^2].
+fn cell_area(h: &Matrix3<f64>, g: Point) -> f64 {
+    let corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
+        .map(|(x, y)| apply(h, (g.0 + x, g.1 + y)));
+    homography::polygon(&corners).0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tile(h: &Matrix3<f64>, g: Point) -> Tile {
+        let (o, x, y) = (apply(h, g), apply(h, (g.0 + 0.4, g.1)), apply(h, (g.0, g.1 + 0.4)));
+        let (u, v) = ((x.0 - o.0, x.1 - o.1), (y.0 - o.0, y.1 - o.1));
+        Tile {
+            centre: o,
+            moments: [
+                (u.0 * u.0 + v.0 * v.0) / 3.0,
+                (u.0 * u.1 + v.0 * v.1) / 3.0,
+                (u.1 * u.1 + v.1 * v.1) / 3.0,
+            ],
+            area: 4.0 * (u.0 * v.1 - u.1 * v.0).abs(),
+            fullness: 1.0,
+        }
+    }
+
+    fn oblique() -> Matrix3<f64> {
+        Matrix3::new(30.0, 6.0, 210.0, -8.0, 22.0, 180.0, 0.03, -0.02, 1.0)
+    }
+
+    #[test]
+    fn a_face_is_found_among_false_tiles_and_with_three_lost() {
+        let h = oblique();
+        let mut tiles: Vec<Tile> = GRID
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| ![1, 5, 6].contains(i))
+            .map(|(_, &g)| tile(&h, g))
+            .collect();
+        for (x, y) in [(20.0, 30.0), (60.0, 200.0), (400.0, 100.0), (245.0, 130.0)] {
+            let mut stray = tiles[0];
+            stray.centre = (x, y);
+            tiles.push(stray);
+        }
+
+        let found = vote(&tiles, 5);
+
+        assert_eq!(found.len(), 1);
+        assert_eq!(found[0].count(), 6);
+        for g in GRID {
+            assert!(distance(apply(&found[0].homography, g), apply(&h, g)) < 3.0);
+        }
+    }
+
+    #[test]
+    fn two_faces_that_share_an_edge_are_two_lattices() {
+        let (a, b) = (oblique(), Matrix3::new(18.0, 6.0, 290.0, 12.0, 24.0, 178.0, 0.0, 0.0, 1.0));
+        let tiles: Vec<Tile> = [a, b].iter().flat_map(|h| GRID.map(|g| tile(h, g))).collect();
+
+        let found = vote(&tiles, 5);
+
+        assert_eq!(found.iter().map(Lattice::count).collect::<Vec<_>>(), [9, 9]);
+    }
+
+    #[test]
+    fn scattered_tiles_are_no_lattice() {
+        let h = oblique();
+        let tiles: Vec<Tile> = (0..20)
+            .map(|i| {
+                let mut t = tile(&h, (0.0, 0.0));
+                t.centre = (f64::from(i * 7919 % 613), f64::from(i * 104729 % 467));
+                t
+            })
+            .collect();
+
+        assert!(vote(&tiles, 6).is_empty());
+    }
+}

@@ -1,0 +1,449 @@
+//! Pose of a face, and of the cube, from tile centroids.
+//!
+//! The planar pose comes in closed form with both of its solutions, and each is refined by
+//! Levenberg-Marquardt on the nine centroids. The model predicts the centroid of the *projected* sticker,
+//! lens distortion included, because it is not the projection of the sticker's centre (0.1 to 0.25 px off
+//! at 15 to 45 deg).
+//!
+//! - in: [`FaceSighting`]s, [`Intrinsics`], the cube's edge [m]
+//! - out: [`CubeSighting`] of a face, [`CubeLocation`] of the cube
+//! - source: Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV 109 (2014)
+
+use super::homography::{self, GRID, Point, polygon};
+use super::{CubeSighting, FaceSighting};
+use crate::cell::Intrinsics;
+use crate::spatial::Pose;
+use image::RgbImage;
+use nalgebra::{
+    DMatrix, DVector, Matrix2, Matrix3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion,
+    Vector3, Vector6,
+};
+
+/// Where the cube is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CubeLocation {
+    /// Origin in the cube's centre; axes parallel to the dominant face's frame (x along its columns, y along
+    /// its rows, z from it into the cube): right up to the 24 rotations of a cube.
+    pub camera_from_cube: Pose,
+    /// Covariance of a small motion of the cube, expressed in the camera frame: translation [m], rotation
+    /// about the cube's centre [rad]; from the residual, so it knows nothing of calibration errors.
+    pub covariance: Matrix6<f64>,
+    /// Root mean square of the reprojection error [px].
+    pub residual_px: f64,
+    /// The faces that were used, dominant one first.
+    pub faces: Vec<FaceSighting>,
+    /// The other orientation, when one face alone cannot tell two apart.
+    pub other: Option<Pose>,
+}
+
+/// Localises a face. `image` allows a refinement on sub-pixel edges; without it the tile centroids serve.
+///
+/// A frontal face leaves two poses: the better fit comes first, the other one goes with it.
+#[must_use]
+pub fn locate(
+    face: &FaceSighting,
+    image: Option<&RgbImage>,
+    camera: &Intrinsics,
+    edge: f64,
+) -> CubeSighting {
+    let _ = image;
+    let mut solutions: Vec<(Pose, f64)> = planar_poses(face, camera, edge)
+        .into_iter()
+        .map(|start| {
+            let fit = refine(&start, |pose, out| residuals(face, pose, camera, edge, out));
+            (fit.pose, fit.rms)
+        })
+        .collect();
+    solutions.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let best = solutions.first().copied().unwrap_or((Pose::identity(), f64::INFINITY));
+    CubeSighting {
+        camera_from_face: best.0,
+        other: solutions.get(1).copied().unwrap_or(best),
+        width_px: face.width_px(),
+        residual_px: best.1,
+        face: face.clone(),
+    }
+}
+
+/// Localises the cube from one to three of its faces in one picture; the first is the dominant one. Faces
+/// that do not fit the same cube are left out. `hint` (a rough `camera_from_cube`) decides between the two
+/// orientations that one face leaves. `None` without a face, or when no pose can be computed.
+#[must_use]
+pub fn locate_cube(
+    faces: &[FaceSighting],
+    camera: &Intrinsics,
+    edge: f64,
+    hint: Option<&Pose>,
+) -> Option<CubeLocation> {
+    let mut order: Vec<usize> = (0..faces.len()).collect();
+    let area = |i: usize| polygon(&faces[i].corners).0;
+    order.sort_by(|&a, &b| area(b).total_cmp(&area(a)));
+    let faces: Vec<FaceSighting> = order.into_iter().map(|i| faces[i].clone()).collect();
+    let first = faces.first()?;
+
+    let mut best: Option<(f64, CubeLocation)> = None;
+    let dominant = locate(first, None, camera, edge);
+    for (start, _) in [(dominant.camera_from_face, 0), (dominant.other.0, 1)] {
+        let camera_from_cube = start * Translation3::new(0.0, 0.0, edge / 2.0);
+        // Each further face is a quarter turn of the dominant one about an axis of the cube, if it is one.
+        let mut members: Vec<(usize, Pose)> =
+            vec![(0, cube_from_face(&Rotation3::identity(), edge))];
+        for (i, face) in faces.iter().enumerate().skip(1).take(4) {
+            let seen = locate(face, None, camera, edge);
+            let nearest = [seen.camera_from_face, seen.other.0]
+                .into_iter()
+                .filter_map(|pose| {
+                    let relative = camera_from_cube.rotation.inverse() * pose.rotation;
+                    let snapped = nearest_of_24(&relative);
+                    let angle = (snapped.inverse() * relative).angle();
+                    let cube_from_face = cube_from_face(&snapped.to_rotation_matrix(), edge);
+                    let centre = pose * Point3::new(0.0, 0.0, edge / 2.0);
+                    let apart =
+                        (centre - Point3::from(camera_from_cube.translation.vector)).norm() / edge;
+                    (angle < 0.45 && apart < 0.35).then_some((angle + apart, cube_from_face))
+                })
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            if let Some((_, pose)) = nearest
+                && members.iter().all(|(_, m)| {
+                    (m.translation.vector - pose.translation.vector).norm() > 0.1 * edge
+                })
+            {
+                members.push((i, pose));
+            }
+        }
+        let fit = refine(&camera_from_cube, |pose, out| {
+            for (i, cube_from_face) in &members {
+                residuals(&faces[*i], &(pose * cube_from_face), camera, edge, out);
+            }
+        });
+        // More faces beat a smaller residual; a hint beats the residual of a single face.
+        let mut cost = fit.rms - 10.0 * members.len() as f64;
+        if let (Some(hint), 1) = (hint, members.len()) {
+            let relative = fit.pose.rotation.inverse() * hint.rotation;
+            cost += 3.0 * (nearest_of_24(&relative).inverse() * relative).angle();
+        }
+        let location = CubeLocation {
+            camera_from_cube: fit.pose,
+            covariance: fit.covariance,
+            residual_px: fit.rms,
+            faces: members.iter().map(|(i, _)| faces[*i].clone()).collect(),
+            other: None,
+        };
+        match &mut best {
+            Some((least, kept)) if *least <= cost => kept.other = Some(location.camera_from_cube),
+            Some((least, kept)) => {
+                let other = kept.camera_from_cube;
+                (*least, *kept) = (cost, location);
+                kept.other = Some(other);
+            }
+            None => best = Some((cost, location)),
+        }
+    }
+    let (_, mut location) = best?;
+    if location.faces.len() > 1 {
+        location.other = None;
+    }
+    location.residual_px.is_finite().then_some(location)
+}
+
+/// Pose of a face in the cube frame: the face whose frame is turned by `rotation` against the cube's.
+fn cube_from_face(rotation: &Rotation3<f64>, edge: f64) -> Pose {
+    let z = rotation * Vector3::z();
+    Pose::from_parts(
+        Translation3::from(-0.5 * edge * z),
+        UnitQuaternion::from_rotation_matrix(rotation),
+    )
+}
+
+/// The rotation of the cube group nearest to a rotation.
+#[must_use]
+pub fn nearest_of_24(rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    let mut best = (f64::NEG_INFINITY, UnitQuaternion::identity());
+    for quaternion in cube_rotations() {
+        let dot = quaternion.coords.dot(&rotation.coords).abs();
+        if dot > best.0 {
+            best = (dot, quaternion);
+        }
+    }
+    best.1
+}
+
+/// The 24 rotations of a cube.
+pub fn cube_rotations() -> impl Iterator<Item = UnitQuaternion<f64>> {
+    use std::f64::consts::FRAC_PI_2;
+    let faces = [
+        UnitQuaternion::identity(),
+        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2),
+        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -FRAC_PI_2),
+        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 2.0 * FRAC_PI_2),
+        UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2),
+        UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -FRAC_PI_2),
+    ];
+    faces.into_iter().flat_map(|tilt| {
+        (0..4).map(move |k| {
+            tilt * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), f64::from(k) * FRAC_PI_2)
+        })
+    })
+}
+
+/// Both poses of a plane (Collins and Bartoli): zero, one or two `camera_from_face`.
+#[must_use]
+pub fn planar_poses(face: &FaceSighting, camera: &Intrinsics, edge: f64) -> Vec<Pose> {
+    let pitch = edge / 3.0;
+    let pairs: Vec<(Point, Point)> = (0..9)
+        .map(|i| ((GRID[i].0 * pitch, GRID[i].1 * pitch), camera.unproject(face.centres[i])))
+        .collect();
+    let Some(h) = homography::fit(&pairs) else { return Vec::new() };
+    let h = h / h[(2, 2)];
+    // Value and Jacobian of the map at the face's centre.
+    let v = (h[(0, 2)], h[(1, 2)]);
+    let jacobian = Matrix2::new(
+        h[(0, 0)] - h[(2, 0)] * v.0,
+        h[(0, 1)] - h[(2, 1)] * v.0,
+        h[(1, 0)] - h[(2, 0)] * v.1,
+        h[(1, 1)] - h[(2, 1)] * v.1,
+    );
+    let sight = Vector3::new(v.0, v.1, 1.0);
+    let to_sight = UnitQuaternion::rotation_between(&Vector3::z(), &sight)
+        .unwrap_or_else(UnitQuaternion::identity)
+        .to_rotation_matrix();
+    let r = to_sight.matrix();
+    let b = Matrix2::new(
+        r[(0, 0)] - v.0 * r[(2, 0)],
+        r[(0, 1)] - v.0 * r[(2, 1)],
+        r[(1, 0)] - v.1 * r[(2, 0)],
+        r[(1, 1)] - v.1 * r[(2, 1)],
+    );
+    let Some(inverse) = b.try_inverse() else { return Vec::new() };
+    let a = inverse * jacobian;
+    let ata = a.transpose() * a;
+    let half = f64::midpoint(ata[(0, 0)], ata[(1, 1)]);
+    let root = (half * half - ata.determinant()).max(0.0).sqrt();
+    let gamma = (half + root).sqrt();
+    if !(gamma.is_finite() && gamma > 1e-9) {
+        return Vec::new();
+    }
+    let r22 = a / gamma;
+    let rest = Matrix2::identity() - r22.transpose() * r22;
+    let (b0, b1) = (rest[(0, 0)].max(0.0).sqrt(), rest[(1, 1)].max(0.0).sqrt());
+    let b1 = if rest[(0, 1)] < 0.0 { -b1 } else { b1 };
+    let translation = sight / gamma;
+    [1.0, -1.0]
+        .into_iter()
+        .map(|sign| {
+            let x = Vector3::new(r22[(0, 0)], r22[(1, 0)], sign * b0);
+            let y = Vector3::new(r22[(0, 1)], r22[(1, 1)], sign * b1);
+            let local = Matrix3::from_columns(&[x, y, x.cross(&y)]);
+            // Rounding leaves the columns slightly skew: the nearest rotation is taken.
+            let rotation = to_sight * Rotation3::from_matrix(&local);
+            Pose::from_parts(
+                Translation3::from(translation),
+                UnitQuaternion::from_rotation_matrix(&rotation),
+            )
+        })
+        .collect()
+}
+
+/// Appends measured minus predicted centroid of each seen tile [px].
+pub(super) fn residuals(
+    face: &FaceSighting,
+    camera_from_face: &Pose,
+    camera: &Intrinsics,
+    edge: f64,
+    out: &mut Vec<f64>,
+) {
+    let half = 0.5 * face.sticker;
+    let pitch = edge / 3.0;
+    for (i, g) in GRID.iter().enumerate() {
+        if !face.seen[i] {
+            continue;
+        }
+        let corners = [(-half, -half), (half, -half), (half, half), (-half, half)].map(|(x, y)| {
+            let p = Point3::new((g.0 + x) * pitch, (g.1 + y) * pitch, 0.0);
+            let q = camera_from_face * p;
+            camera.project(&Point3::new(q.x, q.y, q.z.max(1e-3)))
+        });
+        let (area, centroid) = polygon(&corners);
+        // Seen edge-on the polygon has no area: any centre will do for a step.
+        let centroid = if area.abs() < 1e-6 { corners[0] } else { centroid };
+        out.push(face.centres[i].0 - centroid.0);
+        out.push(face.centres[i].1 - centroid.1);
+    }
+}
+
+/// A pose fitted to residuals.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Fit {
+    pub(super) pose: Pose,
+    /// Root mean square distance [px]: of two residuals, one point.
+    pub(super) rms: f64,
+    /// In the camera frame: translation, rotation about the frame's origin.
+    pub(super) covariance: Matrix6<f64>,
+}
+
+/// Levenberg-Marquardt over the six freedoms of a pose, with a numerical Jacobian.
+pub(super) fn refine(start: &Pose, residuals: impl Fn(&Pose, &mut Vec<f64>)) -> Fit {
+    const STEP: f64 = 1e-6;
+    let evaluate = |pose: &Pose| {
+        let mut out = Vec::with_capacity(64);
+        residuals(pose, &mut out);
+        DVector::from_vec(out)
+    };
+    let mut pose = *start;
+    let mut error = evaluate(&pose);
+    let mut cost = error.norm_squared();
+    let mut damping = 1e-3;
+    let mut normal = Matrix6::identity();
+    if error.is_empty() {
+        return Fit { pose, rms: f64::INFINITY, covariance: Matrix6::identity() };
+    }
+    for _ in 0..25 {
+        let mut jacobian = DMatrix::zeros(error.len(), 6);
+        for k in 0..6 {
+            let mut delta = Vector6::zeros();
+            delta[k] = STEP;
+            let ahead = evaluate(&moved(&pose, &delta));
+            delta[k] = -STEP;
+            let behind = evaluate(&moved(&pose, &delta));
+            jacobian.set_column(k, &((ahead - behind) / (2.0 * STEP)));
+        }
+        let jt = jacobian.transpose();
+        normal = Matrix6::from_iterator((&jt * &jacobian).iter().copied());
+        let gradient = Vector6::from_iterator((&jt * &error).iter().copied());
+        let mut moved_on = false;
+        for _ in 0..8 {
+            let mut damped = normal;
+            for k in 0..6 {
+                damped[(k, k)] *= 1.0 + damping;
+            }
+            let Some(factor) = damped.cholesky() else { break };
+            let delta = -factor.solve(&gradient);
+            let candidate = moved(&pose, &delta);
+            let next = evaluate(&candidate);
+            let next_cost = next.norm_squared();
+            if next_cost < cost {
+                moved_on = cost - next_cost > 1e-10 * cost;
+                (pose, error, cost) = (candidate, next, next_cost);
+                damping = (damping * 0.1).max(1e-9);
+                break;
+            }
+            damping *= 10.0;
+        }
+        if !moved_on {
+            break;
+        }
+    }
+    let freedom = (error.len() as f64 - 6.0).max(1.0);
+    let covariance = normal.try_inverse().unwrap_or_else(Matrix6::identity) * (cost / freedom);
+    Fit { pose, rms: (2.0 * cost / error.len() as f64).sqrt(), covariance }
+}
+
+/// A pose after a small motion expressed in the camera's axes: translation, rotation about its origin.
+fn moved(pose: &Pose, delta: &Vector6<f64>) -> Pose {
+    let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(delta[3], delta[4], delta[5]));
+    Pose::from_parts(
+        Translation3::from(pose.translation.vector + Vector3::new(delta[0], delta[1], delta[2])),
+        rotation * pose.rotation,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vision::homography::OUTLINE;
+    use proptest::prelude::*;
+
+    pub(crate) const CAMERA: Intrinsics = Intrinsics {
+        width: 640,
+        height: 480,
+        focal: (600.0, 600.0),
+        centre: (319.5, 239.5),
+        distortion: (-0.08, 0.02),
+    };
+    const EDGE: f64 = 0.057;
+
+    /// What a perfect detector would measure.
+    fn sighting(camera_from_face: &Pose) -> FaceSighting {
+        let mut face = FaceSighting {
+            corners: OUTLINE.map(|(x, y)| {
+                CAMERA
+                    .project(&(camera_from_face * Point3::new(x * EDGE / 3.0, y * EDGE / 3.0, 0.0)))
+            }),
+            centres: [(0.0, 0.0); 9],
+            seen: [true; 9],
+            sticker: 0.85,
+            rgb: [[0.0; 3]; 9],
+            colours: [0; 9],
+            confidences: [1.0; 9],
+            confidence: 1.0,
+        };
+        let mut errors = Vec::new();
+        residuals(&face, camera_from_face, &CAMERA, EDGE, &mut errors);
+        for i in 0..9 {
+            face.centres[i] = (-errors[2 * i], -errors[2 * i + 1]);
+        }
+        face
+    }
+
+    proptest! {
+        #[test]
+        fn a_perfect_measurement_gives_the_pose(
+            x in -0.1..0.1f64, y in -0.08..0.08f64, z in 0.25..0.6f64,
+            tilt_x in -0.8..0.8f64, tilt_y in -0.8..0.8f64, roll in -0.7..0.7f64,
+        ) {
+            prop_assume!(tilt_x.hypot(tilt_y) > 0.1);
+            let truth = Pose::from_parts(
+                Translation3::new(x, y, z),
+                UnitQuaternion::from_euler_angles(tilt_x, tilt_y, roll),
+            );
+
+            let found = locate(&sighting(&truth), None, &CAMERA, EDGE);
+
+            let near = |p: &Pose| {
+                (p.translation.vector - truth.translation.vector).norm() < 1e-5
+                    && p.rotation.angle_to(&truth.rotation) < 1e-3
+            };
+            prop_assert!(near(&found.camera_from_face) || near(&found.other.0), "{truth} {found:?}");
+            prop_assert!(found.residual_px < 1e-3);
+        }
+
+        #[test]
+        fn two_faces_of_a_cube_give_its_centre(
+            z in 0.25..0.6f64, tilt_x in 0.35..0.8f64, tilt_y in -0.6..0.6f64, roll in -0.7..0.7f64,
+        ) {
+            let camera_from_cube = Pose::from_parts(
+                Translation3::new(0.01, -0.02, z),
+                UnitQuaternion::from_euler_angles(tilt_x, tilt_y, roll),
+            );
+            let down = Rotation3::from_axis_angle(&Vector3::x_axis(), -std::f64::consts::FRAC_PI_2);
+            let up = Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2);
+            let front = camera_from_cube * cube_from_face(&Rotation3::identity(), EDGE);
+            let faces: Vec<FaceSighting> = [down, up]
+                .iter()
+                .map(|r| camera_from_cube * cube_from_face(r, EDGE))
+                // A face is visible when its inward normal points away from the camera.
+                .filter(|f| (f * Vector3::z()).dot(&f.translation.vector) > 0.15 * z)
+                .chain([front])
+                .map(|f| sighting(&f))
+                .collect();
+            prop_assume!(faces.len() == 2);
+
+            let found = locate_cube(&faces, &CAMERA, EDGE, None).unwrap();
+
+            prop_assert_eq!(found.faces.len(), 2);
+            let error = found.camera_from_cube.translation.vector - camera_from_cube.translation.vector;
+            prop_assert!(error.norm() < 1e-5, "{}", error);
+            let relative = found.camera_from_cube.rotation.inverse() * camera_from_cube.rotation;
+            prop_assert!((nearest_of_24(&relative).inverse() * relative).angle() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn there_are_24_rotations_of_a_cube() {
+        let all: Vec<_> = cube_rotations().collect();
+
+        let distinct =
+            all.iter().enumerate().all(|(i, a)| all[..i].iter().all(|b| a.angle_to(b) > 1.0));
+        assert!(distinct && all.len() == 24);
+    }
+}

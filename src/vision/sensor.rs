@@ -1,0 +1,341 @@
+//! Guided reading: the nine tiles of a face whose place is known roughly, from a camera in the hand.
+//!
+//! The prediction says which face is where, so the reading order comes from the task, never from the
+//! picture. Tiles under a finger are named, never guessed.
+//!
+//! - in: RGB pixels, intrinsics, the cube's edge [m], the predicted `camera_from_face`
+//! - out: [`FaceReading`]: colours in the predicted face's reading order, the measured pose
+//! - source: own work
+
+use super::detect::{Patch, SHAPE, centres_of, window_around};
+use super::homography::{self, GRID, OUTLINE, Point, apply, distance, polygon};
+use super::pose::{refine, residuals};
+use super::segment::{Edges, Tile};
+use super::{DetectorSettings, FaceSighting, Refusal, colours, detect};
+use crate::cell::Intrinsics;
+use crate::spatial::Pose;
+use image::RgbImage;
+use nalgebra::{Matrix3, Point3};
+
+/// A face read at a predicted place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FaceReading {
+    /// Mean colour of each tile in the predicted face's reading order, 0..=255, as in the image.
+    pub rgb: [[f64; 3]; 9],
+    /// Decision for each tile on this face alone: 0..=5 = white, red, green, yellow, orange, blue.
+    pub colours: [u8; 9],
+    /// Confidence of each decision, 0..=1; 0 where occluded.
+    pub confidences: [f64; 9],
+    /// Measured pose in the predicted frame's axes: origin in the face's centre, x along its columns, y along
+    /// its rows, z into the cube.
+    pub camera_from_face: Pose,
+    /// Root mean square of the reprojection error [px].
+    pub residual_px: f64,
+    /// Confidence that this is the predicted face at the measured pose, 0..=1.
+    pub confidence: f64,
+    /// Tiles that something covers, or that cannot be told from their surroundings: their colours mean nothing.
+    pub occluded: [bool; 9],
+}
+
+/// How far a face may be from its prediction, in tile pitches; from 0.5 on the lattice would be ambiguous.
+const ASTRAY: f64 = 0.6;
+
+/// Reads the face that is predicted at `predicted` (`camera_from_face`).
+///
+/// # Errors
+/// [`Refusal::NotExpected`] when too few tiles fit the prediction, or why nothing can be seen.
+pub fn read_face(
+    image: &RgbImage,
+    camera: &Intrinsics,
+    edge: f64,
+    predicted: &Pose,
+) -> Result<FaceReading, Refusal> {
+    let corners =
+        project(camera, predicted, edge, &OUTLINE).ok_or(Refusal::NotExpected { matched: 0 })?;
+    let window = window_around(&corners, 0.35)
+        .and_then(|w| w.inside(image.width(), image.height()))
+        .filter(|w| w.width >= 16 && w.height >= 16)
+        .ok_or(Refusal::NotExpected { matched: 0 })?;
+    let patch = Patch::new(image, window, 1);
+    let (brightest, clipped) = patch.exposure();
+    if brightest < 20 {
+        return Err(Refusal::TooDark { brightest });
+    }
+    let (tiles, edges, threshold) = patch.candidates();
+    let mut tiles: Vec<Tile> = tiles;
+    for tile in &mut tiles {
+        tile.centre = patch.to_image(tile.centre);
+    }
+
+    let start = vote(&tiles, camera, edge, predicted)
+        .or_else(|| by_detection(image, camera, edge, predicted, window))
+        .ok_or(if clipped > 0.5 {
+            Refusal::Overexposed { share: clipped }
+        } else {
+            Refusal::NotExpected { matched: 0 }
+        })?;
+    let (pose, face, residual_px) = settle(&tiles, camera, edge, &start)?;
+
+    let centres = project(camera, &pose, edge, &GRID).ok_or(Refusal::NotExpected { matched: 0 })?;
+    let pairs: Vec<(Point, Point)> =
+        (0..9).map(|i| (GRID[i], patch.to_patch(centres[i]))).collect();
+    let h = homography::fit(&pairs).ok_or(Refusal::NotExpected { matched: 0 })?;
+    let samples: [_; 9] = std::array::from_fn(|i| patch.sample(&h, GRID[i], face.sticker));
+    let occluded: [bool; 9] = std::array::from_fn(|i| {
+        let even = samples[i].spread < 0.10 && samples[i].inside > 0.95;
+        !even || !(face.seen[i] || bounded(&edges, &h, GRID[i], threshold))
+    });
+    let rgb = samples.map(|s| s.rgb);
+    let (colours, mut confidences) = colours::decide_face(&rgb);
+    for i in 0..9 {
+        if occluded[i] {
+            confidences[i] = 0.0;
+        }
+    }
+    let held = face.seen.iter().filter(|s| **s).count() as f64;
+    let pitch = homography::smallest_pitch(&centres);
+    let fit = (-(residual_px / (0.08 * pitch)).powi(2)).exp();
+    Ok(FaceReading {
+        rgb,
+        colours,
+        confidences,
+        camera_from_face: pose,
+        residual_px,
+        confidence: ((held - 2.0) / 5.0).clamp(0.0, 1.0) * fit,
+        occluded,
+    })
+}
+
+/// Pixels of places of a face (grid units); `None` when one is not before the camera.
+fn project<const N: usize>(
+    camera: &Intrinsics,
+    camera_from_face: &Pose,
+    edge: f64,
+    places: &[Point; N],
+) -> Option<[Point; N]> {
+    let pitch = edge / 3.0;
+    let mut out = [(0.0, 0.0); N];
+    for (pixel, place) in out.iter_mut().zip(places) {
+        let p = camera_from_face * Point3::new(place.0 * pitch, place.1 * pitch, 0.0);
+        if p.z < 0.02 {
+            return None;
+        }
+        *pixel = camera.project(&p);
+    }
+    Some(out)
+}
+
+/// The shift in the image that lets most tiles fit the prediction, as a pose.
+fn vote(tiles: &[Tile], camera: &Intrinsics, edge: f64, predicted: &Pose) -> Option<Pose> {
+    let centres = project(camera, predicted, edge, &GRID)?;
+    let corners = project(camera, predicted, edge, &OUTLINE)?;
+    let pitch = homography::smallest_pitch(&centres);
+    let cell = polygon(&corners).0.abs() / 9.0;
+    let fitting: Vec<&Tile> =
+        tiles.iter().filter(|t| (0.25..1.1).contains(&(t.area / cell))).collect();
+    let mut best: Option<(f64, Point)> = None;
+    for tile in &fitting {
+        for centre in &centres {
+            let shift = (tile.centre.0 - centre.0, tile.centre.1 - centre.1);
+            let length = shift.0.hypot(shift.1) / pitch;
+            if length > ASTRAY {
+                continue;
+            }
+            let matched = centres
+                .iter()
+                .filter(|c| {
+                    let place = (c.0 + shift.0, c.1 + shift.1);
+                    fitting.iter().any(|t| distance(t.centre, place) < 0.2 * pitch)
+                })
+                .count();
+            let score = matched as f64 - 2.0 * length;
+            if matched >= 4 && best.is_none_or(|(b, _)| score > b) {
+                best = Some((score, shift));
+            }
+        }
+    }
+    let (_, shift) = best?;
+    let z = predicted.translation.z;
+    let mut pose = *predicted;
+    pose.translation.x += shift.0 * z / camera.focal.0;
+    pose.translation.y += shift.1 * z / camera.focal.1;
+    Some(pose)
+}
+
+/// The same by a full detection, in the reading order nearest to the prediction: for larger tilts.
+fn by_detection(
+    image: &RgbImage,
+    camera: &Intrinsics,
+    edge: f64,
+    predicted: &Pose,
+    window: super::Rect,
+) -> Option<Pose> {
+    let corners = project(camera, predicted, edge, &OUTLINE)?;
+    let expected = centres_of(&corners)?;
+    let pitch = homography::smallest_pitch(&expected);
+    let faces = detect(image, Some(window), &DetectorSettings::default()).ok()?;
+    faces
+        .iter()
+        .flat_map(|f| (0..4).map(|k| f.turned(k)))
+        .map(|f| {
+            let apart = (0..9).map(|i| distance(f.centres[i], expected[i])).sum::<f64>() / 9.0;
+            (apart / pitch, f)
+        })
+        .filter(|(apart, _)| *apart < ASTRAY)
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, f)| refine(predicted, |pose, out| residuals(&f, pose, camera, edge, out)).pose)
+}
+
+/// Matches tiles to the nine cells and fits the pose, three times over.
+fn settle(
+    tiles: &[Tile],
+    camera: &Intrinsics,
+    edge: f64,
+    start: &Pose,
+) -> Result<(Pose, FaceSighting, f64), Refusal> {
+    let mut pose = *start;
+    let mut face = FaceSighting {
+        corners: [(0.0, 0.0); 4],
+        centres: [(0.0, 0.0); 9],
+        seen: [false; 9],
+        sticker: 0.8,
+        rgb: [[0.0; 3]; 9],
+        colours: [0; 9],
+        confidences: [0.0; 9],
+        confidence: 0.0,
+    };
+    let mut residual = f64::INFINITY;
+    for tolerance in [0.22, 0.15, 0.12] {
+        let places =
+            project(camera, &pose, edge, &GRID).ok_or(Refusal::NotExpected { matched: 0 })?;
+        let corners =
+            project(camera, &pose, edge, &OUTLINE).ok_or(Refusal::NotExpected { matched: 0 })?;
+        let pitch = homography::smallest_pitch(&places);
+        let cell = polygon(&corners).0.abs() / 9.0;
+        let mut areas = [0.0; 9];
+        for (i, place) in places.iter().enumerate() {
+            let nearest = tiles
+                .iter()
+                .filter(|t| (0.25..1.1).contains(&(t.area / cell)) && t.fullness > SHAPE.fullness.0)
+                .map(|t| (distance(t.centre, *place) / pitch, t))
+                .min_by(|a, b| a.0.total_cmp(&b.0))
+                .filter(|(d, _)| *d < tolerance);
+            face.centres[i] = nearest.map_or(*place, |(_, t)| t.centre);
+            areas[i] = nearest.map_or(0.0, |(_, t)| t.area);
+        }
+        // A region much smaller or larger than the others is half a tile, or a finger.
+        let mut sorted: Vec<f64> = areas.iter().copied().filter(|a| *a > 0.0).collect();
+        sorted.sort_by(f64::total_cmp);
+        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0).max(1e-9);
+        face.seen = areas.map(|a| (0.65..1.5).contains(&(a / median)));
+        let matched = face.seen.iter().filter(|s| **s).count();
+        if matched < 4 || !spans(&face.seen) {
+            return Err(Refusal::NotExpected { matched });
+        }
+        face.sticker = (median / cell).sqrt().clamp(0.3, 1.0);
+        let fit = refine(&pose, |pose, out| residuals(&face, pose, camera, edge, out));
+        (pose, residual) = (fit.pose, fit.rms);
+        face.corners = corners;
+    }
+    Ok((pose, face, residual))
+}
+
+/// Whether the seen tiles span the face: two rows and two columns with two tiles each.
+fn spans(seen: &[bool; 9]) -> bool {
+    let rows = (0..3).filter(|r| (0..3).filter(|c| seen[3 * r + c]).count() >= 2).count();
+    let columns = (0..3).filter(|c| (0..3).filter(|r| seen[3 * r + c]).count() >= 2).count();
+    rows >= 2 && columns >= 2
+}
+
+/// Whether all four sides of a cell show an edge.
+fn bounded(edges: &Edges, h: &Matrix3<f64>, g: Point, threshold: u8) -> bool {
+    let strength = |p: Point| {
+        let (x, y) = apply(h, p);
+        let (x, y) = (x.round(), y.round());
+        if x < 0.0 || y < 0.0 || x >= edges.width as f64 || y >= edges.height as f64 {
+            return 0;
+        }
+        edges.strength[y as usize * edges.width + x as usize]
+    };
+    [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)].into_iter().all(|(nx, ny)| {
+        let marked = (-2..=2)
+            .filter(|k| {
+                let along = 0.14 * f64::from(*k);
+                (0..7).any(|j| {
+                    let out = 0.36 + 0.04 * f64::from(j);
+                    let p = (g.0 + nx * out - ny * along, g.1 + ny * out + nx * along);
+                    strength(p) >= threshold
+                })
+            })
+            .count();
+        marked >= 4
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vision::testing::Drawing;
+    use nalgebra::{Translation3, UnitQuaternion};
+
+    const CAMERA: Intrinsics = Intrinsics {
+        width: 384,
+        height: 288,
+        focal: (500.0, 500.0),
+        centre: (191.5, 143.5),
+        distortion: (-0.05, 0.0),
+    };
+    const COLOURS: [u8; 9] = [0, 1, 2, 3, 4, 5, 4, 1, 0];
+
+    fn pose(x: f64, y: f64, tilt: f64, roll: f64) -> Pose {
+        Pose::from_parts(
+            Translation3::new(x, y, 0.17),
+            UnitQuaternion::from_euler_angles(tilt, 0.04, roll),
+        )
+    }
+
+    #[test]
+    fn a_face_is_read_in_the_order_of_the_prediction_whatever_the_roll() {
+        for quarter in 0..4 {
+            let roll = f64::from(quarter) * std::f64::consts::FRAC_PI_2;
+            let truth = pose(0.003, -0.002, 0.06, roll + 0.02);
+            let drawing = Drawing::new(CAMERA, vec![(truth, COLOURS)]);
+
+            let reading =
+                read_face(&drawing.render(), &CAMERA, 0.057, &pose(0.0, 0.0, 0.0, roll)).unwrap();
+
+            assert_eq!(reading.colours, COLOURS, "quarter {quarter}");
+            assert_eq!(reading.occluded, [false; 9]);
+            let error = reading.camera_from_face.translation.vector - truth.translation.vector;
+            assert!(error.xy().norm() < 2e-4 && error.z.abs() < 1e-3, "{error}");
+            assert!(reading.confidence > 0.9);
+        }
+    }
+
+    #[test]
+    fn tiles_under_fingers_are_named_and_the_others_read() {
+        let truth = pose(0.002, 0.003, 0.05, 0.0);
+        let mut drawing = Drawing::new(CAMERA, vec![(truth, COLOURS)]);
+        // A finger from above over the middle column down to the middle of the face.
+        drawing.bars.push((0, [-0.5, -3.0, 0.5, 0.2], [120.0, 122.0, 125.0]));
+
+        let reading =
+            read_face(&drawing.render(), &CAMERA, 0.057, &pose(0.0, 0.0, 0.0, 0.0)).unwrap();
+
+        let occluded: Vec<usize> = (0..9).filter(|&i| reading.occluded[i]).collect();
+        assert_eq!(occluded, [1, 4]);
+        for i in [0, 2, 3, 5, 6, 7, 8] {
+            assert_eq!(reading.colours[i], COLOURS[i], "tile {i}");
+        }
+    }
+
+    #[test]
+    fn an_empty_or_black_picture_is_refused() {
+        let empty = Drawing::new(CAMERA, Vec::new()).render();
+        let black = RgbImage::new(384, 288);
+        let at = pose(0.0, 0.0, 0.0, 0.0);
+
+        assert!(matches!(read_face(&empty, &CAMERA, 0.057, &at), Err(Refusal::NotExpected { .. })));
+        assert!(matches!(read_face(&black, &CAMERA, 0.057, &at), Err(Refusal::TooDark { .. })));
+    }
+}

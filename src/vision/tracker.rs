@@ -1,0 +1,326 @@
+//! The cube over time: a constant-velocity Kalman filter, gated, with an honest age.
+//!
+//! - in: measured poses with their time and spread, in one fixed frame (the world's, or a standing camera's)
+//! - out: predicted pose, velocity, uncertainty, the window to look at, the age of the last measurement
+//! - source: Kalman (1960) with white-noise acceleration; Bar-Shalom et al. (2001), ch. 6
+
+use super::Rect;
+use super::detect::window_around;
+use super::pose::nearest_of_24;
+use crate::cell::Intrinsics;
+use crate::spatial::Pose;
+use nalgebra::{
+    Matrix3, Matrix3x6, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6,
+};
+
+/// What the tracker believes about the motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackerSettings {
+    /// Spectral density of the acceleration noise [m^2/s^3]: a hand that starts and stops at 0.2 m/s within
+    /// 0.3 s has about 0.1.
+    pub acceleration: f64,
+    /// A measurement farther away than this many standard deviations is not believed.
+    pub gate: f64,
+    /// After so many measurements in a row that were not believed the track starts anew.
+    pub patience: u32,
+    /// Share of the orientation's error that one measurement corrects, 0..=1.
+    pub smoothing: f64,
+    /// A track whose last believed measurement is older than this is lost [s].
+    pub lost_after: f64,
+}
+
+impl Default for TrackerSettings {
+    fn default() -> Self {
+        Self { acceleration: 0.05, gate: 4.5, patience: 3, smoothing: 0.4, lost_after: 1.0 }
+    }
+}
+
+/// What became of a measurement.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Update {
+    /// The track begins with it, also after too many that were not believed.
+    Started,
+    /// Believed; at so many standard deviations from the prediction.
+    Accepted(f64),
+    /// Not believed; at so many standard deviations from the prediction.
+    Gated(f64),
+}
+
+/// Where the cube should be at a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prediction {
+    /// `frame_from_cube`; the orientation is that of the last measurements.
+    pub pose: Pose,
+    /// Velocity of the centre [m/s].
+    pub velocity: Vector3<f64>,
+    /// Covariance of the centre [m^2].
+    pub covariance: Matrix3<f64>,
+    /// Covariance of the velocity [m^2/s^2].
+    pub velocity_covariance: Matrix3<f64>,
+    /// Time since the last believed measurement [s].
+    pub age: f64,
+}
+
+impl Prediction {
+    /// Speed of the centre [m/s].
+    #[must_use]
+    pub fn speed(&self) -> f64 {
+        self.velocity.norm()
+    }
+}
+
+/// One tracked cube.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tracker {
+    settings: TrackerSettings,
+    track: Option<Track>,
+    refused: u32,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Track {
+    time: f64,
+    measured: f64,
+    /// Centre and its velocity.
+    state: Vector6<f64>,
+    covariance: Matrix6<f64>,
+    orientation: UnitQuaternion<f64>,
+}
+
+/// Spread of the unknown velocity of a new track [m/s].
+const STARTING_SPEED: f64 = 0.3;
+
+impl Tracker {
+    /// Without a track.
+    #[must_use]
+    pub fn new(settings: TrackerSettings) -> Self {
+        Self { settings, track: None, refused: 0 }
+    }
+
+    /// Forgets the track.
+    pub fn reset(&mut self) {
+        self.track = None;
+        self.refused = 0;
+    }
+
+    /// Takes a measured `frame_from_cube` of time `time` [s], its centre with covariance `spread` [m^2]. Times
+    /// must not decrease; an older measurement is taken as one of the track's own time.
+    pub fn update(&mut self, time: f64, measured: &Pose, spread: &Matrix3<f64>) -> Update {
+        let lost = self.track.as_ref().is_none_or(|t| time - t.measured > self.settings.lost_after);
+        let (Some(track), false) = (&mut self.track, lost) else {
+            return self.start(time, measured, spread);
+        };
+        let (state, covariance) = track.at(time, self.settings.acceleration);
+        let innovation: Vector3<f64> =
+            measured.translation.vector - state.fixed_rows::<3>(0).into_owned();
+        let innovation_covariance: Matrix3<f64> =
+            covariance.fixed_view::<3, 3>(0, 0).into_owned() + spread;
+        let Some(factor) = innovation_covariance.cholesky() else {
+            return Update::Gated(f64::INFINITY);
+        };
+        let distance = innovation.dot(&factor.solve(&innovation)).sqrt();
+        if !distance.is_finite() || distance > self.settings.gate {
+            self.refused += 1;
+            if self.refused >= self.settings.patience && distance.is_finite() {
+                return self.start(time, measured, spread);
+            }
+            return Update::Gated(distance);
+        }
+        self.refused = 0;
+        // Gain P H^T S^-1 with H = [1 0].
+        let pht = covariance.fixed_view::<6, 3>(0, 0).into_owned();
+        let gain = factor.solve(&pht.transpose()).transpose();
+        let mut h = Matrix3x6::zeros();
+        h.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+        let keep = Matrix6::identity() - gain * h;
+        track.state = state + gain * innovation;
+        // Joseph's form stays positive for any gain.
+        track.covariance = keep * covariance * keep.transpose() + gain * spread * gain.transpose();
+        track.time = track.time.max(time);
+        track.measured = track.time;
+        // A cube looks the same in 24 orientations: the nearest one counts.
+        let relative = track.orientation.inverse() * measured.rotation;
+        let turn = nearest_of_24(&relative).inverse();
+        let target = measured.rotation * turn;
+        track.orientation =
+            track.orientation.try_slerp(&target, self.settings.smoothing, 1e-9).unwrap_or(target);
+        Update::Accepted(distance)
+    }
+
+    fn start(&mut self, time: f64, measured: &Pose, spread: &Matrix3<f64>) -> Update {
+        let mut state = Vector6::zeros();
+        state.fixed_rows_mut::<3>(0).copy_from(&measured.translation.vector);
+        let mut covariance = Matrix6::identity() * STARTING_SPEED.powi(2);
+        covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(spread);
+        // The track keeps its name for the cube's axes when it starts anew.
+        let orientation = self.track.as_ref().map_or(measured.rotation, |old| {
+            let relative = old.orientation.inverse() * measured.rotation;
+            measured.rotation * nearest_of_24(&relative).inverse()
+        });
+        self.track = Some(Track { time, measured: time, state, covariance, orientation });
+        self.refused = 0;
+        Update::Started
+    }
+
+    /// Where the cube should be at `time`; `None` without a track, or when it is too old.
+    #[must_use]
+    pub fn predict(&self, time: f64) -> Option<Prediction> {
+        let track = self.track.as_ref()?;
+        let age = (time - track.measured).max(0.0);
+        if age > self.settings.lost_after {
+            return None;
+        }
+        let (state, covariance) = track.at(time, self.settings.acceleration);
+        Some(Prediction {
+            pose: Pose::from_parts(
+                Translation3::from(state.fixed_rows::<3>(0).into_owned()),
+                track.orientation,
+            ),
+            velocity: state.fixed_rows::<3>(3).into_owned(),
+            covariance: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+            velocity_covariance: covariance.fixed_view::<3, 3>(3, 3).into_owned(),
+            age,
+        })
+    }
+
+    /// Time since the last believed measurement [s]; infinite without one.
+    #[must_use]
+    pub fn age(&self, time: f64) -> f64 {
+        self.track.as_ref().map_or(f64::INFINITY, |t| (time - t.measured).max(0.0))
+    }
+
+    /// The part of the image in which to look at `time`: the cube's corners, three standard deviations and a
+    /// sixth of the cube around them. `None` without a track or when the cube is not before the camera.
+    #[must_use]
+    pub fn window(
+        &self,
+        time: f64,
+        camera_from_frame: &Pose,
+        camera: &Intrinsics,
+        edge: f64,
+    ) -> Option<Rect> {
+        let prediction = self.predict(time)?;
+        let camera_from_cube = camera_from_frame * prediction.pose;
+        let half = 0.5 * edge;
+        let spread = 3.0 * prediction.covariance.diagonal().max().sqrt();
+        let mut corners = Vec::with_capacity(16);
+        for i in 0..8 {
+            let sign = |bit: usize| if i & bit == 0 { -half } else { half };
+            let corner = camera_from_cube * Point3::new(sign(1), sign(2), sign(4));
+            if corner.z < 0.02 {
+                return None;
+            }
+            for s in [-spread, spread] {
+                corners.push(camera.project(&Point3::new(corner.x + s, corner.y + s, corner.z)));
+            }
+        }
+        window_around(&corners, 1.0 / 6.0)?.inside(camera.width, camera.height)
+    }
+}
+
+impl Track {
+    /// State and covariance at a later time.
+    fn at(&self, time: f64, acceleration: f64) -> (Vector6<f64>, Matrix6<f64>) {
+        let dt = (time - self.time).max(0.0);
+        let mut step = Matrix6::identity();
+        let mut noise = Matrix6::zeros();
+        for i in 0..3 {
+            step[(i, i + 3)] = dt;
+            noise[(i, i)] = acceleration * dt.powi(3) / 3.0;
+            noise[(i, i + 3)] = acceleration * dt.powi(2) / 2.0;
+            noise[(i + 3, i)] = noise[(i, i + 3)];
+            noise[(i + 3, i + 3)] = acceleration * dt;
+        }
+        (step * self.state, step * self.covariance * step.transpose() + noise)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    fn at(x: f64, z: f64) -> Pose {
+        Pose::translation(x, 0.1, z)
+    }
+
+    fn spread() -> Matrix3<f64> {
+        Matrix3::from_diagonal(&Vector3::new(2e-4, 2e-4, 1e-3).map(|s: f64| s * s))
+    }
+
+    #[test]
+    fn the_velocity_of_a_moving_cube_is_found_within_a_second() {
+        let mut tracker = Tracker::new(TrackerSettings::default());
+        let mut random = Pcg64::seed_from_u64(1);
+        for i in 0..25 {
+            let t = 0.04 * f64::from(i);
+            let noise = random.random_range(-3e-4..3e-4);
+
+            tracker.update(t, &at(0.05 * t + noise, 0.7), &spread());
+        }
+
+        let now = tracker.predict(0.96).unwrap();
+        assert!((now.velocity.x - 0.05).abs() < 0.008, "{}", now.velocity);
+        assert!((now.pose.translation.x - 0.048).abs() < 5e-4);
+        assert_eq!(now.age, 0.0);
+    }
+
+    #[test]
+    fn an_outlier_is_gated_but_a_jump_that_lasts_is_followed() {
+        let mut tracker = Tracker::new(TrackerSettings::default());
+        for i in 0..10 {
+            tracker.update(0.04 * f64::from(i), &at(0.0, 0.7), &spread());
+        }
+
+        assert!(matches!(tracker.update(0.40, &at(0.3, 0.7), &spread()), Update::Gated(_)));
+        assert!(matches!(tracker.update(0.44, &at(0.0, 0.7), &spread()), Update::Accepted(_)));
+        for (t, expected) in [(0.48, false), (0.52, false), (0.56, true)] {
+            let update = tracker.update(t, &at(0.3, 0.7), &spread());
+            assert_eq!(update == Update::Started, expected, "{t}");
+        }
+    }
+
+    #[test]
+    fn the_age_is_honest_and_a_stale_track_is_lost() {
+        let mut tracker = Tracker::new(TrackerSettings::default());
+        tracker.update(1.0, &at(0.0, 0.7), &spread());
+
+        assert!((tracker.predict(1.5).unwrap().age - 0.5).abs() < 1e-12);
+        assert!(tracker.predict(2.1).is_none());
+        assert!((tracker.age(3.0) - 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_quarter_turn_of_the_reading_order_does_not_turn_the_track() {
+        let mut tracker = Tracker::new(TrackerSettings::default());
+        let quarter = UnitQuaternion::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2);
+        let mut other = at(0.0, 0.7);
+        other.rotation = quarter * UnitQuaternion::from_euler_angles(0.02, 0.0, 0.0);
+        tracker.update(0.0, &at(0.0, 0.7), &spread());
+
+        tracker.update(0.04, &other, &spread());
+
+        assert!(tracker.predict(0.04).unwrap().pose.rotation.angle() < 0.03);
+    }
+
+    #[test]
+    fn the_window_holds_the_cube_and_little_else() {
+        let camera = Intrinsics {
+            width: 640,
+            height: 480,
+            focal: (600.0, 600.0),
+            centre: (319.5, 239.5),
+            distortion: (0.0, 0.0),
+        };
+        let mut tracker = Tracker::new(TrackerSettings::default());
+        for i in 0..5 {
+            tracker.update(0.04 * f64::from(i), &Pose::translation(0.0, 0.0, 0.4), &spread());
+        }
+
+        let window = tracker.window(0.2, &Pose::identity(), &camera, 0.057).unwrap();
+
+        assert!(window.x < 270 && window.x + window.width > 370);
+        assert!(window.width < 200 && window.height < 200, "{window:?}");
+    }
+}
