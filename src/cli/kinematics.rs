@@ -9,6 +9,7 @@ use crate::motion::{AXES, JointPositions, MoveRefused};
 use crate::spatial::Pose;
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
 use serde::Serialize;
+use std::io::{self, BufRead, Write};
 
 /// What is asked of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,6 +47,28 @@ struct Motors<'a> {
 #[derive(Serialize)]
 struct Refusal {
     error: String,
+}
+
+/// Answers all rows, one line of JSON each, in their order. Bytes that are no text make a bad row, not an end.
+///
+/// # Errors
+/// Those of reading and writing; a closed pipe is one of the latter.
+pub fn stream(
+    question: Question,
+    model: &ArmModel,
+    flange_from_tool: &Pose,
+    mut rows: impl BufRead,
+    mut answers: impl Write,
+) -> io::Result<()> {
+    let mut row = Vec::new();
+    while rows.read_until(b'\n', &mut row)? > 0 {
+        let line = String::from_utf8_lossy(&row);
+        if let Some(answer) = answer(question, model, flange_from_tool, &line) {
+            writeln!(answers, "{answer}")?;
+        }
+        row.clear();
+    }
+    answers.flush()
 }
 
 /// The line of JSON that answers a row, without its end of line; `None` for an empty line and for a comment
@@ -214,6 +237,22 @@ mod tests {
         assert!(error(Question::Ik, &zeros).contains("no rotation"));
         let far = format!("1,0,0,5,0,1,0,0,0,0,1,1,{}", ["0"; 6].join(","));
         assert!(error(Question::Ik, &far).contains("out of reach"));
+    }
+
+    #[test]
+    fn a_stream_has_one_answer_for_each_row_in_order() {
+        let model = builtin("irp6_postument").unwrap();
+        let rows = b"# six joints\n0,-1.5,0,0,1,0\r\n\xff\xfe\n\n0.1,-1.5,0,0,1,0";
+        let mut answers = Vec::new();
+
+        stream(Question::Motors, &model, &Pose::identity(), &rows[..], &mut answers).unwrap();
+
+        let text = String::from_utf8(answers).unwrap();
+        let lines: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+        assert_eq!(lines.len(), 3);
+        assert!((lines[0]["motors"][0].as_f64().unwrap() + 15.9).abs() < 1e-9);
+        assert!(lines[1]["error"].is_string());
+        assert!((lines[2]["motors"][0].as_f64().unwrap() + 31.7).abs() < 1e-9);
     }
 
     #[test]

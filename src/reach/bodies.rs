@@ -2,7 +2,7 @@
 //!
 //! The gripper's capsules are those that its parts sweep when the wrist rolls, so that one distance holds for
 //! every roll. Pairs that touch by design are left out: fingers with fingers, palms and cube while both
-//! hands are on the cube, palm with palm.
+//! hands are on the cube, palm with palm. Distances stop at 0.10 m.
 
 use crate::cell::{Arm, Cell, Gripper};
 use crate::motion::JointPositions;
@@ -13,10 +13,23 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 struct Capsule {
     ends: [Point3<f64>; 2],
     radius: f64,
+    middle: Point3<f64>,
+    /// Radius of the sphere about the middle that holds the capsule.
+    reach: f64,
 }
 
-/// Radii of column, lower arm, upper arm, wrist [m]: half the widest cross-section seen on photographs of
-/// the arm, an assumption.
+impl Capsule {
+    fn new(ends: [Point3<f64>; 2], radius: f64) -> Self {
+        let reach = 0.5 * (ends[1] - ends[0]).norm() + radius;
+        Self { ends, radius, middle: nalgebra::center(&ends[0], &ends[1]), reach }
+    }
+
+    fn moved(&self, by: Vector3<f64>) -> Self {
+        Self { ends: self.ends.map(|p| p + by), middle: self.middle + by, ..*self }
+    }
+}
+
+/// Radii of column, lower arm, upper arm, wrist [m]: assumed, since no drawing of the arm is public.
 const LINK_RADII: [f64; 4] = [0.12, 0.09, 0.08, 0.07];
 /// Radius that the gripper's body sweeps, with the camera beside it (0.055 m off the axis) [m].
 const GRIPPER_RADIUS: f64 = 0.075;
@@ -45,35 +58,30 @@ impl Bodies {
         let world_from_tool =
             arm.world_from_base * arm.model.base_from_flange(joints) * arm.flange_from_tool;
         let on_axis = |z: f64| world_from_tool * Point3::new(0.0, 0.0, z);
-        let link = |i: usize| Capsule { ends: [points[i], points[i + 1]], radius: LINK_RADII[i] };
+        let link = |i: usize| Capsule::new([points[i], points[i + 1]], LINK_RADII[i]);
         let palm = -arm.gripper.palm;
-        let gripper =
-            Capsule { ends: [points[4], on_axis(palm - GRIPPER_RADIUS)], radius: GRIPPER_RADIUS };
+        let gripper = Capsule::new([points[4], on_axis(palm - GRIPPER_RADIUS)], GRIPPER_RADIUS);
         let half = arm.gripper.palm_half_width * std::f64::consts::SQRT_2 - PLATE;
         let plate = [(1.0, 0.0), (0.0, 1.0), (0.707, 0.707), (0.707, -0.707)].map(|(x, y)| {
             let at = |s: f64| world_from_tool * Point3::new(s * x, s * y, palm - PLATE);
-            Capsule { ends: [at(half), at(-half)], radius: PLATE }
+            Capsule::new([at(half), at(-half)], PLATE)
         });
         let centre = on_axis(cell.cube.edge / 3.0);
         Self {
             links: [link(0), link(1), link(2), link(3), gripper],
             plate,
-            fingers: Capsule {
-                ends: [on_axis(palm), on_axis(arm.gripper.finger_tip)],
-                radius: FINGERS_RADIUS,
-            },
-            cube: Capsule { ends: [centre; 2], radius: 0.5 * 3f64.sqrt() * cell.cube.edge },
+            fingers: Capsule::new([on_axis(palm), on_axis(arm.gripper.finger_tip)], FINGERS_RADIUS),
+            cube: Capsule::new([centre; 2], 0.5 * 3f64.sqrt() * cell.cube.edge),
         }
     }
 
     /// The same moved by a vector of the world: an arm carried along its track.
     pub(super) fn moved(&self, by: Vector3<f64>) -> Self {
-        let moved = |c: &Capsule| Capsule { ends: c.ends.map(|p| p + by), radius: c.radius };
         Self {
-            links: self.links.map(|c| moved(&c)),
-            plate: self.plate.map(|c| moved(&c)),
-            fingers: moved(&self.fingers),
-            cube: moved(&self.cube),
+            links: self.links.map(|c| c.moved(by)),
+            plate: self.plate.map(|c| c.moved(by)),
+            fingers: self.fingers.moved(by),
+            cube: self.cube.moved(by),
         }
     }
 
@@ -85,8 +93,10 @@ impl Bodies {
 
     /// Distance of gripper and cube from the arm's own links [m].
     pub(super) fn own(&self) -> f64 {
-        let hand = [self.links[4], self.cube];
-        least(&hand, &self.links[..3]).min(least(&[self.cube], &self.links[3..4]))
+        let mut nearest = Nearest::default();
+        nearest.of(&[self.links[4], self.cube], &self.links[..3]);
+        nearest.of(&[self.cube], &self.links[3..4]);
+        nearest.0
     }
 }
 
@@ -123,40 +133,57 @@ pub(super) fn hands_fit(cell: &Cell, rotation: &UnitQuaternion<f64>) -> bool {
 
 /// Least distance while both hands are on one cube [m].
 pub(super) fn at_the_cube(a: &Bodies, b: &Bodies) -> f64 {
-    least(&a.links, &b.links)
-        .min(least(&a.plate, &b.links))
-        .min(least(&b.plate, &a.links))
-        .min(least(&[a.cube], &b.links[..4]))
-        .min(least(&[b.cube], &a.links[..4]))
+    let mut nearest = Nearest::default();
+    nearest.arms(a, b);
+    nearest.of(&[a.cube], &b.links[..4]);
+    nearest.of(&[b.cube], &a.links[..4]);
+    nearest.0
 }
 
-/// Least distance between a hand with the cube and another that is away from it [m].
+/// Least distance between a hand with the cube and another, empty one that is away from it [m].
 pub(super) fn apart(holder: &Bodies, other: &Bodies) -> f64 {
-    at_the_cube_without_the_others(holder, other)
-        .min(least(&[holder.cube], &other.links[4..]))
-        .min(least(&[holder.cube], &other.plate))
-        .min(least(&[other.fingers], &holder.links))
-        .min(least(&[other.fingers], &holder.plate))
-        .min(least(&[other.fingers], &[holder.cube]))
-        .min(least(&[holder.fingers], &other.links))
+    let mut nearest = Nearest::default();
+    nearest.arms(holder, other);
+    nearest.of(&[holder.cube], &other.links);
+    nearest.of(&[holder.cube, holder.fingers], &other.plate);
+    nearest.of(&[other.fingers], &holder.links);
+    nearest.of(&[other.fingers], &holder.plate);
+    nearest.of(&[other.fingers], &[holder.cube]);
+    nearest.of(&[holder.fingers], &other.links);
+    nearest.0
 }
 
-/// [`at_the_cube`] without the cube of the other, whose hand is empty.
-fn at_the_cube_without_the_others(holder: &Bodies, other: &Bodies) -> f64 {
-    least(&holder.links, &other.links)
-        .min(least(&holder.plate, &other.links))
-        .min(least(&other.plate, &holder.links))
-        .min(least(&[holder.cube], &other.links[..4]))
+/// Distances above this are not told apart: that saves most of the work [m].
+const FAR: f64 = 0.10;
+
+/// The least distance so far, or [`FAR`] [m].
+struct Nearest(f64);
+
+impl Default for Nearest {
+    fn default() -> Self {
+        Self(FAR)
+    }
 }
 
-fn least(a: &[Capsule], b: &[Capsule]) -> f64 {
-    let mut least = f64::INFINITY;
-    for x in a {
-        for y in b {
-            least = least.min(between(x, y));
+impl Nearest {
+    /// Links and palm plates of two arms.
+    fn arms(&mut self, a: &Bodies, b: &Bodies) {
+        self.of(&a.links, &b.links);
+        self.of(&a.plate, &b.links);
+        self.of(&b.plate, &a.links);
+    }
+
+    fn of(&mut self, a: &[Capsule], b: &[Capsule]) {
+        for x in a {
+            for y in b {
+                // Most pairs are farther apart than the nearest one: their spheres tell.
+                let far = self.0 + x.reach + y.reach;
+                if (x.middle - y.middle).norm_squared() < far * far {
+                    self.0 = self.0.min(between(x, y));
+                }
+            }
         }
     }
-    least
 }
 
 /// Distance between two capsules, negative where they overlap.
@@ -191,8 +218,8 @@ mod tests {
             a in point(), b in point(), c in point(), d in point()
         ) {
             let (x, y) = (
-                Capsule { ends: [a, b], radius: 0.0 },
-                Capsule { ends: [c, d], radius: 0.0 },
+                Capsule::new([a, b], 0.0),
+                Capsule::new([c, d], 0.0),
             );
 
             let distance = between(&x, &y);

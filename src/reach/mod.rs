@@ -37,7 +37,8 @@ pub struct Meeting {
     pub track_roll: (f64, f64),
     /// The same of the postument arm [rad].
     pub postument_roll: (f64, f64),
-    /// Least distance between the arms' capsules [m].
+    /// Least distance between the arms' capsules, here and while either draws back and the track separates,
+    /// at most 0.1 [m].
     pub clearance: f64,
 }
 
@@ -93,8 +94,8 @@ impl Default for ReachSettings {
 }
 
 impl MeetingTable {
-    /// Searches the meetings of the track arm (`cell.arms[0]`) and the postument arm (`cell.arms[1]`). A cell
-    /// with fewer arms has none.
+    /// Searches the meetings of the track arm (`cell.arms[0]`) and the postument arm (`cell.arms[1]`), in about
+    /// a second. A cell with fewer arms, or whose first has no track to draw back on, has none.
     #[must_use]
     pub fn compute(cell: &Cell, settings: &ReachSettings) -> Self {
         search::table(cell, settings)
@@ -317,8 +318,10 @@ mod tests {
     #[test]
     fn a_cell_with_one_arm_has_no_meetings() {
         let mut cell = example_cell();
-        cell.arms.truncate(1);
+        cell.arms.reverse();
+        assert_eq!(MeetingTable::compute(&cell, &SETTINGS).found(), (0, 0));
 
+        cell.arms.truncate(1);
         assert_eq!(MeetingTable::compute(&cell, &SETTINGS).found(), (0, 0));
     }
 }

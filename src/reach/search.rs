@@ -52,7 +52,7 @@ struct Found {
 pub(super) fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
     let mut table =
         MeetingTable { grasps: [None; 24], views: [[None; 3]; 2], separation: settings.separation };
-    if cell.arms.len() < 2 {
+    if cell.arms.len() < 2 || !cell.arms[0].model.has_track {
         return table;
     }
     let mut search = Search::new(cell, settings);
@@ -60,7 +60,7 @@ pub(super) fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
     let mut found: Vec<Option<Found>> = vec![None; wanted.len()];
     for _ in 0..ROUNDS {
         for (i, wanted) in wanted.iter().enumerate() {
-            found[i] = search.improve(wanted, found[i]);
+            found[i] = search.improve(wanted, found[i].as_ref());
             search.known.extend(found[i].map(|f| f.candidate.world_from_tool));
         }
         search.settle(&found);
@@ -150,8 +150,8 @@ impl<'a> Search<'a> {
     }
 
     /// The best of what was known and of new samples.
-    fn improve(&mut self, wanted: &Wanted, known: Option<Found>) -> Option<Found> {
-        let mut best = known;
+    fn improve(&mut self, wanted: &Wanted, known: Option<&Found>) -> Option<Found> {
+        let mut best = known.copied();
         for i in 0..self.settings.samples {
             let candidate = match &best {
                 Some(found) if i % 2 == 0 => {
@@ -299,7 +299,7 @@ impl<'a> Search<'a> {
                 let face = Point3::from(into.vector + 0.5 * self.cell.cube.edge * normal);
                 // The camera's z against the face's normal, its roll free.
                 let side = if normal.z.abs() > 0.5 { Vector3::x() } else { Vector3::z() };
-                let (s, c) = candidate.roll.sin_cos();
+                let (s, c) = libm::sincos(candidate.roll);
                 let x = c * side + s * normal.cross(&side);
                 let z = -normal;
                 let holder_from_camera =

@@ -94,7 +94,7 @@ fn stance(
     settings: &ReachSettings,
 ) -> Option<Stance> {
     let margin = margin(arm, joints);
-    let sine = joints.0[5].sin().abs();
+    let sine = libm::sin(joints.0[5]).abs();
     if margin < MARGIN || sine < WRIST {
         return None;
     }
@@ -115,7 +115,7 @@ fn stance(
     let at = |shift: Vector3<f64>, near: &JointPositions| -> Option<JointPositions> {
         let pose = base_from_flange * Translation3::from(shift);
         let there = arm.model.inverse(&pose, near).ok()?;
-        let smooth = there.0[5].sin() * joints.0[5].sin() > 0.0;
+        let smooth = libm::sin(there.0[5]) * libm::sin(joints.0[5]) > 0.0;
         (smooth && self::margin(arm, &there) > SMALL_MARGIN).then_some(there)
     };
     let half = at(-0.5 * settings.back * tool, joints)?;
