@@ -139,3 +139,73 @@ impl Jaw {
         motor * self.gripper.increments / TAU
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::regulator::IRP6;
+    use super::*;
+
+    fn jaw(count: i64) -> Jaw {
+        let gripper = Gripper {
+            finger_width: 0.02,
+            finger_thickness: 0.01,
+            finger_tip: 0.01,
+            palm: 0.04,
+            palm_half_width: 0.03,
+            opening: (0.053, 0.091),
+            opening_of_motor: [0.074, -1.451910074e-5, -2.8313e-9],
+            opening_offset: 0.0,
+            increments: 128.0,
+            amperes_per_newton: 0.004,
+        };
+        Jaw::new(gripper, &ServoGains::parse(IRP6).unwrap(), count)
+    }
+
+    #[test]
+    fn opening_and_motor_are_inverse_over_the_stroke() {
+        let jaw = jaw(0);
+
+        for step in 0..=38 {
+            let opening = 0.053 + f64::from(step) * 0.001;
+            let count = jaw.increments_of(opening);
+
+            assert!((jaw.opening_at(count.round() as i64) - opening).abs() < 1e-6, "{opening}");
+        }
+        assert!(jaw.increments_of(0.060) > jaw.increments_of(0.080), "closing turns forwards");
+    }
+
+    #[test]
+    fn the_course_is_straight_and_ends_where_it_should() {
+        let mut jaw = jaw(0);
+        let command = JawCommand { opening: 0.060, force_limit: 30.0, stops: Depth::Two };
+        jaw.start(&command, 11, 20);
+        let mut openings = Vec::new();
+
+        for period in 10..=22 {
+            jaw.advance(period);
+            openings.push(jaw.opening);
+        }
+
+        assert_eq!(openings[0], 0.074);
+        assert!((openings[1] - (0.074 - 0.0014)).abs() < 1e-15);
+        assert_eq!(openings[10], 0.060);
+        assert_eq!(openings[12], 0.060);
+        let mut drive = ArmDrive::OFF;
+        jaw.drive(&ArmReading::default(), &mut drive);
+        assert_eq!(drive.stops, Depth::Two);
+        assert!((drive.jaw_current_limit - 0.12).abs() < 1e-15);
+        assert!(drive.jaw_pwm > 0);
+    }
+
+    #[test]
+    fn an_opening_beyond_the_stroke_is_refused() {
+        let command = |opening| JawCommand { opening, force_limit: 30.0, stops: Depth::One };
+
+        assert_eq!(jaw(0).check(&command(0.0571)), Ok(()));
+        assert!(matches!(
+            jaw(0).check(&command(0.050)),
+            Err(MoveRefused::JointLimit { axis: 7, value: 0.050, .. })
+        ));
+        assert_eq!(jaw(0).check(&command(f64::NAN)), Err(MoveRefused::NotANumber));
+    }
+}

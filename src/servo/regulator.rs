@@ -114,3 +114,98 @@ impl Regulator {
         *self = Self::new(self.gains, self.limit);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    /// A motor that is sure not to share anything with the plant: first order, 40 ms, 330 rad/s at 255,
+    /// Coulomb friction as a share of the pulse width that must be overcome.
+    struct Motor {
+        position: f64,
+        speed: f64,
+        friction: f64,
+    }
+
+    impl Motor {
+        fn turn(&mut self, pwm: f64) {
+            for _ in 0..4 {
+                let seconds = 0.0005;
+                let drive = pwm * 330.0 / 255.0;
+                let friction = self.friction * 330.0 / 255.0;
+                let free = self.speed + (drive - self.speed) * seconds / 0.040;
+                let brake = friction * seconds / 0.040;
+                self.speed = if free.abs() <= brake { 0.0 } else { free - brake.copysign(free) };
+                self.position += self.speed * seconds;
+            }
+        }
+    }
+
+    fn gains() -> ServoGains {
+        ServoGains::parse(IRP6).unwrap()
+    }
+
+    /// Runs a set value through an axis; returns the largest error on the way and the error at its end [rad].
+    fn follow(
+        gains: RegulatorGains,
+        increments: f64,
+        friction: f64,
+        set: impl Fn(f64) -> f64,
+        seconds: f64,
+    ) -> (f64, f64) {
+        let mut regulator = Regulator::new(gains, 190.0);
+        let mut motor = Motor { position: 0.0, speed: 0.0, friction };
+        let (mut last_set, mut last_count, mut worst) = (0.0, 0, 0.0f64);
+        for period in 1..=(seconds / 0.002) as u32 {
+            let wanted = set(f64::from(period) * 0.002) * increments / TAU;
+            let count = (motor.position * increments / TAU).floor() as i64;
+            let pwm = regulator.step(wanted - last_set, (count - last_count) as f64);
+            (last_set, last_count) = (wanted, count);
+            motor.turn(f64::from(pwm));
+            worst = worst.max((wanted * TAU / increments - motor.position).abs());
+        }
+        (worst, (last_set * TAU / increments - motor.position).abs())
+    }
+
+    #[test]
+    fn every_axis_follows_a_ramp_and_stops_where_it_should() {
+        let gains = gains();
+        for (axis, increments) in
+            [4000.0, 4000.0, 4000.0, 4000.0, 4000.0, 4000.0, 2000.0].into_iter().enumerate()
+        {
+            // Up to 100 rad/s in half a second, half a second on, down again.
+            let set = |t: f64| {
+                let ramp = |t: f64| 100.0 * t.max(0.0) * t.max(0.0);
+                ramp(t) - ramp(t - 0.5) - ramp(t - 1.0) + ramp(t - 1.5)
+            };
+
+            let (worst, rest) = follow(gains.axes[axis], increments, 15.0, set, 4.0);
+
+            assert!(worst < 3.0, "axis {axis}: {worst} rad behind");
+            assert!(rest < 0.25, "axis {axis}: {rest} rad at rest");
+        }
+    }
+
+    #[test]
+    fn the_output_is_clamped_and_comes_back_at_once() {
+        let mut regulator = Regulator::new(gains().axes[1], 190.0);
+        for _ in 0..100 {
+            assert!(regulator.step(400.0, 0.0) <= 190);
+        }
+        assert_eq!(regulator.step(400.0, 0.0), 190);
+
+        let outputs: Vec<i16> = (0..30).map(|_| regulator.step(0.0, 1600.0)).collect();
+
+        assert!(outputs.contains(&-190), "{outputs:?}");
+    }
+
+    #[test]
+    fn what_is_no_number_stops_the_axis() {
+        let mut regulator = Regulator::new(gains().axes[1], 190.0);
+        regulator.step(5.0, 0.0);
+
+        assert_eq!(regulator.step(f64::NAN, 0.0), 0);
+        assert_eq!(regulator, Regulator::new(gains().axes[1], 190.0));
+    }
+}

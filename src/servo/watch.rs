@@ -68,7 +68,8 @@ impl Watch {
             let allowed = self.following_error + self.following_lag * self.speed[axis];
             let jumped = moved.abs() as f64 * std::f64::consts::TAU / increments[axis] > Self::JUMP;
             // Not within also catches what is not a number.
-            if !(error.abs() <= allowed) || jumped || self.frozen[axis] > Self::FROZEN {
+            let follows = (-allowed..=allowed).contains(&error);
+            if !follows || jumped || self.frozen[axis] > Self::FROZEN {
                 fault = Some(ArmFault::Following { axis, error });
             }
         }

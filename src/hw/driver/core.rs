@@ -5,7 +5,7 @@ use super::record::{RecordSink, ServoRecord};
 use crate::hw::port::{Port, PortFault};
 use crate::motion::ArmFault;
 use crate::servo::io::{ArmDrive, ArmReading};
-use crate::servo::{ArmServo, ServoConfig};
+use crate::servo::{ArmServo, ServoCommand, ServoConfig};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -84,10 +84,12 @@ impl Core {
 
     /// Commands and readings to drives. Allocates nothing and never waits.
     pub fn compute(&mut self, period: u64) -> &[ArmDrive] {
-        self.heed_switches(period);
+        let pressed = self.heed_switches(period);
         for (arm, servo) in self.servos.iter_mut().enumerate() {
             let reading = self.readings[arm];
             let command = self.ends[arm].take();
+            // A reset must not undo the stop while the button is still pressed.
+            let command = command.filter(|c| !(pressed && *c == ServoCommand::Reset));
             let (drive, state) = servo.step(period, &reading, command.as_ref());
             self.drives[arm] = drive;
             self.ends[arm].publish(&state);
@@ -134,8 +136,10 @@ impl Core {
         &mut self.readings
     }
 
-    fn heed_switches(&mut self, period: u64) {
-        if self.switches.emergency.load(Ordering::Acquire) {
+    /// Returns whether the emergency stop is pressed.
+    fn heed_switches(&mut self, period: u64) -> bool {
+        let pressed = self.switches.emergency.load(Ordering::Acquire);
+        if pressed {
             self.trip(period, ArmFault::EmergencyStop);
         }
         let beat = self.switches.beats.load(Ordering::Relaxed);
@@ -144,6 +148,7 @@ impl Core {
         } else if period - self.last_beat_period > Self::SILENCE {
             self.hold(period);
         }
+        pressed
     }
 }
 

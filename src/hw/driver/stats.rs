@@ -63,7 +63,7 @@ impl Histogram {
         if nanos < 2 * Self::FINE {
             return nanos as usize;
         }
-        let shift = 63 - nanos.leading_zeros() - Self::FINE.trailing_zeros();
+        let shift = nanos.ilog2() - Self::FINE.ilog2();
         (u64::from(shift) * Self::FINE + (nanos >> shift)) as usize
     }
 
