@@ -1,25 +1,19 @@
-//! The shells: UI, MP, an ECP and an EDP per effector, VSPs.
+//! The shells: UI, MP, an ECP and an EDP per effector, VSPs, and the supervisor that creates them.
+//!
+//! Actors are tokio tasks with bounded mailboxes. Requests go down a tree (MP, ECP, EDP), answers come back by
+//! `oneshot`, states go up by `watch`; so there is no cycle of waiting.
 
-use crate::error::{Error, System};
-use crate::record::summary::Summary;
-use crate::scenario::Scenario;
+mod build;
+pub mod clock;
+pub mod control;
+pub mod ecp;
+pub mod edp;
+pub mod move_instruction;
+pub mod mp;
+mod plant;
+pub mod supervisor;
+pub mod ui;
+pub mod vsp;
+pub mod work;
 
-/// How a run is started.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct RunOptions {
-    /// Starts by itself and asks nothing; the end of input never makes it wait.
-    pub automatic: bool,
-}
-
-/// Performs a scenario and returns what it came to.
-///
-/// # Errors
-/// When it could not be performed at all; an error in mid-run is part of the summary.
-pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
-    let _ = (scenario, options);
-    Err(Error::System {
-        actor: "supervisor".to_owned(),
-        place: "start",
-        cause: System::NotCreated { who: "MP".to_owned(), why: "it is not written yet".to_owned() },
-    })
-}
+pub use supervisor::{RunOptions, run};

@@ -4,6 +4,7 @@
 
 pub mod camera;
 pub mod driver;
+pub mod folder;
 pub mod plant;
 pub mod port;
 pub mod scene;

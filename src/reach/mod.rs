@@ -17,7 +17,6 @@ pub use example::example_cell;
 use crate::cell::Cell;
 use crate::motion::JointPositions;
 use crate::spatial::Pose;
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Joint positions of both arms in which the tools stand to each other as wanted.
@@ -108,32 +107,8 @@ impl MeetingTable {
     }
 }
 
-/// The 24 rotations of a cube onto itself, in the order of [`MeetingTable::grasps`]: six blocks by the image of
-/// z (+x, -x, +y, -y, +z, -z), in each block four by the image of y, in the same order of directions.
-#[must_use]
-pub fn rotations() -> [UnitQuaternion<f64>; 24] {
-    let mut all = [UnitQuaternion::identity(); 24];
-    let mut count = 0;
-    let directions =
-        [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
-    for z in directions {
-        for y in directions.into_iter().filter(|y| y.dot(&z) == 0.0) {
-            let matrix = Matrix3::from_columns(&[y.cross(&z), y, z]);
-            all[count] =
-                UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
-            count += 1;
-        }
-    }
-    all
-}
-
-/// Index in [`rotations`] of the one nearest to `rotation`.
-#[must_use]
-pub fn rotation_index(rotation: &UnitQuaternion<f64>) -> usize {
-    let likeness = |r: &UnitQuaternion<f64>| r.coords.dot(&rotation.coords).abs();
-    let all = rotations();
-    (0..24).max_by(|&a, &b| likeness(&all[a]).total_cmp(&likeness(&all[b]))).unwrap_or(0)
-}
+/// The 24 rotations and their order, as indices of [`MeetingTable::grasps`].
+pub use crate::cube::{rotation_index, rotations};
 
 #[cfg(test)]
 mod tests {

@@ -1,3 +1,4 @@
-//! What leaves the process: the summary of a run.
+//! What leaves a run: the tape (a hash over every servo record and message) and the summary.
 
 pub mod summary;
+pub mod tape;
