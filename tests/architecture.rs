@@ -3,6 +3,8 @@
 //!
 //! Comments, strings and `#[cfg(test)]` items are left out: tests may look at everything.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 

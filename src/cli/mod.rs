@@ -38,6 +38,7 @@ struct Cli {
     command: Command,
 }
 
+#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Perform a scenario and print what it came to
@@ -72,6 +73,7 @@ Examples:
 }
 
 /// A scenario and what overrules it.
+#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 struct ScenarioArgs {
     /// Scenario file (TOML)
@@ -118,6 +120,7 @@ struct KinematicsArgs {
     json: bool,
 }
 
+#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum QuestionWord {
     /// Joints -> base_from_flange, base_from_tool

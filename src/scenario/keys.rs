@@ -248,7 +248,7 @@ section! {
 }
 
 section! {
-    /// What task = "face_turn" does.
+    /// What `task = "face_turn"` does.
     FaceTurn {
         /// How far the layer is turned; positive is clockwise seen from outside.
         angle [deg]: f64 = 90.0, -180.0..=180.0;

@@ -35,7 +35,7 @@ section! {
         name: String = String::new();
         /// Geometry, transmissions and limits: a built-in profile, or a path from the scenario's folder.
         profile: String = "irp6_postument".to_owned();
-        /// Regulators of the axes: "irp6_servo", or a path from the scenario's folder.
+        /// Regulators of the axes: `irp6_servo`, or a path from the scenario's folder.
         servo_profile: String = "irp6_servo".to_owned();
         /// Base on the floor below the shoulder, in the world (track: at d0 = 0).
         base_xyz [mm]: [f64; 3] = [0.0; 3], -20000.0..=20000.0;

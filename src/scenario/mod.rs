@@ -74,7 +74,7 @@ pub struct ControllerConfig {
     pub vision: VisionKeys,
     /// Solver and regrasp planner; `rule` agrees with the grippers.
     pub planner: Planner,
-    /// What task = "face_turn" does.
+    /// What `task = "face_turn"` does.
     pub face_turn: FaceTurn,
 }
 

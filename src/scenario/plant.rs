@@ -29,7 +29,7 @@ words! {
 section! {
     /// The simulated plant.
     PlantKeys {
-        /// Sideways (seeded direction) and axial error of the grasp that task = "face_turn" starts from.
+        /// Sideways (seeded direction) and axial error of the grasp that `face_turn` starts from.
         grasp_error [mm]: f64 = 0.0, 0.0..=20.0;
         /// Tilt (seeded sideways axis) of that grasp.
         grasp_tilt as grasp_error [deg]: f64 = 0.0, 0.0..=20.0;
