@@ -21,6 +21,7 @@ mod sensor;
 mod testing;
 #[cfg(test)]
 mod tests;
+pub mod render;
 pub mod truth;
 pub mod verdict;
 
