@@ -135,8 +135,10 @@ fn prototype_distances(linear: [f64; 3]) -> [f64; 6] {
                 None => (shade.saturation / 0.22).powi(2),
                 Some((hue, spread)) => {
                     let turn = (shade.hue - hue + 180.0).rem_euclid(360.0) - 180.0;
-                    let pale = (0.92 - shade.saturation).max(0.0) / 0.35;
-                    (turn / spread).powi(2).min(60.0) + pale * pale
+                    let pale = (0.92 - shade.saturation).max(0.0) / 0.25;
+                    // The paler a tile, the more an error of the light turns its hue.
+                    let blur = 12.0 * (1.0 / shade.saturation.max(0.05) - 1.0);
+                    turn * turn / (spread * spread + blur * blur) + pale * pale
                 }
             }
     })

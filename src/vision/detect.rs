@@ -301,10 +301,10 @@ impl TileSample {
             return Self { rgb: [0.0; 3], spread: 1.0, inside };
         }
         let sum = |p: &[f64; 3]| p[0] + 2.0 * p[1] + p[2];
-        // The middle half by brightness: neither glare nor a groove or a logo.
+        // The darker half without its darkest: glare covers a part of a tile and makes it brighter, what is
+        // darkest may be a groove or a logo.
         pixels.sort_by(|a, b| sum(a).total_cmp(&sum(b)));
-        let quarter = pixels.len() / 4;
-        let middle = &pixels[quarter..pixels.len() - quarter];
+        let middle = &pixels[pixels.len() / 8..pixels.len().div_ceil(2)];
         let n = middle.len() as f64;
         let rgb = std::array::from_fn(|c| middle.iter().map(|p| p[c]).sum::<f64>() / n);
         let spread = pixels
