@@ -9,6 +9,7 @@
 //! - source: von Kries gains and CIE 1976 L*a*b*; exact assignment after Kuhn (1955)
 
 use super::assignment::assign;
+use nalgebra::{Matrix3, Vector3};
 
 /// Letters of the colours 0..=5.
 pub const LETTERS: [char; 6] = ['W', 'R', 'G', 'Y', 'O', 'B'];
@@ -213,7 +214,7 @@ pub fn face_letter(face: usize) -> char {
 const DOUBTFUL: f64 = 0.2;
 
 /// Weight of lightness against a* and b*: shading changes it most.
-const LIGHTNESS: f64 = 0.55;
+const LIGHTNESS: f64 = 0.4;
 
 /// Index of the centre of each face.
 const CENTRES: [usize; 6] = [4, 13, 22, 31, 40, 49];
@@ -235,11 +236,12 @@ pub fn decide_cube(
     // Sorted in the light as it is, named, then sorted again in the light that the names imply.
     let first = sort(&white_balanced(&linear, None));
     let (_, light) = name(&linear, &first.class);
-    let points = white_balanced(&linear, Some(light));
+    let balanced = white_balanced(&linear, Some(light));
+    let points = whitened(&balanced, &sort(&balanced));
     let second = sort(&points);
     for a in 0..6 {
         for b in a + 1..6 {
-            if distance2(&second.means[a], &second.means[b]) < 9.0 {
+            if distance2(&second.means[a], &second.means[b]) < 1.0 {
                 return Err(Undecided::SameCentres { first: a, second: b });
             }
         }
@@ -275,7 +277,27 @@ fn white_balanced(linear: &[[f64; 3]; 54], light: Option<Light>) -> [[f64; 3]; 5
     let light = light.unwrap_or(Light([1.0 / brightest; 3]));
     linear.map(|t| {
         let [l, a, b] = lab(light.undo(t));
-        [LIGHTNESS * l, a, b]
+        let whole = 70.0 / (l + 16.0);
+        [LIGHTNESS * l, a * whole, b * whole]
+    })
+}
+
+/// The points in units of the spread that the classes have in common: shading spreads them along one
+/// direction much more than along the others, and that direction is the data's to tell.
+fn whitened(points: &[[f64; 3]; 54], sorting: &Sorting) -> [[f64; 3]; 54] {
+    // A prior of some facelets with a spread of 5 units keeps a perfect picture from being divided by zero.
+    const PRIOR: f64 = 18.0;
+    let mut scatter = Matrix3::identity() * (PRIOR * 25.0);
+    for (point, class) in points.iter().zip(&sorting.class) {
+        let d = Vector3::from(*point) - Vector3::from(sorting.means[usize::from(*class)]);
+        // A facelet far off is a reflection or in the wrong class: it must not shape the metric.
+        let weight = 1.0 / (1.0 + d.norm_squared() / 400.0);
+        scatter += weight * d * d.transpose();
+    }
+    let Some(factor) = (scatter / (54.0 + PRIOR)).cholesky() else { return *points };
+    points.map(|p| {
+        let w = factor.l().solve_lower_triangular(&Vector3::from(p)).unwrap_or_default();
+        [w.x, w.y, w.z]
     })
 }
 

@@ -1,0 +1,157 @@
+//! The pose of the cube from rendered frames, against the truth of the plant's renderer.
+//!
+//! `cargo test --release --test vision_rendered -- --nocapture` prints the table.
+
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64;
+use rubik_robot::cell::{Camera, Intrinsics, Mount};
+use rubik_robot::hw::plant::render::{Look, Renderer, cube_alone};
+use rubik_robot::spatial::{Pose, pose_from_axes};
+use rubik_robot::vision::{DetectorSettings, detect, locate, locate_cube};
+
+const EDGE: f64 = 0.057;
+
+fn camera() -> Camera {
+    let world_from_camera =
+        pose_from_axes(Vector3::x(), -Vector3::z(), Vector3::y(), Point3::new(0.0, 0.0, 1.1));
+    Camera {
+        name: "standalone".to_owned(),
+        mount: Mount::World { world_from_camera },
+        intrinsics: Intrinsics {
+            width: 640,
+            height: 480,
+            focal: (600.0, 600.0),
+            centre: (319.5, 239.5),
+            distortion: (-0.05, 0.01),
+        },
+    }
+}
+
+/// Errors of many frames: sideways and along the sight [m].
+#[derive(Debug, Default)]
+struct Errors {
+    sideways: Vec<f64>,
+    depth: Vec<f64>,
+}
+
+impl Errors {
+    fn push(&mut self, found: Point3<f64>, truth: Point3<f64>) {
+        let sight = truth.coords.normalize();
+        let error = found - truth;
+        let depth = error.dot(&sight);
+        self.depth.push(depth.abs());
+        self.sideways.push((error - sight * depth).norm());
+    }
+
+    fn rms(values: &[f64]) -> f64 {
+        (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt() * 1e3
+    }
+
+    fn p95(values: &[f64]) -> f64 {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        sorted.get(sorted.len() * 95 / 100).copied().unwrap_or(f64::NAN) * 1e3
+    }
+
+    fn print(&self, name: &str) {
+        println!(
+            "{name}: {} frames, lateral r.m.s. {:.3} mm (p95 {:.3}), depth r.m.s. {:.3} mm (p95 {:.3})",
+            self.depth.len(),
+            Self::rms(&self.sideways),
+            Self::p95(&self.sideways),
+            Self::rms(&self.depth),
+            Self::p95(&self.depth),
+        );
+    }
+}
+
+/// A cube whose dominant face is at most `tilt` off the camera's sight, at 100 px.
+fn cube_before(random: &mut Pcg64, tilt: f64) -> Pose {
+    let frontal = [
+        UnitQuaternion::identity(),
+        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2),
+        UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI),
+    ][random.random_range(0..3)];
+    let angle = random.random_range(0.0..std::f64::consts::TAU);
+    let lean = Vector3::new(angle.cos(), 0.0, angle.sin()) * random.random_range(0.0..tilt);
+    let roll = Vector3::y() * random.random_range(-0.7..0.7);
+    let at = Vector3::new(
+        random.random_range(-0.07..0.07),
+        0.342 + EDGE / 2.0,
+        1.1 + random.random_range(-0.05..0.05),
+    );
+    let rotation =
+        UnitQuaternion::from_scaled_axis(lean) * UnitQuaternion::from_scaled_axis(roll) * frontal;
+    Pose::from_parts(at.into(), rotation)
+}
+
+/// Errors of the dominant face's centre, of the cube's where two faces are seen, and frames without a pose.
+fn measure(name: &str, frames: u64, look: impl Fn(u64) -> Look) -> (Errors, Errors, usize) {
+    let mut random = Pcg64::seed_from_u64(7);
+    let (mut faces, mut cubes, mut missed) = (Errors::default(), Errors::default(), 0);
+    let mut worst: (f64, u64) = (0.0, 0);
+    for frame in 0..frames {
+        let facelets = std::array::from_fn(|_| random.random_range(0..6));
+        let world_from_cube = cube_before(&mut random, 0.7);
+        let mut renderer = Renderer::new(camera(), look(frame), frame);
+        let image = renderer.render(&cube_alone(world_from_cube, EDGE, facelets), 1.0);
+        if let Ok(dir) = std::env::var("VISION_FRAMES") {
+            image.save(format!("{dir}/{name}-{frame:03}.png")).unwrap();
+        }
+        let camera = camera();
+        let Mount::World { world_from_camera } = camera.mount else { unreachable!() };
+        let camera_from_cube = world_from_camera.inverse() * world_from_cube;
+        let cube = detect(&image, None, &DetectorSettings::default())
+            .ok()
+            .and_then(|s| locate_cube(&s, &camera.intrinsics, EDGE, None));
+        let Some(cube) = cube else {
+            missed += 1;
+            continue;
+        };
+        let face = locate(&cube.faces[0], Some(&image), &camera.intrinsics, EDGE);
+        let found = Point3::from(face.camera_from_face.translation.vector);
+        let truth = [Vector3::x(), Vector3::y(), Vector3::z()]
+            .into_iter()
+            .flat_map(|a| [a, -a])
+            .map(|a| camera_from_cube * Point3::from(a * EDGE / 2.0))
+            .min_by(|a, b| (a - found).norm().total_cmp(&(b - found).norm()))
+            .unwrap();
+        if (found - truth).norm() > 0.015 {
+            missed += 1;
+            continue;
+        }
+        faces.push(found, truth);
+        if (found - truth).norm() > worst.0 {
+            worst = ((found - truth).norm(), frame);
+        }
+        if cube.faces.len() > 1 {
+            cubes.push(
+                Point3::from(cube.camera_from_cube.translation.vector),
+                Point3::from(camera_from_cube.translation.vector),
+            );
+        }
+    }
+    println!("{name}: {missed} missed, worst frame {} with {:.2} mm", worst.1, worst.0 * 1e3);
+    faces.print("  dominant face's centre");
+    cubes.print("  cube's centre, two or three faces");
+    (faces, cubes, missed)
+}
+
+#[test]
+fn the_cube_is_localised_at_100_px() {
+    let (faces, _, missed) = measure("studio", 60, |_| Look::studio());
+
+    assert!(missed <= 1, "{missed} missed");
+    assert!(Errors::rms(&faces.sideways) < 0.3);
+    assert!(Errors::rms(&faces.depth) < 1.5);
+}
+
+#[test]
+fn the_cube_is_localised_in_drawn_light() {
+    let (faces, _, missed) = measure("drawn", 120, Look::draw);
+
+    assert!(missed <= 6, "{missed} missed");
+    assert!(Errors::rms(&faces.sideways) < 0.3);
+    assert!(Errors::rms(&faces.depth) < 1.5);
+}
