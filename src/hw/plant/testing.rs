@@ -7,14 +7,11 @@ use crate::hw::port::Port;
 use crate::kinematics::builtin;
 use crate::motion::{AXES, Depth, JointPositions, MotorPositions, PERIOD};
 use crate::servo::io::{ArmDrive, ArmReading};
-use crate::spatial::{Pose, pose_from_axes};
-use nalgebra::{Point3, Vector3};
-use std::f64::consts::TAU;
+use crate::spatial::Pose;
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 pub(super) const EDGE: f64 = 0.057;
-
-/// Where both tools meet in the tests.
-pub(super) const MEETING: [f64; 3] = [0.05, 1.12, 1.36];
 
 fn gripper() -> Gripper {
     Gripper {
@@ -49,16 +46,9 @@ fn arm(track: bool) -> Arm {
     }
 }
 
-/// Joints with which an arm's tool stands at a pose in the world.
-pub(super) fn joints_at(arm: &Arm, world_from_tool: &Pose, d0: f64) -> Option<JointPositions> {
-    let base_from_flange =
-        arm.world_from_base.inverse() * world_from_tool * arm.flange_from_tool.inverse();
-    let branches = arm.model.branches(&base_from_flange, d0);
-    branches.as_slice().iter().find(|q| arm.model.check(q).is_ok()).copied()
-}
-
-/// The track's tool looks along +y with a deep grasp, the postument's along -y over one layer, jaws turned by
-/// a quarter against each other.
+/// Both arms stand in front of each other in the original's front position, tools level and meeting: the
+/// track's with a deep grasp, the postument's over the outer layer on the other side, jaws crossed. The
+/// postument's base is put where that is so.
 pub(super) fn cell() -> Cell {
     let mut cell = Cell {
         arms: vec![arm(true), arm(false)],
@@ -70,27 +60,26 @@ pub(super) fn cell() -> Cell {
             half_extent: Vector3::repeat(0.05),
         },
     };
-    let (track, postument) = meeting_poses();
-    cell.arms[0].start = (0..12)
-        .find_map(|i| joints_at(&cell.arms[0], &track, 0.05 * f64::from(i)))
-        .expect("the track reaches the meeting");
-    cell.arms[1].start =
-        joints_at(&cell.arms[1], &postument, 0.0).expect("the postument reaches it");
+    cell.arms[0].start = JointPositions([0.5, 0.0, -FRAC_PI_2, 0.0, FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2]);
+    cell.arms[1].start = JointPositions([0.0, 0.0, -FRAC_PI_2, 0.0, FRAC_PI_2, FRAC_PI_2, 0.0]);
+    let cube = world_from_tool(&cell.arms[0]).translation.vector;
+    let postument = &mut cell.arms[1];
+    let half_turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI);
+    postument.world_from_base = Pose::from_parts(Translation3::identity(), half_turn);
+    let miss = cube + Vector3::x() * (EDGE / 3.0) - world_from_tool(postument).translation.vector;
+    postument.world_from_base.translation.vector = miss;
     cell
 }
 
-pub(super) fn meeting_poses() -> (Pose, Pose) {
-    let at = Point3::from(MEETING);
-    let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
-    let track = pose_from_axes(z, x, y, at);
-    let postument = pose_from_axes(-x, z, -y, at + y * (EDGE / 3.0));
-    (track, postument)
+/// Pose of an arm's tool in its start position.
+pub(super) fn world_from_tool(arm: &Arm) -> Pose {
+    arm.world_from_base * arm.model.base_from_flange(&arm.start) * arm.flange_from_tool
 }
 
 /// The cube in the track's tool frame with its axes along the world's.
 pub(super) fn tool_from_cube() -> Pose {
-    let (track, _) = meeting_poses();
-    track.inverse() * Pose::translation(MEETING[0], MEETING[1], MEETING[2])
+    let tool = world_from_tool(&cell().arms[0]);
+    Pose::from_parts(Translation3::identity(), tool.rotation.inverse())
 }
 
 pub(super) fn quiet(cell: Cell) -> PlantConfig {

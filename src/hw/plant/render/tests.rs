@@ -127,6 +127,8 @@ fn samples() {
     let alone = cube_alone(facing(0.342, [0.3, 0.2, 0.35]), EDGE, mixed());
     save("alone.png", &renderer.render(&alone, 1.0));
     time("stand-alone camera, cube alone at 0.34 m", &mut renderer, &alone);
+    let nothing = cube_alone(facing(-5.0, [0.0; 3]), EDGE, mixed());
+    time("stand-alone camera, nothing", &mut renderer, &nothing);
     let mut moving = scene;
     moving.cube.velocity.linear = Vector3::new(0.15, 0.0, 0.05);
     save("moving.png", &renderer.render(&moving, 1.0));
@@ -142,4 +144,21 @@ fn samples() {
         let mut renderer = Renderer::new(standing(), Look::draw(seed), 1).with_setting(setting());
         save(&format!("look{seed}.png"), &renderer.render(&scene, 1.0));
     }
+}
+#[test]
+#[ignore]
+fn zz_prof() {
+    let scene = hand_over(facing(0.75, [0.1, 0.05, 0.25]), 0.07);
+    let mut renderer = Renderer::new(standing(), Look::default(), 1).with_setting(setting());
+    for _ in 0..600 {
+        std::hint::black_box(renderer.render(&scene, 1.0));
+    }
+    let v = &renderer.view;
+    let touched: usize = (0..480)
+        .map(|r| {
+            let (a, b) = v.span(r);
+            b.saturating_sub(a)
+        })
+        .sum();
+    println!("touched {touched}");
 }
