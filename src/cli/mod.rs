@@ -4,12 +4,13 @@
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
 pub mod kinematics;
+mod look;
 pub mod output;
 mod run;
 pub mod vision;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use std::io::{BufRead, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -26,6 +27,8 @@ Try these, in this order:
   rubik-robot check my.toml                               what is wrong with a scenario
   rubik-robot keys control                                every key, its unit, default and meaning
   echo 0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics fk --arm postument
+  rubik-robot vision face photo.jpg                       the faces of a cube in a photograph
+  rubik-robot picture scenarios/solve.toml                the cell as cell.png
 
 Exit codes: 0 done, 1 the task failed or was aborted, 2 usage or scenario, 3 fatal (an effector),
 4 system, 130 interrupted. RUST_LOG=rubik_robot=debug shows what the actors do.";
@@ -70,6 +73,10 @@ Examples:
   rubik-robot kinematics ik --arm postument < rows.csv
       each row: 12 numbers of base_from_tool by rows (3 x 4), then the current joints")]
     Kinematics(KinematicsArgs),
+    /// Run the vision on pictures and on measured colours
+    Vision(look::VisionArgs),
+    /// Draw the cell of a scenario, or what one of its cameras sees
+    Picture(look::PictureArgs),
 }
 
 /// A scenario and what overrules it.
@@ -148,6 +155,8 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check(&args, &mut output),
         Command::Keys { word } => keys(word.as_deref(), &mut output),
         Command::Kinematics(args) => rows(&args, &mut output),
+        Command::Vision(args) => look::look_at(&args, &mut output),
+        Command::Picture(args) => look::picture(&args, &mut output),
     };
     let code = done.and_then(|code| output.flush().map(|()| code));
     match code {
@@ -234,15 +243,8 @@ fn rows(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<u8> {
         QuestionWord::Ik => kinematics::Question::Ik,
         QuestionWord::Motors => kinematics::Question::Motors,
     };
-    for line in std::io::stdin().lock().lines() {
-        let answer = kinematics::answer(question, &arm.model, &arm.flange_from_tool, &line?);
-        if let Some(answer) = answer {
-            output.line(&answer)?;
-        }
-        if output.is_closed() {
-            break;
-        }
-    }
+    let rows = std::io::stdin().lock();
+    output.write(|to| kinematics::stream(question, &arm.model, &arm.flange_from_tool, rows, to))?;
     Ok(0)
 }
 

@@ -41,6 +41,18 @@ impl<W: Write> Output<W> {
         self.take(written)
     }
 
+    /// Lets something write by itself.
+    ///
+    /// # Errors
+    /// As [`Output::line`].
+    pub fn write(
+        &mut self,
+        writer: impl FnOnce(&mut BufWriter<W>) -> io::Result<()>,
+    ) -> anyhow::Result<()> {
+        let written = writer(&mut self.to);
+        self.take(written)
+    }
+
     /// Hands over what is buffered.
     ///
     /// # Errors

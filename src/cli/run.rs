@@ -3,10 +3,10 @@
 use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain};
 use crate::actors::{self, RunOptions};
-use std::io::IsTerminal;
 use crate::error::Error;
 use crate::scenario::Override;
 use clap::{Args, ValueEnum};
+use std::io::IsTerminal;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -67,7 +67,10 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
             return Ok(WRONG);
         }
     };
-    match actors::run(&scenario, RunOptions { automatic: args.json || !std::io::stdin().is_terminal(), quiet: false }) {
+    match actors::run(
+        &scenario,
+        RunOptions { automatic: args.json || !std::io::stdin().is_terminal(), quiet: false },
+    ) {
         Ok(summary) => {
             if args.json {
                 output.line(&summary.json())?;
