@@ -690,9 +690,8 @@ mod tests {
         use crate::solver::{Budget, Tables, candidates};
         let tables = Tables::build();
         let best = Budget { nodes: 5_000_000, max_length: 0 };
-        let lists: Vec<_> = (0..120)
-            .map(|seed| candidates(&Cube::scrambled(seed), &tables, &best, 480))
-            .collect();
+        let lists: Vec<_> =
+            (0..120).map(|seed| candidates(&Cube::scrambled(seed), &tables, &best, 480)).collect();
         let anyone = |rule| Terms { finish: None, ..Terms::of(rule) };
         let deep = Terms { depths: Depths::Both, ..anyone(Rule::Clearance) };
         let mut means = Vec::new();
@@ -707,7 +706,11 @@ mod tests {
             ("clearance, shortest, one layer", anyone(Rule::Clearance), 1),
             ("clearance, of 24, one layer", anyone(Rule::Clearance), 24),
             ("clearance, of 480, one layer", anyone(Rule::Clearance), 480),
-            ("clearance, of 480, one layer, ends in the track hand", Terms::of(Rule::Clearance), 480),
+            (
+                "clearance, of 480, one layer, ends in the track hand",
+                Terms::of(Rule::Clearance),
+                480,
+            ),
         ] {
             let begin = std::time::Instant::now();
             let plans: Vec<Plan> = lists
