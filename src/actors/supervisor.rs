@@ -308,6 +308,9 @@ async fn perform(
             (port.ok_or_else(|| not_created("bridge", "its thread died"))?, fault)
         }
     };
+    let scene = plant.scene();
+    let tools = scene.arms.map(|a| a.world_from_tool);
+    tracing::debug!(verdict = ?plant.verdict(), ?tools, "plant at the end");
     let mut ending = ending;
     if let Some(fault) = fault {
         let cause = Fatal::Bridge(fault.to_string());

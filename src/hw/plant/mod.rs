@@ -40,7 +40,7 @@ use self::jaw::PlantJaw;
 use self::sensor::WristSensor;
 use super::port::{Port, PortFault};
 use super::scene::{Scene, SceneArm, SceneCube};
-use crate::cell::Cell;
+use crate::cell::{Cell, Gripper};
 use crate::cube::{Axis, Face};
 use crate::motion::{AXES, Depth, PERIOD};
 use crate::servo::io::{ArmDrive, ArmReading};
@@ -125,7 +125,7 @@ impl Plant {
             let opening = match config.start {
                 Start::Hand => a.gripper.opening_of_motor[0] + a.gripper.opening_offset,
                 Start::Held { arm, .. } if arm == i => closed,
-                Start::Held { .. } => a.gripper.opening.1,
+                Start::Held { .. } => a.gripper.opening.1 - 0.005,
             };
             PlantJaw::new(&a.gripper, &config.jaws, opening)
         });
@@ -180,7 +180,9 @@ impl Plant {
             verdict: Verdict::empty(&world_from_cube.to_pose()),
             config,
         };
-        if let Start::Held { arm, .. } = this.config.start {
+        if let Start::Held { arm, tool_from_cube } = this.config.start {
+            let deep = tool_from_cube.translation.z < 0.5 * Gripper::FACE_BEHIND_TOOL_ONE;
+            this.stops[arm] = if deep { Depth::Two } else { Depth::One };
             this.close(arm);
         }
         this.account();
@@ -254,8 +256,9 @@ impl Plant {
     }
 
     fn step(&mut self, drives: &[ArmDrive], t: f64, dt: f64) {
-        for (stops, drive) in self.stops.iter_mut().zip(drives) {
-            if drive.enabled {
+        for ((stops, grasp), drive) in self.stops.iter_mut().zip(&self.grasps).zip(drives) {
+            // The pins are latched while the jaws are closed: their small drive cannot push a held cube.
+            if drive.enabled && !grasp.attached {
                 *stops = drive.stops;
             }
         }
