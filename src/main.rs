@@ -1,1 +1,7 @@
-fn main() {}
+//! `rubik-robot`: see `rubik-robot --help`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    rubik_robot::cli::main()
+}

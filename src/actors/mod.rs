@@ -1,1 +1,19 @@
-//! To be written.
+//! The shells: UI, MP, an ECP and an EDP per effector, VSPs, and the supervisor that creates them.
+//!
+//! Actors are tokio tasks with bounded mailboxes. Requests go down a tree (MP, ECP, EDP), answers come back by
+//! `oneshot`, states go up by `watch`; so there is no cycle of waiting.
+
+mod build;
+pub mod clock;
+pub mod control;
+pub mod ecp;
+pub mod edp;
+pub mod move_instruction;
+pub mod mp;
+mod plant;
+pub mod supervisor;
+pub mod ui;
+pub mod vsp;
+pub mod work;
+
+pub use supervisor::{RunOptions, run};

@@ -1,3 +1,260 @@
-//! The command line.
+//! The command line: words and units of the workshop in, text or lines of JSON out.
+//!
+//! Exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
+//! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
+pub mod kinematics;
+mod look;
+pub mod output;
+mod run;
 pub mod vision;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use crate::scenario::{self, Override};
+use output::Output;
+
+const HELP: &str = "\
+Try these, in this order:
+  rubik-robot run scenarios/solve.toml                    the whole mission
+  rubik-robot run scenarios/solve.toml --seed 7           another cube, hand and cell
+  rubik-robot run scenarios/face_turn.toml --set control.compliance=none
+                                                          the same turn without force control
+  rubik-robot run scenarios/solve.toml --json | tail -1   the summary for a program
+  rubik-robot check my.toml                               what is wrong with a scenario
+  rubik-robot keys control                                every key, its unit, default and meaning
+  echo 0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics fk --arm postument
+  rubik-robot vision face photo.jpg                       the faces of a cube in a photograph
+  rubik-robot picture scenarios/solve.toml                the cell as cell.png
+
+Exit codes: 0 done, 1 the task failed or was aborted, 2 usage or scenario, 3 fatal (an effector),
+4 system, 130 interrupted. RUST_LOG=rubik_robot=debug shows what the actors do.";
+
+/// A two-handed robot that takes, reads, solves and returns a Rubik's cube, in a simulated cell.
+#[derive(Debug, Parser)]
+#[command(name = "rubik-robot", version, after_help = HELP)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Perform a scenario and print what it came to
+    Run(run::RunArgs),
+    /// Say everything that is wrong with a scenario, without running it
+    #[command(after_help = "\
+Examples:
+  rubik-robot check scenarios/solve.toml
+  rubik-robot check scenarios/solve.toml --set control.grip_n=5
+Exit code 2 and file:line:column of every fault when something is wrong.")]
+    Check(ScenarioArgs),
+    /// List the keys of scenarios: unit, default, range, meaning
+    #[command(after_help = "\
+Examples:
+  rubik-robot keys                 all of them
+  rubik-robot keys plant.errors    those whose name begins so
+  rubik-robot keys grip            those whose name contains a word")]
+    Keys {
+        /// Part of a key's name
+        word: Option<String>,
+    },
+    /// Answer rows of numbers with the kinematics of an arm
+    #[command(after_help = "\
+Rows are CSV on stdin, in rad and m; for the track arm d0 comes first. One JSON line answers each row;
+a row that cannot be answered gives {\"error\": ...} in its place.
+Examples:
+  echo 0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics fk --arm postument
+  echo 0.2,0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics motors --arm track
+  rubik-robot kinematics ik --arm postument < rows.csv
+      each row: 12 numbers of base_from_tool by rows (3 x 4), then the current joints")]
+    Kinematics(KinematicsArgs),
+    /// Run the vision on pictures and on measured colours
+    Vision(look::VisionArgs),
+    /// Draw the cell of a scenario, or what one of its cameras sees
+    Picture(look::PictureArgs),
+}
+
+/// A scenario and what overrules it.
+#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
+#[derive(Debug, Args)]
+struct ScenarioArgs {
+    /// Scenario file (TOML)
+    scenario: PathBuf,
+    /// Overrule a key, as in control.grip_n=30 or effector.track.tool_xyz_mm=[0,0,260]; repeatable
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+impl ScenarioArgs {
+    fn load(&self, more: &[Override]) -> Result<scenario::Scenario, String> {
+        let mut overrides = Vec::new();
+        let mut wrong = Vec::new();
+        for text in &self.set {
+            match Override::parse(text) {
+                Ok(over) => overrides.push(over),
+                Err(reason) => wrong.push(format!("--set: {reason}")),
+            }
+        }
+        overrides.extend_from_slice(more);
+        let loaded = scenario::load(&self.scenario, &overrides).map_err(|f| f.to_string());
+        match (loaded, wrong.is_empty()) {
+            (Ok(scenario), true) => Ok(scenario),
+            (Ok(_), false) => Err(wrong.join("\n")),
+            (Err(faults), _) => {
+                Err(wrong.into_iter().chain([faults]).collect::<Vec<_>>().join("\n"))
+            }
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+struct KinematicsArgs {
+    /// What is asked of each row
+    question: QuestionWord,
+    /// Effector of the scenario: track or postument in the built-in cell
+    #[arg(long)]
+    arm: String,
+    /// Take arms and tools from this scenario instead of the built-in cell
+    #[arg(long)]
+    scenario: Option<PathBuf>,
+    /// Answers are lines of JSON anyway; the option is accepted for the sake of habit
+    #[arg(long)]
+    json: bool,
+}
+
+#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum QuestionWord {
+    /// Joints -> base_from_flange, base_from_tool
+    Fk,
+    /// base_from_tool and the current joints -> joints
+    Ik,
+    /// Joints -> motors
+    Motors,
+}
+
+/// The program's entry.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .with_env_filter(
+            tracing_subscriber::EnvFilter::try_from_default_env()
+                .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn")),
+        )
+        .init();
+    let mut output = Output::stdout();
+    let done = match cli.command {
+        Command::Run(args) => run::run(&args, &mut output),
+        Command::Check(args) => check(&args, &mut output),
+        Command::Keys { word } => keys(word.as_deref(), &mut output),
+        Command::Kinematics(args) => rows(&args, &mut output),
+        Command::Vision(args) => look::look_at(&args, &mut output),
+        Command::Picture(args) => look::picture(&args, &mut output),
+    };
+    let code = done.and_then(|code| output.flush().map(|()| code));
+    match code {
+        Ok(code) => ExitCode::from(code),
+        Err(error) => {
+            complain(&format!("{error:#}"));
+            ExitCode::from(4)
+        }
+    }
+}
+
+/// Says what is wrong on stderr; there is nowhere to report that stderr is closed.
+fn complain(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// The exit code of a wrong call or scenario.
+const WRONG: u8 = 2;
+
+fn check(args: &ScenarioArgs, output: &mut Output) -> anyhow::Result<u8> {
+    match args.load(&[]) {
+        Err(faults) => {
+            complain(&faults);
+            Ok(WRONG)
+        }
+        Ok(scenario) => {
+            let controller = &scenario.controller;
+            let names: Vec<&str> = controller.cell.arms.iter().map(|a| a.name.as_str()).collect();
+            output.line(&format!(
+                "{}: right: task {}, coordination {}, effectors {}, {} cameras, {} sensors, seed {}",
+                args.scenario.display(),
+                controller.task.word(),
+                controller.coordination.word(),
+                names.join(" and "),
+                controller.cell.cameras.len(),
+                controller.vsps.len(),
+                scenario.seed,
+            ))?;
+            Ok(0)
+        }
+    }
+}
+
+fn keys(word: Option<&str>, output: &mut Output) -> anyhow::Result<u8> {
+    let keys = scenario::all_keys();
+    let mut found = false;
+    for key in keys.iter().filter(|k| word.is_none_or(|w| k.path.contains(w))) {
+        found = true;
+        let range = key
+            .range
+            .as_ref()
+            .filter(|r| r.end().is_finite())
+            .map_or_else(String::new, |range| format!(", {}..{}", range.start(), range.end()));
+        output.line(&format!("{} = {}", key.path, key.default))?;
+        output.line(&format!("    {} ({}{range})", key.meaning, key.kind))?;
+    }
+    if !found {
+        complain(&format!("no key contains `{}`", word.unwrap_or_default()));
+        return Ok(WRONG);
+    }
+    Ok(0)
+}
+
+fn rows(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<u8> {
+    let loaded = match &args.scenario {
+        Some(path) => scenario::load(path, &[]),
+        None => scenario::read(Path::new("the built-in cell"), "", &[]),
+    };
+    let scenario = match loaded {
+        Ok(scenario) => scenario,
+        Err(faults) => {
+            complain(&faults.to_string());
+            return Ok(WRONG);
+        }
+    };
+    let arms = &scenario.controller.cell.arms;
+    let Some(arm) = arms.iter().find(|a| a.name == args.arm) else {
+        let names: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
+        complain(&format!("--arm {}: there are {}", args.arm, names.join(" and ")));
+        return Ok(WRONG);
+    };
+    let question = match args.question {
+        QuestionWord::Fk => kinematics::Question::Fk,
+        QuestionWord::Ik => kinematics::Question::Ik,
+        QuestionWord::Motors => kinematics::Question::Motors,
+    };
+    let rows = std::io::stdin().lock();
+    output.write(|to| kinematics::stream(question, &arm.model, &arm.flange_from_tool, rows, to))?;
+    Ok(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+}

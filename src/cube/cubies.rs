@@ -356,7 +356,9 @@ mod tests {
 
     fn swapped(pairs: &[(usize, usize)]) -> Facelets {
         let mut colours = *Facelets::solved().colours();
-        pairs.iter().for_each(|&(a, b)| colours.swap(a, b));
+        for &(a, b) in pairs {
+            colours.swap(a, b);
+        }
         Facelets::try_from(colours).unwrap()
     }
 

@@ -25,7 +25,7 @@ impl Turn {
     /// A turn by `quarters` clockwise quarters, counted modulo 4; `None` where nothing turns.
     #[must_use]
     pub fn new(face: Face, quarters: u8) -> Option<Self> {
-        (quarters % 4 != 0).then_some(Self { face, quarters: quarters % 4 })
+        (!quarters.is_multiple_of(4)).then_some(Self { face, quarters: quarters % 4 })
     }
 
     /// Three times the face's number + quarters - 1, so 0..18.

@@ -1,1 +1,304 @@
-//! To be written.
+//! Motion generators: transition functions from inputs and memory to the next set values.
+//!
+//! - in: the arm's state, the latest target of the visual sensor, the servo period's number ([`Inputs`])
+//! - out: the command of the next macrostep, or an [`Outcome`] ([`Next`])
+//! - source: Zieliński et al. (2007), pp. 370-371 and 374: pure position control, grasping, securing, turning,
+//!   and the visual servo
+//!
+//! An order from above is a [`Behaviour`], plain data; [`Behaviour::generator`] makes the generator. Who runs
+//! it is the coordination scheme's business: an ECP (sporadic) or MP itself (continuous).
+
+pub mod comply;
+pub mod grasp;
+pub mod position;
+pub mod secure;
+pub mod turn;
+pub mod visual_servo;
+
+use crate::motion::{ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion, MoveCommand};
+use crate::spatial::Pose;
+use serde::{Deserialize, Serialize};
+
+/// What a generator may look at.
+#[derive(Debug, Clone, Copy)]
+pub struct Inputs<'a> {
+    /// State of the arm two periods before the macrostep ends.
+    pub arm: &'a ArmState,
+    /// Latest pose of the cube from the stand-alone camera, if any.
+    pub target: Option<&'a Target>,
+    /// Number of the present servo period.
+    pub period: u64,
+}
+
+/// The cube as the visual sensor saw it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Target {
+    /// `world_from_cube`; its axes are along the edges, up to the cube's own symmetry.
+    pub world_from_cube: Pose,
+    /// Speed of the centre [m/s].
+    pub speed: f64,
+    /// Servo period of the exposure.
+    pub period: u64,
+}
+
+/// A generator's answer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Next {
+    /// Execute this and ask again.
+    Go(MoveCommand),
+    /// The behaviour has come to its end.
+    Done(Outcome),
+}
+
+/// How a behaviour ended. A failed step of the task is an outcome, not an error.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Outcome {
+    /// The target is reached.
+    Reached,
+    /// The palm's stops touch the cube, this far along the way [m].
+    Touched(f64),
+    /// Nothing was touched on the whole way.
+    NotTouched,
+    /// The jaws hold something of this width [m].
+    Grasped(f64),
+    /// The jaws closed on nothing.
+    Empty(f64),
+    /// The cube is seated and clenched.
+    Secured,
+    /// The face has been turned by this angle [rad].
+    Turned(f64),
+    /// The turn stopped at this angle [rad] under this torque [Nm].
+    Stalled(f64, f64),
+    /// A force [N] or torque [Nm] beyond the set limit, in this direction.
+    OverForce(usize, f64),
+    /// Ended from above.
+    Ended,
+    /// The operator pulls at the cube.
+    Pulled,
+    /// The visual sensor has lost the cube for this long [s].
+    LostSight(f64),
+    /// It took longer than allowed [s].
+    TimedOut(f64),
+}
+
+/// How compliant directions behave, and the macrostep: one set for all generators of an arm.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Compliance {
+    /// B of the linear directions [m/(s N)].
+    pub linear_admittance: f64,
+    /// M of the linear directions [kg].
+    pub linear_inertia: f64,
+    /// B of the angular directions [rad/(s Nm)].
+    pub angular_admittance: f64,
+    /// M of the angular directions [kg m2].
+    pub angular_inertia: f64,
+    /// Periods of a macrostep.
+    pub macrostep: u32,
+    /// Force at which a behaviour gives up [N].
+    pub force_limit: f64,
+    /// Torque at which a behaviour gives up [Nm].
+    pub torque_limit: f64,
+}
+
+/// Which directions of the tool frame yield: x, y, z, then rotations about them.
+pub type Selector = [bool; 6];
+
+impl Compliance {
+    /// The directions of a task in which the selected ones seek zero force and the others stand still.
+    #[must_use]
+    pub fn yielding(&self, selector: &Selector) -> [Direction; 6] {
+        std::array::from_fn(|i| if selector[i] { self.contact(i, 0.0) } else { Direction::HOLD })
+    }
+
+    /// A direction that seeks a force [N] or torque [Nm].
+    #[must_use]
+    pub fn contact(&self, direction: usize, wanted: f64) -> Direction {
+        let (admittance, inertia) = if direction < 3 {
+            (self.linear_admittance, self.linear_inertia)
+        } else {
+            (self.angular_admittance, self.angular_inertia)
+        };
+        Direction::Contact { wanted, admittance, inertia }
+    }
+
+    /// A task motion in the tool frame for one macrostep.
+    #[must_use]
+    pub fn task(&self, directions: [Direction; 6], jaw: Option<JawCommand>) -> MoveCommand {
+        MoveCommand {
+            motion: Motion::Task { frame: Frame::Tool, directions },
+            periods: self.macrostep,
+            jaw,
+        }
+    }
+
+    /// The first direction in which the arm's wrench is beyond the limits.
+    #[must_use]
+    pub fn excess(&self, arm: &ArmState) -> Option<Outcome> {
+        let (force, torque) = (arm.wrench_in_tool.force.norm(), arm.wrench_in_tool.torque.norm());
+        if force > self.force_limit {
+            Some(Outcome::OverForce(arm.wrench_in_tool.force.iamax(), force))
+        } else if torque > self.torque_limit {
+            Some(Outcome::OverForce(3 + arm.wrench_in_tool.torque.iamax(), torque))
+        } else {
+            None
+        }
+    }
+}
+
+/// What an effector is asked to do: an order from MP, complete in itself.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Behaviour {
+    /// Goes to joint positions, all axes arriving together.
+    Joints {
+        /// Where to.
+        target: JointPositions,
+        /// Fraction of the full speed, 0..=1.
+        speed: f64,
+    },
+    /// Goes to a pose of the tool along a straight line; d0 stays.
+    Line {
+        /// `base_from_tool` at the end.
+        target: Pose,
+        /// Fraction of the full speed, 0..=1.
+        speed: f64,
+    },
+    /// Moves the jaws; the arm keeps its place, or yields where selected.
+    Jaw {
+        /// Set values at the end.
+        jaw: JawCommand,
+        /// Duration [s].
+        seconds: f64,
+        /// Directions that yield meanwhile.
+        selector: Selector,
+    },
+    /// Approaches along the tool's z until the palm's stops touch.
+    Approach {
+        /// Speed in free motion [m/s].
+        speed: f64,
+        /// Give up after this way [m].
+        distance: f64,
+        /// Contact force that ends the approach [N].
+        force: f64,
+        /// Directions that yield besides z.
+        selector: Selector,
+    },
+    /// Closes the jaws while the arm accommodates.
+    Grasp {
+        /// Grip force [N].
+        force: f64,
+        /// Width below which the jaws hold nothing [m].
+        least_width: f64,
+        /// Directions that yield.
+        selector: Selector,
+        /// Position of the palm's stops.
+        stops: Depth,
+    },
+    /// Presses the cube against the stops of the palm, then clenches.
+    Secure {
+        /// Pressing force [N].
+        press: f64,
+        /// Grip force [N].
+        force: f64,
+        /// Directions that yield besides z.
+        selector: Selector,
+        /// Position of the palm's stops.
+        stops: Depth,
+    },
+    /// Turns the grasped face about the tool's z.
+    Turn {
+        /// How far, about the tool's z [rad].
+        angle: f64,
+        /// Speed in free motion [rad/s].
+        speed: f64,
+        /// Torque at which the turn stands still [Nm].
+        torque: f64,
+        /// Directions that yield besides the turn's own.
+        selector: Selector,
+        /// Whether the rotation itself follows the velocity whatever the torque (no compliance at all).
+        stiff: bool,
+    },
+    /// Yields in the selected directions until it is ended from above, or a force limit is passed.
+    Comply {
+        /// Directions that yield.
+        selector: Selector,
+    },
+    /// Holds the cube out until the operator pulls at it.
+    Present {
+        /// Force that counts as a pull [N].
+        pull: f64,
+        /// Directions that yield.
+        selector: Selector,
+        /// Patience [s].
+        seconds: f64,
+    },
+    /// Leads the gripper to the cube that the stand-alone camera sees.
+    VisualServo(visual_servo::Order),
+}
+
+/// The generator of a behaviour with its memory.
+#[derive(Debug, Clone)]
+pub enum Generator {
+    /// See [`position`].
+    Position(position::Position),
+    /// See [`grasp`].
+    Grasp(grasp::Grasp),
+    /// See [`secure`].
+    Secure(secure::Secure),
+    /// See [`turn`].
+    Turn(turn::Turn),
+    /// See [`comply`].
+    Comply(comply::Comply),
+    /// See [`visual_servo`].
+    VisualServo(visual_servo::VisualServo),
+}
+
+impl Behaviour {
+    /// Makes the generator; `speeds` are the full speeds of position control.
+    #[must_use]
+    pub fn generator(&self, compliance: &Compliance, speeds: &position::Speeds) -> Generator {
+        match *self {
+            Self::Joints { target, speed } => {
+                Generator::Position(position::Position::joints(target, speed, speeds, compliance.macrostep))
+            }
+            Self::Line { target, speed } => {
+                Generator::Position(position::Position::line(target, speed, speeds, compliance.macrostep))
+            }
+            Self::Jaw { jaw, seconds, selector } => {
+                Generator::Grasp(grasp::Grasp::jaw_only(jaw, seconds, selector, *compliance))
+            }
+            Self::Approach { speed, distance, force, selector } => {
+                Generator::Secure(secure::Secure::approach(speed, distance, force, selector, *compliance))
+            }
+            Self::Grasp { force, least_width, selector, stops } => {
+                Generator::Grasp(grasp::Grasp::new(force, least_width, selector, stops, *compliance))
+            }
+            Self::Secure { press, force, selector, stops } => {
+                Generator::Secure(secure::Secure::press(press, force, selector, stops, *compliance))
+            }
+            Self::Turn { angle, speed, torque, selector, stiff } => {
+                Generator::Turn(turn::Turn::new(angle, speed, torque, selector, stiff, *compliance))
+            }
+            Self::Comply { selector } => Generator::Comply(comply::Comply::until_ended(selector, *compliance)),
+            Self::Present { pull, selector, seconds } => {
+                Generator::Comply(comply::Comply::until_pulled(pull, selector, seconds, *compliance))
+            }
+            Self::VisualServo(order) => {
+                Generator::VisualServo(visual_servo::VisualServo::new(order, *compliance))
+            }
+        }
+    }
+}
+
+impl Generator {
+    /// The next macrostep's set values, or the end.
+    pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
+        match self {
+            Self::Position(g) => g.next(inputs),
+            Self::Grasp(g) => g.next(inputs),
+            Self::Secure(g) => g.next(inputs),
+            Self::Turn(g) => g.next(inputs),
+            Self::Comply(g) => g.next(inputs),
+            Self::VisualServo(g) => g.next(inputs),
+        }
+    }
+}

@@ -3,6 +3,8 @@
 //! Nothing here names an actor or a task.
 
 pub mod camera;
+pub mod driver;
+pub mod folder;
 pub mod plant;
 pub mod port;
 pub mod scene;

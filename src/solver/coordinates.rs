@@ -18,6 +18,9 @@ pub const QUADS: usize = SLICES * 24;
 /// Orders of eight pieces.
 pub const PERMUTATIONS: usize = 40320;
 
+/// Choices of four of eight places.
+pub const CHOICES: usize = 70;
+
 /// The turns of phase 2, as numbers of [`Turn::index`]: U, D by any angle, the others by halves.
 pub const PHASE2_TURNS: [usize; 10] = [0, 1, 2, 9, 10, 11, 4, 7, 13, 16];
 
@@ -212,6 +215,35 @@ pub fn edge_moves() -> Vec<u16> {
         }
     }
     table
+}
+
+/// Where the four upper corners are, for each order of the corners: 0..[`CHOICES`], 0 when all are up.
+#[must_use]
+pub fn upper_corners() -> Vec<u8> {
+    (0..PERMUTATIONS).map(|n| choice_number(choice_bits(unrank(n)))).collect()
+}
+
+/// What each turn of [`PHASE2_TURNS`] does to where the upper corners are: `[k * CHOICES + choice]`.
+#[must_use]
+pub fn upper_corner_moves() -> Vec<u8> {
+    let mut table = vec![0; 10 * CHOICES];
+    for bits in (0..=u8::MAX).filter(|b| b.count_ones() == 4) {
+        for (k, t) in PHASE2_TURNS.into_iter().enumerate() {
+            let turn = Cube::SOLVED.apply(Turn::from_index(t));
+            let next = (0..8).fold(0, |n, i| n | (bits >> turn.corners[i] & 1) << i);
+            table[k * CHOICES + usize::from(choice_number(bits))] = choice_number(next);
+        }
+    }
+    table
+}
+
+fn choice_bits(corners: [u8; 8]) -> u8 {
+    corners.iter().enumerate().fold(0, |bits, (i, &c)| bits | u8::from(c < 4) << i)
+}
+
+/// How many sets of four come before these bits.
+fn choice_number(bits: u8) -> u8 {
+    (0..bits).filter(|b| b.count_ones() == 4).count() as u8
 }
 
 #[cfg(test)]

@@ -35,7 +35,9 @@ pub struct Solution {
 /// No first phase is longer than this with no gain.
 const LONGEST: usize = 31;
 /// A second phase of a first solution is at most this long: longer ones take long to refute.
-const FIRST_PHASE2: u8 = 10;
+const FIRST_PHASE2: u8 = 11;
+/// Candidates that share a first phase: more of them would differ too little.
+const SHARED_PHASE1: usize = 8;
 
 /// The shortest solution that the budget finds.
 #[must_use]
@@ -156,6 +158,8 @@ struct Search<'a> {
     nodes: u64,
     limit: u64,
     longest_phase2: u8,
+    /// Candidates with the first phase that is walked now.
+    shared: usize,
     over: bool,
 }
 
@@ -175,6 +179,7 @@ impl<'a> Search<'a> {
             nodes: 0,
             limit,
             longest_phase2: FIRST_PHASE2,
+            shared: 0,
             over: false,
         }
     }
@@ -207,14 +212,20 @@ impl<'a> Search<'a> {
             self.end_phase1(depth);
             return;
         }
+        // All table reads of the 18 neighbours first, so that they wait for memory together.
+        let mut neighbours = [((0, 0, 0), 0, 0); 18];
+        let mut count = 0;
         for turn in 0..18_u8 {
-            if depth > 0 && repeats(self.path[depth - 1], turn) {
-                continue;
+            if depth == 0 || !repeats(self.path[depth - 1], turn) {
+                let next = self.tables.phase1_turned(usize::from(turn), state);
+                neighbours[count] = (next, turn, self.tables.phase1_entry(next));
+                count += 1;
             }
-            let next = self.tables.phase1_turned(usize::from(turn), state);
-            let code = self.tables.phase1_code(next.0, next.1, next.2);
+        }
+        let codes = neighbours.map(|(_, _, entry)| self.tables.phase1_code_at(entry));
+        self.nodes += count as u64;
+        for (&(next, turn, _), code) in neighbours[..count].iter().zip(codes) {
             let next_distance = neighbour_distance(distance, code);
-            self.nodes += 1;
             // A first phase that is over early is walked at its own length.
             if next_distance >= left || (next_distance == 0 && left > 1) {
                 continue;
@@ -244,67 +255,51 @@ impl<'a> Search<'a> {
         if self.tables.corners_middle[corners * 24 + middle] > left {
             return;
         }
-        let edges = eight_edges(up, down);
-        let distance = self.phase2_distance(corners, edges, middle);
-        for length in distance..=left {
-            if self.phase2((corners, edges, middle), depth, length) {
-                self.keep(depth + usize::from(length));
+        let state = (corners, eight_edges(up, down), middle);
+        self.shared = 0;
+        for length in self.tables.phase2_distance(state)..=left {
+            if self.phase2(state, depth, length) {
                 return;
             }
         }
     }
 
-    fn phase2_distance(&self, corners: usize, edges: usize, middle: usize) -> u8 {
-        self.tables.corners_middle[corners * 24 + middle]
-            .max(self.tables.edges_middle[edges * 24 + middle])
-    }
-
-    /// Whether exactly `left` turns of phase 2 solve the state.
-    fn phase2(
-        &mut self,
-        (corners, edges, middle): (usize, usize, usize),
-        depth: usize,
-        left: u8,
-    ) -> bool {
+    /// Keeps what solves the state in exactly `left` turns of phase 2; tells whether that is enough.
+    fn phase2(&mut self, state: (usize, usize, usize), depth: usize, left: u8) -> bool {
         if left == 0 {
-            return corners == 0 && edges == 0 && middle == 0;
+            return state == (0, 0, 0) && self.keep(depth);
         }
         for (k, &turn) in PHASE2_TURNS.iter().enumerate() {
             if depth > 0 && repeats(self.path[depth - 1], turn as u8) {
                 continue;
             }
-            let corners = usize::from(self.tables.corner_moves[turn * PERMUTATIONS + corners]);
-            let middle = usize::from(self.tables.middle_moves[k * 24 + middle]);
             self.nodes += 1;
-            if self.tables.corners_middle[corners * 24 + middle] >= left {
-                continue;
-            }
-            let edges = usize::from(self.tables.edge_moves[k * PERMUTATIONS + edges]);
-            if self.tables.edges_middle[edges * 24 + middle] >= left {
-                continue;
-            }
+            let Some(next) = self.tables.phase2_turned(k, state, left) else { continue };
             self.path[depth] = turn as u8;
-            if self.phase2((corners, edges, middle), depth + 1, left - 1) {
+            if self.phase2(next, depth + 1, left - 1) {
                 return true;
             }
         }
         false
     }
 
-    fn keep(&mut self, length: usize) {
+    /// Takes the path so far as a solution; tells whether no more of its first phase are wanted.
+    fn keep(&mut self, length: usize) -> bool {
         let turns = self.views[self.view].turns_of_cube(&self.path[..length]);
         if self.wanted == 0 {
             self.over = self.enough.is_some_and(|e| length <= usize::from(e)) || length == 0;
             self.over |= self.nodes > self.limit;
             self.bound = (length as u8).saturating_sub(1);
             self.found = vec![turns];
-        } else {
-            let turns = canonical(turns);
-            if !self.found.contains(&turns) {
-                self.found.push(turns);
-            }
-            self.over = self.found.len() >= self.wanted;
+            return true;
         }
+        let turns = canonical(turns);
+        if !self.found.contains(&turns) {
+            self.found.push(turns);
+            self.shared += 1;
+        }
+        self.over = self.found.len() >= self.wanted;
+        self.over || self.shared >= SHARED_PHASE1
     }
 }
 

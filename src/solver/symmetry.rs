@@ -201,7 +201,7 @@ mod tests {
         let cube = Cube::scrambled(3);
         let state = (quad(&cube, 8) / 24, flip(&cube), twist(&cube));
         let turned = |(slice, flip, twist): (usize, usize, usize)| {
-            Turn::all().map(move |t| t.index()).map(move |t| {
+            Turn::all().map(Turn::index).map(move |t| {
                 (usize::from(quads[t * SLICES * 24 + slice * 24]) / 24, flip, twist, t)
             })
         };

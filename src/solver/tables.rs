@@ -2,13 +2,13 @@
 //!
 //! Phase 1 has one exact table, 64430 classes x 2187 twists, two bits an entry: the distance modulo 3, and 3 for
 //! "10 or more". The walk knows its own distance, and a neighbour's differs by at most 1, so two bits are enough;
-//! leaving the last two levels (three entries of five) unfilled halves the time to build. Phase 2 has two tables of
-//! bytes: corners with the middle edges, and the eight edges with the middle edges.
-//! Built in memory, about 45 MB; nothing is read or written.
+//! leaving the last two levels (three entries of five) unfilled halves the time to build. Phase 2 has three tables
+//! of bytes: corners with the middle edges, the eight edges with the middle edges, and the eight edges with the
+//! places of the upper corners. Built in memory, about 48 MB; nothing is read or written.
 
 use super::coordinates::{
-    FLIPS, PERMUTATIONS, PHASE2_TURNS, QUADS, SLICES, TWISTS, corner_moves, edge_moves, flip_moves,
-    quad_moves, twist_moves,
+    CHOICES, FLIPS, PERMUTATIONS, PHASE2_TURNS, QUADS, SLICES, TWISTS, corner_moves, edge_moves,
+    flip_moves, quad_moves, twist_moves, upper_corner_moves, upper_corners,
 };
 use super::symmetry::{CLASSES, Classes, SYMMETRIES, twist_images};
 
@@ -33,6 +33,8 @@ pub struct Tables {
     phase1: Vec<u64>,
     pub(super) corners_middle: Vec<u8>,
     pub(super) edges_middle: Vec<u8>,
+    upper_corners: Vec<u8>,
+    edges_upper: Vec<u8>,
 }
 
 impl Tables {
@@ -61,10 +63,18 @@ impl Tables {
             phase1: vec![u64::MAX; CLASSES * ROW],
             corners_middle: Vec::new(),
             edges_middle: Vec::new(),
+            upper_corners: upper_corners(),
+            edges_upper: Vec::new(),
         };
         tables.fill_phase1();
-        tables.corners_middle = tables.phase2(|t, _| &tables.corner_moves[t * PERMUTATIONS..]);
-        tables.edges_middle = tables.phase2(|_, k| &tables.edge_moves[k * PERMUTATIONS..]);
+        let corners: Vec<&[u16]> =
+            PHASE2_TURNS.iter().map(|t| &tables.corner_moves[t * PERMUTATIONS..]).collect();
+        let edges: Vec<&[u16]> = (0..10).map(|k| &tables.edge_moves[k * PERMUTATIONS..]).collect();
+        let corners_middle = distances(&corners, &tables.middle_moves, 24);
+        let edges_middle = distances(&edges, &tables.middle_moves, 24);
+        let edges_upper = distances(&edges, &upper_corner_moves(), CHOICES);
+        (tables.corners_middle, tables.edges_middle) = (corners_middle, edges_middle);
+        tables.edges_upper = edges_upper;
         tables
     }
 
@@ -84,31 +94,70 @@ impl Tables {
         words.iter().map(|w| w.len() * 2).sum::<usize>()
             + (self.classes.of.len() + self.classes.representatives.len()) * 4
             + self.phase1.len() * 8
+            + self.edges_upper.len()
+            + self.upper_corners.len()
             + self.middle_moves.len()
             + self.corners_middle.len()
             + self.edges_middle.len()
     }
 
-    /// The distance modulo 3 of a state of phase 1, 3 for [`FAR`] and more.
+    /// Where the distance of a state of phase 1 stands.
     #[inline]
-    pub(super) fn phase1_code(&self, twist: usize, flip: usize, slice: usize) -> u8 {
-        let entry = self.classes.of[slice * FLIPS + flip] as usize;
-        let image = usize::from(self.twist_images[(entry & 15) * TWISTS + twist]);
-        let word = self.phase1[(entry >> 4) * ROW + image / 32];
-        (word >> (image % 32 * 2) & 3) as u8
+    pub(super) fn phase1_entry(&self, (twist, flip, slice): (usize, usize, usize)) -> usize {
+        let class = self.classes.of[slice * FLIPS + flip] as usize;
+        let image = usize::from(self.twist_images[(class & 15) * TWISTS + twist]);
+        (class >> 4) * ROW * 32 + image
+    }
+
+    /// The distance modulo 3 that stands there, 3 for [`FAR`] and more.
+    #[inline]
+    pub(super) fn phase1_code_at(&self, entry: usize) -> u8 {
+        (self.phase1[entry / 32] >> (entry % 32 * 2) & 3) as u8
+    }
+
+    fn phase1_code(&self, state: (usize, usize, usize)) -> u8 {
+        self.phase1_code_at(self.phase1_entry(state))
+    }
+
+    /// A bound from below for a state (corners, edges, middle edges) of phase 2.
+    pub(super) fn phase2_distance(&self, (corners, edges, middle): (usize, usize, usize)) -> u8 {
+        let upper = usize::from(self.upper_corners[corners]);
+        self.corners_middle[corners * 24 + middle]
+            .max(self.edges_middle[edges * 24 + middle])
+            .max(self.edges_upper[edges * CHOICES + upper])
+    }
+
+    /// The state after the `k`-th turn of phase 2, if it may be solved in fewer than `left` more.
+    #[inline]
+    pub(super) fn phase2_turned(
+        &self,
+        k: usize,
+        (corners, edges, middle): (usize, usize, usize),
+        left: u8,
+    ) -> Option<(usize, usize, usize)> {
+        let corners = usize::from(self.corner_moves[PHASE2_TURNS[k] * PERMUTATIONS + corners]);
+        let middle = usize::from(self.middle_moves[k * 24 + middle]);
+        if self.corners_middle[corners * 24 + middle] >= left {
+            return None;
+        }
+        let edges = usize::from(self.edge_moves[k * PERMUTATIONS + edges]);
+        let upper = usize::from(self.upper_corners[corners]);
+        let far =
+            self.edges_upper[edges * CHOICES + upper].max(self.edges_middle[edges * 24 + middle]);
+        (far < left).then_some((corners, edges, middle))
     }
 
     /// The distance of a state of phase 1 from its goal; [`FAR`] stands for more, too.
     pub(super) fn phase1_distance(&self, twist: usize, flip: usize, slice: usize) -> u8 {
         let (mut state, mut distance) = ((twist, flip, slice), 0);
-        if self.phase1_code(twist, flip, slice) == 3 {
+        if self.phase1_code(state) == 3 {
             return FAR;
         }
         while state != (0, 0, 0) {
-            let nearer = (self.phase1_code(state.0, state.1, state.2) + 2) % 3;
+            let nearer = (self.phase1_code(state) + 2) % 3;
             let next = (0..18)
                 .map(|t| self.phase1_turned(t, state))
-                .find(|n| self.phase1_code(n.0, n.1, n.2) == nearer);
+                .find(|n| self.phase1_code(*n) == nearer);
             match next {
                 Some(next) => state = next,
                 None => return FAR,
@@ -175,32 +224,30 @@ impl Tables {
             }
         }
     }
+}
 
-    /// Distances of (order of eight pieces, order of the middle edges), `[order * 24 + middle]`; `moves(t, k)` are
-    /// the moves of the pieces under turn `t`, the `k`-th of phase 2.
-    fn phase2<'a>(&self, moves: impl Fn(usize, usize) -> &'a [u16]) -> Vec<u8> {
-        let moves: Vec<&[u16]> =
-            PHASE2_TURNS.iter().enumerate().map(|(k, &t)| moves(t, k)).collect();
-        let mut table = vec![u8::MAX; PERMUTATIONS * 24];
-        table[0] = 0;
-        let (mut frontier, mut next, mut depth) = (vec![0_u32], Vec::new(), 0);
-        while !frontier.is_empty() {
-            depth += 1;
-            for state in frontier.drain(..) {
-                let (order, middle) = (state as usize / 24, state as usize % 24);
-                for (k, moves) in moves.iter().enumerate() {
-                    let neighbour = usize::from(moves[order]) * 24
-                        + usize::from(self.middle_moves[k * 24 + middle]);
-                    if table[neighbour] == u8::MAX {
-                        table[neighbour] = depth;
-                        next.push(neighbour as u32);
-                    }
+/// Distances of (order of eight pieces, something else of `size` states), `[order * size + else]`, by the turns of
+/// phase 2: `moves[k][order]` and `other_moves[k * size + else]`.
+fn distances(moves: &[&[u16]], other_moves: &[u8], size: usize) -> Vec<u8> {
+    let mut table = vec![u8::MAX; PERMUTATIONS * size];
+    table[0] = 0;
+    let (mut frontier, mut next, mut depth) = (vec![0_u32], Vec::new(), 0);
+    while !frontier.is_empty() {
+        depth += 1;
+        for state in frontier.drain(..) {
+            let (order, other) = (state as usize / size, state as usize % size);
+            for (k, moves) in moves.iter().enumerate() {
+                let neighbour =
+                    usize::from(moves[order]) * size + usize::from(other_moves[k * size + other]);
+                if table[neighbour] == u8::MAX {
+                    table[neighbour] = depth;
+                    next.push(neighbour as u32);
                 }
             }
-            std::mem::swap(&mut frontier, &mut next);
         }
-        table
+        std::mem::swap(&mut frontier, &mut next);
     }
+    table
 }
 
 /// The numbers of the entries of a row that are `code`.
@@ -254,23 +301,28 @@ pub(super) mod tests {
         assert_eq!(by_code[3], all - known.iter().sum::<u64>());
     }
 
-    /// No reference for these two: their extent is, and every state must be one turn from a nearer one.
+    /// No reference is known to us for these: that each state has a neighbour nearer by one, and none by two, says
+    /// that the numbers are distances.
     #[test]
-    fn phase_2_tables_are_full_and_each_state_has_a_nearer_neighbour() {
-        for (table, moves, by_k) in [
-            (&TABLES.corners_middle, &TABLES.corner_moves, false),
-            (&TABLES.edges_middle, &TABLES.edge_moves, true),
+    fn phase_2_tables_hold_distances() {
+        let rows = |moves: &[u16], k: usize| moves[k * PERMUTATIONS..][..PERMUTATIONS].to_vec();
+        let corners: Vec<_> = PHASE2_TURNS.map(|t| rows(&TABLES.corner_moves, t)).to_vec();
+        let edges: Vec<_> = (0..10).map(|k| rows(&TABLES.edge_moves, k)).collect();
+        let upper = upper_corner_moves();
+        for (table, moves, others, size) in [
+            (&TABLES.corners_middle, &corners, &TABLES.middle_moves, 24),
+            (&TABLES.edges_middle, &edges, &TABLES.middle_moves, 24),
+            (&TABLES.edges_upper, &edges, &upper, CHOICES),
         ] {
-            assert_eq!(table.iter().filter(|&&d| d == 0).count(), 1);
-            for state in 0..table.len() {
-                let (order, middle) = (state / 24, state % 24);
-                let nearest = PHASE2_TURNS.iter().enumerate().map(|(k, &t)| {
-                    let row = if by_k { k } else { t };
-                    let next = usize::from(moves[row * PERMUTATIONS + order]);
-                    table[next * 24 + usize::from(TABLES.middle_moves[k * 24 + middle])]
-                });
-                let nearest = nearest.min().unwrap();
-                assert_eq!(nearest, table[state].saturating_sub(1).max(u8::from(state == 0)));
+            assert_eq!(table.iter().position(|&d| d == 0), Some(0));
+            assert!(!table[1..].contains(&0));
+            for (state, &distance) in table.iter().enumerate().skip(1) {
+                let (order, other) = (state / size, state % size);
+                let to = |k: usize| {
+                    usize::from(moves[k][order]) * size + usize::from(others[k * size + other])
+                };
+                let nearest = (0..10).map(|k| table[to(k)]).min();
+                assert_eq!(nearest, Some(distance - 1));
             }
         }
     }

@@ -1,5 +1,94 @@
-//! The tasks: kernels of MP and of the ECPs, one folder a task. Pure: event -> next action.
+//! The tasks: kernels of MP, one folder a task. Pure: event -> next action.
 //!
-//! A task imports neither `hw` nor `kinematics`: poses, wrenches and reach come to it as data.
+//! A task imports neither `hw` nor `kinematics`: poses, wrenches and reach come to it as data. The same kernel
+//! serves both coordination schemes, because what it orders are behaviours; who runs their generators (MP at each
+//! macrostep, or the ECPs on their own) is the shells' business.
 
 pub mod cube;
+
+use crate::generators::{Behaviour, Outcome};
+use crate::motion::ArmState;
+use crate::spatial::Pose;
+use crate::vision::sensor::FaceReading;
+
+/// A kernel of MP.
+pub trait Task: Send {
+    /// Long work that the kernel wants done beside the motions; plain data in ...
+    type Thought: std::fmt::Debug + Clone + Send + 'static;
+    /// ... and out.
+    type Conclusion: std::fmt::Debug + Send + 'static;
+
+    /// The next action after an event. `arms` are the effectors' present states, in the scenario's order.
+    fn next(&mut self, event: Event<Self::Conclusion>, arms: &[ArmState]) -> Action<Self::Thought>;
+
+    /// Does the long work. A pure function of its argument.
+    fn think(thought: Self::Thought) -> (Self::Conclusion, Effort);
+}
+
+/// How much work a thought was, for the virtual clock [s]; declared by the kernel, never measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Effort(pub f64);
+
+/// What a kernel asks its shell to do.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Action<T> {
+    /// A new phase of the task begins; nothing moves for it.
+    Phase(&'static str),
+    /// Effectors carry out behaviours, starting together.
+    Behave {
+        /// One entry an effector; `None` leaves it as it is.
+        orders: [Option<Behaviour>; 2],
+        /// Whose end ends the step; the other is then ended from above.
+        until: Until,
+    },
+    /// The force sensors of these effectors are set to zero where they are.
+    Bias([bool; 2]),
+    /// The stand-alone camera's sensor begins or ends to watch for the cube.
+    Watch(bool),
+    /// The camera in an effector's hand looks at one face.
+    Look {
+        /// Effector that owns the camera.
+        effector: usize,
+        /// Where the face is expected: origin in its centre, x along columns, y along rows of reading order.
+        camera_from_face: Pose,
+    },
+    /// Long work.
+    Think(T),
+    /// The task is over.
+    Finish(Finish),
+}
+
+/// Which effectors must come to the end of their behaviours.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Until {
+    /// All that have an order.
+    All,
+    /// This one.
+    Effector(usize),
+}
+
+/// What the shell tells its kernel.
+#[derive(Debug)]
+pub enum Event<C> {
+    /// The run begins.
+    Start,
+    /// The last action needs no answer, and is carried out.
+    Done,
+    /// Behaviours ended.
+    Behaved([Option<Outcome>; 2]),
+    /// A face was read, or why not.
+    Looked(Result<FaceReading, String>),
+    /// The long work is done.
+    Thought(C),
+    /// An effector or sensor could not do what was asked; the text says which and why.
+    Trouble(String),
+}
+
+/// The end of a task, as the controller sees it. Whether the cube is solved is for the plant to say.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finish {
+    /// The controller believes that it did what was asked.
+    pub achieved: bool,
+    /// In words.
+    pub reason: String,
+}

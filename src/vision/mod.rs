@@ -24,6 +24,7 @@ pub mod sensor;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod tracker;
+pub mod watcher;
 
 use crate::spatial::Pose;
 

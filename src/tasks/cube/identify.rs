@@ -52,7 +52,7 @@ pub fn looks(start: (Hand, Grip), terms: &Terms, reach: &impl Reach) -> Result<V
                 continue;
             }
             let next = (hand.other(), grip);
-            let after = number(next) * SETS + (at % SETS | seen(next.0, next.1));
+            let after = number(next) * SETS + ((at % SETS) | seen(next.0, next.1));
             let cost = best[at] + terms.costs.grasp + terms.costs.leave;
             if cost < best[after] - 1e-9 {
                 (best[after], from[after]) = (cost, Some(at));

@@ -1,6 +1,13 @@
 //! The Rubik's cube task of Zieliński et al. (2007).
+//!
+//! [`mission`] is the kernel of MP; [`belief`] where it thinks the cube is; [`plan`] and [`identify`] turn solutions
+//! and looks into steps of two hands ([`hold`]), which [`replay`] checks; [`think`] is the long work.
 
+pub mod belief;
 pub mod hold;
 pub mod identify;
+pub mod mission;
 pub mod plan;
 pub mod replay;
+pub mod settings;
+pub mod think;

@@ -681,4 +681,54 @@ mod tests {
             _ => true,
         }));
     }
+
+    /// Mean grasps of the rules: `cargo test --release --lib counts -- --ignored --nocapture`.
+    #[test]
+    #[ignore = "takes minutes: figures for the README"]
+    fn counts_of_grasps_over_random_cubes() {
+        use crate::cube::Cube;
+        use crate::solver::{Budget, Tables, candidates};
+        let tables = Tables::build();
+        let best = Budget { nodes: 5_000_000, max_length: 0 };
+        let lists: Vec<_> =
+            (0..120).map(|seed| candidates(&Cube::scrambled(seed), &tables, &best, 480)).collect();
+        let anyone = |rule| Terms { finish: None, ..Terms::of(rule) };
+        let deep = Terms { depths: Depths::Both, ..anyone(Rule::Clearance) };
+        let mut means = Vec::new();
+        for (name, terms, count) in [
+            ("original, shortest", anyone(Rule::Original), 1),
+            ("original, shortest, ends in the track hand", Terms::of(Rule::Original), 1),
+            ("strict, shortest", anyone(Rule::Strict), 1),
+            ("strict, of 24", anyone(Rule::Strict), 24),
+            ("clearance, shortest, both depths", deep, 1),
+            ("clearance, of 24, both depths", deep, 24),
+            ("clearance, of 480, both depths", deep, 480),
+            ("clearance, shortest, one layer", anyone(Rule::Clearance), 1),
+            ("clearance, of 24, one layer", anyone(Rule::Clearance), 24),
+            ("clearance, of 480, one layer", anyone(Rule::Clearance), 480),
+            (
+                "clearance, of 480, one layer, ends in the track hand",
+                Terms::of(Rule::Clearance),
+                480,
+            ),
+        ] {
+            let begin = std::time::Instant::now();
+            let plans: Vec<Plan> = lists
+                .iter()
+                .map(|l| plan(&l[..count.min(l.len())], start(), &terms, &Everywhere).unwrap())
+                .collect();
+            let mean = |of: fn(&Plan) -> f64| plans.iter().map(of).sum::<f64>() / 120.0;
+            let most = plans.iter().map(|p| p.grasps).max().unwrap();
+            println!(
+                "{name}: {:.1} turns, {:.1} grasps (most {most}), {:.0} s, planned in {:.1} ms",
+                mean(|p| p.turns.len() as f64),
+                mean(|p| p.grasps as f64),
+                mean(|p| p.cost),
+                begin.elapsed().as_secs_f64() / 0.12,
+            );
+            means.push(mean(|p| p.grasps as f64));
+        }
+        println!("candidates: {}", lists.iter().map(Vec::len).sum::<usize>() / 120);
+        assert!(means[9] < 0.4 * means[0], "{means:?}");
+    }
 }

@@ -70,7 +70,7 @@ pub fn replay(
 ) -> Result<(Facelets, Hands), Illegal> {
     let (mut cube, mut hands, mut turned) = (start, hands, [false; 2]);
     for (step, action) in steps.iter().enumerate() {
-        check(hands, action, rule, &mut turned).map_err(|fault| Illegal { step, fault })?;
+        check(hands, *action, rule, &mut turned).map_err(|fault| Illegal { step, fault })?;
         hands = hands_after(hands, action);
         if let Step::Turn { turn, .. } = action {
             cube = cube.turned(*turn);
@@ -80,8 +80,8 @@ pub fn replay(
     Ok((cube, hands))
 }
 
-fn check(hands: Hands, step: &Step, rule: Rule, turned: &mut [bool; 2]) -> Result<(), Fault> {
-    match *step {
+fn check(hands: Hands, step: Step, rule: Rule, turned: &mut [bool; 2]) -> Result<(), Fault> {
+    match step {
         Step::Grasp { hand, hold, .. } => {
             if hands[hand.other().index()].is_none() {
                 return Err(Fault::Dropped(hand));
@@ -90,7 +90,7 @@ fn check(hands: Hands, step: &Step, rule: Rule, turned: &mut [bool; 2]) -> Resul
                 return Err(Fault::Jaws(hand));
             }
             *turned = [false; 2];
-            apart(hands_after(hands, step), rule)
+            apart(hands_after(hands, &step), rule)
         }
         Step::Leave { hand } => {
             hands[hand.index()].ok_or(Fault::Empty(hand))?;

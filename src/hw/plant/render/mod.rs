@@ -50,6 +50,8 @@ pub struct Renderer {
     background: Vec<Rgb>,
     behind: Vec<f32>,
     still: Option<Still>,
+    /// Columns of each row in which `raw` differs from the coded background.
+    dirty: Vec<(usize, usize)>,
     /// Sum of the sub-frames of a blurred frame: change against the background.
     sum: Vec<Rgb>,
     rng: Pcg64,
@@ -85,6 +87,7 @@ impl Renderer {
             background: vec![[0.0; 3]; pixels],
             behind: vec![0.0; pixels],
             still: None,
+            dirty: vec![(usize::MAX, 0); rays.height],
             sum: Vec::new(),
             rng: Pcg64::seed_from_u64(seed),
             converter,
@@ -136,9 +139,12 @@ impl Renderer {
                 self.prepare_background(&world_from_camera, exposure);
                 self.draw_moving(scene, &world_from_camera, exposure);
             }
-            _ => self.fill_raw(|_| [0.0; 3], 0.0),
+            _ => {
+                self.still = None;
+                self.fill_raw(|_| [0.0; 3], 0.0);
+            }
         }
-        self.converter.develop(&mut self.raw, &mut self.rng)
+        self.converter.develop(&self.raw, &mut self.rng)
     }
 
     fn fill_raw(&mut self, colour: impl Fn(usize) -> Rgb, exposure: f32) {
@@ -157,7 +163,13 @@ impl Renderer {
             && still.world_from_camera == *world_from_camera
             && still.exposure == exposure
         {
-            self.raw.copy_from(&still.raw);
+            // Only where the last frame has been drawn upon.
+            for (row, dirty) in self.dirty.iter_mut().enumerate() {
+                let (from, to) = std::mem::replace(dirty, (usize::MAX, 0));
+                if from < to {
+                    self.raw.restore(&still.raw, row, from..to);
+                }
+            }
             return;
         }
         let stands = matches!(self.camera.mount, Mount::World { .. });
@@ -173,6 +185,7 @@ impl Renderer {
         }
         if stands {
             self.fill_raw(|pixel| background[pixel], exposure as f32);
+            self.dirty.fill((usize::MAX, 0));
         }
         self.background = background;
         if stands {
@@ -255,6 +268,7 @@ impl Renderer {
         let (converter, raw, gain) = (&self.converter, &mut self.raw, &self.gain);
         for row in 0..self.rays.height {
             let line = row * self.rays.width;
+            self.dirty[row] = self.view.span(row);
             self.view.colour_row(&self.rays, row, &self.background, !stands, |column, colour| {
                 converter.put(raw, row, column, colour, gain[line + column] * exposure);
             });
@@ -317,6 +331,8 @@ impl Renderer {
             }
         }
         for (line, row) in rows.enumerate() {
+            let (from, to) = self.dirty[row];
+            self.dirty[row] = (from.min(columns.start), to.max(columns.end));
             for (k, column) in columns.clone().enumerate() {
                 let pixel = row * width + column;
                 let (sum, behind) = (self.sum[line * columns.len() + k], self.background[pixel]);

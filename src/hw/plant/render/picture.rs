@@ -1,1 +1,441 @@
 //! An overview of the whole cell from outside, for the README and the operator.
+//!
+//! - in: a [`Scene`], the [`Setting`]
+//! - out: a picture by plain ray tracing with a broad lamp, light from the sky and smooth edges, and the cube
+//!   enlarged in a corner; some seconds of work for a million pixels, equal for equal inputs
+//!
+//! Independent of the cameras' ray caster on purpose: it works in `f64` and asks each solid for its hit.
+
+use super::look::{CubeLook, Look, Rgb};
+use super::solids::{Plate, Rod, Skin, Solids};
+use super::{Scene, Setting};
+use crate::spatial::{Pose, pose_from_axes};
+use image::RgbImage;
+use nalgebra::{Point3, Vector3};
+
+/// A picture of the cell: both arms, track, table and tray, cube, hand, and the cameras that stand.
+#[must_use]
+pub fn cell(scene: &Scene, setting: &Setting, width: u32, height: u32) -> RgbImage {
+    let look = Look::default();
+    let world = World::new(scene, setting, &look);
+    let (world_from_eye, focal) = viewpoint(scene, setting, width, height);
+    let eye = Point3::from(world_from_eye.translation.vector);
+    // The lower right corner shows the cube enlarged, from the same side.
+    let side = (height.min(width) * 3 / 10).max(1);
+    let (left, top) = (width - side - side / 20, height - side - side / 20);
+    let (world_from_inset, inset_focal) = closer(scene, &world_from_eye, side);
+    let inset_eye = Point3::from(world_from_inset.translation.vector);
+    RgbImage::from_fn(width, height, |column, row| {
+        let (dx, dy) = (i64::from(column) - i64::from(left), i64::from(row) - i64::from(top));
+        let within = |margin: i64| {
+            let range = -margin..i64::from(side) + margin;
+            range.contains(&dx) && range.contains(&dy)
+        };
+        if within(2) && !within(0) {
+            return image::Rgb([70, 70, 74]);
+        }
+        let inset = within(0);
+        let mut sum = [0.0_f64; 3];
+        for k in 0..GRID * GRID {
+            let dice = Dice::new(column, row, k);
+            let x = (f64::from(k % GRID) + 0.5) / f64::from(GRID) - 0.5;
+            let y = (f64::from(k / GRID) + 0.5) / f64::from(GRID) - 0.5;
+            let ray = if inset {
+                let half = f64::from(side) / 2.0;
+                let ray = Vector3::new(dx as f64 + x - half, dy as f64 + y - half, inset_focal);
+                world_from_inset.rotation * ray
+            } else {
+                let (half_x, half_y) = (f64::from(width) / 2.0, f64::from(height) / 2.0);
+                let ray = Vector3::new(
+                    f64::from(column) + x - half_x,
+                    f64::from(row) + y - half_y,
+                    focal,
+                );
+                world_from_eye.rotation * ray
+            };
+            let from = if inset { &inset_eye } else { &eye };
+            let colour = world.colour(from, &ray.normalize(), k, dice);
+            for c in 0..3 {
+                sum[c] += colour[c] / f64::from(GRID * GRID);
+            }
+        }
+        image::Rgb(sum.map(coded))
+    })
+}
+
+/// A view of the cube from the same direction, four edges wide.
+fn closer(scene: &Scene, world_from_eye: &Pose, side: u32) -> (Pose, f64) {
+    let cube = Point3::from(scene.cube.world_from_cube.translation.vector);
+    let away = (Point3::from(world_from_eye.translation.vector) - cube).normalize();
+    let distance = 12.0 * scene.cube.edge;
+    let z = -away;
+    let x = z.cross(&Vector3::z()).try_normalize(1e-9).unwrap_or_else(Vector3::x);
+    let pose = pose_from_axes(x, z.cross(&x), z, cube + away * distance);
+    (pose, f64::from(side) * distance / (4.0 * scene.cube.edge))
+}
+
+/// Samples along each side of a pixel.
+const GRID: u32 = 4;
+
+/// Linear to 8 bits, with a soft shoulder.
+fn coded(linear: f64) -> u8 {
+    let soft = if linear < 0.6 { linear } else { 1.0 - 0.4 * libm::exp((0.6 - linear) / 0.4) };
+    (255.0 * libm::pow(soft.max(0.0), 1.0 / 2.2)).round() as u8
+}
+
+/// From the open side of the cell, so that all that matters fits.
+fn viewpoint(scene: &Scene, setting: &Setting, width: u32, height: u32) -> (Pose, f64) {
+    let (half_x, half_y) = (setting.table_size.0 / 2.0, setting.table_size.1 / 2.0);
+    let corner = |y: f64, z: f64| Point3::new(setting.table.x + half_x, setting.table.y + y, z);
+    let mut points = vec![
+        Point3::from(scene.cube.world_from_cube.translation.vector),
+        corner(-half_y, setting.table.z),
+        corner(half_y, setting.table.z),
+        corner(-half_y, 0.0),
+        corner(half_y, 0.0),
+    ];
+    for arm in &scene.arms[..scene.arm_count.min(scene.arms.len())] {
+        points.extend(arm.points);
+        points.push(arm.points[0] + Vector3::new(0.25, 0.2, 0.0));
+        points.push(arm.points[0] + Vector3::new(0.25, -0.2, 0.0));
+        points.push(arm.points[2] + Vector3::z() * 0.12);
+    }
+    for camera in &setting.cameras {
+        let camera = Point3::from(camera.translation.vector);
+        points.extend([camera, Point3::new(camera.x + 0.2, camera.y, 0.0)]);
+    }
+    points.extend(scene.hand.map(|hand| hand * Point3::new(0.35, 0.0, 0.0)));
+    let (mut low, mut high) = (points[0], points[0]);
+    for p in &points {
+        low = Point3::from(low.coords.inf(&p.coords));
+        high = Point3::from(high.coords.sup(&p.coords));
+    }
+    let middle = nalgebra::center(&low, &high);
+    let away = Vector3::new(0.86, -0.42, 0.34).normalize();
+    let eye = middle + away * ((high - low).norm() * 1.25 + 1.0);
+    let z = -away;
+    let x = z.cross(&Vector3::z()).normalize();
+    let pose = pose_from_axes(x, z.cross(&x), z, eye);
+    // The longest focal length and the shift of aim that take all points in.
+    let seen: Vec<_> =
+        points.iter().map(|p| pose.inverse() * p).map(|p| (p.x / p.z, p.y / p.z)).collect();
+    let range = |pick: fn(&(f64, f64)) -> f64| {
+        let low = seen.iter().map(pick).fold(f64::MAX, f64::min);
+        (low, seen.iter().map(pick).fold(f64::MIN, f64::max))
+    };
+    let ((x0, x1), (y0, y1)) = (range(|p| p.0), range(|p| p.1));
+    let aim = pose.rotation * Vector3::new((x0 + x1) / 2.0, (y0 + y1) / 2.0, 1.0).normalize();
+    let x = aim.cross(&Vector3::z()).normalize();
+    let pose = pose_from_axes(x, aim.cross(&x), aim, eye);
+    let margin = 1.08;
+    let focal =
+        (f64::from(width) / (margin * (x1 - x0))).min(f64::from(height) / (margin * (y1 - y0)));
+    (pose, focal)
+}
+
+/// What a ray meets.
+struct Hit {
+    t: f64,
+    normal: Vector3<f64>,
+    paint: Rgb,
+    gloss: f32,
+}
+
+/// Solids in groups with a ball around each group and each solid, so that most rays miss them at once.
+struct World {
+    groups: Vec<(Ball, Vec<(Ball, Solid)>)>,
+    cube: CubeLook,
+    lamp: Vector3<f64>,
+}
+
+/// A convex thing.
+enum Solid {
+    Box(Vec<Plate>),
+    Rod { rod: Rod, axis: Vector3<f64>, length: f64 },
+}
+
+/// A ball around something.
+#[derive(Clone, Copy)]
+struct Ball {
+    centre: Point3<f64>,
+    radius: f64,
+}
+
+impl Ball {
+    /// Around smaller balls.
+    fn around(balls: &[Ball]) -> Self {
+        let sum = balls.iter().fold(Vector3::zeros(), |sum, ball| sum + ball.centre.coords);
+        let centre = Point3::from(sum / balls.len().max(1) as f64);
+        let reach = |ball: &Ball| (ball.centre - centre).norm() + ball.radius;
+        Self { centre, radius: balls.iter().map(reach).fold(0.0, f64::max) }
+    }
+
+    fn may_meet(&self, from: &Point3<f64>, ray: &Vector3<f64>, limit: f64) -> bool {
+        let to = self.centre - from;
+        let along = to.dot(ray);
+        let off = to.norm_squared() - along * along;
+        off < self.radius * self.radius && along > -self.radius && along - self.radius < limit
+    }
+}
+
+/// The solids one by one, with their balls and a ball around all.
+fn group(solids: &Solids) -> (Ball, Vec<(Ball, Solid)>) {
+    // Boxes come as six plates; a turned cube is three boxes.
+    let boxes = solids.plates.chunks(6).map(|plates| {
+        let corners = plates.iter().flat_map(Plate::corners);
+        let balls: Vec<_> = corners.map(|centre| Ball { centre, radius: 0.0 }).collect();
+        (Ball::around(&balls), Solid::Box(plates.to_vec()))
+    });
+    let rods = solids.rods.iter().map(|rod| {
+        let ends = [rod.a, rod.b].map(|centre| Ball { centre, radius: rod.radius });
+        let length = (rod.b - rod.a).norm();
+        let axis = (rod.b - rod.a) / length.max(1e-9);
+        (Ball::around(&ends), Solid::Rod { rod: *rod, axis, length })
+    });
+    let items: Vec<_> = boxes.chain(rods).collect();
+    let balls: Vec<_> = items.iter().map(|item| item.0).collect();
+    (Ball::around(&balls), items)
+}
+
+impl World {
+    fn new(scene: &Scene, setting: &Setting, look: &Look) -> Self {
+        let mut groups = Vec::new();
+        let mut add = |fill: &dyn Fn(&mut Solids)| {
+            let mut solids = Solids::default();
+            fill(&mut solids);
+            groups.push(group(&solids));
+        };
+        add(&|s| s.add_cube(&scene.cube, &look.cube));
+        add(&|s| s.add_furniture(setting));
+        for (arm, gripper) in scene.arms.iter().zip(&setting.grippers).take(scene.arm_count) {
+            add(&|s| s.add_gripper(arm, gripper));
+            add(&|s| s.add_links(arm, gripper, look.arm));
+        }
+        if scene.arm_count > 0 {
+            add(&|s| s.add_track(&scene.arms[0]));
+        }
+        if let Some(hand) = scene.hand {
+            add(&|s| s.add_hand(&hand, &look.hand, scene.cube.edge));
+        }
+        for camera in &setting.cameras {
+            add(&|s| s.add_camera_stand(camera));
+        }
+        let lamp = Vector3::new(0.55, -0.45, 1.0).normalize();
+        Self { groups, cube: look.cube.clone(), lamp }
+    }
+
+    fn colour(
+        &self,
+        eye: &Point3<f64>,
+        ray: &Vector3<f64>,
+        sample: u32,
+        mut dice: Dice,
+    ) -> [f64; 3] {
+        let Some(hit) = self.nearest(eye, ray) else { return sky(ray) };
+        let p = eye + ray * hit.t + hit.normal * 1e-6;
+        let towards = (self.lamp + dice.ball() * 0.12).normalize();
+        let facing = hit.normal.dot(&towards).max(0.0);
+        let lit = if facing > 0.0 && !self.blocked(&p, &towards, 10.0) { facing } else { 0.0 };
+        // A direction of the hemisphere, by the cosine of its angle: one ray a sample, spread over the pixel.
+        let up = (hit.normal * 1.0001 + dice.sphere(sample)).normalize();
+        let open = if self.blocked(&p, &up, 0.9) { 0.16 } else { 1.0 };
+        let sky_light = (0.62 + 0.38 * up.z) * open;
+        let mirrored = ray - hit.normal * (2.0 * ray.dot(&hit.normal));
+        let shine = if lit > 0.0 {
+            0.5 * f64::from(hit.gloss) * libm::pow(mirrored.dot(&self.lamp).max(0.0), 40.0)
+        } else {
+            0.0
+        };
+        let colour: [f64; 3] = std::array::from_fn(|c| {
+            let tint = [1.0, 0.97, 0.92][c] * 0.85 * lit + [0.46, 0.48, 0.51][c] * sky_light;
+            f64::from(hit.paint[c]) * tint + shine
+        });
+        // The floor fades into the distance.
+        let fade = if p.z < 1e-4 { ((p - eye).norm() / 16.0).powi(3).min(1.0) } else { 0.0 };
+        let far = sky(ray);
+        std::array::from_fn(|c| colour[c] * (1.0 - fade) + far[c] * fade)
+    }
+
+    fn nearest(&self, from: &Point3<f64>, ray: &Vector3<f64>) -> Option<Hit> {
+        let mut best: Option<Hit> = None;
+        let mut limit = f64::MAX;
+        for (ball, items) in &self.groups {
+            if !ball.may_meet(from, ray, limit) {
+                continue;
+            }
+            for (ball, solid) in items {
+                if !ball.may_meet(from, ray, limit) {
+                    continue;
+                }
+                match solid {
+                    Solid::Box(plates) => {
+                        for plate in plates {
+                            if let Some((t, u, v)) = meet_plate(plate, from, ray, limit) {
+                                limit = t;
+                                let (paint, gloss) = self.surface(plate, u, v);
+                                best = Some(Hit { t, normal: plate.normal, paint, gloss });
+                            }
+                        }
+                    }
+                    Solid::Rod { rod, axis, length } => {
+                        if let Some((t, normal)) = meet_rod(rod, axis, *length, from, ray, limit) {
+                            limit = t;
+                            best = Some(Hit { t, normal, paint: rod.paint, gloss: rod.gloss });
+                        }
+                    }
+                }
+            }
+        }
+        let t = -from.z / ray.z;
+        if t > 0.0 && t < limit {
+            let p = from + ray * t;
+            let seam = |x: f64| ((x / 0.5).rem_euclid(1.0) - 0.5).abs() > 0.49;
+            let paint = if seam(p.x) || seam(p.y) { [0.40; 3] } else { [0.50, 0.50, 0.49] };
+            best = Some(Hit { t, normal: Vector3::z(), paint, gloss: 0.0 });
+        }
+        best
+    }
+
+    fn blocked(&self, from: &Point3<f64>, ray: &Vector3<f64>, reach: f64) -> bool {
+        self.groups.iter().filter(|(ball, _)| ball.may_meet(from, ray, reach)).any(|(_, items)| {
+            items.iter().filter(|(ball, _)| ball.may_meet(from, ray, reach)).any(|(_, s)| match s {
+                Solid::Box(plates) => {
+                    plates.iter().any(|plate| meet_plate(plate, from, ray, reach).is_some())
+                }
+                Solid::Rod { rod, axis, length } => {
+                    meet_rod(rod, axis, *length, from, ray, reach).is_some()
+                }
+            })
+        })
+    }
+
+    fn surface(&self, plate: &Plate, u: f64, v: f64) -> (Rgb, f32) {
+        match &plate.skin {
+            Skin::Plain(paint, gloss) => (*paint, *gloss),
+            Skin::Stickers(colours, pitch) => {
+                let (u, v) = (u / pitch, v / pitch);
+                let (column, row) = (u.round().clamp(-1.0, 1.0), v.round().clamp(-1.0, 1.0));
+                let half = self.cube.sticker / 2.0;
+                let corner = self.cube.corner * self.cube.sticker;
+                let beyond = |w: f64| (w.abs() - half + corner).max(0.0);
+                let (du, dv) = (beyond(u - column), beyond(v - row));
+                if du * du + dv * dv > corner * corner {
+                    (self.cube.body, 0.3)
+                } else {
+                    let cell = (row as i32 + 1) * 3 + column as i32 + 1;
+                    (self.cube.stickers[colours[cell as usize] as usize], self.cube.gloss)
+                }
+            }
+        }
+    }
+}
+
+fn sky(ray: &Vector3<f64>) -> [f64; 3] {
+    let up = (ray.z * 1.6 + 0.45).clamp(0.0, 1.0);
+    let (low, high) = ([0.60, 0.62, 0.64], [0.80, 0.84, 0.90]);
+    std::array::from_fn(|c| low[c] + up * (high[c] - low[c]))
+}
+
+/// Where a ray meets a plate's front before `limit`: distance and plate coordinates.
+fn meet_plate(
+    plate: &Plate,
+    from: &Point3<f64>,
+    ray: &Vector3<f64>,
+    limit: f64,
+) -> Option<(f64, f64, f64)> {
+    let against = plate.normal.dot(ray);
+    if against >= 0.0 {
+        return None;
+    }
+    let t = plate.normal.dot(&(plate.origin - from)) / against;
+    if t <= 0.0 || t >= limit {
+        return None;
+    }
+    let p = from + ray * t - plate.origin;
+    let (u, v) = (p.dot(&plate.u), p.dot(&plate.v));
+    let [u0, u1, v0, v1] = plate.bounds;
+    (u >= u0 && u <= u1 && v >= v0 && v <= v1).then_some((t, u, v))
+}
+
+/// Where a ray (of unit length) meets a rod before `limit`: distance and outward normal.
+fn meet_rod(
+    rod: &Rod,
+    axis: &Vector3<f64>,
+    length: f64,
+    from: &Point3<f64>,
+    ray: &Vector3<f64>,
+    limit: f64,
+) -> Option<(f64, Vector3<f64>)> {
+    let start = from - rod.a;
+    let (along, slope) = (start.dot(axis), ray.dot(axis));
+    let (off, sideways) = (start - axis * along, ray - axis * slope);
+    let entry = |off: &Vector3<f64>, way: &Vector3<f64>| {
+        let (a, b) = (way.norm_squared(), off.dot(way));
+        let h = b * b - a * (off.norm_squared() - rod.radius * rod.radius);
+        (h >= 0.0 && a > 1e-12).then(|| (-b - libm::sqrt(h)) / a)
+    };
+    let t = entry(&off, &sideways)?;
+    let s = along + slope * t;
+    let (t, centre) = if s > 0.0 && s < length {
+        (t, rod.a + axis * s)
+    } else {
+        let end = if s <= 0.0 { rod.a } else { rod.b };
+        (entry(&(from - end), ray)?, end)
+    };
+    (t > 0.0 && t < limit).then(|| (t, (from + ray * t - centre) / rod.radius))
+}
+
+/// Distance to the first of the solids that a ray of unit length meets, by asking each.
+#[cfg(test)]
+pub(super) fn distance(solids: &Solids, from: &Point3<f64>, ray: &Vector3<f64>) -> Option<f64> {
+    let (_, items) = group(solids);
+    let met = items.iter().flat_map(|(_, solid)| match solid {
+        Solid::Box(plates) => {
+            plates.iter().filter_map(|p| meet_plate(p, from, ray, f64::MAX)).map(|m| m.0).collect()
+        }
+        Solid::Rod { rod, axis, length } => meet_rod(rod, axis, *length, from, ray, f64::MAX)
+            .map(|m| m.0)
+            .into_iter()
+            .collect::<Vec<_>>(),
+    });
+    met.min_by(f64::total_cmp)
+}
+
+/// Numbers that look random and depend on the pixel and the sample only.
+struct Dice(u64);
+
+impl Dice {
+    fn new(column: u32, row: u32, sample: u32) -> Self {
+        Self((u64::from(column) << 40) ^ (u64::from(row) << 16) ^ u64::from(sample))
+    }
+
+    /// In 0..1; the steps of splitmix64.
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// In the unit ball, by rejection.
+    fn ball(&mut self) -> Vector3<f64> {
+        for _ in 0..20 {
+            let v =
+                Vector3::new(self.next(), self.next(), self.next()) * 2.0 - Vector3::repeat(1.0);
+            if v.norm_squared() < 1.0 {
+                return v;
+            }
+        }
+        Vector3::zeros()
+    }
+
+    /// On the unit sphere; the samples of a pixel share the sphere out among them.
+    fn sphere(&mut self, sample: u32) -> Vector3<f64> {
+        let (column, row) = (f64::from(sample % GRID), f64::from(sample / GRID));
+        let z = 2.0 * (column + self.next()) / f64::from(GRID) - 1.0;
+        let angle = std::f64::consts::TAU * (row + self.next()) / f64::from(GRID);
+        let radius = libm::sqrt(1.0 - z * z);
+        Vector3::new(radius * libm::cos(angle), radius * libm::sin(angle), z)
+    }
+}

@@ -199,13 +199,13 @@ struct Facet {
 }
 
 /// A rod as seen by the camera; `along` is the unit vector from a to b.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 struct Round {
     a: V3,
     b: V3,
     along: V3,
     length: f32,
-    radius: f32,
+    per_radius: f32,
     /// -along . a; a . a - (along . a)^2 - r^2; |a|^2 - r^2; |b|^2 - r^2.
     start: f32,
     body: f32,
@@ -220,7 +220,7 @@ struct Round {
 }
 
 impl Round {
-    /// Reciprocal depth where the ray (x, y, 1) enters, or 0.
+    /// Reciprocal depth where the ray (x, y, 1) enters, or 0. Without branches, so that rows become vectors.
     #[inline(always)]
     fn meet(&self, x: f32, y: f32) -> f32 {
         let bard = dot(&self.along, x, y);
@@ -229,22 +229,21 @@ impl Round {
         let a = rdrd - bard * bard;
         let b = rdoa - self.start * bard;
         let h = b * b - a * self.body;
-        if h < 0.0 {
-            return 0.0;
-        }
-        let t = (-b - h.sqrt()) / a;
-        let along = self.start + t * bard;
-        if along > 0.0 && along < self.length {
-            return if t > 0.0 { 1.0 / t } else { 0.0 };
-        }
-        let (b, c) =
-            if along <= 0.0 { (rdoa, self.ends.0) } else { (-dot(&self.b, x, y), self.ends.1) };
-        let h = b * b - rdrd * c;
-        if h < 0.0 {
-            return 0.0;
-        }
-        let t = (-b - h.sqrt()) / rdrd;
-        if t > 0.0 { 1.0 / t } else { 0.0 }
+        let ahead = -b - h.max(0.0).sqrt();
+        let along = self.start + bard * ahead / a;
+        let beyond = along > 0.0;
+        let end_b = if beyond { -dot(&self.b, x, y) } else { rdoa };
+        let end_c = if beyond { self.ends.1 } else { self.ends.0 };
+        let end_h = end_b * end_b - rdrd * end_c;
+        let end_ahead = -end_b - end_h.max(0.0).sqrt();
+        // Positive between the ends.
+        let between = if beyond { self.length - along } else { along };
+        let over = if between > 0.0 { a } else { rdrd };
+        let under = if between > 0.0 { ahead } else { end_ahead };
+        let end_h = if between > 0.0 { h } else { end_h };
+        let worse = if h < end_h { h } else { end_h };
+        let near = if worse >= 0.0 { over / under } else { 0.0 };
+        if near > 0.0 { near } else { 0.0 }
     }
 }
 
@@ -539,7 +538,7 @@ impl View {
             b: v3(b.coords),
             along: v3(along),
             length: length as f32,
-            radius: r as f32,
+            per_radius: (1.0 / r) as f32,
             start: start as f32,
             body: (a.coords.norm_squared() - start * start - r * r) as f32,
             ends: (
@@ -579,19 +578,19 @@ impl View {
     }
 
     fn cast_round(&mut self, index: usize, window: Window, rays: &Rays) {
-        let round = &self.rounds[index];
+        // A copy, so that the loop's stores cannot be taken for changes of it.
+        let round = self.rounds[index];
         let id = (self.facets.len() + index) as u32 + 1;
         for row in window.y0..window.y1 {
-            let Some((x0, x1)) = rays.columns_of(round, row, window) else { continue };
+            let Some((x0, x1)) = rays.columns_of(&round, row, window) else { continue };
             let range = row * rays.width + x0..row * rays.width + x1;
             let directions = rays.x[range.clone()].iter().zip(&rays.y[range.clone()]);
             let pixels = self.depth[range.clone()].iter_mut().zip(&mut self.surface[range]);
             for ((x, y), (depth, surface)) in directions.zip(pixels) {
                 let near = round.meet(*x, *y);
-                if near > *depth {
-                    *depth = near;
-                    *surface = id;
-                }
+                let seen = near > *depth;
+                *depth = if seen { near } else { *depth };
+                *surface = if seen { id } else { *surface };
             }
         }
     }
@@ -712,95 +711,104 @@ impl View {
         if count == 1 {
             return background;
         }
-        let cube = ids[1..count].iter().any(|id| self.is_sticker_face(*id));
-        let (grid, offsets): (usize, &[f32]) =
-            if cube { (4, &[-0.375, -0.125, 0.125, 0.375]) } else { (2, &[-0.25, 0.25]) };
+        let around = Neighbours { ids: &ids[..count], at: &at[..count], far };
         let (x, y) = (rays.x[pixel], rays.y[pixel]);
-        let (sx, sy) = (rays.step.0 * self.aperture, rays.step.1 * self.aperture);
-        let mut dx = [0.0; 16];
-        let mut dy = [0.0; 16];
-        for (k, (dx, dy)) in dx.iter_mut().zip(&mut dy).enumerate().take(grid * grid) {
-            *dx = x + sx * offsets[k % grid];
-            *dy = y + sy * offsets[k / grid];
+        let step = (rays.step.0 * self.aperture, rays.step.1 * self.aperture);
+        if !ids[1..count].iter().any(|id| self.is_sticker_face(*id)) {
+            let who = self.winners(&around, [x, y], step, &SAMPLES_4);
+            return self.mix(rays, pixel, &around, &who, background);
         }
-        let mut best = [far; 16];
-        let mut who = [0_u32; 16];
-        for (k, id) in ids.iter().enumerate().take(count).skip(1) {
-            self.cast_samples(*id, k as u32, grid * grid, &dx, &dy, &mut best, &mut who);
+        // Most pixels beside an edge have it outside their aperture: the corners tell.
+        let corners = self.winners(&around, [x, y], step, &SAMPLES_CORNERS);
+        if corners.iter().all(|who| *who == corners[0]) {
+            return self.mix(rays, pixel, &around, &corners[..1], background);
+        }
+        let who = self.winners(&around, [x, y], step, &SAMPLES_16);
+        self.mix(rays, pixel, &around, &who, background)
+    }
+
+    /// Mean colour of the samples' winners.
+    #[inline(always)]
+    fn mix(
+        &self,
+        rays: &Rays,
+        pixel: usize,
+        around: &Neighbours<'_>,
+        winners: &[u32],
+        background: Rgb,
+    ) -> Rgb {
+        let mut weights = [0_u32; MAX_SURFACES];
+        for winner in winners {
+            weights[*winner as usize] += 1;
         }
         let mut colour = [0.0; 3];
-        let share = 1.0 / (grid * grid) as f32;
-        let mut weights = [0.0_f32; MAX_SURFACES];
-        for winner in &who[..grid * grid] {
-            weights[*winner as usize] += share;
-        }
-        for k in 0..count {
-            if weights[k] > 0.0 {
+        for (k, id) in around.ids.iter().enumerate() {
+            if weights[k] > 0 {
+                let index = (*id as usize).wrapping_sub(1);
                 let own = if k == 0 {
                     background
-                } else if ids[k] as usize <= self.facets.len() {
-                    self.shade(rays, pixel, ids[k])
+                } else if let Some(facet) = self.facets.get(index) {
+                    let (x, y) = (rays.x[pixel], rays.y[pixel]);
+                    facet.flat.unwrap_or_else(|| self.shade_facet(facet, x, y, rays.step))
                 } else {
-                    self.shade(rays, at[k], ids[k])
+                    let round = &self.rounds[index - self.facets.len()];
+                    let at = around.at[k];
+                    self.shade_round(round, rays.x[at], rays.y[at], self.depth[at])
                 };
-                colour = std::array::from_fn(|c| colour[c] + weights[k] * own[c]);
+                for c in 0..3 {
+                    colour[c] += weights[k] as f32 * own[c];
+                }
             }
         }
-        colour
+        let share = 1.0 / winners.len() as f32;
+        colour.map(|c| c * share)
+    }
+
+    /// Which of the neighbours' surfaces each sample of an aperture meets first.
+    #[inline(always)]
+    fn winners<const N: usize>(
+        &self,
+        around: &Neighbours<'_>,
+        [x, y]: [f32; 2],
+        step: (f32, f32),
+        samples: &[[f32; N]; 2],
+    ) -> [u32; N] {
+        let dx: [f32; N] = std::array::from_fn(|k| x + step.0 * samples[0][k]);
+        let dy: [f32; N] = std::array::from_fn(|k| y + step.1 * samples[1][k]);
+        let mut best = [around.far; N];
+        let mut who = [0_u32; N];
+        for (mark, id) in around.ids.iter().enumerate().skip(1) {
+            let index = *id as usize - 1;
+            let mut near = [0.0_f32; N];
+            if let Some(facet) = self.facets.get(index) {
+                let (w, u, v, [u0, u1, v0, v1]) = (facet.w, facet.u, facet.v, facet.bounds);
+                for k in 0..N {
+                    let depth = dot(&w, dx[k], dy[k]);
+                    let (du, dv) = (dot(&u, dx[k], dy[k]), dot(&v, dx[k], dy[k]));
+                    let inside = (du >= u0 * depth)
+                        & (du <= u1 * depth)
+                        & (dv >= v0 * depth)
+                        & (dv <= v1 * depth);
+                    near[k] = if inside { depth } else { 0.0 };
+                }
+            } else {
+                let round = self.rounds[index - self.facets.len()];
+                for k in 0..N {
+                    near[k] = round.meet(dx[k], dy[k]);
+                }
+            }
+            for k in 0..N {
+                let seen = near[k] > best[k];
+                best[k] = if seen { near[k] } else { best[k] };
+                who[k] = if seen { mark as u32 } else { who[k] };
+            }
+        }
+        who
     }
 
     fn is_sticker_face(&self, id: u32) -> bool {
         let index = (id as usize).wrapping_sub(1);
         self.facets.get(index).is_some_and(|f| matches!(f.skin, Skin::Stickers(..)))
-    }
-
-    #[allow(clippy::too_many_arguments, reason = "the inner loop's arrays")]
-    fn cast_samples(
-        &self,
-        id: u32,
-        mark: u32,
-        count: usize,
-        x: &[f32; 16],
-        y: &[f32; 16],
-        best: &mut [f32; 16],
-        who: &mut [u32; 16],
-    ) {
-        let index = id as usize - 1;
-        if let Some(facet) = self.facets.get(index) {
-            let (w, u, v, [u0, u1, v0, v1]) = (facet.w, facet.u, facet.v, facet.bounds);
-            for k in 0..count {
-                let near = dot(&w, x[k], y[k]);
-                let (du, dv) = (dot(&u, x[k], y[k]), dot(&v, x[k], y[k]));
-                let seen = (near > best[k])
-                    & (du >= u0 * near)
-                    & (du <= u1 * near)
-                    & (dv >= v0 * near)
-                    & (dv <= v1 * near);
-                best[k] = if seen { near } else { best[k] };
-                who[k] = if seen { mark } else { who[k] };
-            }
-        } else {
-            let round = &self.rounds[index - self.facets.len()];
-            for k in 0..count {
-                let near = round.meet(x[k], y[k]);
-                if near > best[k] {
-                    best[k] = near;
-                    who[k] = mark;
-                }
-            }
-        }
-    }
-
-    /// Colour of a surface at a pixel.
-    fn shade(&self, rays: &Rays, pixel: usize, id: u32) -> Rgb {
-        let (x, y) = (rays.x[pixel], rays.y[pixel]);
-        let index = id as usize - 1;
-        if let Some(facet) = self.facets.get(index) {
-            self.shade_facet(facet, x, y, rays.step)
-        } else {
-            let round = &self.rounds[index - self.facets.len()];
-            self.shade_round(round, x, y, self.depth[pixel])
-        }
     }
 
     #[inline(always)]
@@ -836,7 +844,8 @@ impl View {
         let per = 1.0 / pitch;
         let (u, v) = (u * per, v * per);
         // Cell -1, 0, 1, and the place in it, -0.5..0.5.
-        let (column, row) = (u.round().clamp(-1.0, 1.0), v.round().clamp(-1.0, 1.0));
+        let cell = |w: f32| f32::from(i8::from(w > 0.5) - i8::from(w < -0.5));
+        let (column, row) = (cell(u), cell(v));
         let (du, dv) = (u - column, v - row);
         let (half, corner) = self.sticker;
         let colour = |column: f32, row: f32| {
@@ -888,7 +897,7 @@ impl View {
         let t = 1.0 / near;
         let (along, ahead) = (dot(&round.along, x, y), dot(&lamp.towards_f32, x, y));
         let s = (round.start + t * along).clamp(0.0, round.length);
-        let per = 1.0 / round.radius;
+        let per = round.per_radius;
         let facing = (t * ahead - round.lamp.0 - s * round.lamp.1) * per;
         let up = (t * dot(&lamp.up_f32, x, y) - round.sky.0 - s * round.sky.1) * per;
         let lit = lamp.lit(x, y, t);
@@ -904,7 +913,31 @@ impl View {
     }
 }
 
+/// Surfaces that one pixel's neighbourhood can tell apart.
 const MAX_SURFACES: usize = 8;
+
+/// The surfaces around a pixel; the first is the background, with its reciprocal depth.
+struct Neighbours<'a> {
+    ids: &'a [u32],
+    /// A pixel where each can be seen.
+    at: &'a [usize],
+    far: f32,
+}
+
+/// Places of samples in the aperture: columns and rows.
+const SAMPLES_16: [[f32; 16]; 2] = {
+    let mut samples = [[0.0; 16]; 2];
+    let mut k = 0;
+    while k < 16 {
+        samples[0][k] = (k % 4) as f32 * 0.25 - 0.375;
+        samples[1][k] = (k / 4) as f32 * 0.25 - 0.375;
+        k += 1;
+    }
+    samples
+};
+const SAMPLES_4: [[f32; 4]; 2] = [[-0.25, 0.25, -0.25, 0.25], [-0.25, -0.25, 0.25, 0.25]];
+const SAMPLES_CORNERS: [[f32; 4]; 2] =
+    [[-0.375, 0.375, -0.375, 0.375], [-0.375, -0.375, 0.375, 0.375]];
 
 impl Lamp {
     /// Light from all around on a surface whose normal has this upward part.
@@ -933,10 +966,11 @@ fn highlight(mirror: &V3, x: f32, y: f32) -> f32 {
 /// The 32nd power of `along` over the root of `square`.
 #[inline(always)]
 fn power(along: f32, square: f32) -> f32 {
-    let square = along * along / square;
-    if along <= 0.0 || square < 0.6 {
+    let along = along.max(0.0);
+    if along * along < 0.6 * square {
         return 0.0;
     }
+    let square = along * along / square;
     let p4 = square * square;
     let p8 = p4 * p4;
     let p16 = p8 * p8;

@@ -85,21 +85,103 @@ impl Converter {
         }
     }
 
-    /// Adds noise and makes the picture.
-    pub(super) fn develop(&self, raw: &mut Raw, rng: &mut Pcg64) -> RgbImage {
-        let stride = raw.width * self.channels();
-        for (values, deviations) in
-            raw.value.chunks_exact_mut(stride).zip(raw.deviation.chunks_exact(stride))
-        {
-            let start = rng.random_range(0..NOISE - stride);
-            let noise = &self.noise[start..start + stride];
-            for ((value, deviation), noise) in values.iter_mut().zip(deviations).zip(noise) {
-                // 1/32 times 1/8 times ONE.
-                let noisy = *value + ((noise * deviation + 8) >> 4);
-                *value = noisy.clamp(0, FULL);
+    /// Adds noise and makes the picture; the raw picture stays as it is.
+    pub(super) fn develop(&self, raw: &Raw, rng: &mut Pcg64) -> RgbImage {
+        let (w, h) = (raw.width, raw.height);
+        let mut pixels = vec![0_u8; w * h * 3];
+        if self.bayer {
+            self.demosaic(raw, rng, &mut pixels);
+        } else {
+            let mut line = vec![0; 3 * w];
+            for (row, out) in pixels.chunks_exact_mut(3 * w).enumerate() {
+                self.expose(raw, row, rng, &mut line);
+                for (out, value) in out.iter_mut().zip(&line) {
+                    *out = ((value + ONE / 2) / ONE) as u8;
+                }
             }
         }
-        if self.bayer { demosaic(raw) } else { plain(raw) }
+        RgbImage::from_raw(w as u32, h as u32, pixels).unwrap_or_default()
+    }
+
+    /// A row's values with noise.
+    fn expose(&self, raw: &Raw, row: usize, rng: &mut Pcg64, line: &mut [i16]) {
+        let stride = line.len();
+        let range = row * stride..(row + 1) * stride;
+        let start = rng.random_range(0..NOISE - stride);
+        let noise = &self.noise[start..start + stride];
+        let values = raw.value[range.clone()].iter().zip(&raw.deviation[range]);
+        for ((noisy, (value, deviation)), noise) in line.iter_mut().zip(values).zip(noise) {
+            // 1/32 times 1/8 times ONE.
+            *noisy = (value + ((noise * deviation + 8) >> 4)).clamp(0, FULL);
+        }
+    }
+
+    /// Bilinear interpolation of an RGGB mosaic; borders mirror.
+    fn demosaic(&self, raw: &Raw, rng: &mut Pcg64, pixels: &mut [u8]) {
+        let (w, h) = (raw.width, raw.height);
+        // Three rows, each with a mirrored pixel on either side.
+        let mut lines = [vec![0_i16; w + 2], vec![0; w + 2], vec![0; w + 2]];
+        let mut fill = |row: usize, line: &mut Vec<i16>| {
+            self.expose(raw, row, rng, &mut line[1..=w]);
+            line[0] = line[2.min(w)];
+            line[w + 1] = line[w.max(2) - 1];
+        };
+        let [up, mid, down] = &mut lines;
+        fill(0, mid);
+        if h > 1 {
+            fill(1, down);
+        }
+        up.copy_from_slice(down);
+        let mut packed = vec![0_u32; w];
+        for (row, out) in pixels.chunks_exact_mut(3 * w).enumerate() {
+            interpolate(row, up, mid, down, &mut packed);
+            store(&packed, out);
+            std::mem::swap(up, mid);
+            std::mem::swap(mid, down);
+            if row + 2 < h {
+                fill(row + 2, down);
+            } else {
+                down.copy_from_slice(up);
+            }
+        }
+    }
+}
+
+/// Pixels of a row as 0x00BBGGRR; the lines have one more value on either side.
+fn interpolate(row: usize, up: &[i16], mid: &[i16], down: &[i16], packed: &mut [u32]) {
+    let w = packed.len();
+    let (u0, u1, u2) = (&up[..w], &up[1..=w], &up[2..w + 2]);
+    let (m0, m1, m2) = (&mid[..w], &mid[1..=w], &mid[2..w + 2]);
+    let (d0, d1, d2) = (&down[..w], &down[1..=w], &down[2..w + 2]);
+    // Red and green rows alternate with green and blue rows; `own` is the row's own colour.
+    let (own_shift, other_shift) = if row & 1 == 0 { (0, 16) } else { (16, 0) };
+    for k in 0..w {
+        let vertical = u1[k] + d1[k];
+        let horizontal = m0[k] + m2[k];
+        let diagonal = u0[k] + u2[k] + (d0[k] + d2[k]);
+        let here = (m1[k] + 8) >> 4;
+        // All ones where the photosite has the row's own colour.
+        let site = -(((k + row + 1) & 1) as i16);
+        let pick = |a: i16, b: i16| ((a & site) | (b & !site)) as u32;
+        let own = pick(here, (horizontal + 16) >> 5);
+        let green = pick((vertical + horizontal + 32) >> 6, here);
+        let other = pick((diagonal + 32) >> 6, (vertical + 16) >> 5);
+        packed[k] = own << own_shift | green << 8 | other << other_shift;
+    }
+}
+
+/// Stores packed pixels as three bytes each, four at a time.
+fn store(packed: &[u32], out: &mut [u8]) {
+    for (p, out) in packed.chunks(4).zip(out.chunks_mut(12)) {
+        if let ([a, b, c, d], 12) = (p, out.len()) {
+            out[0..4].copy_from_slice(&(a | b << 24).to_le_bytes());
+            out[4..8].copy_from_slice(&(b >> 8 | c << 16).to_le_bytes());
+            out[8..12].copy_from_slice(&(c >> 16 | d << 8).to_le_bytes());
+        } else {
+            for (p, out) in p.iter().zip(out.chunks_mut(3)) {
+                out.copy_from_slice(&p.to_le_bytes()[..3]);
+            }
+        }
     }
 }
 
@@ -118,59 +200,12 @@ impl Raw {
         Self { width, height, value: vec![0; size], deviation: vec![0; size] }
     }
 
-    /// Becomes a copy of another of the same size.
-    pub(super) fn copy_from(&mut self, other: &Self) {
-        self.value.copy_from_slice(&other.value);
-        self.deviation.copy_from_slice(&other.deviation);
+    /// Takes columns of a row over from another of the same size.
+    pub(super) fn restore(&mut self, other: &Self, row: usize, columns: std::ops::Range<usize>) {
+        let channels = self.value.len() / (self.width * self.height);
+        let from = (row * self.width + columns.start) * channels;
+        let range = from..from + columns.len() * channels;
+        self.value[range.clone()].copy_from_slice(&other.value[range.clone()]);
+        self.deviation[range.clone()].copy_from_slice(&other.deviation[range]);
     }
-}
-
-fn plain(raw: &Raw) -> RgbImage {
-    let pixels = raw.value.iter().map(|v| ((v + ONE / 2) / ONE) as u8).collect();
-    RgbImage::from_raw(raw.width as u32, raw.height as u32, pixels).unwrap_or_default()
-}
-
-/// Bilinear interpolation of an RGGB mosaic; borders mirror.
-fn demosaic(raw: &Raw) -> RgbImage {
-    let (w, h) = (raw.width, raw.height);
-    let mut pixels = vec![0_u8; w * h * 3];
-    let eight = |sum: i16, shift: i16| ((sum + (ONE / 2 << shift)) >> (4 + shift)).min(255) as u8;
-    // A row with one mirrored pixel on either side.
-    let padded = |row: usize, line: &mut Vec<i16>| {
-        let values = &raw.value[row * w..(row + 1) * w];
-        line.clear();
-        line.push(values[1.min(w - 1)]);
-        line.extend_from_slice(values);
-        line.push(values[w.max(2) - 2]);
-    };
-    let mut lines =
-        [Vec::with_capacity(w + 2), Vec::with_capacity(w + 2), Vec::with_capacity(w + 2)];
-    for row in 0..h {
-        let above = if row == 0 { 1.min(h - 1) } else { row - 1 };
-        let below = if row + 1 == h { h.max(2) - 2 } else { row + 1 };
-        for (line, source) in lines.iter_mut().zip([above, row, below]) {
-            padded(source, line);
-        }
-        let [up, mid, down] = &lines;
-        let (up, mid, down) = (&up[..w + 2], &mid[..w + 2], &down[..w + 2]);
-        // Red and green rows alternate with green and blue rows; `own` is the row's own colour.
-        let (own, other) = if row & 1 == 0 { (0, 2) } else { (2, 0) };
-        let out = &mut pixels[row * w * 3..(row + 1) * w * 3];
-        for (column, rgb) in out.chunks_exact_mut(3).enumerate() {
-            let k = column + 1;
-            let vertical = up[k] + down[k];
-            let horizontal = mid[k - 1] + mid[k + 1];
-            if (row + column) & 1 == 0 {
-                let diagonal = up[k - 1] + up[k + 1] + (down[k - 1] + down[k + 1]);
-                rgb[own] = eight(mid[k], 0);
-                rgb[1] = eight(vertical + horizontal, 2);
-                rgb[other] = eight(diagonal, 2);
-            } else {
-                rgb[own] = eight(horizontal, 1);
-                rgb[1] = eight(mid[k], 0);
-                rgb[other] = eight(vertical, 1);
-            }
-        }
-    }
-    RgbImage::from_raw(w as u32, h as u32, pixels).unwrap_or_default()
 }

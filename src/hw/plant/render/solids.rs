@@ -236,7 +236,7 @@ impl Solids {
     }
 
     /// The cube: one box, or three slabs when a layer is turned.
-    fn add_cube(&mut self, cube: &SceneCube, look: &CubeLook) {
+    pub(super) fn add_cube(&mut self, cube: &SceneCube, look: &CubeLook) {
         let (axis, low, high) = cube.turned;
         let stickers = |face: Face| {
             let first = face as usize * 9;
@@ -285,7 +285,7 @@ impl Solids {
     }
 
     /// Fingers, pads and palm plate.
-    fn add_gripper(&mut self, arm: &SceneArm, gripper: &Gripper) {
+    pub(super) fn add_gripper(&mut self, arm: &SceneArm, gripper: &Gripper) {
         let pose = &arm.world_from_tool;
         let pad = 0.002;
         let (low, high) = (-gripper.palm, gripper.finger_tip);
@@ -307,7 +307,7 @@ impl Solids {
     }
 
     /// Column, lower and upper arm, wrist and the gripper's body.
-    fn add_links(&mut self, arm: &SceneArm, gripper: &Gripper, paint: Rgb) {
+    pub(super) fn add_links(&mut self, arm: &SceneArm, gripper: &Gripper, paint: Rgb) {
         let [base, shoulder, elbow, wrist, flange] = arm.points;
         let mut rod =
             |a, b, radius, paint| self.rods.push(Rod { a, b, radius, paint, gloss: 0.15 });
@@ -329,8 +329,33 @@ impl Solids {
         self.add_box(&foot, Vector3::new(0.20, 0.20, 0.18), STEEL, 0.0);
     }
 
+    /// The rails that the first arm's foot slides on, along the world's y.
+    pub(super) fn add_track(&mut self, arm: &SceneArm) {
+        let base = arm.points[0];
+        for side in [-0.13, 0.13] {
+            let rail = Pose::translation(base.x + side, base.y.min(0.0) + 0.5, base.z + 0.03);
+            self.add_box(&rail, Vector3::new(0.03, 0.95, 0.03), DARK, 0.2);
+        }
+    }
+
+    /// A pole with a camera on top, which looks along its z.
+    pub(super) fn add_camera_stand(&mut self, world_from_camera: &Pose) {
+        let behind = world_from_camera * Point3::new(0.0, 0.0, -0.07);
+        let lens = world_from_camera * Point3::new(0.0, 0.0, -0.03);
+        let body = world_from_camera * Pose::translation(0.0, 0.0, -0.09);
+        self.add_box(&body, Vector3::new(0.028, 0.025, 0.045), DARK, 0.2);
+        let rod = |a, b, radius, paint| Rod { a, b, radius, paint, gloss: 0.3 };
+        self.rods.push(rod(behind, lens, 0.02, RUBBER));
+        let foot = Point3::new(behind.x, behind.y, 0.02);
+        self.rods.push(rod(foot, behind - Vector3::z() * 0.03, 0.014, STEEL));
+        for (x, y) in [(0.22, 0.0), (-0.11, 0.19), (-0.11, -0.19)] {
+            let leg = rod(foot + Vector3::new(x, y, 0.0), foot + Vector3::z() * 0.25, 0.01, STEEL);
+            self.rods.push(leg);
+        }
+    }
+
     /// Fingertips on both sides of the cube, the palm beyond its +x face, the forearm.
-    fn add_hand(&mut self, world_from_hand: &Pose, look: &HandLook, edge: f64) {
+    pub(super) fn add_hand(&mut self, world_from_hand: &Pose, look: &HandLook, edge: f64) {
         let half = edge / 2.0;
         let mut rod = |a: Vector3<f64>, b: Vector3<f64>, radius: f64, paint: Rgb| {
             let (a, b) = (world_from_hand * Point3::from(a), world_from_hand * Point3::from(b));

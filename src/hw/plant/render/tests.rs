@@ -98,6 +98,370 @@ fn setting() -> Setting {
     }
 }
 
+fn studio(camera: Camera, change: impl FnOnce(&mut Look)) -> Renderer {
+    let mut look = Look::studio();
+    change(&mut look);
+    Renderer::new(camera, look, 1).with_setting(setting())
+}
+
+fn brightness(image: &RgbImage, x: u32, y: u32) -> f64 {
+    image.get_pixel(x, y).0.iter().map(|c| f64::from(*c)).sum::<f64>() / 3.0
+}
+
+/// Centre of a white patch's image: points of the patch, weighted by the area of their images.
+fn centre_of_image(project: impl Fn(f64, f64) -> (f64, f64), half: f64) -> (f64, f64) {
+    let (mut sum, mut sx, mut sy) = (0.0, 0.0, 0.0);
+    let n = 80;
+    let (step, small) = (2.0 * half / f64::from(n), 1e-5);
+    for i in 0..n {
+        for j in 0..n {
+            let (u, v) = ((f64::from(i) + 0.5) * step - half, (f64::from(j) + 0.5) * step - half);
+            let (p, pu, pv) = (project(u, v), project(u + small, v), project(u, v + small));
+            let area = ((pu.0 - p.0) * (pv.1 - p.1) - (pu.1 - p.1) * (pv.0 - p.0)).abs();
+            sum += area;
+            sx += area * p.0;
+            sy += area * p.1;
+        }
+    }
+    (sx / sum, sy / sum)
+}
+
+#[test]
+fn stickers_lie_where_the_projection_says() {
+    let mut camera = standing();
+    camera.intrinsics.distortion = (-0.09, 0.02);
+    let Mount::World { world_from_camera } = camera.mount else { unreachable!() };
+    let optics = camera.intrinsics;
+    let (pitch, share) = (EDGE / 3.0, 0.78);
+    let sticker = share * pitch;
+    for (defocus, place, turn) in [
+        (0.0, Vector3::new(0.03, 0.342, HEIGHT), Vector3::new(0.4, 0.1, 0.5)),
+        (0.0, Vector3::new(-0.1, 0.342, HEIGHT + 0.07), Vector3::zeros()),
+        (0.5, Vector3::new(0.12, 0.40, HEIGHT - 0.08), Vector3::new(-0.3, 0.2, -0.6)),
+    ] {
+        let world_from_cube = Pose::new(place, turn);
+        // White stickers and black all around, so that brightness is coverage.
+        let mut renderer = studio(camera.clone(), |look| {
+            look.cube.corner = 0.0;
+            look.cube.sticker = share;
+            look.cube.body = [0.0; 3];
+            look.lens.defocus = defocus;
+        });
+        let image = renderer.render(&cube_alone(world_from_cube, EDGE, [0; 54]), 1.0);
+
+        let mut checked = 0;
+        for face in crate::cube::Face::ALL {
+            let (u, v) = face.reading_axes();
+            let camera_from_cube = world_from_camera.inverse() * world_from_cube;
+            let towards = camera_from_cube * Point3::from(face.normal() * (EDGE / 2.0));
+            let slant =
+                -(camera_from_cube.rotation * face.normal()).dot(&towards.coords.normalize());
+            if slant < 0.45 {
+                continue;
+            }
+            for cell in 0..9_i32 {
+                let centre = face.normal() * (EDGE / 2.0)
+                    + (u * f64::from(cell % 3 - 1) + v * f64::from(cell / 3 - 1)) * pitch;
+                let project = |du: f64, dv: f64| {
+                    optics.project(&(camera_from_cube * Point3::from(centre + u * du + v * dv)))
+                };
+                let expected = centre_of_image(project, sticker / 2.0);
+                let (mut sum, mut sx, mut sy) = (0.0, 0.0, 0.0);
+                let plane = camera_from_cube * Point3::from(centre);
+                let normal = camera_from_cube.rotation * face.normal();
+                for y in expected.1 as u32 - 30..expected.1 as u32 + 30 {
+                    for x in expected.0 as u32 - 30..expected.0 as u32 + 30 {
+                        let (dx, dy) = optics.unproject((f64::from(x), f64::from(y)));
+                        let ray = Vector3::new(dx, dy, 1.0);
+                        let hit =
+                            ray * (normal.dot(&plane.coords) / normal.dot(&ray)) - plane.coords;
+                        let hit = camera_from_cube.rotation.inverse() * hit;
+                        // Nearly to the cell's border, short of what lies behind the cube.
+                        if hit.dot(&u).abs().max(hit.dot(&v).abs()) < 0.47 * pitch {
+                            let weight = brightness(&image, x, y);
+                            sum += weight;
+                            sx += weight * f64::from(x);
+                            sy += weight * f64::from(y);
+                        }
+                    }
+                }
+                let off = (sx / sum - expected.0).hypot(sy / sum - expected.1);
+                assert!(off < 0.05, "{face:?} {cell}: {off:.3} px off at defocus {defocus}");
+                checked += 1;
+            }
+        }
+        assert!(checked >= 9, "{checked}");
+    }
+}
+
+#[test]
+fn depths_agree_with_a_plain_ray_tracer() {
+    let mut camera = standing();
+    camera.intrinsics.distortion = (-0.12, 0.03);
+    let Mount::World { world_from_camera } = camera.mount else { unreachable!() };
+    let mut scene = hand_over(facing(0.6, [0.1, 0.3, -0.2]), 0.05);
+    scene.cube.turned = (Axis::Y, 0.3, -0.6);
+    let mut renderer = studio(camera, |_| ());
+
+    renderer.render(&scene, 1.0);
+
+    let mut solids = Solids::default();
+    solids.add_moving(&scene, &setting(), renderer.look(), None);
+    solids.add_furniture(&setting());
+    let eye = Point3::from(world_from_camera.translation.vector);
+    let mut seen = 0;
+    let mut differ = 0;
+    for row in (0..480).step_by(3) {
+        let (from, to) = renderer.view.span(row);
+        for column in (0..640).step_by(3) {
+            let pixel = row * 640 + column;
+            let ray =
+                Vector3::new(renderer.rays.x[pixel].into(), renderer.rays.y[pixel].into(), 1.0);
+            let length = ray.norm();
+            let ray = world_from_camera.rotation * ray / length;
+            let expected = picture::distance(&solids, &eye, &ray).map_or(0.0, |t| length / t);
+            let inside = (from..to).contains(&column);
+            let got = if inside { renderer.view.depth()[pixel] } else { renderer.behind[pixel] };
+            seen += usize::from(expected > 0.0);
+            differ += usize::from((f64::from(got) - expected).abs() > 1e-3 * expected);
+        }
+    }
+    // Rounding may decide otherwise on the very edge of a solid.
+    assert!(seen > 8000 && differ <= seen / 2000, "{differ} of {seen} differ");
+}
+
+#[test]
+fn a_gripper_hides_the_cube_from_the_front_only() {
+    let world_from_cube = facing(0.5, [0.0; 3]);
+    let mut renderer = studio(standing(), |_| ());
+    let free = renderer.render(&cube_alone(world_from_cube, EDGE, [3; 54]), 1.0);
+    let with_gripper_at = |y: f64| {
+        let mut scene = cube_alone(world_from_cube, EDGE, [3; 54]);
+        scene.arm_count = 1;
+        scene.arms[0] =
+            arm(Pose::translation(0.0, y, HEIGHT + 0.05), Point3::new(3.0, 0.0, 0.0), 0.06);
+        scene
+    };
+
+    let before = renderer.render(&with_gripper_at(0.4), 1.0);
+    let behind = renderer.render(&with_gripper_at(0.6), 1.0);
+
+    let yellow = *free.get_pixel(320, 240);
+    assert!(yellow[0] > 100 && yellow[2] < 40, "{yellow:?}");
+    assert_eq!(*behind.get_pixel(320, 240), yellow);
+    assert_ne!(*before.get_pixel(320, 240), yellow);
+}
+
+#[test]
+fn fingertips_cover_as_many_tiles_as_asked() {
+    let world_from_cube = facing(0.35, [0.0; 3]);
+    for fingers in 0..=3 {
+        let mut renderer = studio(standing(), |look| {
+            look.hand.front_fingers = fingers;
+            look.hand.reach = 0.014;
+        });
+        let mut scene = cube_alone(world_from_cube, EDGE, [5; 54]);
+        scene.hand = Some(world_from_cube);
+
+        let image = renderer.render(&scene, 1.0);
+
+        let front = 0.35 - EDGE / 2.0;
+        let pixels = |metres: f64| metres * 600.0 / front;
+        let mut covered = 0;
+        for cell in 0..9_i32 {
+            let on_skin = (0..9_i32).any(|point| {
+                let place = |cell: i32, point: i32| {
+                    pixels((f64::from(cell - 1) + 0.25 * f64::from(point - 1)) * EDGE / 3.0)
+                };
+                let (x, y) = (place(cell % 3, point % 3), place(cell / 3, point / 3));
+                let rgb = image.get_pixel((319.5 + x).round() as u32, (239.5 + y).round() as u32);
+                rgb[0] > rgb[2]
+            });
+            covered += u8::from(on_skin);
+        }
+        assert!(
+            covered <= 3 && (fingers == 0) == (covered == 0),
+            "{fingers} fingers, {covered} tiles"
+        );
+    }
+}
+
+#[test]
+fn a_turned_layer_shows_its_stickers_turned() {
+    // Front layer turned by 45 degrees: its corners stand out beyond the cube's edges.
+    let world_from_cube = facing(0.4, [0.0; 3]);
+    let mut scene = cube_alone(world_from_cube, EDGE, solved());
+    let mut renderer = studio(standing(), |_| ());
+    let straight = renderer.render(&scene, 1.0);
+    let front = 0.4 - EDGE / 2.0;
+    let at = (239.5 - 600.0 / front * EDGE * 0.5 * 1.25).round() as u32;
+
+    scene.cube.turned = (Axis::Y, std::f64::consts::FRAC_PI_4, 0.0);
+    let turned = renderer.render(&scene, 1.0);
+
+    let is_green = |image: &RgbImage| {
+        let rgb = image.get_pixel(320, at).0;
+        rgb[1] > 60 && rgb[0] < 20
+    };
+    assert!(!is_green(&straight) && is_green(&turned));
+    // The centre stays.
+    assert_eq!(straight.get_pixel(320, 240), turned.get_pixel(320, 240));
+}
+
+#[test]
+fn a_quarter_turn_of_all_stickers_is_the_turned_cube() {
+    // All layers turned by a quarter about z, or the whole cube: the same picture.
+    let mut turned = cube_alone(facing(0.4, [0.2, 0.1, 0.3]), EDGE, mixed());
+    let mut whole = turned;
+    let quarter = std::f64::consts::FRAC_PI_2;
+    whole.cube.world_from_cube *= Pose::rotation(Vector3::z() * quarter);
+    turned.cube.world_from_cube = whole.cube.world_from_cube * Pose::rotation(Vector3::z() * -0.4);
+    turned.cube.turned = (Axis::Z, 0.4, 0.4);
+    let mut renderer = studio(standing(), |_| ());
+
+    let (a, b) = (renderer.render(&whole, 1.0), renderer.render(&turned, 1.0));
+
+    // Top and bottom layers coincide with the whole cube's; only the middle differs.
+    let differ = a.pixels().zip(b.pixels()).filter(|(a, b)| a != b).count();
+    let cube = 60 * 60;
+    assert!(differ > 200 && differ < cube, "{differ}");
+}
+
+#[test]
+fn a_capped_camera_sees_only_read_noise() {
+    let mut look = Look { lens_cap: true, ..Look::default() };
+    look.sensor.bayer = false;
+    let mut renderer = Renderer::new(standing(), look, 5);
+    let image = renderer.render(&hand_over(facing(0.5, [0.0; 3]), 0.1), 1.0);
+
+    let mean =
+        image.as_raw().iter().map(|c| f64::from(*c)).sum::<f64>() / image.as_raw().len() as f64;
+    // Half of a Gaussian of 2.5: the negative half is clipped.
+    assert!((mean - 2.5 / std::f64::consts::TAU.sqrt()).abs() < 0.1, "{mean}");
+    assert!(*image.as_raw().iter().max().unwrap() < 20);
+}
+
+#[test]
+fn equal_seeds_render_equal_frames() {
+    let scene = hand_over(facing(0.5, [0.1, 0.0, 0.2]), 0.1);
+    let frames = |seed| {
+        let mut renderer = Renderer::new(standing(), Look::draw(4), seed);
+        (renderer.render(&scene, 1.0), renderer.render(&scene, 1.0))
+    };
+
+    assert_eq!(frames(3), frames(3));
+    assert_ne!(frames(3).0, frames(4).0);
+    assert_ne!(frames(3).0, frames(3).1, "noise is new in each frame");
+}
+
+#[test]
+fn brightness_follows_the_exposure() {
+    let scene = cube_alone(facing(0.4, [0.0; 3]), EDGE, [5; 54]);
+    let mut renderer = studio(standing(), |_| ());
+
+    let [half, one, two] = [0.5, 1.0, 2.0].map(|e| renderer.render(&scene, e));
+
+    for (x, y) in [(320, 240), (100, 100), (500, 400)] {
+        let blue = |image: &RgbImage| f64::from(image.get_pixel(x, y)[2]);
+        assert!((blue(&half) * 2.0 - blue(&one)).abs() <= 2.0, "{} {}", blue(&half), blue(&one));
+        let expected = (blue(&one) * 2.0).min(255.0);
+        assert!((blue(&two) - expected).abs() <= 2.0, "{} {}", blue(&two), blue(&one));
+    }
+}
+
+#[test]
+fn noise_has_the_size_that_was_asked_for() {
+    for read in [2.0, 6.0, 12.0] {
+        let mut renderer = studio(standing(), |look| look.sensor.read_noise = read);
+        let image = renderer.render(&cube_alone(facing(0.12, [0.0; 3]), EDGE, [5; 54]), 1.0);
+        let values: Vec<f64> = (300..340)
+            .flat_map(|x| (220..260).map(move |y| (x, y)))
+            .map(|(x, y)| f64::from(image.get_pixel(x, y)[2]))
+            .collect();
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len() as f64;
+        assert!((variance.sqrt() / read - 1.0).abs() < 0.1, "{} for {read}", variance.sqrt());
+    }
+}
+
+#[test]
+fn motion_blurs_by_speed_times_exposure() {
+    let mut scene = cube_alone(facing(0.4, [0.0; 3]), EDGE, [0; 54]);
+    let mut renderer = studio(standing(), |look| look.sensor.exposure_time = 0.01);
+    // Width of the left border from its brightness: the integral of (1 - b) b is that of a ramp over 6.
+    let mut width = |speed: f64| {
+        scene.cube.velocity.linear.x = speed;
+        let image = renderer.render(&scene, 1.0);
+        let inside = brightness(&image, 288, 240);
+        let border: Vec<f64> = (274..290).map(|x| brightness(&image, x, 240) / inside).collect();
+        let low = border.iter().copied().fold(1.0, f64::min);
+        border.iter().map(|b| (b - low) / (1.0 - low)).map(|b| (1.0 - b) * b).sum::<f64>() * 6.0
+    };
+
+    let (still, moving) = (width(0.0), width(0.25));
+
+    // 2.5 mm at 0.3715 m are 4.04 px.
+    assert!(moving - still > 2.0 && moving < 6.5, "{still} {moving}");
+}
+
+#[test]
+fn a_mosaic_keeps_flat_colours() {
+    let scene = cube_alone(facing(0.12, [0.0; 3]), EDGE, [4; 54]);
+    let plain = studio(standing(), |_| ()).render(&scene, 1.0);
+    let mosaic = studio(standing(), |look| look.sensor.bayer = true).render(&scene, 1.0);
+
+    for (x, y) in [(320, 240), (321, 240), (320, 241), (321, 241)] {
+        let (a, b) = (plain.get_pixel(x, y).0, mosaic.get_pixel(x, y).0);
+        assert!(a.iter().zip(b).all(|(a, b)| a.abs_diff(b) <= 1), "{a:?} {b:?}");
+    }
+    let mean = |image: &RgbImage| {
+        image.as_raw().iter().map(|c| f64::from(*c)).sum::<f64>() / image.as_raw().len() as f64
+    };
+    assert!((mean(&plain) - mean(&mosaic)).abs() < 0.5);
+}
+
+#[test]
+fn nothing_of_an_earlier_frame_stays() {
+    let mut busy = hand_over(facing(0.5, [0.1, 0.0, 0.2]), 0.1);
+    busy.cube.velocity.linear = Vector3::new(0.4, 0.0, 0.2);
+    let calm = cube_alone(facing(0.7, [0.0; 3]), EDGE, mixed());
+    let with_bayer = |look: &mut Look| {
+        look.sensor.bayer = true;
+        look.sensor.exposure_time = 0.01;
+    };
+    let mut used = studio(standing(), with_bayer);
+    used.render(&busy, 1.0);
+    used.render(&busy, 0.5);
+
+    let after = used.render(&calm, 0.5);
+
+    assert_eq!(after, studio(standing(), with_bayer).render(&calm, 0.5));
+}
+
+#[test]
+fn a_camera_in_hand_sees_the_held_cube_and_needs_its_arm() {
+    let (camera, mut scene) = in_hand();
+    let mut renderer = studio(camera.clone(), |_| ());
+    let image = renderer.render(&scene, 1.0);
+
+    // The face opposite the palm, 57 mm at 0.20 m: 120 px with f = 420 px.
+    let corner = [(-55, -55), (55, -55), (-55, 55), (55, 55)];
+    for (dx, dy) in corner {
+        let rgb = image.get_pixel((192 + dx) as u32, (144 + dy) as u32).0;
+        let spread = rgb.iter().max().unwrap() - rgb.iter().min().unwrap();
+        assert!(spread > 60 || rgb[0] > 150, "no sticker at {dx} {dy}: {rgb:?}");
+    }
+    scene.arm_count = 1;
+    let (mut input, output) = triple_buffer::triple_buffer(&scene);
+    let mut source = PlantCamera::new(studio(camera, |_| ()), output);
+    assert!(source.grab(0, 1.0).is_err());
+    scene.arm_count = 2;
+    scene.period = 77;
+    input.write(scene);
+    assert_eq!(source.grab(80, 1.0).unwrap().period, 77);
+    assert!(source.grab(80, 0.0).is_err());
+}
+
 /// Run with `cargo test --release --lib render::tests::samples -- --ignored --nocapture` and look at them.
 #[test]
 #[ignore = "writes pictures into the temporary folder and measures time"]
@@ -127,6 +491,8 @@ fn samples() {
     let alone = cube_alone(facing(0.342, [0.3, 0.2, 0.35]), EDGE, mixed());
     save("alone.png", &renderer.render(&alone, 1.0));
     time("stand-alone camera, cube alone at 0.34 m", &mut renderer, &alone);
+    let nothing = cube_alone(facing(-5.0, [0.0; 3]), EDGE, mixed());
+    time("stand-alone camera, nothing", &mut renderer, &nothing);
     let mut moving = scene;
     moving.cube.velocity.linear = Vector3::new(0.15, 0.0, 0.05);
     save("moving.png", &renderer.render(&moving, 1.0));
@@ -142,4 +508,33 @@ fn samples() {
         let mut renderer = Renderer::new(standing(), Look::draw(seed), 1).with_setting(setting());
         save(&format!("look{seed}.png"), &renderer.render(&scene, 1.0));
     }
+}
+
+/// A cell like the original's: the track arm at the origin, the postument arm 2.11 m to its left.
+fn whole_cell() -> (Scene, Setting) {
+    let world_from_cube = Pose::translation(0.95, 0.55, 1.05);
+    let mut scene = hand_over(world_from_cube, 0.09);
+    let way = |x: f64, y: f64, z: f64, turn: Vector3<f64>| Pose::new(Vector3::new(x, y, z), turn);
+    let forward = Vector3::y() * std::f64::consts::FRAC_PI_2;
+    scene.arms[0] = arm(way(0.80, 0.45, 1.05, forward), Point3::new(0.0, 0.35, 0.0), 0.08);
+    let waiting = Vector3::new(-0.9, 1.7, 0.9);
+    scene.arms[1] = arm(way(0.75, 1.55, 1.15, waiting), Point3::new(0.0, 2.11, 0.0), 0.07);
+    scene.hand = Some(world_from_cube);
+    let camera =
+        pose_from_axes(Vector3::x(), -Vector3::z(), Vector3::y(), Point3::new(0.95, -0.25, 1.05));
+    let table = Point3::new(0.95, 1.0, 0.70);
+    (scene, Setting { table, cameras: vec![camera], ..Setting::default() })
+}
+
+/// Run like `samples`.
+#[test]
+#[ignore = "writes a picture into the temporary folder"]
+fn overview() {
+    let folder = std::env::temp_dir().join("rubik-robot-render");
+    std::fs::create_dir_all(&folder).unwrap();
+    let (scene, setting) = whole_cell();
+    let start = std::time::Instant::now();
+    let image = picture::cell(&scene, &setting, 1200, 800);
+    println!("overview: {:.2} s", start.elapsed().as_secs_f64());
+    image.save(folder.join("cell.png")).unwrap();
 }

@@ -1,0 +1,152 @@
+//! From a scenario's controller section to what the shells and kernels are made of.
+
+use super::move_instruction::Manner;
+use crate::cell::{Cell, Mount};
+use crate::cube::{Axis, Face};
+use crate::generators::{Compliance, position::Speeds, visual_servo};
+use crate::motion::{AXES, Depth};
+use crate::reach::{Meeting, MeetingTable};
+use crate::scenario::{ControllerConfig, keys};
+use crate::spatial::Pose;
+use crate::tasks::cube::hold::Hold;
+use crate::tasks::cube::mission::Goal;
+use crate::tasks::cube::plan::Rule;
+use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
+use nalgebra::Vector3;
+
+/// How the generators of all effectors behave.
+pub(super) fn manner(config: &ControllerConfig) -> Manner {
+    let c = &config.control;
+    let mut joint = [c.joint_speed; AXES];
+    let mut joint_acceleration = [c.joint_acceleration; AXES];
+    joint[0] = c.track_speed;
+    joint_acceleration[0] = c.track_acceleration;
+    // The tool roll's gear allows half of what the other axes can do.
+    joint[6] = joint[6].min(0.8);
+    Manner {
+        compliance: Compliance {
+            linear_admittance: c.linear_admittance,
+            linear_inertia: c.linear_inertia,
+            angular_admittance: c.angular_admittance,
+            angular_inertia: c.angular_inertia,
+            macrostep: c.macrostep_periods,
+            force_limit: c.force_limit,
+            torque_limit: c.torque_limit,
+        },
+        speeds: Speeds {
+            joint,
+            joint_acceleration,
+            linear: c.linear_speed,
+            linear_acceleration: c.linear_acceleration,
+            angular: c.angular_speed,
+            angular_acceleration: 2.0 * c.angular_speed,
+        },
+    }
+}
+
+/// What is known of an arm, the track first.
+fn arm_belief(cell: &Cell, index: usize) -> Option<ArmBelief> {
+    let arm = cell.arms.get(index)?;
+    let flange_from_camera = cell.cameras.iter().find_map(|camera| match camera.mount {
+        Mount::Flange { arm, flange_from_camera } if arm == index => Some(flange_from_camera),
+        Mount::Flange { .. } | Mount::World { .. } => None,
+    });
+    Some(ArmBelief {
+        world_from_base: arm.world_from_base,
+        flange_from_tool: arm.flange_from_tool,
+        flange_from_camera,
+    })
+}
+
+/// Settings of the cube task; `None` without two arms.
+pub(super) fn cube_settings(config: &ControllerConfig, meetings: MeetingTable, back: f64) -> Option<CubeSettings> {
+    let c = &config.control;
+    let v = &config.visual_servo;
+    let arm = config.cell.arms.first()?;
+    Some(CubeSettings {
+        arms: [arm_belief(&config.cell, 0)?, arm_belief(&config.cell, 1)?],
+        meetings,
+        edge: config.cell.cube.edge,
+        grip: c.grip,
+        opening: (arm.gripper.opening.1 - 0.003).min(config.cell.cube.edge + 0.031),
+        back,
+        pre_grasp: 0.012,
+        approach_speed: c.approach_speed,
+        touch: c.approach_force,
+        press: 2.0 * c.approach_force,
+        turn_speed: c.turn_speed,
+        turn_torque: c.turn_torque,
+        pull: c.approach_force,
+        speed: 1.0,
+        compliant_arm: match c.compliant_arm {
+            keys::CompliantArm::Body => CompliantArm::Body,
+            keys::CompliantArm::Turner => CompliantArm::Turner,
+        },
+        compliance: match c.compliance {
+            keys::Compliance::None => ComplianceChoice::None,
+            keys::Compliance::Tff => ComplianceChoice::Tff,
+            keys::Compliance::TffTilts => ComplianceChoice::TffTilts,
+        },
+        visual: visual_servo::Order {
+            world_from_base: Pose::identity(),
+            // The robot stands on the -x side of the operator; the jaws close above and below the cube, so that
+            // the side towards the stand-alone camera stays free.
+            approach: Vector3::x(),
+            jaws: Vector3::z(),
+            seat: 0.0,
+            vicinity: v.stand_off,
+            frozen: 0.04,
+            still_speed: v.still / v.still_time,
+            still_seconds: v.still_time,
+            retreat: v.withdraw,
+            speed: (v.linear_speed, v.angular_speed),
+            acceleration: c.linear_acceleration,
+            approach_speed: 2.0 * c.approach_speed,
+            touch: c.approach_force,
+            stale: v.pose_age,
+            patience: v.patience,
+        },
+        rule: match config.planner.rule {
+            keys::Rule::Clearance => Rule::Clearance,
+            keys::Rule::Strict => Rule::Strict,
+            keys::Rule::Original => Rule::Original,
+        },
+        nodes: config.planner.node_budget,
+        candidates: config.planner.candidates as usize,
+        seconds_per_node: config.planner.node_cost,
+        base_learning: 0.3,
+    })
+}
+
+/// What the kernel is to do. A turn is positive clockwise seen from outside, which is positive about the tool's z.
+pub(super) fn goal(config: &ControllerConfig) -> Goal {
+    match config.task {
+        keys::Task::Solve => Goal::Solve,
+        keys::Task::Acquire => Goal::Acquire,
+        keys::Task::FaceTurn => Goal::FaceTurn(config.face_turn.angle),
+    }
+}
+
+/// How a face turn begins: the postument's hand holds two layers, the track's is drawn back from the opposite face.
+pub(super) struct FaceTurnStart {
+    /// The postument's hold.
+    pub(super) body: Hold,
+    /// Which tool frame the postument has.
+    pub(super) half_roll: bool,
+    /// Where both arms stand.
+    pub(super) meeting: Meeting,
+}
+
+/// The hold of the turning hand opposite the body hand's.
+#[must_use]
+pub(super) fn face_turn_start(table: &MeetingTable) -> Option<FaceTurnStart> {
+    let body = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::Two };
+    let turner = Hold { palm: Face::U, jaws: Axis::Y, depth: Depth::One };
+    let track = turner.cube_from_tool(false, 0.0).rotation;
+    [false, true].into_iter().find_map(|half_roll| {
+        let postument = body.cube_from_tool(half_roll, 0.0).rotation;
+        let index = crate::cube::rotation_index(&(track.inverse() * postument));
+        table.grasps[index].map(|meeting| FaceTurnStart { body, half_roll, meeting })
+    })
+}
+

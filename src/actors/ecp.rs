@@ -1,0 +1,207 @@
+//! ECP: the task's share of one effector.
+//!
+//! Under continuous coordination it transmits what MP computes; under sporadic coordination it runs the generators
+//! of the behaviours that MP invokes, with the readings of the VSPs that belong to it.
+
+use super::control::{Control, permission};
+use super::edp::EdpHandle;
+use super::move_instruction::{Manner, Motion};
+use super::vsp::VspHandle;
+use crate::error::{Error, NonFatal, System};
+use crate::generators::{Behaviour, Outcome};
+use crate::motion::{ArmState, MoveCommand};
+use crate::record::tape::Tape;
+use crate::spatial::Pose;
+use crate::vision::sensor::FaceReading;
+use tokio::sync::{mpsc, oneshot, watch};
+
+/// Capacity of the mailbox: one request under way and one end from above.
+const MAILBOX: usize = 4;
+
+type Reply<T> = oneshot::Sender<Result<T, Error>>;
+
+#[derive(Debug)]
+enum Request {
+    Transmit { command: MoveCommand, reply: Reply<ArmState> },
+    Behave { behaviour: Behaviour, reply: Reply<(Outcome, ArmState)> },
+    End,
+    Bias { reply: Reply<ArmState> },
+    State { reply: Reply<ArmState> },
+    Watch { on: bool },
+    Look { camera_from_face: Pose, reply: Reply<FaceReading> },
+}
+
+/// The far end of an ECP's mailbox. Dropping the last clone ends the ECP, and with it its EDP.
+#[derive(Debug, Clone)]
+pub struct EcpHandle {
+    name: String,
+    mailbox: mpsc::Sender<Request>,
+}
+
+impl EcpHandle {
+    /// Passes a command on to the EDP (continuous coordination).
+    ///
+    /// # Errors
+    /// Those of the EDP.
+    pub async fn transmit(&self, command: MoveCommand) -> Result<ArmState, Error> {
+        self.ask("transmit", |reply| Request::Transmit { command, reply }).await
+    }
+
+    /// Carries out a behaviour to its end (sporadic coordination).
+    ///
+    /// # Errors
+    /// Those of the EDP.
+    pub async fn behave(&self, behaviour: Behaviour) -> Result<(Outcome, ArmState), Error> {
+        self.ask("behave", |reply| Request::Behave { behaviour, reply }).await
+    }
+
+    /// Ends the behaviour under way at its next macrostep.
+    ///
+    /// # Errors
+    /// System when the ECP is gone.
+    pub async fn end(&self) -> Result<(), Error> {
+        self.mailbox.send(Request::End).await.map_err(|_| self.closed("end"))
+    }
+
+    /// Sets the force sensor to zero.
+    ///
+    /// # Errors
+    /// Those of the EDP.
+    pub async fn bias(&self) -> Result<ArmState, Error> {
+        self.ask("bias", |reply| Request::Bias { reply }).await
+    }
+
+    /// The effector's state.
+    ///
+    /// # Errors
+    /// Those of the EDP.
+    pub async fn state(&self) -> Result<ArmState, Error> {
+        self.ask("state", |reply| Request::State { reply }).await
+    }
+
+    /// Switches the effector's own stand-alone sensor.
+    ///
+    /// # Errors
+    /// System when the ECP is gone.
+    pub async fn watch(&self, on: bool) -> Result<(), Error> {
+        self.mailbox.send(Request::Watch { on }).await.map_err(|_| self.closed("watch"))
+    }
+
+    /// Reads a face with the camera in the effector's hand.
+    ///
+    /// # Errors
+    /// Non-fatal when there is no such camera or the face was not found.
+    pub async fn look(&self, camera_from_face: Pose) -> Result<FaceReading, Error> {
+        self.ask("look", |reply| Request::Look { camera_from_face, reply }).await
+    }
+
+    fn closed(&self, place: &'static str) -> Error {
+        Error::System { actor: self.name.clone(), place, cause: System::Closed(self.name.clone()) }
+    }
+
+    async fn ask<T>(&self, place: &'static str, request: impl FnOnce(Reply<T>) -> Request) -> Result<T, Error> {
+        let (reply, answer) = oneshot::channel();
+        self.mailbox.send(request(reply)).await.map_err(|_| self.closed(place))?;
+        answer.await.map_err(|_| self.closed(place))?
+    }
+}
+
+/// What an ECP is made of.
+pub struct Parts {
+    /// Its effector's driver.
+    pub edp: EdpHandle,
+    /// The stand-alone camera's sensor, if it belongs to this ECP.
+    pub tracker: Option<VspHandle>,
+    /// The sensor of the camera in the hand, if it belongs to this ECP.
+    pub hand_camera: Option<VspHandle>,
+    /// How its generators behave.
+    pub manner: Manner,
+    /// The operator's will.
+    pub control: watch::Receiver<Control>,
+    /// Where messages are noted.
+    pub tape: Tape,
+}
+
+struct Ecp {
+    name: String,
+    parts: Parts,
+    mailbox: mpsc::Receiver<Request>,
+}
+
+/// Creates an ECP.
+#[must_use]
+pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
+    let (mailbox, requests) = mpsc::channel(MAILBOX);
+    let name = format!("ecp {name}");
+    let ecp = Ecp { name: name.clone(), parts, mailbox: requests };
+    tokio::spawn(ecp.run());
+    EcpHandle { name, mailbox }
+}
+
+impl Ecp {
+    async fn run(mut self) {
+        while let Some(request) = self.mailbox.recv().await {
+            match request {
+                Request::Transmit { command, reply } => {
+                    let answer = self.parts.edp.execute(command).await;
+                    let _ = reply.send(answer);
+                }
+                Request::Behave { behaviour, reply } => {
+                    self.parts.tape.message("mp", &self.name, &behaviour);
+                    let answer = self.behave(&behaviour).await;
+                    self.parts.tape.message(&self.name, "mp", &answer);
+                    let _ = reply.send(answer);
+                }
+                // Nothing under way: it has ended by itself in the meantime.
+                Request::End => {}
+                Request::Bias { reply } => {
+                    let answer = self.parts.edp.bias().await;
+                    let _ = reply.send(answer);
+                }
+                Request::State { reply } => {
+                    let answer = self.parts.edp.state().await;
+                    let _ = reply.send(answer);
+                }
+                Request::Watch { on } => {
+                    if let Some(tracker) = &self.parts.tracker {
+                        tracker.track(on);
+                    }
+                }
+                Request::Look { camera_from_face, reply } => {
+                    let answer = self.look(camera_from_face).await;
+                    self.parts.tape.message(&self.name, "mp", &answer);
+                    let _ = reply.send(answer);
+                }
+            }
+        }
+    }
+
+    async fn behave(&mut self, behaviour: &Behaviour) -> Result<(Outcome, ArmState), Error> {
+        let mut motion = Motion::begin(behaviour, &self.parts.manner);
+        let mut state = self.parts.edp.state().await?;
+        loop {
+            if permission(&mut self.parts.control).await.is_err() {
+                return Ok((Outcome::Ended, state));
+            }
+            if matches!(self.mailbox.try_recv(), Ok(Request::End)) {
+                return Ok((Outcome::Ended, state));
+            }
+            let target = self.parts.tracker.as_ref().and_then(VspHandle::target);
+            match motion.step(&state, target.as_ref()) {
+                Ok(command) => state = self.parts.edp.execute(command).await?,
+                Err(outcome) => return Ok((outcome, state)),
+            }
+        }
+    }
+
+    async fn look(&self, camera_from_face: Pose) -> Result<FaceReading, Error> {
+        match &self.parts.hand_camera {
+            Some(camera) => camera.look(camera_from_face).await,
+            None => Err(Error::NonFatal {
+                actor: self.name.clone(),
+                place: "look",
+                cause: NonFatal::NoReading("no camera in this hand belongs to this ECP".into()),
+            }),
+        }
+    }
+}

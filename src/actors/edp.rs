@@ -1,0 +1,203 @@
+//! EDP: drives one effector. This actor is the paper's EDPM (communication with the ECP, interpretation of its
+//! commands); EDPT and EDPS are parts of the servo period ([`crate::servo`]), and the force readings (EDPF) come
+//! with the bridge's exchange.
+//!
+//! An answer goes out two servo periods before the macrostep ends, so that the next one follows without a gap.
+
+use super::clock::Clock;
+use crate::error::{Error, Fatal, NonFatal, System};
+use crate::hw::driver::ServoLink;
+use crate::motion::{ArmState, MoveCommand, PERIOD};
+use crate::record::tape::Tape;
+use crate::servo::ServoCommand;
+use crate::spatial::Pose;
+use tokio::sync::{mpsc, oneshot, watch};
+
+/// How many periods before its end a macrostep is answered.
+const EARLY: u64 = 2;
+/// Periods that taking a bias lasts: ten samples and the filters before them.
+const BIAS_PERIODS: u64 = 16;
+/// Time without an answer after which the servo counts as gone [s].
+const SILENCE: f64 = 0.5;
+/// Capacity of the mailbox: an ECP has at most one request under way.
+const MAILBOX: usize = 4;
+
+/// What an ECP asks of its EDP; each request carries the way back.
+#[derive(Debug)]
+enum Request {
+    Execute { command: MoveCommand, reply: oneshot::Sender<Result<ArmState, Error>> },
+    SetTool { flange_from_tool: Pose, reply: oneshot::Sender<Result<ArmState, Error>> },
+    Bias { reply: oneshot::Sender<Result<ArmState, Error>> },
+    State { reply: oneshot::Sender<Result<ArmState, Error>> },
+}
+
+/// The far end of an EDP's mailbox. Dropping the last clone ends the EDP.
+#[derive(Debug, Clone)]
+pub struct EdpHandle {
+    name: String,
+    mailbox: mpsc::Sender<Request>,
+    state: watch::Receiver<ArmState>,
+}
+
+impl EdpHandle {
+    /// Executes a move and returns the state two periods before its end.
+    ///
+    /// # Errors
+    /// Non-fatal when the command is refused, fatal when the arm has stopped.
+    pub async fn execute(&self, command: MoveCommand) -> Result<ArmState, Error> {
+        self.ask("execute", |reply| Request::Execute { command, reply }).await
+    }
+
+    /// Changes the tool frame; the arm does not move.
+    ///
+    /// # Errors
+    /// System when the EDP is gone.
+    pub async fn set_tool(&self, flange_from_tool: Pose) -> Result<ArmState, Error> {
+        self.ask("set tool", |reply| Request::SetTool { flange_from_tool, reply }).await
+    }
+
+    /// Sets the force sensor to zero as it is loaded now.
+    ///
+    /// # Errors
+    /// Fatal when the arm has stopped.
+    pub async fn bias(&self) -> Result<ArmState, Error> {
+        self.ask("bias", |reply| Request::Bias { reply }).await
+    }
+
+    /// The present state.
+    ///
+    /// # Errors
+    /// Fatal when the arm has stopped.
+    pub async fn state(&self) -> Result<ArmState, Error> {
+        self.ask("state", |reply| Request::State { reply }).await
+    }
+
+    /// States as they are published at each macrostep.
+    #[must_use]
+    pub fn watch(&self) -> watch::Receiver<ArmState> {
+        self.state.clone()
+    }
+
+    async fn ask(
+        &self,
+        place: &'static str,
+        request: impl FnOnce(oneshot::Sender<Result<ArmState, Error>>) -> Request,
+    ) -> Result<ArmState, Error> {
+        let closed = || Error::System {
+            actor: self.name.clone(),
+            place,
+            cause: System::Closed(self.name.clone()),
+        };
+        let (reply, answer) = oneshot::channel();
+        self.mailbox.send(request(reply)).await.map_err(|_| closed())?;
+        answer.await.map_err(|_| closed())?
+    }
+}
+
+/// The actor.
+struct Edp {
+    name: String,
+    link: ServoLink,
+    clock: Clock,
+    mailbox: mpsc::Receiver<Request>,
+    state: watch::Sender<ArmState>,
+    tape: Tape,
+    /// First period after the last command.
+    free: u64,
+}
+
+/// Creates an EDP around one arm's servo.
+#[must_use]
+pub fn spawn(name: &str, mut link: ServoLink, clock: Clock, tape: Tape) -> EdpHandle {
+    let (mailbox, requests) = mpsc::channel(MAILBOX);
+    let (state, watching) = watch::channel(*link.state());
+    let name = format!("edp {name}");
+    let edp = Edp { name: name.clone(), link, clock, mailbox: requests, state, tape, free: 0 };
+    tokio::spawn(edp.run());
+    EdpHandle { name, mailbox, state: watching }
+}
+
+impl Edp {
+    async fn run(mut self) {
+        // Nothing is known before the servo's first period.
+        while self.link.state().period == 0 {
+            self.clock.until(self.clock.period() + 1).await;
+        }
+        while let Some(request) = self.mailbox.recv().await {
+            let (answer, reply) = match request {
+                Request::Execute { command, reply } => (self.execute(command).await, reply),
+                Request::SetTool { flange_from_tool, reply } => {
+                    let sent = self.send("set tool", ServoCommand::SetTool(flange_from_tool));
+                    (self.after(sent, 2).await, reply)
+                }
+                Request::Bias { reply } => {
+                    let sent = self.send("bias", ServoCommand::Bias);
+                    (self.after(sent, BIAS_PERIODS).await, reply)
+                }
+                Request::State { reply } => (self.check("state"), reply),
+            };
+            // The asker may have gone; that is its affair.
+            let _ = reply.send(answer);
+        }
+    }
+
+    fn send(&mut self, place: &'static str, command: ServoCommand) -> Result<u64, Error> {
+        self.tape.message("edp", &self.name, &command);
+        self.link.send(command).map_err(|_| self.silent(place))
+    }
+
+    fn silent(&self, place: &'static str) -> Error {
+        let cause = System::Silent { who: "the servo".into(), seconds: SILENCE };
+        Error::System { actor: self.name.clone(), place, cause }
+    }
+
+    async fn execute(&mut self, command: MoveCommand) -> Result<ArmState, Error> {
+        if command.periods == 0 {
+            let cause = NonFatal::Arguments("a move command must last at least one period".into());
+            return Err(Error::NonFatal { actor: self.name.clone(), place: "execute", cause });
+        }
+        let start = self.free.max(self.clock.period() + 1);
+        let ticket = self.send("execute", ServoCommand::Move { command, start })?;
+        self.free = start + u64::from(command.periods);
+        self.done("execute", ticket, self.free.saturating_sub(EARLY).max(start)).await?;
+        self.check("execute")
+    }
+
+    async fn after(&mut self, sent: Result<u64, Error>, periods: u64) -> Result<ArmState, Error> {
+        let ticket = sent?;
+        self.done("service", ticket, self.free.max(self.clock.period()) + periods).await?;
+        self.check("service")
+    }
+
+    /// Waits until a period has come and the servo has dealt with a command. Under the wall clock the servo's
+    /// periods and the runtime's time differ by a little, hence the polling.
+    async fn done(&mut self, place: &'static str, ticket: u64, period: u64) -> Result<(), Error> {
+        self.clock.until(period).await;
+        let patience = (SILENCE / PERIOD) as u64;
+        for late in 1..patience {
+            if self.link.is_done(ticket, EARLY) {
+                return Ok(());
+            }
+            if self.link.is_closed() {
+                break;
+            }
+            self.clock.until(period + late).await;
+        }
+        Err(self.silent(place))
+    }
+
+    fn check(&mut self, place: &'static str) -> Result<ArmState, Error> {
+        let state = *self.link.state();
+        self.state.send_replace(state);
+        let actor = self.name.clone();
+        if let Some(fault) = state.fault {
+            return Err(Error::Fatal { actor, place, cause: Fatal::Arm(fault) });
+        }
+        match state.refused {
+            Some(refused) if place == "execute" => {
+                Err(Error::NonFatal { actor, place, cause: NonFatal::Refused(refused) })
+            }
+            _ => Ok(state),
+        }
+    }
+}

@@ -1,0 +1,317 @@
+//! MP: coordinates all effectors. The shell around a task's kernel.
+//!
+//! Two schemes of coordination (Zieliński et al. 2007, p. 374): *continuous*, in which MP runs the generators of
+//! all effectors and commands them at each macrostep through transmitting ECPs; and *sporadic*, in which MP invokes
+//! behaviours and the ECPs run the generators.
+
+use super::clock::Clock;
+use super::control::{Control, permission};
+use super::ecp::EcpHandle;
+use super::move_instruction::{Manner, Motion};
+use super::ui::{Notice, UiHandle};
+use super::vsp::VspHandle;
+use super::work::Work;
+use crate::error::{Error, NonFatal, System};
+use crate::generators::{Behaviour, Outcome};
+use crate::motion::{ArmState, PERIOD};
+use crate::record::tape::Tape;
+use crate::tasks::{Action, Event, Finish, Task, Until};
+use serde::{Deserialize, Serialize};
+use tokio::sync::watch;
+
+/// Who runs the generators.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Coordination {
+    /// MP, at each macrostep.
+    Continuous,
+    /// The ECPs; MP only where subtasks switch.
+    Sporadic,
+}
+
+/// What MP is made of.
+pub struct Parts {
+    /// One ECP an effector, in the scenario's order.
+    pub ecps: Vec<EcpHandle>,
+    /// The stand-alone camera's sensor, if it delivers to MP.
+    pub tracker: Option<VspHandle>,
+    /// Sensors of the cameras in the hands that deliver to MP.
+    pub hand_cameras: [Option<VspHandle>; 2],
+    /// Scheme.
+    pub coordination: Coordination,
+    /// How the generators behave.
+    pub manners: Vec<Manner>,
+    /// The operator's will.
+    pub control: watch::Receiver<Control>,
+    /// The operator's face.
+    pub ui: UiHandle,
+    /// Servo periods and time.
+    pub clock: Clock,
+    /// The door for long work.
+    pub work: Work,
+    /// Where messages are noted.
+    pub tape: Tape,
+}
+
+/// How a run ended, as MP knows it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ending {
+    /// The kernel's last word; `None` when the operator terminated the run.
+    pub finish: Option<Finish>,
+    /// The error that ended it.
+    pub error: Option<Error>,
+    /// Phases with the time at which each began [s].
+    pub phases: Vec<(&'static str, f64)>,
+    /// When it ended [s].
+    pub end: f64,
+}
+
+/// The actor.
+pub struct Mp {
+    parts: Parts,
+    arms: Vec<ArmState>,
+    phases: Vec<(&'static str, f64)>,
+}
+
+enum Stop {
+    Terminated,
+    Error(Error),
+}
+
+impl From<Error> for Stop {
+    fn from(error: Error) -> Self {
+        Self::Error(error)
+    }
+}
+
+impl Mp {
+    /// MP with its effectors.
+    #[must_use]
+    pub fn new(parts: Parts) -> Self {
+        Self { parts, arms: Vec::new(), phases: Vec::new() }
+    }
+
+    fn now(&self) -> f64 {
+        self.parts.clock.period() as f64 * PERIOD
+    }
+
+    /// Runs a task to its end; `done` looks at the kernel before it is dropped.
+    pub async fn run<T: Task>(mut self, task: &mut T) -> Ending {
+        let mut ending = Ending { finish: None, error: None, phases: Vec::new(), end: 0.0 };
+        match self.perform(task).await {
+            Ok(finish) => ending.finish = Some(finish),
+            Err(Stop::Terminated) => {}
+            Err(Stop::Error(error)) => {
+                self.parts.ui.tell(Notice::Error(self.now(), error.clone()));
+                ending.error = Some(error);
+            }
+        }
+        ending.end = self.now();
+        ending.phases = std::mem::take(&mut self.phases);
+        ending
+    }
+
+    async fn perform<T: Task>(&mut self, task: &mut T) -> Result<Finish, Stop> {
+        permission(&mut self.parts.control).await.map_err(|_| Stop::Terminated)?;
+        self.refresh().await?;
+        let mut event = Event::Start;
+        loop {
+            permission(&mut self.parts.control).await.map_err(|_| Stop::Terminated)?;
+            let action = task.next(event, &self.arms);
+            self.parts.tape.message("kernel", "mp", &action);
+            tracing::debug!(?action, "action");
+            event = match action {
+                Action::Finish(finish) => return Ok(finish),
+                Action::Phase(name) => {
+                    let now = self.now();
+                    self.phases.push((name, now));
+                    self.parts.ui.tell(Notice::Phase(now, name.into()));
+                    Event::Done
+                }
+                Action::Behave { orders, until } => {
+                    let outcomes = match self.parts.coordination {
+                        Coordination::Sporadic => self.invoke(orders, until).await,
+                        Coordination::Continuous => self.move_all(orders, until).await,
+                    };
+                    if *self.parts.control.borrow() == Control::Terminated {
+                        return Err(Stop::Terminated);
+                    }
+                    match outcomes {
+                        Ok(outcomes) => Event::Behaved(outcomes),
+                        Err(error) => self.trouble(error)?,
+                    }
+                }
+                Action::Bias(which) => {
+                    for (ecp, _) in self.parts.ecps.iter().zip(which).filter(|(_, wanted)| *wanted) {
+                        ecp.bias().await?;
+                    }
+                    self.refresh().await?;
+                    Event::Done
+                }
+                Action::Watch(on) => {
+                    match &self.parts.tracker {
+                        Some(tracker) => tracker.track(on),
+                        None => {
+                            for ecp in &self.parts.ecps {
+                                ecp.watch(on).await?;
+                            }
+                        }
+                    }
+                    Event::Done
+                }
+                Action::Look { effector, camera_from_face } => {
+                    let reading = match self.parts.hand_cameras.get(effector).and_then(Option::as_ref) {
+                        Some(camera) => camera.look(camera_from_face).await,
+                        None => self.ecp(effector)?.look(camera_from_face).await,
+                    };
+                    self.refresh().await?;
+                    match reading {
+                        Ok(reading) => Event::Looked(Ok(reading)),
+                        Err(Error::NonFatal { cause: NonFatal::NoReading(reason), .. }) => {
+                            Event::Looked(Err(reason))
+                        }
+                        Err(error) => self.trouble(error)?,
+                    }
+                }
+                Action::Think(thought) => {
+                    let conclusion = self.parts.work.run(move || T::think(thought)).await;
+                    match conclusion {
+                        Some(conclusion) => Event::Thought(conclusion),
+                        None => return Err(Stop::Error(self.system("think", "the worker"))),
+                    }
+                }
+            };
+        }
+    }
+
+    /// A non-fatal error is told to the kernel, which may go on; the others end the run.
+    fn trouble<C>(&self, error: Error) -> Result<Event<C>, Stop> {
+        match error {
+            Error::NonFatal { .. } => {
+                self.parts.ui.tell(Notice::Error(self.now(), error.clone()));
+                Ok(Event::Trouble(error.to_string()))
+            }
+            Error::Fatal { .. } | Error::System { .. } => Err(Stop::Error(error)),
+        }
+    }
+
+    fn system(&self, place: &'static str, who: &str) -> Error {
+        Error::System { actor: "mp".into(), place, cause: System::Closed(who.into()) }
+    }
+
+    fn ecp(&self, effector: usize) -> Result<&EcpHandle, Error> {
+        self.parts.ecps.get(effector).ok_or_else(|| Error::NonFatal {
+            actor: "mp".into(),
+            place: "address an effector",
+            cause: NonFatal::Arguments(format!("there is no effector {effector}")),
+        })
+    }
+
+    async fn refresh(&mut self) -> Result<(), Error> {
+        let mut arms = Vec::with_capacity(self.parts.ecps.len());
+        for ecp in &self.parts.ecps {
+            arms.push(ecp.state().await?);
+        }
+        self.arms = arms;
+        Ok(())
+    }
+
+    /// Sporadic coordination: the ECPs run the generators.
+    async fn invoke(
+        &mut self,
+        orders: [Option<Behaviour>; 2],
+        until: Until,
+    ) -> Result<[Option<Outcome>; 2], Error> {
+        let mut outcomes = [None, None];
+        let [first, second] = orders;
+        match (first, second) {
+            (Some(first), Some(second)) => {
+                let (a, b) = (self.ecp(0)?.clone(), self.ecp(1)?.clone());
+                // Whoever the step waits for ends the partner.
+                let run = |own: EcpHandle, partner: EcpHandle, order: Behaviour, leads: bool| async move {
+                    let result = own.behave(order).await;
+                    let failed = !matches!(result, Ok((outcome, _)) if !matches!(outcome, Outcome::OverForce(..)));
+                    if leads || failed {
+                        // If it is gone, its own answer says so.
+                        let _ = partner.end().await;
+                    }
+                    result
+                };
+                let leads = |effector| until == Until::Effector(effector);
+                let (x, y) = tokio::join!(
+                    run(a.clone(), b.clone(), first, leads(0)),
+                    run(b, a, second, leads(1))
+                );
+                outcomes[0] = Some(x?.0);
+                outcomes[1] = Some(y?.0);
+            }
+            (Some(order), None) => outcomes[0] = Some(self.ecp(0)?.behave(order).await?.0),
+            (None, Some(order)) => outcomes[1] = Some(self.ecp(1)?.behave(order).await?.0),
+            (None, None) => {}
+        }
+        self.refresh().await?;
+        Ok(outcomes)
+    }
+
+    /// Continuous coordination: one move instruction for all effectors, a macrostep at a time.
+    async fn move_all(
+        &mut self,
+        orders: [Option<Behaviour>; 2],
+        until: Until,
+    ) -> Result<[Option<Outcome>; 2], Error> {
+        self.refresh().await?;
+        let mut motions: [Option<Motion>; 2] = [None, None];
+        for (effector, order) in orders.iter().enumerate() {
+            if let Some(order) = order {
+                let manner = self.parts.manners.get(effector).ok_or_else(|| self.system("move", "an effector"))?;
+                motions[effector] = Some(Motion::begin(order, manner));
+            }
+        }
+        let mut outcomes: [Option<Outcome>; 2] = [None, None];
+        loop {
+            if permission(&mut self.parts.control).await.is_err() {
+                break;
+            }
+            let target = self.parts.tracker.as_ref().and_then(VspHandle::target);
+            let mut commands = [None, None];
+            for effector in 0..2 {
+                let Some(motion) = &mut motions[effector] else { continue };
+                match motion.step(&self.arms[effector], target.as_ref()) {
+                    Ok(command) => commands[effector] = Some(command),
+                    Err(outcome) => {
+                        outcomes[effector] = Some(outcome);
+                        motions[effector] = None;
+                    }
+                }
+            }
+            let over = outcomes.iter().any(|o| matches!(o, Some(Outcome::OverForce(..))));
+            let led = matches!(until, Until::Effector(e) if outcomes[e].is_some());
+            if over || led || motions.iter().all(Option::is_none) {
+                break;
+            }
+            let send = |effector: usize| {
+                let command = commands[effector];
+                let ecp = self.parts.ecps.get(effector).cloned();
+                async move {
+                    match (ecp, command) {
+                        (Some(ecp), Some(command)) => ecp.transmit(command).await.map(Some),
+                        _ => Ok(None),
+                    }
+                }
+            };
+            let (a, b) = tokio::join!(send(0), send(1));
+            for (effector, state) in [a?, b?].into_iter().enumerate() {
+                if let Some(state) = state {
+                    self.arms[effector] = state;
+                }
+            }
+        }
+        for (effector, motion) in motions.iter().enumerate() {
+            if motion.is_some() {
+                outcomes[effector] = Some(Outcome::Ended);
+            }
+        }
+        self.refresh().await?;
+        Ok(outcomes)
+    }
+}

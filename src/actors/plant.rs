@@ -1,0 +1,143 @@
+//! From a scenario's plant section to the simulated plant and its cameras.
+//!
+//! The only file of the actors that reads a `plant.*` key; what it makes goes behind the port and the cameras.
+
+use super::build::FaceTurnStart;
+use crate::cell::{Cell, Mount};
+use crate::cube::{Cube, Facelets};
+use crate::hw::plant::render::{Look, Renderer, Setting};
+use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
+use crate::hw::plant::{CubeMechanics, HandScript, Jaws, Plant, PlantConfig, SensorNoise, Start};
+use crate::scenario::plant::{CubeKind, Jaws as JawsKey};
+use crate::scenario::{Scenario, keys};
+
+/// Creates the plant; a face turn starts with the cube in the postument's hand.
+pub(super) fn create(scenario: &Scenario, face_turn: Option<&FaceTurnStart>) -> Result<Plant, String> {
+    let mut belief = scenario.controller.cell.clone();
+    let keys = &scenario.plant.keys;
+    let e = &keys.errors;
+    let mut grasp = GraspError::default();
+    if let Some(start) = face_turn {
+        place_for_face_turn(&mut belief, start);
+        let arm = &belief.arms[1];
+        grasp = GraspError {
+            distance: keys.grasp_error,
+            tilt: keys.grasp_tilt,
+            world_from_tool: arm.world_from_base
+                * arm.model.base_from_flange(&arm.start)
+                * arm.flange_from_tool,
+        };
+    }
+    let errors = ErrorSpreads {
+        base: e.base,
+        base_tilt: e.base_tilt,
+        focal: e.focal,
+        centre: e.centre,
+        camera: e.camera,
+        camera_tilt: e.camera_tilt,
+        jaw: e.jaw,
+        cube: e.cube,
+        weight: e.weight,
+        weight_centre: e.weight_centre,
+        grasp,
+        ..ErrorSpreads::default()
+    };
+    let truth = truth::draw(&belief, &errors, scenario.seed);
+    let mut config = PlantConfig::new(truth);
+    config.cube = match keys.cube_kind {
+        CubeKind::Of2007 => CubeMechanics::of_2007(),
+        CubeKind::Modern => CubeMechanics::modern(),
+        CubeKind::Dry => CubeMechanics::dry(),
+    };
+    config.jaws = match keys.jaws {
+        JawsKey::Rubber => Jaws::rubber(),
+        JawsKey::Stiff => Jaws::stiff(),
+    };
+    config.noise = SensorNoise {
+        force: keys.noise.force,
+        torque: keys.noise.torque,
+        force_bias: e.sensor_bias,
+        torque_bias: e.sensor_torque_bias,
+        force_drift: keys.noise.force_drift,
+        delay_periods: keys.noise.force_delay_periods as usize,
+        ..SensorNoise::default()
+    };
+    let h = &keys.hand;
+    config.hand = HandScript {
+        appears: h.appears,
+        arrival: h.arrival,
+        start_offset: h.start_xyz.into(),
+        sway: h.sway,
+        sway_time: h.sway_time,
+        tremor: h.tremor,
+        stills: h.stills,
+        place_spread: h.place_spread,
+        tilt_spread: h.tilt_spread,
+        any_orientation: h.any_orientation,
+        withdrawals: h.withdrawals,
+        withdrawal: h.withdrawal,
+        stiffness: h.stiffness,
+        damping: h.damping,
+        release_load: h.release,
+        release_time: h.release_time,
+        return_after: h.return_after,
+        return_solved_only: h.return_solved_only,
+        pull: h.pull,
+        ..HandScript::default()
+    };
+    if scenario.controller.task == keys::Task::Acquire {
+        // Nothing happens to the cube in between, so the hand comes back sooner.
+        config.hand.return_after = 2.0;
+    }
+    config.facelets = match &scenario.plant.cube_state {
+        Some(facelets) => *facelets.colours(),
+        None => *Facelets::from(&Cube::scrambled(scenario.seed)).colours(),
+    };
+    if let Some(start) = face_turn {
+        let edge = config.cell.cube.edge;
+        let tool_from_cube = start.body.cube_from_tool(start.half_roll, edge).inverse();
+        config.start = Start::Held { arm: 1, tool_from_cube };
+    }
+    Plant::new(config, scenario.seed).map_err(|e| e.to_string())
+}
+
+/// Both arms stand where the hands meet, the track's drawn back.
+fn place_for_face_turn(belief: &mut Cell, start: &FaceTurnStart) {
+    belief.arms[0].start = start.meeting.track_back;
+    belief.arms[1].start = start.meeting.postument;
+}
+
+/// How the cell looks to a camera of the plant.
+pub(super) fn renderer(scenario: &Scenario, plant: &Plant, camera: usize) -> Option<Renderer> {
+    let truth = plant.cell();
+    let keys = &scenario.plant.keys;
+    let mut look = Look::draw(scenario.seed);
+    look.lens_cap = keys.lens_cap;
+    look.distractors = keys.light.distractors as usize;
+    if let Some(temperature) = keys.light.temperature {
+        look.light.temperature = temperature;
+    }
+    look.light.ambient *= keys.light.level as f32;
+    look.light.key *= keys.light.level as f32;
+    look.sensor.read_noise = keys.noise.image;
+    let seed = scenario.seed.wrapping_mul(0x9e37_79b9).wrapping_add(camera as u64);
+    Some(Renderer::new(truth.cameras.get(camera)?.clone(), look, seed).with_setting(setting(truth)))
+}
+
+/// What stands in the cell, as it truly is.
+pub(super) fn setting(truth: &Cell) -> Setting {
+    let mut setting = Setting::default();
+    for (gripper, arm) in setting.grippers.iter_mut().zip(&truth.arms) {
+        *gripper = arm.gripper;
+    }
+    setting.table.z = truth.table_height;
+    setting.cameras = truth
+        .cameras
+        .iter()
+        .filter_map(|camera| match camera.mount {
+            Mount::World { world_from_camera } => Some(world_from_camera),
+            Mount::Flange { .. } => None,
+        })
+        .collect();
+    setting
+}

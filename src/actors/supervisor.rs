@@ -1,0 +1,440 @@
+//! The supervisor: creates ports, servos and actors from a scenario, runs the task, and sums up.
+//!
+//! It is the one place that sees both halves of a scenario: it hands the controller's to the actors and the plant's
+//! to the plant, and takes the verdict from the plant.
+
+use super::build;
+use super::clock::Clock;
+use super::control::Control;
+use super::mp::{self, Coordination, Mp};
+use super::ui::{self, Notice};
+use super::vsp::{self, VspHandle};
+use super::work::Work;
+use super::{ecp, edp};
+use crate::cube::{Facelets, format_turns};
+use crate::error::{Error, Fatal, System};
+use crate::hw::camera::FrameSource;
+use crate::hw::driver::{self, Core, ServoLink, ServoRecord, Switches, WallEnd};
+use crate::hw::folder::FolderCamera;
+use crate::hw::plant::render::PlantCamera;
+use crate::hw::plant::{Plant, Verdict};
+use crate::hw::scene::Scene;
+use crate::motion::PERIOD;
+use crate::reach::{MeetingTable, ReachSettings};
+use crate::record::summary::{EndedBy, Outcome, Phase, SensorPeak, Summary};
+use crate::record::tape::Tape;
+use crate::scenario::keys::{self, BridgeKind, Pace};
+use crate::scenario::lists::VspKind;
+use crate::scenario::{CameraSource, Owner, Scenario};
+use crate::servo::{ForceSettings, ServoCommand, ServoConfig};
+use crate::tasks::cube::hold::Hand;
+use crate::tasks::cube::mission::{Goal, Mission};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+use tokio::sync::watch;
+
+/// How a run is started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RunOptions {
+    /// Starts by itself and asks nothing; the end of input never makes it wait.
+    pub automatic: bool,
+    /// Tells nothing on stderr.
+    pub quiet: bool,
+}
+
+/// Time after a hand-back in which the operator's hand withdraws [s].
+const WITHDRAWAL: f64 = 4.0;
+/// The arms are watched at this interval [s].
+const HEART_BEAT: Duration = Duration::from_millis(20);
+
+/// Performs a scenario and returns what it came to.
+///
+/// # Errors
+/// When it could not be performed at all; an error in mid-run is part of the summary.
+pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
+    if scenario.bridge.kind != BridgeKind::Plant {
+        return Err(not_created("bridge", "only the simulated plant is connected so far: bridge.kind = \"plant\""));
+    }
+    let begun = Instant::now();
+    let meetings = (scenario.controller.cell.arms.len() == 2)
+        .then(|| MeetingTable::compute(&scenario.controller.cell, &ReachSettings::default()));
+    let face_turn = (scenario.controller.task == keys::Task::FaceTurn)
+        .then(|| meetings.as_ref().and_then(build::face_turn_start))
+        .flatten();
+    let plant = super::plant::create(scenario, face_turn.as_ref()).map_err(|why| not_created("plant", &why))?;
+    let mut builder = tokio::runtime::Builder::new_current_thread();
+    builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
+    let runtime = builder.build().map_err(|e| not_created("runtime", &e.to_string()))?;
+    let done = runtime.block_on(perform(scenario, options, plant, meetings, face_turn))?;
+    Ok(summary(scenario, &done, begun.elapsed().as_secs_f64()))
+}
+
+fn not_created(who: &str, why: &str) -> Error {
+    let cause = System::NotCreated { who: who.into(), why: why.into() };
+    Error::System { actor: "supervisor".into(), place: "create", cause }
+}
+
+/// All that is known at the end.
+struct Done {
+    ending: mp::Ending,
+    task: crate::tasks::cube::mission::MissionLog,
+    start: Facelets,
+    verdict: Verdict,
+    hash: String,
+}
+
+/// Whichever driver of time runs the servos.
+enum Driver {
+    Virtual(tokio::task::JoinHandle<(Plant, Result<u64, crate::hw::port::PortFault>)>),
+    Wall(driver::Wall<Plant>, std::thread::JoinHandle<()>),
+}
+
+async fn perform(
+    scenario: &Scenario,
+    options: RunOptions,
+    mut plant: Plant,
+    meetings: Option<MeetingTable>,
+    face_turn: Option<build::FaceTurnStart>,
+) -> Result<Done, Error> {
+    let config = &scenario.controller;
+    let start = Facelets::try_from(plant.verdict().facelets)
+        .map_err(|e| not_created("plant", &e.to_string()))?;
+    let tape = Tape::default();
+    let (control, will) = watch::channel(if options.automatic { Control::Running } else { Control::Waiting });
+    let control = Arc::new(control);
+
+    // Scenes: one channel for each rendered camera.
+    let mut inputs = Vec::new();
+    let mut cameras = Vec::new();
+    for (index, source) in config.cameras.iter().enumerate() {
+        let source: Box<dyn FrameSource> = match source {
+            CameraSource::Renderer => {
+                let (input, output) = triple_buffer::triple_buffer(&plant.scene());
+                inputs.push(input);
+                let renderer = super::plant::renderer(scenario, &plant, index)
+                    .ok_or_else(|| not_created("camera", "the plant has no such camera"))?;
+                Box::new(PlantCamera::new(renderer, output))
+            }
+            CameraSource::Folder(folder) => Box::new(
+                FolderCamera::open(&config.cell.cameras[index].name, folder)
+                    .map_err(|e| not_created("camera", &e.to_string()))?,
+            ),
+        };
+        cameras.push(Some(source));
+    }
+
+    // Servos and their driver.
+    let configs: Vec<_> = config
+        .cell
+        .arms
+        .iter()
+        .zip(&config.effectors)
+        .map(|(arm, effector)| ServoConfig::new(arm, effector.gains.clone()))
+        .collect();
+    let (mut links, ends): (Vec<ServoLink>, Vec<_>) = configs.iter().map(|_| driver::link()).unzip();
+    let switches = Arc::new(Switches::default());
+    let spoilt = ForceSettings {
+        sign: f64::from(config.control.force_sign),
+        delay_periods: config.control.force_delay_periods,
+    };
+    for link in &mut links {
+        if spoilt != ForceSettings::default() {
+            link.send(ServoCommand::ForceSettings(spoilt)).map_err(|e| not_created("servo", &e.to_string()))?;
+        }
+    }
+    let paused = control.subscribe();
+    let publish = move |inputs: &mut Vec<triple_buffer::Input<Scene>>, plant: &Plant| {
+        let scene = plant.scene();
+        for input in inputs {
+            input.write(scene);
+        }
+    };
+    let clock = Clock::new(tokio::time::Instant::now());
+    let driver = match scenario.pace {
+        Pace::Virtual => {
+            let mut core = Core::new(configs, ends, Arc::clone(&switches), Box::new(tape.clone()), &mut plant)
+                .map_err(|e| not_created("servo", &e.to_string()))?;
+            Driver::Virtual(tokio::spawn(async move {
+                let result = driver::run_virtual(&mut core, &mut plant, |_, plant| {
+                    publish(&mut inputs, plant);
+                    if *paused.borrow() == Control::Paused {
+                        // While the operator pauses, the cell goes on in real time, not as fast as it computes.
+                        std::thread::sleep(Duration::from_secs_f64(PERIOD));
+                    }
+                })
+                .await;
+                (plant, result)
+            }))
+        }
+        Pace::RealTime => {
+            // Half a second of records: the writer may be late, the servo never waits for it.
+            let (records, mut written) = rtrb::RingBuffer::<ServoRecord>::new(512 * configs.len().max(1));
+            let core = Core::new(configs, ends, Arc::clone(&switches), Box::new(records), &mut plant)
+                .map_err(|e| not_created("servo", &e.to_string()))?;
+            let sink = tape.clone();
+            let writer = std::thread::spawn(move || {
+                while !written.is_abandoned() || !written.is_empty() {
+                    while let Ok(record) = written.pop() {
+                        sink.record(&record);
+                    }
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+            });
+            let hook = move |_, plant: &mut Plant| publish(&mut inputs, plant);
+            let wall = driver::spawn_wall(core, plant, hook, driver::WallOptions::default())
+                .map_err(|e| not_created("servo thread", &e.to_string()))?;
+            for warning in &wall.warnings {
+                tracing::warn!("{warning}");
+            }
+            Driver::Wall(wall, writer)
+        }
+    };
+
+    let ui = ui::spawn(options.quiet, (!options.automatic).then(|| Arc::clone(&control)));
+    let beats = Arc::clone(&switches);
+    tokio::spawn(async move {
+        loop {
+            beats.beats.fetch_add(1, Ordering::Relaxed);
+            tokio::time::sleep(HEART_BEAT).await;
+        }
+    });
+
+    // Actors, from the bottom up.
+    let work = Work(scenario.pace);
+    let edps: Vec<_> = config
+        .cell
+        .arms
+        .iter()
+        .zip(links)
+        .map(|(arm, link)| edp::spawn(&arm.name, link, clock, tape.clone()))
+        .collect();
+    let mut sensors = Sensors::default();
+    for (index, wanted) in config.vsps.iter().enumerate() {
+        // Under continuous coordination the ECPs only transmit: all readings go to MP.
+        let owner = if config.coordination == keys::Coordination::Continuous { Owner::Mp } else { wanted.owner };
+        match (wanted.kind, wanted.camera) {
+            (VspKind::Force, _) => {
+                let states = edps.iter().map(edp::EdpHandle::watch).collect();
+                sensors.forces = Some(vsp::spawn_forces(states, clock, periods(wanted.period)));
+            }
+            (kind, Some(camera)) => {
+                let source = cameras[camera]
+                    .take()
+                    .ok_or_else(|| not_created(&config.vsps[index].name, "its camera belongs to another VSP"))?;
+                let parts = vsp::Parts {
+                    source,
+                    intrinsics: config.cell.cameras[camera].intrinsics,
+                    world_from_camera: match config.cell.cameras[camera].mount {
+                        crate::cell::Mount::World { world_from_camera } => Some(world_from_camera),
+                        crate::cell::Mount::Flange { .. } => None,
+                    },
+                    edge: config.cell.cube.edge,
+                    frame_periods: periods(wanted.period),
+                    clock,
+                    work,
+                    tape: tape.clone(),
+                };
+                let carrier = match config.cell.cameras[camera].mount {
+                    crate::cell::Mount::Flange { arm, .. } => Some(arm),
+                    crate::cell::Mount::World { .. } => None,
+                };
+                let handle = vsp::spawn(&wanted.name, parts);
+                sensors.add(kind, owner, carrier, handle);
+            }
+            (_, None) => return Err(not_created(&wanted.name, "it has no camera")),
+        }
+    }
+    let manner = build::manner(config);
+    let ecps: Vec<_> = config
+        .cell
+        .arms
+        .iter()
+        .zip(&edps)
+        .enumerate()
+        .map(|(index, (arm, edp))| {
+            let parts = ecp::Parts {
+                edp: edp.clone(),
+                tracker: sensors.tracker_of(Owner::Ecp(index)),
+                hand_camera: sensors.hand_camera_of(Owner::Ecp(index), index),
+                manner,
+                control: will.clone(),
+                tape: tape.clone(),
+            };
+            ecp::spawn(&arm.name, parts)
+        })
+        .collect();
+
+    let settings = meetings.and_then(|meetings| build::cube_settings(config, meetings, ReachSettings::default().back));
+    let goal = build::goal(config);
+    let held = face_turn.map(|f| (Hand::Postument, f.body, f.half_roll));
+    let mut task = match settings {
+        Some(settings) if held.is_some() || !matches!(goal, Goal::FaceTurn(_)) => Mission::new(settings, goal, held),
+        Some(_) => return Err(not_created("task", "the cell has no place where both hands can hold the cube")),
+        None => return Err(not_created("task", "the cube task needs two effectors, the track arm first")),
+    };
+    let mp = Mp::new(mp::Parts {
+        ecps,
+        tracker: sensors.tracker_of(Owner::Mp),
+        hand_cameras: std::array::from_fn(|arm| sensors.hand_camera_of(Owner::Mp, arm)),
+        coordination: match config.coordination {
+            keys::Coordination::Continuous => Coordination::Continuous,
+            keys::Coordination::Sporadic => Coordination::Sporadic,
+        },
+        manners: vec![manner; config.cell.arms.len()],
+        control: will,
+        ui: ui.clone(),
+        clock,
+        work,
+        tape: tape.clone(),
+    });
+    let ending = mp.run(&mut task).await;
+    for note in &task.log.notes {
+        ui.tell(Notice::Note(ending.end, note.clone()));
+    }
+    if ending.finish.as_ref().is_some_and(|f| f.achieved) && goal == Goal::Solve {
+        tokio::time::sleep(Duration::from_secs_f64(WITHDRAWAL)).await;
+    }
+    switches.stop.store(true, Ordering::Release);
+    let (plant, fault) = match driver {
+        Driver::Virtual(servo) => {
+            let (plant, result) = servo.await.map_err(|e| not_created("servo", &e.to_string()))?;
+            (plant, result.err())
+        }
+        Driver::Wall(wall, writer) => {
+            let WallEnd { port, fault, timing } = wall.stop();
+            tracing::info!(?timing, "servo timing");
+            let _ = writer.join();
+            (port.ok_or_else(|| not_created("bridge", "its thread died"))?, fault)
+        }
+    };
+    let scene = plant.scene();
+    let tools = scene.arms.map(|a| a.world_from_tool);
+    tracing::debug!(verdict = ?plant.verdict(), ?tools, "plant at the end");
+    let mut ending = ending;
+    if let Some(fault) = fault {
+        let cause = Fatal::Bridge(fault.to_string());
+        ending.error = Some(Error::Fatal { actor: "supervisor".into(), place: "servo", cause });
+    }
+    Ok(Done { ending, task: task.log, start, verdict: plant.verdict(), hash: tape.hash() })
+}
+
+fn periods(seconds: f64) -> u64 {
+    (seconds / PERIOD).round().max(1.0) as u64
+}
+
+/// The VSPs by owner.
+#[derive(Default)]
+struct Sensors {
+    trackers: Vec<(Owner, VspHandle)>,
+    hand_cameras: Vec<(Owner, usize, VspHandle)>,
+    /// Kept so that its VSP lives as long as the run.
+    forces: Option<watch::Receiver<vsp::Forces>>,
+}
+
+impl Sensors {
+    fn add(&mut self, kind: VspKind, owner: Owner, carrier: Option<usize>, handle: VspHandle) {
+        match (kind, carrier) {
+            (VspKind::Cube, _) => self.trackers.push((owner, handle)),
+            (VspKind::Face, Some(arm)) => self.hand_cameras.push((owner, arm, handle)),
+            (VspKind::Face | VspKind::Force, _) => {}
+        }
+    }
+
+    fn tracker_of(&self, owner: Owner) -> Option<VspHandle> {
+        self.trackers.iter().find(|(o, _)| *o == owner).map(|(_, handle)| handle.clone())
+    }
+
+    fn hand_camera_of(&self, owner: Owner, arm: usize) -> Option<VspHandle> {
+        self.hand_cameras.iter().find(|(o, a, _)| *o == owner && *a == arm).map(|(_, _, handle)| handle.clone())
+    }
+}
+
+fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Summary {
+    let verdict = &done.verdict;
+    let ending = &done.ending;
+    let end = Facelets::try_from(verdict.facelets).unwrap_or(done.start);
+    let turned_deg = match build::goal(&scenario.controller) {
+        // The turner holds the upper layer: clockwise seen from outside is negative about +z.
+        Goal::FaceTurn(_) => Some(-verdict.layer_angles[1].to_degrees()),
+        Goal::Solve | Goal::Acquire => None,
+    };
+    let (outcome, reason, ended_by) = verdict_of(scenario, done, &end, turned_deg);
+    let ends = ending.phases.iter().skip(1).map(|p| p.1).chain([ending.end]);
+    let phases = ending
+        .phases
+        .iter()
+        .zip(ends)
+        .map(|((name, begin), end)| Phase { name: (*name).into(), sim_time_s: end - begin })
+        .collect();
+    Summary {
+        outcome,
+        reason,
+        ended_by,
+        task: scenario.controller.task.word().to_owned(),
+        seed: scenario.seed,
+        cube_start: done.start.to_string(),
+        cube_end: end.to_string(),
+        identified: done.task.identified.clone(),
+        solution: done.task.identified.as_ref().map(|_| format_turns(&done.task.solution)),
+        executed: format_turns(&done.task.executed),
+        turns: done.task.executed.len() as u32,
+        grasps: done.task.grasps,
+        sim_time_s: ending.end,
+        wall_time_s,
+        peak_force_n: verdict.peak_force,
+        peak_torque_nm: verdict.peak_torque,
+        sensors: scenario
+            .controller
+            .cell
+            .arms
+            .iter()
+            .zip(verdict.arm_peak_force.into_iter().zip(verdict.arm_peak_torque))
+            .map(|(arm, (force_n, torque_nm))| SensorPeak { effector: arm.name.clone(), force_n, torque_nm })
+            .collect(),
+        jams: verdict.counts.jams,
+        slips: verdict.counts.slips,
+        drops: verdict.counts.drops,
+        turned_deg,
+        phases,
+        hash: done.hash.clone(),
+    }
+}
+
+/// The verdict: what was asked must be so in the plant, whatever the controller believes.
+fn verdict_of(
+    scenario: &Scenario,
+    done: &Done,
+    end: &Facelets,
+    turned_deg: Option<f64>,
+) -> (Outcome, String, EndedBy) {
+    let ending = &done.ending;
+    if let Some(error) = &ending.error {
+        let ended_by = if matches!(error, Error::System { .. }) { EndedBy::System } else { EndedBy::Fatal };
+        return (Outcome::Aborted, error.to_string(), ended_by);
+    }
+    let Some(finish) = &ending.finish else {
+        return (Outcome::Aborted, "terminated by the operator".into(), EndedBy::Operator);
+    };
+    let verdict = &done.verdict;
+    let (right, truth) = match build::goal(&scenario.controller) {
+        Goal::Solve => (end.is_solved() && verdict.returned, verdict_words(end.is_solved(), verdict)),
+        Goal::Acquire => (verdict.returned, verdict_words(true, verdict)),
+        Goal::FaceTurn(angle) => {
+            let turned = turned_deg.unwrap_or(0.0);
+            let right = (turned - angle.to_degrees()).abs() < 5.0 && verdict.counts.jams == 0;
+            (right, format!("the layer was turned by {turned:.1} deg of {:.0}", angle.to_degrees()))
+        }
+    };
+    match (finish.achieved, right) {
+        (true, true) => (Outcome::Solved, truth, EndedBy::Task),
+        (true, false) => (Outcome::Failed, format!("the controller believes it is done, but {truth}"), EndedBy::Task),
+        (false, _) => (Outcome::Failed, finish.reason.clone(), EndedBy::Task),
+    }
+}
+
+fn verdict_words(solved: bool, verdict: &Verdict) -> String {
+    let state = if solved { "the cube is as wanted" } else { "the cube is not solved" };
+    let place = if verdict.returned { "back in the operator's hand" } else { "not with the operator" };
+    format!("{state} and {place}")
+}

@@ -1,0 +1,97 @@
+//! UI: presents what happens and takes the operator's start, pause, resume and terminate.
+//!
+//! At this stage a terminal face: keys on stdin, a line each, or automatic start. Lines go to stderr, so that
+//! stdout stays for machines.
+
+use super::control::Control;
+use crate::error::Error;
+use std::io::{BufRead, Write};
+use std::sync::Arc;
+use tokio::sync::{mpsc, watch};
+
+/// Notices that may wait; more would mean that the terminal hangs, and then they are dropped and counted.
+const MAILBOX: usize = 64;
+
+/// What the other actors tell the operator.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Notice {
+    /// A phase of the task begins at this simulated or real time [s].
+    Phase(f64, String),
+    /// Something worth knowing.
+    Note(f64, String),
+    /// An error, with its class, actor and place.
+    Error(f64, Error),
+}
+
+/// The far end of the UI's mailbox.
+#[derive(Debug, Clone)]
+pub struct UiHandle {
+    mailbox: mpsc::Sender<Notice>,
+}
+
+impl UiHandle {
+    /// Tells the operator; never waits.
+    pub fn tell(&self, notice: Notice) {
+        if self.mailbox.try_send(notice).is_err() {
+            tracing::warn!("the operator's terminal does not keep up: a notice was dropped");
+        }
+    }
+}
+
+/// Creates the UI. `quiet` writes nothing; `keys` listens on stdin.
+#[must_use]
+pub fn spawn(quiet: bool, keys: Option<Arc<watch::Sender<Control>>>) -> UiHandle {
+    let (mailbox, mut notices) = mpsc::channel(MAILBOX);
+    if let Some(control) = keys {
+        listen(control);
+    }
+    tokio::spawn(async move {
+        while let Some(notice) = notices.recv().await {
+            match &notice {
+                Notice::Phase(_, name) => tracing::info!(phase = %name, "phase"),
+                Notice::Note(_, text) => tracing::info!("{text}"),
+                Notice::Error(_, error) => tracing::error!("{error}"),
+            }
+            if !quiet {
+                let mut err = std::io::stderr().lock();
+                // A closed stderr leaves nobody to tell.
+                let _ = match &notice {
+                    Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {name}"),
+                    Notice::Note(t, text) => writeln!(err, "{t:9.2} s    {text}"),
+                    Notice::Error(t, error) => writeln!(err, "{t:9.2} s  ! {error}"),
+                };
+            }
+        }
+    });
+    UiHandle { mailbox }
+}
+
+/// Reads commands on a thread of its own: stdin cannot be awaited under paused time.
+fn listen(control: Arc<watch::Sender<Control>>) {
+    let mut err = std::io::stderr().lock();
+    let _ = writeln!(err, "s start, p pause, r resume, t terminate; Enter after each");
+    std::thread::spawn(move || {
+        for line in std::io::stdin().lock().lines().map_while(Result::ok) {
+            let next = match line.trim() {
+                "s" | "start" | "r" | "resume" | "" => Control::Running,
+                "p" | "pause" => Control::Paused,
+                "t" | "terminate" | "q" => Control::Terminated,
+                other => {
+                    let _ = writeln!(std::io::stderr(), "'{other}' is none of s, p, r, t");
+                    continue;
+                }
+            };
+            if *control.borrow() == Control::Terminated || control.send(next).is_err() {
+                return;
+            }
+        }
+        // The end of input never makes the run wait.
+        control.send_if_modified(|now| {
+            let waits = matches!(now, Control::Waiting | Control::Paused);
+            if waits {
+                *now = Control::Running;
+            }
+            waits
+        });
+    });
+}

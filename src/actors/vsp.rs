@@ -1,0 +1,263 @@
+//! VSP: aggregates a hardware sensor's readings into what the task needs.
+//!
+//! Three kinds, after figure 3 of the paper: the stand-alone camera (tracks the cube at 25 Hz), a camera in a
+//! hand (reads faces on request), and the aggregate of the wrist forces. The figure names `VSP_MPC` and `VSP_MPF`
+//! (of MP) and `VSP_GS1`, `VSP_GS2` (of the ECPs) and the text explains the cameras only: that MPF aggregates the
+//! forces and that GS are the gripper's cameras is our reading.
+
+use super::clock::Clock;
+use super::work::Work;
+use crate::cell::Intrinsics;
+use crate::error::{Error, NonFatal, System};
+use crate::generators::Target;
+use crate::hw::camera::FrameSource;
+use crate::motion::{ArmState, PERIOD};
+use crate::record::tape::Tape;
+use crate::spatial::Pose;
+use crate::tasks::Effort;
+use crate::vision::sensor::{self, FaceReading};
+use crate::vision::watcher::CubeWatcher;
+use tokio::sync::{mpsc, oneshot, watch};
+
+/// Requests that may wait: one face at a time is asked for.
+const MAILBOX: usize = 2;
+
+/// Declared time of one localisation and of one face reading on the virtual clock [s]: the measured medians,
+/// rounded up (`rubik-robot vision score`).
+const LOCALISATION: Effort = Effort(0.006);
+const FACE: Effort = Effort(0.010);
+
+#[derive(Debug)]
+struct Look {
+    camera_from_face: Pose,
+    reply: oneshot::Sender<Result<FaceReading, Error>>,
+}
+
+/// The far end of a VSP.
+#[derive(Debug, Clone)]
+pub struct VspHandle {
+    name: String,
+    mailbox: mpsc::Sender<Look>,
+    tracking: std::sync::Arc<watch::Sender<bool>>,
+    target: watch::Receiver<Option<Target>>,
+}
+
+impl VspHandle {
+    /// Begins or ends the tracking of the cube.
+    pub fn track(&self, on: bool) {
+        self.tracking.send_replace(on);
+    }
+
+    /// The latest pose of the cube.
+    #[must_use]
+    pub fn target(&self) -> Option<Target> {
+        *self.target.borrow()
+    }
+
+    /// Reads the face that is expected at `camera_from_face`.
+    ///
+    /// # Errors
+    /// Non-fatal with the reason when the face is not found.
+    pub async fn look(&self, camera_from_face: Pose) -> Result<FaceReading, Error> {
+        let closed = || Error::System {
+            actor: self.name.clone(),
+            place: "look",
+            cause: System::Closed(self.name.clone()),
+        };
+        let (reply, answer) = oneshot::channel();
+        self.mailbox.send(Look { camera_from_face, reply }).await.map_err(|_| closed())?;
+        answer.await.map_err(|_| closed())?
+    }
+}
+
+/// What a camera's VSP is made of.
+pub struct Parts {
+    /// Where frames come from.
+    pub source: Box<dyn FrameSource>,
+    /// Believed optics.
+    pub intrinsics: Intrinsics,
+    /// Believed place of a stand-alone camera; `None` for a camera in a hand.
+    pub world_from_camera: Option<Pose>,
+    /// Edge of the cube [m].
+    pub edge: f64,
+    /// Servo periods between two frames while tracking.
+    pub frame_periods: u64,
+    /// Servo periods and time.
+    pub clock: Clock,
+    /// The door for image processing.
+    pub work: Work,
+    /// Where messages are noted.
+    pub tape: Tape,
+}
+
+struct Vsp {
+    name: String,
+    source: Option<Box<dyn FrameSource>>,
+    intrinsics: Intrinsics,
+    edge: f64,
+    frame_periods: u64,
+    clock: Clock,
+    work: Work,
+    tape: Tape,
+    watcher: Option<CubeWatcher>,
+    mailbox: mpsc::Receiver<Look>,
+    tracking: watch::Receiver<bool>,
+    target: watch::Sender<Option<Target>>,
+}
+
+/// Creates the VSP of a camera.
+#[must_use]
+pub fn spawn(name: &str, parts: Parts) -> VspHandle {
+    let (mailbox, looks) = mpsc::channel(MAILBOX);
+    let (tracking, tracked) = watch::channel(false);
+    let (target, targets) = watch::channel(None);
+    let name = format!("vsp {name}");
+    let watcher = parts
+        .world_from_camera
+        .map(|world_from_camera| CubeWatcher::new(world_from_camera, parts.intrinsics, parts.edge));
+    let vsp = Vsp {
+        name: name.clone(),
+        source: Some(parts.source),
+        intrinsics: parts.intrinsics,
+        edge: parts.edge,
+        frame_periods: parts.frame_periods.max(1),
+        clock: parts.clock,
+        work: parts.work,
+        tape: parts.tape,
+        watcher,
+        mailbox: looks,
+        tracking: tracked,
+        target,
+    };
+    tokio::spawn(vsp.run());
+    VspHandle { name, mailbox, tracking: std::sync::Arc::new(tracking), target: targets }
+}
+
+impl Vsp {
+    async fn run(mut self) {
+        let mut next_frame = 0;
+        loop {
+            let tracking = *self.tracking.borrow_and_update();
+            tokio::select! {
+                biased;
+                look = self.mailbox.recv() => match look {
+                    Some(look) => self.answer(look).await,
+                    None => return,
+                },
+                changed = self.tracking.changed() => {
+                    if changed.is_err() {
+                        return;
+                    }
+                    self.target.send_replace(None);
+                    next_frame = self.clock.period() + 1;
+                },
+                () = self.clock.until(next_frame), if tracking => {
+                    self.localise(next_frame).await;
+                    // On the grid of frames; a frame that was missed is not made up for.
+                    while next_frame <= self.clock.period() {
+                        next_frame += self.frame_periods;
+                    }
+                },
+            }
+        }
+    }
+
+    async fn localise(&mut self, period: u64) {
+        let (Some(mut source), Some(mut watcher)) = (self.source.take(), self.watcher.take()) else { return };
+        let result = self
+            .work
+            .run(move || {
+                let found = match source.grab(period, 1.0) {
+                    Ok(frame) => {
+                        let seconds = frame.period as f64 * PERIOD;
+                        watcher.observe(&frame.image, seconds).map_err(|refusal| refusal.to_string())
+                    }
+                    Err(missing) => Err(missing.to_string()),
+                };
+                ((source, watcher, found), LOCALISATION)
+            })
+            .await;
+        let Some((source, watcher, found)) = result else {
+            tracing::error!(actor = %self.name, "the image worker died");
+            return;
+        };
+        self.source = Some(source);
+        self.watcher = Some(watcher);
+        match found {
+            Ok(seen) => {
+                let target =
+                    Target { world_from_cube: seen.world_from_cube, speed: seen.speed, period };
+                self.tape.message(&self.name, "watch", &target);
+                self.target.send_replace(Some(target));
+            }
+            Err(reason) => tracing::debug!(actor = %self.name, %reason, "no cube"),
+        }
+    }
+
+    async fn answer(&mut self, look: Look) {
+        let Some(mut source) = self.source.take() else { return };
+        let (intrinsics, edge, period) = (self.intrinsics, self.edge, self.clock.period());
+        let expected = look.camera_from_face;
+        let result = self
+            .work
+            .run(move || {
+                let reading = match source.grab(period, 1.0) {
+                    Ok(frame) => sensor::read_face(&frame.image, &intrinsics, edge, &expected)
+                        .map_err(|refusal| refusal.to_string()),
+                    Err(missing) => Err(missing.to_string()),
+                };
+                ((source, reading), FACE)
+            })
+            .await;
+        let answer = match result {
+            Some((source, reading)) => {
+                self.source = Some(source);
+                reading.map_err(|reason| Error::NonFatal {
+                    actor: self.name.clone(),
+                    place: "look",
+                    cause: NonFatal::NoReading(reason),
+                })
+            }
+            None => Err(Error::System {
+                actor: self.name.clone(),
+                place: "look",
+                cause: System::Closed("the image worker".into()),
+            }),
+        };
+        let _ = look.reply.send(answer);
+    }
+}
+
+/// Wrist forces of all effectors as one reading.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Forces {
+    /// Largest force that any tool exerts now [N].
+    pub force: f64,
+    /// Largest torque [Nm].
+    pub torque: f64,
+    /// Largest force since the start [N].
+    pub peak_force: f64,
+    /// Largest torque since the start [Nm].
+    pub peak_torque: f64,
+}
+
+/// Creates the VSP that aggregates the wrist forces.
+#[must_use]
+pub fn spawn_forces(mut states: Vec<watch::Receiver<ArmState>>, clock: Clock, periods: u64) -> watch::Receiver<Forces> {
+    let (publish, forces) = watch::channel(Forces::default());
+    tokio::spawn(async move {
+        let mut aggregate = Forces::default();
+        let mut period = clock.period();
+        while !publish.is_closed() {
+            period += periods.max(1);
+            clock.until(period).await;
+            let wrenches = states.iter_mut().map(|state| state.borrow_and_update().wrench_in_tool);
+            (aggregate.force, aggregate.torque) = wrenches
+                .fold((0.0_f64, 0.0_f64), |(f, t), w| (f.max(w.force.norm()), t.max(w.torque.norm())));
+            aggregate.peak_force = aggregate.peak_force.max(aggregate.force);
+            aggregate.peak_torque = aggregate.peak_torque.max(aggregate.torque);
+            publish.send_replace(aggregate);
+        }
+    });
+    forces
+}

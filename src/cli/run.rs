@@ -1,0 +1,95 @@
+//! `rubik-robot run`: perform a scenario, then say what it came to.
+
+use super::output::Output;
+use super::{ScenarioArgs, WRONG, complain};
+use crate::actors::{self, RunOptions};
+use crate::error::Error;
+use crate::scenario::Override;
+use clap::{Args, ValueEnum};
+use std::io::IsTerminal;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  rubik-robot run scenarios/solve.toml
+  rubik-robot run scenarios/solve.toml --seed 7 --set coordination=continuous
+  rubik-robot run scenarios/solve.toml --cube UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB
+  rubik-robot run scenarios/solve.toml --pace real-time
+  rubik-robot run scenarios/face_turn.toml --set control.force_sign=-1     a spoilt controller
+  rubik-robot run scenarios/solve.toml --json | tail -1
+
+Progress goes to stderr, the summary to stdout. With --json the last line of stdout is one object.")]
+pub(super) struct RunArgs {
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+    /// Seed of everything random in the plant: cube, hand, errors, noise
+    #[arg(long, value_name = "N")]
+    seed: Option<String>,
+    /// The cube's state: 54 letters URFDLB, each face in reading order
+    #[arg(long, value_name = "FACELETS")]
+    cube: Option<String>,
+    /// Which clock drives the run
+    #[arg(long, value_enum)]
+    pace: Option<PaceWord>,
+    /// Start by itself, ask nothing, and end stdout with one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum PaceWord {
+    /// As fast as it computes, repeatable to the bit
+    Virtual,
+    /// The wall clock
+    RealTime,
+}
+
+/// Returns the exit code.
+pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
+    let mut more = Vec::new();
+    if let Some(seed) = &args.seed {
+        more.push(Override::option("--seed", "seed", seed));
+    }
+    if let Some(cube) = &args.cube {
+        more.push(Override::option("--cube", "cube.state", cube));
+    }
+    if let Some(pace) = args.pace {
+        let word = match pace {
+            PaceWord::Virtual => "virtual",
+            PaceWord::RealTime => "real-time",
+        };
+        more.push(Override::option("--pace", "pace", word));
+    }
+    let scenario = match args.scenario.load(&more) {
+        Ok(scenario) => scenario,
+        Err(faults) => {
+            complain(&faults);
+            return Ok(WRONG);
+        }
+    };
+    match actors::run(
+        &scenario,
+        RunOptions { automatic: args.json || !std::io::stdin().is_terminal(), quiet: false },
+    ) {
+        Ok(summary) => {
+            if args.json {
+                output.line(&summary.json())?;
+            } else {
+                output.text(&summary.table())?;
+            }
+            Ok(summary.exit_code())
+        }
+        Err(error) => {
+            complain(&error.to_string());
+            if args.json {
+                let text = serde_json::json!({ "outcome": "aborted", "reason": error.to_string() });
+                output.line(&text.to_string())?;
+            }
+            Ok(match error {
+                Error::NonFatal { .. } => 1,
+                Error::Fatal { .. } => 3,
+                Error::System { .. } => 4,
+            })
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! Grasping: the jaws close while the arm accommodates its position.
+//!
+//! - in: jaw opening and jaw force, wrench
+//! - out: jaw set values that close at constant speed, directions that seek zero force
+//! - source: Zieliński et al. (2007), p. 374; speed after the 2008 sources (0.05 mm in 16 ms)
+
+use super::{Compliance, Inputs, Next, Outcome, Selector};
+use crate::motion::{ArmState, Depth, JawCommand, PERIOD};
+
+/// How far below the width that is held the jaw's set value goes, so that the current limit rules [m].
+const SQUEEZE: f64 = 0.004;
+/// The jaws count as standing when they move less than this in [`STILL`] seconds [m].
+const STAND: f64 = 0.0001;
+const STILL: f64 = 0.25;
+
+#[derive(Debug, Clone, Copy)]
+enum Mode {
+    /// Closes until something is held.
+    Close { force: f64, least_width: f64, stops: Depth },
+    /// Goes to a set opening.
+    Open { jaw: JawCommand, seconds: f64 },
+}
+
+/// Memory of a grasp.
+#[derive(Debug, Clone)]
+pub struct Grasp {
+    mode: Mode,
+    selector: Selector,
+    compliance: Compliance,
+    steps: u32,
+    set: f64,
+    start: f64,
+    still_since: u32,
+    still_at: f64,
+}
+
+impl Grasp {
+    /// Closing speed of the pads' distance [m/s]: the original's 3.1 mm/s, doubled twice for the way before contact.
+    pub const SPEED: f64 = 0.012;
+
+    /// Closes on whatever is between the pads.
+    #[must_use]
+    pub fn new(force: f64, least_width: f64, selector: Selector, stops: Depth, compliance: Compliance) -> Self {
+        Self::with(Mode::Close { force, least_width, stops }, selector, compliance)
+    }
+
+    /// Goes to a set opening in a set time.
+    #[must_use]
+    pub fn jaw_only(jaw: JawCommand, seconds: f64, selector: Selector, compliance: Compliance) -> Self {
+        Self::with(Mode::Open { jaw, seconds }, selector, compliance)
+    }
+
+    fn with(mode: Mode, selector: Selector, compliance: Compliance) -> Self {
+        Self { mode, selector, compliance, steps: 0, set: 0.0, start: 0.0, still_since: 0, still_at: 0.0 }
+    }
+
+    /// See [`super::Generator::next`].
+    pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
+        let arm = inputs.arm;
+        if self.steps == 0 {
+            self.start = arm.jaw_opening;
+            self.set = arm.jaw_opening;
+            self.still_at = arm.jaw_opening;
+        }
+        self.steps += 1;
+        if let Some(excess) = self.compliance.excess(arm) {
+            return Next::Done(excess);
+        }
+        match self.mode {
+            Mode::Open { jaw, seconds } => self.open(arm, jaw, seconds),
+            Mode::Close { force, least_width, stops } => self.close(arm, force, least_width, stops),
+        }
+    }
+
+    fn macrostep_seconds(&self) -> f64 {
+        f64::from(self.compliance.macrostep) * PERIOD
+    }
+
+    fn open(&mut self, _arm: &ArmState, jaw: JawCommand, seconds: f64) -> Next {
+        let step = self.macrostep_seconds();
+        let share = f64::from(self.steps) * step / seconds;
+        if share >= 1.0 + step / seconds {
+            return Next::Done(Outcome::Reached);
+        }
+        let opening = self.start + share.min(1.0) * (jaw.opening - self.start);
+        self.command(JawCommand { opening, ..jaw })
+    }
+
+    fn close(&mut self, arm: &ArmState, force: f64, least_width: f64, stops: Depth) -> Next {
+        let step = self.macrostep_seconds();
+        if (arm.jaw_opening - self.still_at).abs() > STAND {
+            self.still_at = arm.jaw_opening;
+            self.still_since = self.steps;
+        }
+        let standing = f64::from(self.steps - self.still_since) * step > STILL;
+        let squeezing = self.set <= arm.jaw_opening - SQUEEZE + 1e-9;
+        if standing && squeezing {
+            return Next::Done(if arm.jaw_opening >= least_width {
+                Outcome::Grasped(arm.jaw_opening)
+            } else {
+                Outcome::Empty(arm.jaw_opening)
+            });
+        }
+        if f64::from(self.steps) * step > 15.0 {
+            return Next::Done(Outcome::TimedOut(15.0));
+        }
+        self.set = (self.set - Self::SPEED * step).max(arm.jaw_opening - SQUEEZE);
+        self.command(JawCommand { opening: self.set, force_limit: force, stops })
+    }
+
+    fn command(&self, jaw: JawCommand) -> Next {
+        Next::Go(self.compliance.task(self.compliance.yielding(&self.selector), Some(jaw)))
+    }
+}

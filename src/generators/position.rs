@@ -1,0 +1,185 @@
+//! Pure position control: a minimum-jerk motion to joint positions or along a straight line.
+//!
+//! - in: the set values where the arm stands when the motion begins
+//! - out: set values at the end of each macrostep; the servo interpolates linearly in between
+//! - the profile is `s(u) = 10u^3 - 15u^4 + 6u^5`, whose peak speed is 1.875 and peak acceleration 5.774 of the
+//!   mean (Flash and Hogan 1985); the duration is the shortest that keeps both below the full values
+
+use super::{Inputs, Next, Outcome};
+use crate::motion::{AXES, JointPositions, Motion, MoveCommand, PERIOD};
+use crate::spatial::Pose;
+use serde::{Deserialize, Serialize};
+
+/// Full speeds of position control.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Speeds {
+    /// Of each joint [m/s or rad/s].
+    pub joint: [f64; AXES],
+    /// [m/s2 or rad/s2].
+    pub joint_acceleration: [f64; AXES],
+    /// Of the tool point [m/s].
+    pub linear: f64,
+    /// [m/s2].
+    pub linear_acceleration: f64,
+    /// Of the tool's rotation [rad/s].
+    pub angular: f64,
+    /// [rad/s2].
+    pub angular_acceleration: f64,
+}
+
+const PEAK_SPEED: f64 = 1.875;
+const PEAK_ACCELERATION: f64 = 5.774;
+
+#[derive(Debug, Clone, Copy)]
+enum Goal {
+    Joints { start: Option<JointPositions>, target: JointPositions },
+    Line { start: Option<Pose>, target: Pose },
+}
+
+/// Memory of a motion.
+#[derive(Debug, Clone)]
+pub struct Position {
+    goal: Goal,
+    speeds: Speeds,
+    fraction: f64,
+    macrostep: u32,
+    /// Macrosteps in all; known after the first call.
+    steps: u32,
+    done: u32,
+}
+
+impl Position {
+    /// To joint positions at `fraction` of the full speeds.
+    #[must_use]
+    pub fn joints(target: JointPositions, fraction: f64, speeds: &Speeds, macrostep: u32) -> Self {
+        let goal = Goal::Joints { start: None, target };
+        Self { goal, speeds: *speeds, fraction, macrostep, steps: 0, done: 0 }
+    }
+
+    /// Along a straight line to `base_from_tool`.
+    #[must_use]
+    pub fn line(target: Pose, fraction: f64, speeds: &Speeds, macrostep: u32) -> Self {
+        let goal = Goal::Line { start: None, target };
+        Self { goal, speeds: *speeds, fraction, macrostep, steps: 0, done: 0 }
+    }
+
+    /// See [`super::Generator::next`].
+    pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
+        if self.steps == 0 {
+            self.begin(inputs);
+        }
+        if self.done == self.steps {
+            return Next::Done(Outcome::Reached);
+        }
+        self.done += 1;
+        let s = min_jerk(f64::from(self.done) / f64::from(self.steps));
+        let motion = match self.goal {
+            Goal::Joints { start: Some(start), target } => Motion::Joints(JointPositions(
+                std::array::from_fn(|i| start.0[i] + s * (target.0[i] - start.0[i])),
+            )),
+            Goal::Line { start: Some(start), target } => Motion::Pose(Pose::from_parts(
+                start.translation.vector.lerp(&target.translation.vector, s).into(),
+                start.rotation.slerp(&target.rotation, s),
+            )),
+            Goal::Joints { .. } | Goal::Line { .. } => Motion::Hold,
+        };
+        Next::Go(MoveCommand { motion, periods: self.macrostep, jaw: None })
+    }
+
+    fn begin(&mut self, inputs: &Inputs<'_>) {
+        let mut seconds: f64 = 0.0;
+        let mut take = |way: f64, speed: f64, acceleration: f64| {
+            let by_speed = PEAK_SPEED * way.abs() / (speed * self.fraction);
+            let by_acceleration = (PEAK_ACCELERATION * way.abs() / (acceleration * self.fraction)).sqrt();
+            seconds = seconds.max(by_speed).max(by_acceleration);
+        };
+        match &mut self.goal {
+            Goal::Joints { start, target } => {
+                let from = inputs.arm.desired_joints;
+                for i in 0..AXES {
+                    take(target.0[i] - from.0[i], self.speeds.joint[i], self.speeds.joint_acceleration[i]);
+                }
+                *start = Some(from);
+            }
+            Goal::Line { start, target } => {
+                let from = inputs.arm.desired_base_from_tool;
+                let way = (target.translation.vector - from.translation.vector).norm();
+                take(way, self.speeds.linear, self.speeds.linear_acceleration);
+                let turn = from.rotation.angle_to(&target.rotation);
+                take(turn, self.speeds.angular, self.speeds.angular_acceleration);
+                *start = Some(from);
+            }
+        }
+        let step = f64::from(self.macrostep) * PERIOD;
+        self.steps = (seconds / step).ceil().max(1.0) as u32;
+    }
+}
+
+/// The minimum-jerk profile on 0..=1.
+#[must_use]
+pub fn min_jerk(u: f64) -> f64 {
+    let u = u.clamp(0.0, 1.0);
+    u * u * u * (10.0 + u * (6.0 * u - 15.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::ArmState;
+
+    fn speeds() -> Speeds {
+        Speeds {
+            joint: [0.1, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],
+            joint_acceleration: [0.3; AXES],
+            linear: 0.2,
+            linear_acceleration: 0.5,
+            angular: 1.0,
+            angular_acceleration: 2.0,
+        }
+    }
+
+    #[test]
+    fn all_joints_arrive_together_within_their_limits() {
+        let mut target = JointPositions::default();
+        target.0[1] = 1.0;
+        target.0[0] = -0.2;
+        let mut generator = Position::joints(target, 0.5, &speeds(), 8);
+        let arm = ArmState::default();
+
+        let mut last = JointPositions::default();
+        let mut fastest = [0.0_f64; AXES];
+        loop {
+            match generator.next(&Inputs { arm: &arm, target: None, period: 0 }) {
+                Next::Go(MoveCommand { motion: Motion::Joints(q), .. }) => {
+                    for i in 0..AXES {
+                        fastest[i] = fastest[i].max((q.0[i] - last.0[i]).abs() / 0.016);
+                    }
+                    last = q;
+                }
+                Next::Go(other) => panic!("not a joint motion: {other:?}"),
+                Next::Done(outcome) => {
+                    assert_eq!(outcome, Outcome::Reached);
+                    break;
+                }
+            }
+        }
+
+        assert_eq!(last, target);
+        assert!(fastest[0] <= 0.05 + 1e-9 && fastest[1] <= 0.5 + 1e-9, "{fastest:?}");
+        assert!(fastest[0] > 0.03, "the slowest axis uses its speed: {fastest:?}");
+    }
+
+    #[test]
+    fn a_line_stays_on_the_line() {
+        let target = Pose::translation(0.3, 0.0, 0.4);
+        let mut generator = Position::line(target, 1.0, &speeds(), 8);
+        let arm = ArmState::default();
+
+        while let Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) =
+            generator.next(&Inputs { arm: &arm, target: None, period: 0 })
+        {
+            let v = pose.translation.vector;
+            assert!((v.x * 4.0 - v.z * 3.0).abs() < 1e-12 && v.y == 0.0);
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! Turning a face about the tool's z.
+//!
+//! - in: the roll of the last joint, the wrench
+//! - out: an angular velocity about z that yields to torque, so that a jammed face stands still at a set torque
+//!   instead of breaking; the other directions yield where selected
+//! - source: Zieliński et al. (2007), p. 374; the 2008 sources use a wanted torque of 5 Nm with B = 0.1 rad/(s Nm),
+//!   which is the same law with velocity = B * torque. They have no stall detection and do not slow down at the
+//!   end; both are added here.
+
+use super::{Compliance, Inputs, Next, Outcome, Selector};
+use crate::motion::{Direction, PERIOD};
+
+/// A stall: less than this [rad] in [`STALL_SECONDS`].
+const STALL_ANGLE: f64 = 0.0175;
+const STALL_SECONDS: f64 = 3.0;
+/// The turn ends this close [rad].
+const TOLERANCE: f64 = 0.003;
+/// Slowing down: speed per remaining angle [1/s].
+const SLOWING: f64 = 4.0;
+/// Slowest speed [rad/s].
+const CREEP: f64 = 0.02;
+/// Time to come to rest at the end [s].
+const SETTLE: f64 = 0.15;
+
+/// Memory of a turn.
+#[derive(Debug, Clone)]
+pub struct Turn {
+    angle: f64,
+    speed: f64,
+    torque: f64,
+    selector: Selector,
+    stiff: bool,
+    compliance: Compliance,
+    start: Option<f64>,
+    steps: u32,
+    progress_at: u32,
+    progress: f64,
+    arrived: Option<u32>,
+}
+
+impl Turn {
+    /// By `angle` [rad] about the tool's z.
+    #[must_use]
+    pub fn new(
+        angle: f64,
+        speed: f64,
+        torque: f64,
+        selector: Selector,
+        stiff: bool,
+        compliance: Compliance,
+    ) -> Self {
+        Self {
+            angle,
+            speed,
+            torque,
+            selector,
+            stiff,
+            compliance,
+            start: None,
+            steps: 0,
+            progress_at: 0,
+            progress: 0.0,
+            arrived: None,
+        }
+    }
+
+    /// See [`super::Generator::next`].
+    pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
+        let arm = inputs.arm;
+        // The last joint turns about the tool's z: its angle is the turn's, free of wrap-around.
+        let roll = arm.joints.0[6];
+        let start = *self.start.get_or_insert(roll);
+        self.steps += 1;
+        if let Some(excess) = self.compliance.excess(arm) {
+            return Next::Done(excess);
+        }
+        let step = f64::from(self.compliance.macrostep) * PERIOD;
+        let turned = (roll - start) * self.angle.signum();
+        let left = self.angle.abs() - turned;
+        if turned > self.progress + STALL_ANGLE {
+            self.progress = turned;
+            self.progress_at = self.steps;
+        }
+        if left < TOLERANCE && self.arrived.is_none() {
+            self.arrived = Some(self.steps);
+        }
+        let mut directions = self.compliance.yielding(&self.selector);
+        directions[5] = Direction::HOLD;
+        if let Some(arrived) = self.arrived {
+            if f64::from(self.steps - arrived) * step >= SETTLE {
+                return Next::Done(Outcome::Turned(turned * self.angle.signum()));
+            }
+        } else if f64::from(self.steps - self.progress_at) * step > STALL_SECONDS {
+            let torque = arm.wrench_in_tool.torque.z;
+            return Next::Done(Outcome::Stalled(turned * self.angle.signum(), torque));
+        } else {
+            let speed = (SLOWING * left).clamp(CREEP, self.speed);
+            let velocity = speed * self.angle.signum();
+            directions[5] = if self.stiff {
+                Direction::Unguarded { velocity }
+            } else {
+                // Stands still at the set torque whatever the speed.
+                Direction::Guarded { velocity, admittance: speed / self.torque, inertia: 0.0 }
+            };
+        }
+        Next::Go(self.compliance.task(directions, None))
+    }
+}

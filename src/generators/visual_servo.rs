@@ -1,0 +1,395 @@
+//! The visual servo: leads the gripper to the cube that the operator holds.
+//!
+//! - in: the cube's pose in the world as the stand-alone camera's VSP delivers it (25 Hz), the set pose, the wrench
+//! - out: a bounded step towards the vicinity of the cube; then, when the cube is virtually at a stand-still, a
+//!   guarded approach along the tool's z until the palm's stops touch
+//! - source: Zieliński et al. (2007), pp. 371-373: position-based, end-effector open loop, stand-alone camera; the
+//!   stages (lead, follow, back off, approach, frozen close to the cube) after the 2008 sources
+
+use super::{Compliance, Inputs, Next, Outcome, Target};
+use crate::motion::{Direction, Motion, MoveCommand, PERIOD};
+use crate::spatial::{Pose, pose_from_axes};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// What the visual servo is asked to do.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Order {
+    /// `world_from_base` as the controller believes it.
+    pub world_from_base: Pose,
+    /// Wanted direction of the tool's z in the world; the cube's nearest axis is taken.
+    pub approach: Vector3<f64>,
+    /// Wanted direction of the jaws in the world; the cube's nearest axis across the approach is taken.
+    pub jaws: Vector3<f64>,
+    /// From the cube's centre back to the tool point, along the tool's z, when the cube is seated [m].
+    pub seat: f64,
+    /// Distance short of the seat at which the gripper waits and follows [m].
+    pub vicinity: f64,
+    /// Distance short of the seat below which the last pose is frozen: the gripper hides the cube [m].
+    pub frozen: f64,
+    /// Speed below which the cube counts as standing [m/s] ...
+    pub still_speed: f64,
+    /// ... for this long [s].
+    pub still_seconds: f64,
+    /// A move of the cube that breaks off the approach [m].
+    pub retreat: f64,
+    /// Largest speed of the tool [m/s] and of its rotation [rad/s].
+    pub speed: (f64, f64),
+    /// Largest acceleration of the tool [m/s2].
+    pub acceleration: f64,
+    /// Speed of the approach [m/s].
+    pub approach_speed: f64,
+    /// Contact force that ends the approach [N].
+    pub touch: f64,
+    /// Age beyond which a target is not followed [s].
+    pub stale: f64,
+    /// Time without any target after which the servo gives up [s].
+    pub patience: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Stage {
+    /// Goes to the vicinity of the cube and follows it.
+    Follow,
+    /// Approaches; the goal was here when the approach began.
+    Approach { began_at: Vector3<f64> },
+}
+
+/// Memory of the visual servo.
+#[derive(Debug, Clone)]
+pub struct VisualServo {
+    order: Order,
+    compliance: Compliance,
+    stage: Stage,
+    /// `base_from_tool` at the seat, filtered.
+    goal: Option<Pose>,
+    seen: u64,
+    velocity: Vector3<f64>,
+    still: f64,
+    confirmed: u32,
+    first_period: Option<u64>,
+}
+
+/// Share of a new goal in the filtered one.
+const FILTER: f64 = 0.4;
+/// Follow: speed per distance [1/s].
+const FOLLOW_GAIN: f64 = 2.5;
+/// The gripper is in the vicinity when it is this close to the waiting pose [m], [rad].
+const THERE: (f64, f64) = (0.006, 0.03);
+/// Way beyond the seat at which the approach is given up [m].
+const OVERRUN: f64 = 0.015;
+
+impl VisualServo {
+    /// Carries out an order.
+    #[must_use]
+    pub fn new(order: Order, compliance: Compliance) -> Self {
+        Self {
+            order,
+            compliance,
+            stage: Stage::Follow,
+            goal: None,
+            seen: 0,
+            velocity: Vector3::zeros(),
+            still: 0.0,
+            confirmed: 0,
+            first_period: None,
+        }
+    }
+
+    /// See [`super::Generator::next`].
+    pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
+        let first = *self.first_period.get_or_insert(inputs.period);
+        if let Some(excess) = self.compliance.excess(inputs.arm) {
+            return Next::Done(excess);
+        }
+        let pose = inputs.arm.desired_base_from_tool;
+        let frozen = matches!(self.stage, Stage::Approach { .. })
+            && self.distance(&pose).is_some_and(|d| d < self.order.frozen);
+        if !frozen {
+            self.look(inputs.target, &pose);
+        }
+        let last_seen = if self.goal.is_some() { self.seen } else { first };
+        let age = inputs.period.saturating_sub(last_seen) as f64 * PERIOD;
+        if !frozen && age > self.order.patience {
+            return Next::Done(Outcome::LostSight(age));
+        }
+        let Some(goal) = self.goal else { return Next::Go(self.hold()) };
+        if !frozen && age > self.order.stale {
+            self.velocity = Vector3::zeros();
+            self.still = 0.0;
+            return Next::Go(self.hold());
+        }
+        match self.stage {
+            Stage::Follow => self.follow(inputs, &pose, &goal),
+            Stage::Approach { began_at } => self.approach(inputs, &pose, &goal, began_at, frozen),
+        }
+    }
+
+    fn hold(&self) -> MoveCommand {
+        MoveCommand { motion: Motion::Hold, periods: self.compliance.macrostep, jaw: None }
+    }
+
+    fn step_seconds(&self) -> f64 {
+        f64::from(self.compliance.macrostep) * PERIOD
+    }
+
+    /// Way left along the tool's z.
+    fn distance(&self, pose: &Pose) -> Option<f64> {
+        self.goal.map(|goal| (pose.inverse() * goal).translation.z)
+    }
+
+    fn look(&mut self, target: Option<&Target>, pose: &Pose) {
+        let Some(target) = target else { return };
+        if target.period == self.seen {
+            return;
+        }
+        let moved = (target.period.saturating_sub(self.seen)) as f64 * PERIOD;
+        self.seen = target.period;
+        let base_from_world = self.order.world_from_base.inverse();
+        let cube = base_from_world * target.world_from_cube;
+        let approach = base_from_world.rotation * self.order.approach;
+        let jaws = base_from_world.rotation * self.order.jaws;
+        let rotation = grasp_rotation(&cube.rotation, &approach, &jaws);
+        let wanted = Pose::from_parts(
+            (cube.translation.vector - rotation * Vector3::z() * self.order.seat).into(),
+            rotation,
+        );
+        let goal = match self.goal {
+            Some(old) => Pose::from_parts(
+                old.translation.vector.lerp(&wanted.translation.vector, FILTER).into(),
+                old.rotation.slerp(&half_turn_nearest(&wanted.rotation, &old.rotation), FILTER),
+            ),
+            None => Pose::from_parts(wanted.translation, half_turn_nearest(&wanted.rotation, &pose.rotation)),
+        };
+        self.goal = Some(goal);
+        let is_still = target.speed < self.order.still_speed;
+        self.still = if is_still { self.still + moved.min(0.2) } else { 0.0 };
+    }
+
+    fn follow(&mut self, inputs: &Inputs<'_>, pose: &Pose, goal: &Pose) -> Next {
+        let step = self.step_seconds();
+        let wait = goal * Pose::translation(0.0, 0.0, -self.order.vicinity);
+        let way = wait.translation.vector - pose.translation.vector;
+        let turn = pose.rotation.rotation_to(&wait.rotation).scaled_axis();
+        if way.norm() < THERE.0 && turn.norm() < THERE.1 && self.still > self.order.still_seconds {
+            self.stage = Stage::Approach { began_at: goal.translation.vector };
+            return self.approach(inputs, pose, goal, goal.translation.vector, false);
+        }
+        // Speed that still allows braking within the way left.
+        let speed = (FOLLOW_GAIN * way.norm())
+            .min(self.order.speed.0)
+            .min((2.0 * self.order.acceleration * way.norm()).sqrt());
+        let wanted = if way.norm() > 1e-9 { way.normalize() * speed } else { Vector3::zeros() };
+        let change = wanted - self.velocity;
+        let most = self.order.acceleration * step;
+        self.velocity += if change.norm() > most { change.normalize() * most } else { change };
+        let angular = clamp_norm(turn * FOLLOW_GAIN, self.order.speed.1);
+        let next = Pose::from_parts(
+            (pose.translation.vector + self.velocity * step).into(),
+            UnitQuaternion::from_scaled_axis(angular * step) * pose.rotation,
+        );
+        Next::Go(MoveCommand { motion: Motion::Pose(next), periods: self.compliance.macrostep, jaw: None })
+    }
+
+    fn approach(
+        &mut self,
+        inputs: &Inputs<'_>,
+        pose: &Pose,
+        goal: &Pose,
+        began_at: Vector3<f64>,
+        frozen: bool,
+    ) -> Next {
+        let order = self.order;
+        if !frozen && (goal.translation.vector - began_at).norm() > order.retreat {
+            self.stage = Stage::Follow;
+            self.velocity = Vector3::zeros();
+            self.still = 0.0;
+            return Next::Go(self.hold());
+        }
+        self.confirmed =
+            if inputs.arm.wrench_in_tool.force.z > order.touch { self.confirmed + 1 } else { 0 };
+        let left = pose.inverse() * goal;
+        if self.confirmed >= 2 {
+            return Next::Done(Outcome::Touched(left.translation.z));
+        }
+        if left.translation.z < -OVERRUN {
+            return Next::Done(Outcome::NotTouched);
+        }
+        let limit = order.approach_speed;
+        let c = &self.compliance;
+        let linear = |error: f64| Direction::Guarded {
+            velocity: (FOLLOW_GAIN * error).clamp(-limit, limit),
+            admittance: c.linear_admittance,
+            inertia: c.linear_inertia,
+        };
+        let angular = |error: f64| Direction::Guarded {
+            velocity: (FOLLOW_GAIN * error).clamp(-0.2, 0.2),
+            admittance: c.angular_admittance,
+            inertia: c.angular_inertia,
+        };
+        let rotation = left.rotation.scaled_axis();
+        // Slower for the last 3 cm, where contact is expected.
+        let forward = if left.translation.z < 0.03 { limit * 0.5 } else { limit };
+        let directions = [
+            linear(left.translation.x),
+            linear(left.translation.y),
+            Direction::Guarded {
+                velocity: forward,
+                admittance: forward / (2.0 * order.touch),
+                inertia: 0.0,
+            },
+            angular(rotation.x),
+            angular(rotation.y),
+            angular(rotation.z),
+        ];
+        Next::Go(self.compliance.task(directions, None))
+    }
+}
+
+fn clamp_norm(v: Vector3<f64>, most: f64) -> Vector3<f64> {
+    let norm = v.norm();
+    if norm > most { v * (most / norm) } else { v }
+}
+
+/// Orientation of the tool whose z is the cube's axis nearest to `approach` and whose y the one nearest to `jaws`.
+#[must_use]
+pub fn grasp_rotation(
+    cube: &UnitQuaternion<f64>,
+    approach: &Vector3<f64>,
+    jaws: &Vector3<f64>,
+) -> UnitQuaternion<f64> {
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|a| cube * a);
+    let nearest = |wanted: &Vector3<f64>, not: Option<usize>| {
+        let mut best = (0, 0.0_f64);
+        for (i, axis) in axes.iter().enumerate() {
+            let along = axis.dot(wanted);
+            if Some(i) != not && along.abs() > best.1.abs() {
+                best = (i, along);
+            }
+        }
+        (best.0, axes[best.0] * best.1.signum())
+    };
+    let (used, z) = nearest(approach, None);
+    let (_, y) = nearest(jaws, Some(used));
+    pose_from_axes(y.cross(&z), y, z, Point3::origin()).rotation
+}
+
+/// The orientation or its half roll about z, whichever is nearer: a gripper looks the same after half a roll.
+fn half_turn_nearest(wanted: &UnitQuaternion<f64>, to: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    let rolled = wanted * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
+    if wanted.angle_to(to) <= rolled.angle_to(to) { *wanted } else { rolled }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::ArmState;
+
+    fn order() -> Order {
+        Order {
+            world_from_base: Pose::identity(),
+            approach: Vector3::x(),
+            jaws: Vector3::z(),
+            seat: 0.019,
+            vicinity: 0.1,
+            frozen: 0.08,
+            still_speed: 0.01,
+            still_seconds: 0.5,
+            retreat: 0.05,
+            speed: (0.25, 0.5),
+            acceleration: 0.5,
+            approach_speed: 0.02,
+            touch: 3.0,
+            stale: 0.1,
+            patience: 5.0,
+        }
+    }
+
+    fn compliance() -> Compliance {
+        Compliance {
+            linear_admittance: 0.001,
+            linear_inertia: 20.0,
+            angular_admittance: 0.05,
+            angular_inertia: 0.5,
+            macrostep: 8,
+            force_limit: 40.0,
+            torque_limit: 5.0,
+        }
+    }
+
+    /// Runs the generator against an arm that follows perfectly; returns the final pose and outcome.
+    fn run(cube: impl Fn(u64) -> Option<Target>) -> (Pose, Outcome) {
+        let rotation = grasp_rotation(&UnitQuaternion::identity(), &Vector3::x(), &Vector3::z());
+        let mut arm = ArmState {
+            desired_base_from_tool: Pose::from_parts(Vector3::new(0.5, 0.1, 1.0).into(), rotation),
+            ..ArmState::default()
+        };
+        let mut generator = VisualServo::new(order(), compliance());
+        let mut latest = None;
+        for step in 0..5000_u64 {
+            let period = step * 8;
+            if period % 20 < 8 {
+                latest = cube(period).or(latest);
+            }
+            match generator.next(&Inputs { arm: &arm, target: latest.as_ref(), period }) {
+                Next::Done(outcome) => return (arm.desired_base_from_tool, outcome),
+                Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) => {
+                    let way = pose.translation.vector - arm.desired_base_from_tool.translation.vector;
+                    assert!(way.norm() <= 0.25 * 0.016 + 1e-9, "bounded step");
+                    arm.desired_base_from_tool = pose;
+                }
+                Next::Go(MoveCommand { motion: Motion::Task { directions, .. }, .. }) => {
+                    let v = directions.map(|d| match d {
+                        Direction::Guarded { velocity, .. } | Direction::Unguarded { velocity } => velocity,
+                        Direction::Contact { .. } => 0.0,
+                    });
+                    arm.desired_base_from_tool *=
+                        crate::spatial::Twist::from_directions(v.map(|c| c * 0.016)).displacement();
+                }
+                Next::Go(_) => {}
+            }
+        }
+        panic!("never ends");
+    }
+
+    #[test]
+    fn a_cube_at_rest_is_reached_to_its_seat() {
+        let target = |period| {
+            Some(Target { world_from_cube: Pose::translation(1.0, 0.0, 1.2), speed: 0.0, period })
+        };
+        let (pose, outcome) = run(target);
+
+        // Nothing pushes back here, so the approach overruns the seat and says so.
+        assert_eq!(outcome, Outcome::NotTouched);
+        let tip = pose * Point3::new(0.0, 0.0, 0.019);
+        assert!((tip.y, tip.z - 1.2) < (1e-3, 1e-3) && (tip.x - 1.015).abs() < 2e-3, "{tip}");
+    }
+
+    #[test]
+    fn a_moving_cube_is_followed_but_not_approached() {
+        let target = |period: u64| {
+            let y = 0.1 * (period as f64 * 0.002).sin();
+            let pose = Pose::translation(1.0, y, 1.2);
+            (period < 20_000).then_some(Target { world_from_cube: pose, speed: 0.1, period })
+        };
+        let (pose, outcome) = run(target);
+
+        assert!(matches!(outcome, Outcome::LostSight(_)));
+        assert!(pose.translation.x < 1.0 - 0.019 - 0.08, "kept its distance: {pose}");
+    }
+
+    #[test]
+    fn the_grasp_takes_the_nearest_axes_of_a_cube_in_any_orientation() {
+        for k in 0..24 {
+            let quarter = std::f64::consts::FRAC_PI_2;
+            let cube = UnitQuaternion::from_euler_angles(
+                quarter * f64::from(k % 4),
+                quarter * f64::from(k / 4 % 3),
+                quarter * f64::from(k / 12) + 0.1,
+            );
+            let tool = grasp_rotation(&cube, &Vector3::x(), &Vector3::z());
+            assert!((tool * Vector3::z()).x > 0.9);
+            assert!((tool * Vector3::y()).z.abs() > 0.9);
+        }
+    }
+}

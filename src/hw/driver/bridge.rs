@@ -1,0 +1,143 @@
+//! The bridge thread: it owns the port, so that the servo thread never waits for a device.
+//!
+//! Drives go over by a ring, the latest readings come back by a triple buffer. The exchange of period k takes
+//! place within that period, so its readings are there for period k + 1, just as on the virtual driver.
+
+use crate::hw::port::{Port, PortFault};
+use crate::servo::io::{ArmDrive, ArmReading};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{JoinHandle, Thread};
+use std::time::Duration;
+
+/// The most effectors that cross a bridge: what crosses has a fixed size.
+const MOST: usize = 4;
+
+#[derive(Debug, Clone, Copy)]
+struct Drives {
+    period: u64,
+    drives: [ArmDrive; MOST],
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Readings {
+    period: u64,
+    readings: [ArmReading; MOST],
+}
+
+/// The running bridge thread.
+#[derive(Debug)]
+pub struct Bridge<P> {
+    thread: JoinHandle<(P, Option<PortFault>)>,
+}
+
+/// The servo's side of the bridge: it never waits.
+#[derive(Debug)]
+pub struct BridgePort {
+    drives: rtrb::Producer<Drives>,
+    readings: triple_buffer::Output<Readings>,
+    broken: Arc<AtomicBool>,
+    bridge: Thread,
+    /// Periods in which no new reading was there.
+    late: u64,
+    late_in_a_row: u64,
+}
+
+impl<P: Port + 'static> Bridge<P> {
+    /// Starts the thread. `first` are the readings of period 0; `hook` is called after each exchange.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    ///
+    /// # Panics
+    /// For more than four effectors.
+    pub fn spawn(
+        mut port: P,
+        first: &[ArmReading],
+        mut hook: impl FnMut(u64, &mut P) + Send + 'static,
+    ) -> std::io::Result<(Self, BridgePort)> {
+        assert!(first.len() <= MOST, "at most {MOST} effectors");
+        let arms = first.len();
+        let mut start = Readings::default();
+        start.readings[..arms].copy_from_slice(first);
+        let (drives, mut incoming) = rtrb::RingBuffer::<Drives>::new(64);
+        let (mut outgoing, readings) = triple_buffer::triple_buffer(&start);
+        let broken = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&broken);
+        let work = move || {
+            let mut latest = start;
+            loop {
+                let Ok(Drives { period, drives }) = incoming.pop() else {
+                    if incoming.is_abandoned() {
+                        return (port, None);
+                    }
+                    std::thread::park_timeout(Duration::from_millis(10));
+                    continue;
+                };
+                if let Err(fault) =
+                    port.exchange(period, &drives[..arms], &mut latest.readings[..arms])
+                {
+                    flag.store(true, Ordering::Release);
+                    return (port, Some(fault));
+                }
+                latest.period = period;
+                outgoing.write(latest);
+                hook(period, &mut port);
+            }
+        };
+        let thread = std::thread::Builder::new().name("bridge".into()).spawn(work)?;
+        let bridge = thread.thread().clone();
+        let port = BridgePort { drives, readings, broken, bridge, late: 0, late_in_a_row: 0 };
+        Ok((Self { thread }, port))
+    }
+
+    /// Waits for the thread, which ends when the servo's side is dropped or the port fails; returns the port
+    /// and its fault. `None` when the thread panicked.
+    #[must_use]
+    pub fn join(self) -> Option<(P, Option<PortFault>)> {
+        self.thread.join().ok()
+    }
+}
+
+impl BridgePort {
+    /// Periods without a new reading after which the bridge counts as lost.
+    const LOST: u64 = 20;
+
+    /// At the beginning of period `period`: copies the latest readings, those of the period before.
+    ///
+    /// # Errors
+    /// The bridge has failed or been silent for 20 periods.
+    pub fn fetch(&mut self, period: u64, readings: &mut [ArmReading]) -> Result<(), BridgeLost> {
+        let latest = self.readings.read();
+        readings.copy_from_slice(&latest.readings[..readings.len()]);
+        let fresh = latest.period + 1 == period;
+        self.late_in_a_row = if fresh { 0 } else { self.late_in_a_row + 1 };
+        self.late += u64::from(!fresh);
+        if self.broken.load(Ordering::Acquire) || self.late_in_a_row > Self::LOST {
+            return Err(BridgeLost { periods: self.late_in_a_row });
+        }
+        Ok(())
+    }
+
+    /// Hands over the drives of period `period`; what the bridge has no room for is left out.
+    pub fn send(&mut self, period: u64, drives: &[ArmDrive]) {
+        let mut all = Drives { period, drives: [ArmDrive::OFF; MOST] };
+        all.drives[..drives.len()].copy_from_slice(drives);
+        let _ = self.drives.push(all);
+        self.bridge.unpark();
+    }
+
+    /// Periods in which no new reading was there.
+    #[must_use]
+    pub fn late(&self) -> u64 {
+        self.late
+    }
+}
+
+/// The bridge does not answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("no reading from the bridge for {periods} periods")]
+pub struct BridgeLost {
+    /// How long.
+    pub periods: u64,
+}

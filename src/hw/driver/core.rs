@@ -1,0 +1,159 @@
+//! One servo period of all arms: the same code under both drivers of time.
+
+use super::link::ServoEnd;
+use super::record::{RecordSink, ServoRecord};
+use crate::hw::port::{Port, PortFault};
+use crate::motion::ArmFault;
+use crate::servo::io::{ArmDrive, ArmReading};
+use crate::servo::{ArmServo, ServoCommand, ServoConfig};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+/// Flags that the servo reads first in each period; anyone may set them.
+#[derive(Debug, Default)]
+pub struct Switches {
+    /// Emergency stop: all arms trip in the next period. Each must be reset afterwards. A software stop is no
+    /// safety function.
+    pub emergency: AtomicBool,
+    /// Ends the driver.
+    pub stop: AtomicBool,
+    /// Counted up by the actors while they live. Watched from the first count on.
+    pub beats: AtomicU64,
+}
+
+/// The servos of all arms with what they need in each period.
+pub struct Core {
+    servos: Vec<ArmServo>,
+    ends: Vec<ServoEnd>,
+    readings: Vec<ArmReading>,
+    drives: Vec<ArmDrive>,
+    switches: Arc<Switches>,
+    records: Box<dyn RecordSink>,
+    last_beat: u64,
+    last_beat_period: u64,
+}
+
+impl Core {
+    /// Periods without a heart beat after which the arms hold.
+    const SILENCE: u64 = 50;
+
+    /// Fetches the first readings in period 0 with all drives off; `ends` has an end for each arm.
+    ///
+    /// # Errors
+    /// What the port says.
+    ///
+    /// # Panics
+    /// When there are not as many ends as configurations: a mistake of ours.
+    pub fn new(
+        configs: Vec<ServoConfig>,
+        ends: Vec<ServoEnd>,
+        switches: Arc<Switches>,
+        records: Box<dyn RecordSink>,
+        port: &mut dyn Port,
+    ) -> Result<Self, PortFault> {
+        assert_eq!(configs.len(), ends.len(), "one end for each arm");
+        let drives = vec![ArmDrive::OFF; configs.len()];
+        let mut readings = vec![ArmReading::default(); configs.len()];
+        port.exchange(0, &drives, &mut readings)?;
+        let servos = configs
+            .into_iter()
+            .zip(&readings)
+            .map(|(config, r)| ArmServo::new(config, r))
+            .collect();
+        Ok(Self {
+            servos,
+            ends,
+            readings,
+            drives,
+            switches,
+            records,
+            last_beat: 0,
+            last_beat_period: 0,
+        })
+    }
+
+    /// Period `period` in line with its port: [`Core::compute`], then the exchange, whose readings count in
+    /// the next period.
+    ///
+    /// # Errors
+    /// What the port says; the readings then stay as they were.
+    pub fn period(&mut self, period: u64, port: &mut dyn Port) -> Result<(), PortFault> {
+        self.compute(period);
+        port.exchange(period, &self.drives, &mut self.readings)
+    }
+
+    /// Commands and readings to drives. Allocates nothing and never waits.
+    pub fn compute(&mut self, period: u64) -> &[ArmDrive] {
+        let pressed = self.heed_switches(period);
+        for (arm, servo) in self.servos.iter_mut().enumerate() {
+            let reading = self.readings[arm];
+            let command = self.ends[arm].take();
+            // A reset must not undo the stop while the button is still pressed.
+            let command = command.filter(|c| !(pressed && *c == ServoCommand::Reset));
+            let (drive, state) = servo.step(period, &reading, command.as_ref());
+            self.drives[arm] = drive;
+            self.ends[arm].publish(&state);
+            let record = ServoRecord { period, arm: arm as u8, reading, command, drive, state };
+            self.records.record(&record);
+        }
+        &self.drives
+    }
+
+    /// Stops all arms until they are reset.
+    pub fn trip(&mut self, period: u64, fault: ArmFault) {
+        for servo in &mut self.servos {
+            servo.trip(period, fault);
+        }
+    }
+
+    /// Breaks off all motions; the arms keep their set values.
+    pub fn hold(&mut self, period: u64) {
+        for servo in &mut self.servos {
+            servo.hold(period);
+        }
+    }
+
+    /// The flags.
+    #[must_use]
+    pub fn switches(&self) -> &Arc<Switches> {
+        &self.switches
+    }
+
+    /// Number of arms.
+    #[must_use]
+    pub fn arms(&self) -> usize {
+        self.servos.len()
+    }
+
+    /// The latest readings, in the order of effectors.
+    #[must_use]
+    pub fn readings(&self) -> &[ArmReading] {
+        &self.readings
+    }
+
+    /// Where the readings of the next period go, for a driver that fetches them itself.
+    pub fn readings_mut(&mut self) -> &mut [ArmReading] {
+        &mut self.readings
+    }
+
+    /// Returns whether the emergency stop is pressed.
+    fn heed_switches(&mut self, period: u64) -> bool {
+        let pressed = self.switches.emergency.load(Ordering::Acquire);
+        if pressed {
+            self.trip(period, ArmFault::EmergencyStop);
+        }
+        let beat = self.switches.beats.load(Ordering::Relaxed);
+        if beat != self.last_beat || beat == 0 {
+            (self.last_beat, self.last_beat_period) = (beat, period);
+        } else if period - self.last_beat_period > Self::SILENCE {
+            self.hold(period);
+        }
+        pressed
+    }
+}
+
+impl std::fmt::Debug for Core {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Core").field("arms", &self.servos.len()).finish_non_exhaustive()
+    }
+}

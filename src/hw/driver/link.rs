@@ -1,0 +1,127 @@
+//! The wait-free way between an EDP and the servo of its arm.
+//!
+//! Commands go by a ring (`rtrb`), the latest state comes back by a triple buffer; neither end ever waits.
+
+use crate::motion::ArmState;
+use crate::servo::ServoCommand;
+
+/// Commands that can lie in the ring: the servo takes one a period.
+const DEPTH: usize = 16;
+
+/// A state and how many commands had been taken when it was written.
+#[derive(Debug, Clone, Copy, Default)]
+struct Published {
+    state: ArmState,
+    taken: u64,
+}
+
+/// The EDP's end.
+#[derive(Debug)]
+pub struct ServoLink {
+    commands: rtrb::Producer<ServoCommand>,
+    states: triple_buffer::Output<Published>,
+    sent: u64,
+}
+
+/// The servo's end.
+#[derive(Debug)]
+pub struct ServoEnd {
+    commands: rtrb::Consumer<ServoCommand>,
+    states: triple_buffer::Input<Published>,
+    taken: u64,
+}
+
+/// The servo has not taken a command for so long that the ring is full.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the servo takes no commands: {DEPTH} are waiting")]
+pub struct Unsent;
+
+/// Both ends of a way to one arm's servo.
+#[must_use]
+pub fn link() -> (ServoLink, ServoEnd) {
+    let (producer, consumer) = rtrb::RingBuffer::new(DEPTH);
+    let (input, output) = triple_buffer::triple_buffer(&Published::default());
+    (
+        ServoLink { commands: producer, states: output, sent: 0 },
+        ServoEnd { commands: consumer, states: input, taken: 0 },
+    )
+}
+
+impl ServoLink {
+    /// Sends a command; the servo takes one in each period, in order. Returns its ticket.
+    ///
+    /// # Errors
+    /// [`Unsent`] when the ring is full.
+    pub fn send(&mut self, command: ServoCommand) -> Result<u64, Unsent> {
+        self.commands.push(command).map_err(|_| Unsent)?;
+        self.sent += 1;
+        Ok(self.sent)
+    }
+
+    /// The latest state.
+    pub fn state(&mut self) -> &ArmState {
+        &self.states.read().state
+    }
+
+    /// Whether the command of this ticket was taken and has at most `early` periods left. With `early` =
+    /// [`ArmServo::EARLY`](crate::servo::ArmServo::EARLY) the next one, sent now, follows without a gap. A
+    /// command that was refused or broken off is done too: see the state.
+    pub fn is_done(&mut self, ticket: u64, early: u64) -> bool {
+        let Published { state, taken } = self.states.read();
+        *taken >= ticket && state.command_end <= state.period + early
+    }
+
+    /// Whether the servo is gone.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.commands.is_abandoned()
+    }
+}
+
+impl ServoEnd {
+    /// The next command, if there is one.
+    pub(super) fn take(&mut self) -> Option<ServoCommand> {
+        let command = self.commands.pop().ok()?;
+        self.taken += 1;
+        Some(command)
+    }
+
+    pub(super) fn publish(&mut self, state: &ArmState) {
+        self.states.write(Published { state: *state, taken: self.taken });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_is_done_when_it_was_taken_and_its_end_is_near() {
+        let (mut edp, mut servo) = link();
+        let ticket = edp.send(ServoCommand::Bias).unwrap();
+
+        servo.publish(&ArmState { period: 7, ..ArmState::default() });
+        assert!(!edp.is_done(ticket, 2), "not taken yet");
+
+        assert_eq!(servo.take(), Some(ServoCommand::Bias));
+        servo.publish(&ArmState { period: 8, command_end: 11, ..ArmState::default() });
+        assert!(!edp.is_done(ticket, 2));
+        servo.publish(&ArmState { period: 9, command_end: 11, ..ArmState::default() });
+        assert!(edp.is_done(ticket, 2));
+        assert!(!edp.is_done(ticket, 0));
+    }
+
+    #[test]
+    fn a_full_ring_is_reported_and_a_dropped_servo_is_noticed() {
+        let (mut edp, servo) = link();
+
+        for _ in 0..DEPTH {
+            edp.send(ServoCommand::Reset).unwrap();
+        }
+        assert_eq!(edp.send(ServoCommand::Reset), Err(Unsent));
+
+        assert!(!edp.is_closed());
+        drop(servo);
+        assert!(edp.is_closed());
+    }
+}

@@ -1,0 +1,190 @@
+//! What is kept of each arm in each period: enough to replay the servo and to compare two runs bit by bit.
+
+use crate::motion::{ArmState, Depth, Direction, Frame, Motion};
+use crate::servo::ServoCommand;
+use crate::servo::io::{ArmDrive, ArmReading};
+use crate::spatial::{Pose, Wrench};
+
+/// One arm in one period. Fixed size, no pointers.
+#[derive(Debug, Clone, Copy)]
+pub struct ServoRecord {
+    /// Number of the period.
+    pub period: u64,
+    /// Index of the effector.
+    pub arm: u8,
+    /// What was read at its beginning.
+    pub reading: ArmReading,
+    /// What was commanded.
+    pub command: Option<ServoCommand>,
+    /// What the drives were told.
+    pub drive: ArmDrive,
+    /// What the servo knew.
+    pub state: ArmState,
+}
+
+/// Where records go. On the wall driver it is called by the real-time thread: it must not wait, lock or
+/// allocate there.
+pub trait RecordSink: Send {
+    /// Takes one record.
+    fn record(&mut self, record: &ServoRecord);
+}
+
+/// Keeps nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct NoRecords;
+
+impl RecordSink for NoRecords {
+    fn record(&mut self, _: &ServoRecord) {}
+}
+
+/// A ring to another thread; what does not fit is dropped rather than waited for.
+impl RecordSink for rtrb::Producer<ServoRecord> {
+    fn record(&mut self, record: &ServoRecord) {
+        let _ = self.push(*record);
+    }
+}
+
+impl ServoRecord {
+    /// Gives the record to a hash, byte by byte in a fixed order: numbers little-endian, floats by their bits.
+    pub fn feed(&self, hash: &mut dyn FnMut(&[u8])) {
+        let mut bytes = Bytes(hash);
+        bytes.int(self.period);
+        bytes.int(u64::from(self.arm));
+        bytes.reading(&self.reading);
+        bytes.command(self.command.as_ref());
+        bytes.drive(&self.drive);
+        bytes.state(&self.state);
+    }
+}
+
+struct Bytes<'a>(&'a mut dyn FnMut(&[u8]));
+
+impl Bytes<'_> {
+    fn int(&mut self, value: u64) {
+        (self.0)(&value.to_le_bytes());
+    }
+
+    fn float(&mut self, value: f64) {
+        self.int(value.to_bits());
+    }
+
+    fn floats(&mut self, values: &[f64]) {
+        for value in values {
+            self.float(*value);
+        }
+    }
+
+    fn wrench(&mut self, wrench: &Wrench) {
+        self.floats(&wrench.directions());
+    }
+
+    fn pose(&mut self, pose: &Pose) {
+        self.floats(pose.translation.vector.as_slice());
+        self.floats(pose.rotation.coords.as_slice());
+    }
+
+    fn depth(&mut self, depth: Depth) {
+        self.int(depth as u64);
+    }
+
+    fn reading(&mut self, reading: &ArmReading) {
+        for count in reading.counts {
+            self.int(count as u64);
+        }
+        self.int(reading.jaw_count as u64);
+        self.floats(&reading.currents);
+        self.int(u64::from(reading.limit_switches));
+        self.int(u64::from(reading.over_currents));
+        self.wrench(&reading.wrench_on_sensor);
+    }
+
+    fn command(&mut self, command: Option<&ServoCommand>) {
+        match command {
+            None => self.int(0),
+            Some(ServoCommand::Move { command, start }) => {
+                self.int(1);
+                self.int(*start);
+                self.int(u64::from(command.periods));
+                self.motion(&command.motion);
+                if let Some(jaw) = &command.jaw {
+                    self.floats(&[jaw.opening, jaw.force_limit]);
+                    self.depth(jaw.stops);
+                }
+            }
+            Some(ServoCommand::SetTool(pose)) => {
+                self.int(2);
+                self.pose(pose);
+            }
+            Some(ServoCommand::Bias) => self.int(3),
+            Some(ServoCommand::Payload { weight, centre }) => {
+                self.int(4);
+                self.float(*weight);
+                self.floats(centre.coords.as_slice());
+            }
+            Some(ServoCommand::ForceSettings(settings)) => {
+                self.int(5);
+                self.float(settings.sign);
+                self.int(u64::from(settings.delay_periods));
+            }
+            Some(ServoCommand::Reset) => self.int(6),
+        }
+    }
+
+    fn motion(&mut self, motion: &Motion) {
+        match motion {
+            Motion::Hold => self.int(0),
+            Motion::Motors(motors) => {
+                self.int(1);
+                self.floats(&motors.0);
+            }
+            Motion::Joints(joints) => {
+                self.int(2);
+                self.floats(&joints.0);
+            }
+            Motion::Pose(pose) => {
+                self.int(3);
+                self.pose(pose);
+            }
+            Motion::Task { frame, directions } => {
+                self.int(4 + u64::from(*frame == Frame::Tool));
+                for direction in directions {
+                    match *direction {
+                        Direction::Unguarded { velocity } => {
+                            self.int(0);
+                            self.float(velocity);
+                        }
+                        Direction::Guarded { velocity, admittance, inertia } => {
+                            self.int(1);
+                            self.floats(&[velocity, admittance, inertia]);
+                        }
+                        Direction::Contact { wanted, admittance, inertia } => {
+                            self.int(2);
+                            self.floats(&[wanted, admittance, inertia]);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn drive(&mut self, drive: &ArmDrive) {
+        self.int(u64::from(drive.enabled));
+        for pwm in drive.pwm {
+            self.int(pwm as u64);
+        }
+        self.int(drive.jaw_pwm as u64);
+        self.float(drive.jaw_current_limit);
+        self.depth(drive.stops);
+    }
+
+    /// Faults and refusals follow from what else is here; that there is one is enough.
+    fn state(&mut self, state: &ArmState) {
+        self.floats(&state.desired_joints.0);
+        self.pose(&state.base_from_tool);
+        self.pose(&state.desired_base_from_tool);
+        self.wrench(&state.wrench_in_tool);
+        self.floats(&[state.jaw_opening, state.jaw_force]);
+        self.int(state.command_end);
+        self.int(u64::from(state.refused.is_some()) | u64::from(state.fault.is_some()) << 1);
+    }
+}

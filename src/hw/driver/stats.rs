@@ -1,0 +1,155 @@
+//! How punctual the servo thread is.
+
+/// A histogram of times in nanoseconds: 32 classes for each doubling, 3 % wide, up to a second. Recording is
+/// constant time without allocation, so the real-time thread keeps it itself.
+#[derive(Debug, Clone)]
+pub struct Histogram {
+    counts: Vec<u64>,
+    total: u64,
+    max: u64,
+}
+
+impl Default for Histogram {
+    fn default() -> Self {
+        Self { counts: vec![0; Self::CLASSES], total: 0, max: 0 }
+    }
+}
+
+impl Histogram {
+    const FINE: u64 = 32;
+    const CLASSES: usize = 27 * Self::FINE as usize;
+
+    /// Counts one time [ns].
+    pub fn record(&mut self, nanos: u64) {
+        let class = Self::class(nanos).min(Self::CLASSES - 1);
+        self.counts[class] += 1;
+        self.total += 1;
+        self.max = self.max.max(nanos);
+    }
+
+    /// Number of times counted.
+    #[must_use]
+    pub fn len(&self) -> u64 {
+        self.total
+    }
+
+    /// Whether nothing was counted.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.total == 0
+    }
+
+    /// The longest time [ns].
+    #[must_use]
+    pub fn max(&self) -> u64 {
+        self.max
+    }
+
+    /// The time that a share `q` of all times does not exceed [ns], to 3 % upwards; 0 when empty.
+    #[must_use]
+    pub fn quantile(&self, q: f64) -> u64 {
+        let rank = ((q * self.total as f64).ceil() as u64).clamp(1, self.total.max(1));
+        let mut seen = 0;
+        for (class, count) in self.counts.iter().enumerate() {
+            seen += count;
+            if seen >= rank {
+                return Self::upper(class).min(self.max);
+            }
+        }
+        0
+    }
+
+    fn class(nanos: u64) -> usize {
+        if nanos < 2 * Self::FINE {
+            return nanos as usize;
+        }
+        let shift = nanos.ilog2() - Self::FINE.ilog2();
+        (u64::from(shift) * Self::FINE + (nanos >> shift)) as usize
+    }
+
+    /// Largest time of a class.
+    fn upper(class: usize) -> u64 {
+        let class = class as u64;
+        if class < 2 * Self::FINE {
+            return class;
+        }
+        let shift = class / Self::FINE - 1;
+        ((class % Self::FINE + Self::FINE + 1) << shift) - 1
+    }
+}
+
+/// What a wall driver measured of itself.
+#[derive(Debug, Clone, Default)]
+pub struct Timing {
+    /// From the time set to the time at which the period began [ns].
+    pub wake_up: Histogram,
+    /// Work of a period [ns].
+    pub work: Histogram,
+    /// Grid points that passed without a period.
+    pub missed: u64,
+    /// Periods in which the bridge had no new reading.
+    pub late_readings: u64,
+}
+
+impl std::fmt::Display for Timing {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let line = |f: &mut std::fmt::Formatter<'_>, name: &str, h: &Histogram| {
+            let us = |nanos: u64| nanos as f64 / 1000.0;
+            writeln!(
+                f,
+                "{name}: p50 {:.1} us, p99 {:.1} us, p99.9 {:.1} us, max {:.1} us, {} periods",
+                us(h.quantile(0.5)),
+                us(h.quantile(0.99)),
+                us(h.quantile(0.999)),
+                us(h.max()),
+                h.len()
+            )
+        };
+        line(f, "wake-up", &self.wake_up)?;
+        line(f, "work", &self.work)?;
+        write!(f, "missed: {}, late readings: {}", self.missed, self.late_readings)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_right_to_three_percent() {
+        let mut histogram = Histogram::default();
+
+        for nanos in 1..=100_000 {
+            histogram.record(nanos);
+        }
+
+        for (q, wanted) in [(0.1, 10_000.0), (0.5, 50_000.0), (0.99, 99_000.0), (1.0, 100_000.0)] {
+            let found = histogram.quantile(q) as f64;
+            assert!(found >= wanted && found < 1.032 * wanted, "{q}: {found}");
+        }
+        assert_eq!(histogram.max(), 100_000);
+    }
+
+    #[test]
+    fn every_time_lies_in_the_class_that_claims_it() {
+        for nanos in
+            (0..200).chain((1..30).map(|e| (1u64 << e) - 1)).chain((1..30).map(|e| 1u64 << e))
+        {
+            let class = Histogram::class(nanos);
+
+            assert!(nanos <= Histogram::upper(class), "{nanos}");
+            assert!(class == 0 || nanos > Histogram::upper(class - 1), "{nanos}");
+        }
+    }
+
+    #[test]
+    fn an_eternity_is_counted_in_the_last_class() {
+        let mut histogram = Histogram::default();
+
+        histogram.record(u64::MAX / 2);
+
+        assert_eq!(histogram.len(), 1);
+        assert_eq!(histogram.max(), u64::MAX / 2);
+        assert!(histogram.quantile(0.5) > 1_000_000_000);
+    }
+}

@@ -1,0 +1,333 @@
+//! Pose -> joint positions, in closed form.
+//!
+//! The wrist's pitch t4 in space fixes the wrist centre, the plane of the arm and with it everything else.
+//! A pose has at most four solutions with the elbow up: the arm reaches forwards or over its own column
+//! (q1, q1 + pi), and the wrist's roll has either sign (t4 and q6 differ by pi). The elbow-down solutions lie
+//! far outside the limits of q3. The track's d0 is not solved for: it is given.
+//!
+//! Unlike the original, q5 and q6 follow from t4 through terms that are never small together, so that the
+//! orientation is exact even next to the wrist's singularity sin q5 = 0; there t4 itself is kept.
+
+use super::ArmModel;
+use crate::motion::{JointPositions, MoveRefused};
+use crate::spatial::Pose;
+use nalgebra::{Rotation3, Vector3};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// Below this |sin q5| the wrist's pitch cannot be told from the pose; the error of the approach axis that
+/// comes from keeping the old pitch is not larger than this [rad].
+const SINGULAR: f64 = 1e-11;
+
+/// All joint positions of a pose inside the joint limits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Branches {
+    found: [JointPositions; Self::MOST],
+    count: usize,
+}
+
+impl Branches {
+    /// Two shoulders, two wrists, two full turns of q5, two of q6.
+    const MOST: usize = 16;
+
+    /// The solutions, nearest full turn first within a branch.
+    #[must_use]
+    pub fn as_slice(&self) -> &[JointPositions] {
+        &self.found[..self.count]
+    }
+
+    fn push(&mut self, joints: JointPositions) {
+        if self.count < Self::MOST {
+            self.found[self.count] = joints;
+            self.count += 1;
+        }
+    }
+}
+
+/// A pose seen in the vertical plane of the arm.
+struct Plane {
+    /// Rotation columns N, O, A with x along the arm, y across it, z up.
+    n: Vector3<f64>,
+    o: Vector3<f64>,
+    a: Vector3<f64>,
+    /// Flange along the arm and upwards from the shoulder [m].
+    reach: f64,
+    height: f64,
+}
+
+/// q1, t4, q5, q6 of one solution.
+#[derive(Clone, Copy)]
+struct Wrist {
+    t4: f64,
+    sin_cos_t4: (f64, f64),
+    q5: f64,
+    q6: f64,
+}
+
+impl ArmModel {
+    /// The joint positions of `base_from_flange` that lie nearest to `near`, with the d0 of `near`. Full
+    /// turns of q5 and q6 are those nearest to `near`. Limits are not checked.
+    ///
+    /// # Errors
+    /// [`MoveRefused::OutOfReach`] when the wrist centre is too far from, or too near to, the shoulder;
+    /// [`MoveRefused::NotANumber`] when an input is not finite.
+    pub fn inverse(
+        &self,
+        base_from_flange: &Pose,
+        near: &JointPositions,
+    ) -> Result<JointPositions, MoveRefused> {
+        let position = base_from_flange.translation.vector;
+        if !(position.iter().all(|x| x.is_finite())
+            && base_from_flange.rotation.coords.iter().all(|x| x.is_finite())
+            && near.0.iter().all(|x| x.is_finite()))
+        {
+            return Err(MoveRefused::NotANumber);
+        }
+        let d0 = self.track(near);
+        let forwards = libm::atan2(position.y - d0, position.x);
+        let q1 = nearest_turn(forwards, near.0[1]);
+        let backwards = nearest_turn(forwards + PI, near.0[1]);
+        let q1 =
+            if (backwards - near.0[1]).abs() < (q1 - near.0[1]).abs() { backwards } else { q1 };
+
+        let plane = self.plane(base_from_flange, q1, d0);
+        let near_t4 = near.0[2] + near.0[3] + FRAC_PI_2 + near.0[4];
+        let distance = |w: &Wrist| {
+            (w.t4 - near_t4).abs() + (w.q5 - near.0[5]).abs() + (w.q6 - near.0[6]).abs()
+        };
+        let [a, b] = plane.wrists(near_t4).map(|wrist| wrist.turned_near(near_t4, near));
+        let wrist = if distance(&b) < distance(&a) { b } else { a };
+        self.arm(&plane, &wrist, q1, near.0[0])
+    }
+
+    /// Every solution of `base_from_flange` inside the joint limits at the given d0: both shoulders, both
+    /// signs of the wrist, every full turn of q5 and q6. Motor limits are not checked. In the wrist's
+    /// singularity, where solutions are not isolated, the one with t4 = 0 stands for them.
+    #[must_use]
+    pub fn branches(&self, base_from_flange: &Pose, d0: f64) -> Branches {
+        let mut branches =
+            Branches { found: [JointPositions::default(); Branches::MOST], count: 0 };
+        let middle = JointPositions(std::array::from_fn(|i| match i {
+            0 => d0,
+            _ => 0.5 * (self.joint_limits[i].0 + self.joint_limits[i].1),
+        }));
+        let position = base_from_flange.translation.vector;
+        let forwards = libm::atan2(position.y - self.track(&middle), position.x);
+        for q1 in [forwards, forwards + PI] {
+            let q1 = nearest_turn(q1, middle.0[1]);
+            let plane = self.plane(base_from_flange, q1, self.track(&middle));
+            for wrist in plane.wrists(0.0) {
+                let wrist = wrist.turned_near(0.0, &middle);
+                let Ok(first) = self.arm(&plane, &wrist, q1, d0) else { continue };
+                let mut joints = first;
+                joints.0[4] = nearest_turn(first.0[4], middle.0[4]);
+                if !(0..5).all(|axis| axis < self.first_axis() || self.allows(axis, joints.0[axis]))
+                {
+                    continue;
+                }
+                for q5 in TURNS.map(|turn| first.0[5] + turn) {
+                    for q6 in TURNS.map(|turn| first.0[6] + turn) {
+                        if self.allows(5, q5) && self.allows(6, q6) {
+                            (joints.0[5], joints.0[6]) = (q5, q6);
+                            branches.push(joints);
+                        }
+                    }
+                }
+            }
+        }
+        branches
+    }
+
+    fn plane(&self, base_from_flange: &Pose, q1: f64, d0: f64) -> Plane {
+        let (s1, c1) = libm::sincos(q1);
+        let turn = |v: Vector3<f64>| Vector3::new(c1 * v.x + s1 * v.y, c1 * v.y - s1 * v.x, v.z);
+        let rotation: Rotation3<f64> = base_from_flange.rotation.to_rotation_matrix();
+        let matrix = rotation.matrix();
+        let p = base_from_flange.translation.vector;
+        Plane {
+            n: turn(matrix.column(0).into_owned()),
+            o: turn(matrix.column(1).into_owned()),
+            a: turn(matrix.column(2).into_owned()),
+            reach: c1 * p.x + s1 * (p.y - d0),
+            height: p.z - self.shoulder_height,
+        }
+    }
+
+    /// Lower and upper arm for a wrist.
+    fn arm(
+        &self,
+        plane: &Plane,
+        wrist: &Wrist,
+        q1: f64,
+        d0: f64,
+    ) -> Result<JointPositions, MoveRefused> {
+        let [a2, a3, d5] = self.links;
+        let (s4, c4) = wrist.sin_cos_t4;
+        // The wrist centre in the arm's plane: e along, f downwards.
+        let (e, f) = (plane.reach - d5 * c4, -plane.height - d5 * s4);
+        let square = e * e + f * f;
+        let distance = square.sqrt();
+        if distance > a2 + a3 {
+            return Err(MoveRefused::OutOfReach(distance - a2 - a3));
+        }
+        if distance < (a3 - a2).abs() || distance == 0.0 {
+            return Err(MoveRefused::OutOfReach((a3 - a2).abs() - distance));
+        }
+        // Angle at the shoulder between the lower arm and the line to the wrist centre.
+        let cosine = (square + a2 * a2 - a3 * a3) / (2.0 * a2 * distance);
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        let q2 = libm::atan2(f, e) - libm::atan2(sine, cosine);
+        let (s2, c2) = libm::sincos(q2);
+        let t3 = libm::atan2(f - a2 * s2, e - a2 * c2);
+        let q2 = nearest_turn(q2, -FRAC_PI_2);
+        let q3 = nearest_turn(t3 - q2 - FRAC_PI_2, 0.0);
+        let q4 = nearest_turn(wrist.t4 - t3, 0.0);
+        let joints = JointPositions([d0, q1, q2, q3, q4, wrist.q5, wrist.q6]);
+        if joints.0.iter().all(|q| q.is_finite()) {
+            Ok(joints)
+        } else {
+            Err(MoveRefused::NotANumber)
+        }
+    }
+}
+
+/// The full turns that may be added to q5 and q6.
+const TURNS: [f64; 3] = [0.0, TAU, -TAU];
+
+impl Plane {
+    /// Both wrists; in the singularity the one that keeps `t4`, and its mirror image.
+    fn wrists(&self, t4: f64) -> [Wrist; 2] {
+        // A = (s4 s5, c5, c4 s5)
+        let sine = libm::hypot(self.a.x, self.a.z);
+        let t4 = if sine > SINGULAR { libm::atan2(self.a.x, self.a.z) } else { t4 };
+        let (s4, c4) = libm::sincos(t4);
+        // Along the wrist's normal in the plane (c4, 0, -s4): N gives s6, O gives c6; along (s4, 0, c4): A
+        // gives s5.
+        let q5 = libm::atan2(s4 * self.a.x + c4 * self.a.z, self.a.y);
+        let q6 = libm::atan2(c4 * self.n.x - s4 * self.n.z, c4 * self.o.x - s4 * self.o.z);
+        [
+            Wrist { t4, sin_cos_t4: (s4, c4), q5, q6 },
+            Wrist { t4: t4 + PI, sin_cos_t4: (-s4, -c4), q5: -q5, q6: q6 + PI },
+        ]
+    }
+}
+
+impl Wrist {
+    fn turned_near(self, t4: f64, near: &JointPositions) -> Self {
+        Self {
+            t4: nearest_turn(self.t4, t4),
+            q5: nearest_turn(self.q5, near.0[5]),
+            q6: nearest_turn(self.q6, near.0[6]),
+            ..self
+        }
+    }
+}
+
+/// `angle` plus the full turns that bring it nearest to `to`.
+fn nearest_turn(angle: f64, to: f64) -> f64 {
+    let turns = libm::rint((to - angle) / TAU);
+    // Adding 0.0 * TAU would not change the value, but skipping it keeps -0.0 and is free.
+    if turns == 0.0 { angle } else { angle + turns * TAU }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::builtin;
+    use super::*;
+    use proptest::prelude::*;
+
+    fn any_joints() -> impl Strategy<Value = JointPositions> {
+        let limits = builtin("irp6_track").unwrap().joint_limits;
+        prop::array::uniform7(0.0..1.0f64).prop_map(move |u| {
+            JointPositions(std::array::from_fn(|i| {
+                limits[i].0 + u[i] * (limits[i].1 - limits[i].0)
+            }))
+        })
+    }
+
+    fn largest_difference(a: &JointPositions, b: &JointPositions) -> f64 {
+        a.0.iter().zip(&b.0).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        #[test]
+        fn the_inverse_of_a_pose_near_its_joints_is_those_joints(q in any_joints()) {
+            prop_assume!(q.0[5].sin().abs() > 1e-4);
+            let model = builtin("irp6_track").unwrap();
+            // Above the column q1 cannot be told.
+            let flange = model.points(&q)[4];
+            prop_assume!(libm::hypot(flange.x, flange.y - q.0[0]) > 1e-4);
+
+            let found = model.inverse(&model.base_from_flange(&q), &q).unwrap();
+
+            prop_assert!(largest_difference(&found, &q) < 1e-10, "{found:?}");
+        }
+
+        #[test]
+        fn every_branch_reaches_the_pose_and_the_joints_are_one_of_them(q in any_joints()) {
+            prop_assume!(q.0[5].sin().abs() > 1e-4);
+            let model = builtin("irp6_track").unwrap();
+            let flange = model.points(&q)[4];
+            prop_assume!(libm::hypot(flange.x, flange.y - q.0[0]) > 1e-4);
+            let pose = model.base_from_flange(&q);
+
+            let branches = model.branches(&pose, q.0[0]);
+
+            prop_assert!(branches.as_slice().iter().any(|b| largest_difference(b, &q) < 1e-10));
+            for branch in branches.as_slice() {
+                prop_assert!(model.check_joints(branch).is_ok());
+                let again = model.base_from_flange(branch).to_homogeneous() - pose.to_homogeneous();
+                prop_assert!(again.amax() < 1e-12, "{branch:?}");
+                let back = model.inverse(&pose, branch).unwrap();
+                prop_assert!(largest_difference(&back, branch) < 1e-10, "{back:?}");
+            }
+        }
+
+        #[test]
+        fn next_to_the_singularity_the_pose_is_still_exact(
+            q in any_joints(), exponent in -20.0..-3.0f64, half in 0..2i32
+        ) {
+            let model = builtin("irp6_track").unwrap();
+            let mut q = q;
+            q.0[5] = f64::from(half) * PI + 10f64.powf(exponent);
+            let pose = model.base_from_flange(&q);
+
+            let found = model.inverse(&pose, &q).unwrap();
+
+            let again = model.base_from_flange(&found).to_homogeneous() - pose.to_homogeneous();
+            prop_assert!(again.amax() < 1e-10, "{again}");
+        }
+    }
+
+    #[test]
+    fn in_the_singularity_the_pitch_stays_where_it_was() {
+        let model = builtin("irp6_postument").unwrap();
+        let q = JointPositions([0.0, 0.3, -1.5, 0.1, 0.4, 0.0, 0.2]);
+
+        let found = model.inverse(&model.base_from_flange(&q), &q).unwrap();
+
+        assert!(largest_difference(&found, &q) < 1e-10, "{found:?}");
+    }
+
+    #[test]
+    fn full_turns_of_the_wrist_stay_near() {
+        let model = builtin("irp6_track").unwrap();
+        let q = JointPositions([0.4, 0.3, -1.5, 0.1, 0.4, 0.3 + TAU, 0.2 - TAU]);
+
+        let found = model.inverse(&model.base_from_flange(&q), &q).unwrap();
+
+        assert!(largest_difference(&found, &q) < 1e-10, "{found:?}");
+    }
+
+    #[test]
+    fn what_is_too_far_or_no_number_is_refused() {
+        let model = builtin("irp6_postument").unwrap();
+        let near = JointPositions([0.0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
+
+        let far = Pose::translation(3.0, 0.0, 0.95);
+        assert!(matches!(model.inverse(&far, &near), Err(MoveRefused::OutOfReach(d)) if d > 1.5));
+        let broken = Pose::translation(f64::NAN, 0.0, 0.95);
+        assert_eq!(model.inverse(&broken, &near), Err(MoveRefused::NotANumber));
+    }
+}

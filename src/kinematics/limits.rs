@@ -1,0 +1,112 @@
+//! What of an arm's joint and motor limits is exceeded.
+
+use super::ArmModel;
+use crate::motion::{AXES, JointPositions, MotorPositions, MoveRefused};
+
+impl ArmModel {
+    /// Whether all joints are inside their limits.
+    ///
+    /// # Errors
+    /// The first joint that is not: [`MoveRefused::JointLimit`], or [`MoveRefused::NotANumber`].
+    pub fn check_joints(&self, joints: &JointPositions) -> Result<(), MoveRefused> {
+        self.joint_excesses(joints).next().map_or(Ok(()), Err)
+    }
+
+    /// Whether all motors are inside their limits.
+    ///
+    /// # Errors
+    /// The first motor that is not: [`MoveRefused::MotorLimit`], or [`MoveRefused::NotANumber`].
+    pub fn check_motors(&self, motors: &MotorPositions) -> Result<(), MoveRefused> {
+        self.motor_excesses(motors).next().map_or(Ok(()), Err)
+    }
+
+    /// Whether joints and the motors that stand for them are inside their limits.
+    ///
+    /// # Errors
+    /// As [`ArmModel::check_joints`], then [`ArmModel::check_motors`].
+    pub fn check(&self, joints: &JointPositions) -> Result<(), MoveRefused> {
+        self.check_joints(joints)?;
+        self.check_motors(&self.motors(joints))
+    }
+
+    /// Every joint outside its limits.
+    pub fn joint_excesses(&self, joints: &JointPositions) -> impl Iterator<Item = MoveRefused> {
+        excesses(self.first_axis(), joints.0, self.joint_limits).map(|(axis, value, low, high)| {
+            if value.is_finite() {
+                MoveRefused::JointLimit { axis, value, low, high }
+            } else {
+                MoveRefused::NotANumber
+            }
+        })
+    }
+
+    /// Every motor outside its limits.
+    pub fn motor_excesses(&self, motors: &MotorPositions) -> impl Iterator<Item = MoveRefused> {
+        excesses(self.first_axis(), motors.0, self.motor_limits).map(|(axis, value, low, high)| {
+            if value.is_finite() {
+                MoveRefused::MotorLimit { axis, value, low, high }
+            } else {
+                MoveRefused::NotANumber
+            }
+        })
+    }
+
+    /// Whether a joint is inside its limits.
+    pub(super) fn allows(&self, axis: usize, value: f64) -> bool {
+        let (low, high) = self.joint_limits[axis];
+        (low..=high).contains(&value)
+    }
+
+    /// An arm without a track has no axis 0.
+    pub(super) fn first_axis(&self) -> usize {
+        usize::from(!self.has_track)
+    }
+}
+
+fn excesses(
+    first: usize,
+    values: [f64; AXES],
+    limits: [(f64, f64); AXES],
+) -> impl Iterator<Item = (usize, f64, f64, f64)> {
+    (first..AXES)
+        .map(move |axis| (axis, values[axis], limits[axis].0, limits[axis].1))
+        // Not within also catches what is not a number.
+        .filter(|(_, value, low, high)| !(low..=high).contains(&value))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::builtin;
+    use super::*;
+
+    #[test]
+    fn all_exceeded_limits_are_named() {
+        let model = builtin("irp6_track").unwrap();
+        let q = JointPositions([2.0, 0.0, -1.57, 0.0, 1.0, 1.0, 3.5]);
+
+        let axes: Vec<_> = model.joint_excesses(&q).collect();
+
+        assert_eq!(axes.len(), 2);
+        assert!(matches!(axes[0], MoveRefused::JointLimit { axis: 0, value: 2.0, .. }));
+        assert!(matches!(axes[1], MoveRefused::JointLimit { axis: 6, value: 3.5, .. }));
+        assert_eq!(model.check_joints(&q), Err(axes[0]));
+    }
+
+    #[test]
+    fn a_pose_may_be_inside_the_joint_limits_and_outside_the_motor_limits() {
+        let model = builtin("irp6_postument").unwrap();
+        let q = JointPositions([0.0, 0.5, -1.2, 0.3, 0.4, 1.0, -0.5]);
+
+        assert_eq!(model.check_joints(&q), Ok(()));
+        assert!(matches!(model.check(&q), Err(MoveRefused::MotorLimit { axis: 3, .. })));
+    }
+
+    #[test]
+    fn what_is_no_number_is_refused() {
+        let model = builtin("irp6_postument").unwrap();
+        let mut q = JointPositions([0.0, 0.0, -1.57, 0.0, 1.0, 1.0, 0.0]);
+        q.0[4] = f64::NAN;
+
+        assert_eq!(model.check_joints(&q), Err(MoveRefused::NotANumber));
+    }
+}

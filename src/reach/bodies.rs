@@ -1,0 +1,239 @@
+//! The arms as capsules, and the distances between them.
+//!
+//! The gripper's capsules are those that its parts sweep when the wrist rolls, so that one distance holds for
+//! every roll. Pairs that touch by design are left out: fingers with fingers, palms and cube while both
+//! hands are on the cube, palm with palm. Distances stop at 0.10 m.
+
+use crate::cell::{Arm, Cell, Gripper};
+use crate::motion::JointPositions;
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+
+/// A segment with a radius [m].
+#[derive(Debug, Clone, Copy)]
+struct Capsule {
+    ends: [Point3<f64>; 2],
+    radius: f64,
+    middle: Point3<f64>,
+    /// Radius of the sphere about the middle that holds the capsule.
+    reach: f64,
+}
+
+impl Capsule {
+    fn new(ends: [Point3<f64>; 2], radius: f64) -> Self {
+        let reach = 0.5 * (ends[1] - ends[0]).norm() + radius;
+        Self { ends, radius, middle: nalgebra::center(&ends[0], &ends[1]), reach }
+    }
+
+    fn moved(&self, by: Vector3<f64>) -> Self {
+        Self { ends: self.ends.map(|p| p + by), middle: self.middle + by, ..*self }
+    }
+}
+
+/// Radii of column, lower arm, upper arm, wrist [m]: assumed, since no drawing of the arm is public.
+const LINK_RADII: [f64; 4] = [0.12, 0.09, 0.08, 0.07];
+/// Radius that the gripper's body sweeps, with the camera beside it (0.055 m off the axis) [m].
+const GRIPPER_RADIUS: f64 = 0.075;
+/// Half the thickness of the palm plate [m].
+const PLATE: f64 = 0.006;
+/// Least gap between the grippers' parts in the nominal grasps: corrections are smaller [m].
+const FINGER_GAP: f64 = 0.003;
+/// Radius that the closed fingers sweep [m].
+const FINGERS_RADIUS: f64 = 0.040;
+
+/// One arm in one place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bodies {
+    /// Column, lower arm, upper arm, wrist, gripper.
+    links: [Capsule; 5],
+    /// The palm plate's eight corners over the roll.
+    plate: [Capsule; 4],
+    fingers: Capsule,
+    /// Centre and radius of the cube between the fingers.
+    cube: Capsule,
+}
+
+impl Bodies {
+    pub(super) fn of(cell: &Cell, arm: &Arm, joints: &JointPositions) -> Self {
+        let points = arm.model.points(joints).map(|p| arm.world_from_base * p);
+        let world_from_tool =
+            arm.world_from_base * arm.model.base_from_flange(joints) * arm.flange_from_tool;
+        let on_axis = |z: f64| world_from_tool * Point3::new(0.0, 0.0, z);
+        let link = |i: usize| Capsule::new([points[i], points[i + 1]], LINK_RADII[i]);
+        let palm = -arm.gripper.palm;
+        let gripper = Capsule::new([points[4], on_axis(palm - GRIPPER_RADIUS)], GRIPPER_RADIUS);
+        let half = arm.gripper.palm_half_width * std::f64::consts::SQRT_2 - PLATE;
+        let plate = [(1.0, 0.0), (0.0, 1.0), (0.707, 0.707), (0.707, -0.707)].map(|(x, y)| {
+            let at = |s: f64| world_from_tool * Point3::new(s * x, s * y, palm - PLATE);
+            Capsule::new([at(half), at(-half)], PLATE)
+        });
+        let centre = on_axis(cell.cube.edge / 3.0);
+        Self {
+            links: [link(0), link(1), link(2), link(3), gripper],
+            plate,
+            fingers: Capsule::new([on_axis(palm), on_axis(arm.gripper.finger_tip)], FINGERS_RADIUS),
+            cube: Capsule::new([centre; 2], 0.5 * 3f64.sqrt() * cell.cube.edge),
+        }
+    }
+
+    /// The same moved by a vector of the world: an arm carried along its track.
+    pub(super) fn moved(&self, by: Vector3<f64>) -> Self {
+        Self {
+            links: self.links.map(|c| c.moved(by)),
+            plate: self.plate.map(|c| c.moved(by)),
+            fingers: self.fingers.moved(by),
+            cube: self.cube.moved(by),
+        }
+    }
+
+    /// Lowest point of wrist and gripper above the floor [m].
+    pub(super) fn lowest(&self) -> f64 {
+        let ends = self.links[3..].iter().flat_map(|c| c.ends).chain(self.cube.ends);
+        ends.map(|p| p.z).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Distance of gripper and cube from the arm's own links [m].
+    pub(super) fn own(&self) -> f64 {
+        let mut nearest = Nearest::default();
+        nearest.of(&[self.links[4], self.cube], &self.links[..3]);
+        nearest.of(&[self.cube], &self.links[3..4]);
+        nearest.0
+    }
+}
+
+/// Whether two grippers can hold one cube, each over one layer: whether fingers, palms and cube leave each other
+/// room. `rotation` is the second hand's tool in the first's, one of the 24 of a cube.
+///
+/// Hands with one palm axis collide, of course; so do adjacent ones when each has a finger on the face under the
+/// other's palm, since these two fingers cross outside the edge between the palms.
+pub(super) fn hands_fit(cell: &Cell, rotation: &UnitQuaternion<f64>) -> bool {
+    let half = 0.5 * cell.cube.edge;
+    let parts = |gripper: &Gripper| {
+        // Tool axes about the cube's centre, which lies a third of the edge before the tool point.
+        let near = -cell.cube.edge / 3.0;
+        let (x, tip, palm) =
+            (0.5 * gripper.finger_width, near + gripper.finger_tip, near - gripper.palm);
+        let out = half + gripper.finger_thickness;
+        let wide = gripper.palm_half_width;
+        [
+            (Vector3::new(-x, half, palm), Vector3::new(x, out, tip)),
+            (Vector3::new(-x, -out, palm), Vector3::new(x, -half, tip)),
+            (Vector3::new(-wide, -wide, palm - 2.0 * PLATE), Vector3::new(wide, wide, palm)),
+        ]
+    };
+    let (first, second) = (parts(&cell.arms[0].gripper), parts(&cell.arms[1].gripper));
+    first.iter().all(|a| {
+        second.iter().all(|b| {
+            // Quarter turns take boxes along the axes to boxes along the axes.
+            let corners = (rotation * b.0, rotation * b.1);
+            let (low, high) = (corners.0.inf(&corners.1), corners.0.sup(&corners.1));
+            (0..3).any(|i| (low[i] - a.1[i]).max(a.0[i] - high[i]) > FINGER_GAP)
+        })
+    })
+}
+
+/// Least distance while both hands are on one cube [m].
+pub(super) fn at_the_cube(a: &Bodies, b: &Bodies) -> f64 {
+    let mut nearest = Nearest::default();
+    nearest.arms(a, b);
+    nearest.of(&[a.cube], &b.links[..4]);
+    nearest.of(&[b.cube], &a.links[..4]);
+    nearest.0
+}
+
+/// Least distance between a hand with the cube and another, empty one that is away from it [m].
+pub(super) fn apart(holder: &Bodies, other: &Bodies) -> f64 {
+    let mut nearest = Nearest::default();
+    nearest.arms(holder, other);
+    nearest.of(&[holder.cube], &other.links);
+    nearest.of(&[holder.cube, holder.fingers], &other.plate);
+    nearest.of(&[other.fingers], &holder.links);
+    nearest.of(&[other.fingers], &holder.plate);
+    nearest.of(&[other.fingers], &[holder.cube]);
+    nearest.of(&[holder.fingers], &other.links);
+    nearest.0
+}
+
+/// Distances above this are not told apart: that saves most of the work [m].
+const FAR: f64 = 0.10;
+
+/// The least distance so far, or [`FAR`] [m].
+struct Nearest(f64);
+
+impl Default for Nearest {
+    fn default() -> Self {
+        Self(FAR)
+    }
+}
+
+impl Nearest {
+    /// Links and palm plates of two arms.
+    fn arms(&mut self, a: &Bodies, b: &Bodies) {
+        self.of(&a.links, &b.links);
+        self.of(&a.plate, &b.links);
+        self.of(&b.plate, &a.links);
+    }
+
+    fn of(&mut self, a: &[Capsule], b: &[Capsule]) {
+        for x in a {
+            for y in b {
+                // Most pairs are farther apart than the nearest one: their spheres tell.
+                let far = self.0 + x.reach + y.reach;
+                if (x.middle - y.middle).norm_squared() < far * far {
+                    self.0 = self.0.min(between(x, y));
+                }
+            }
+        }
+    }
+}
+
+/// Distance between two capsules, negative where they overlap.
+fn between(a: &Capsule, b: &Capsule) -> f64 {
+    let (u, v) = (a.ends[1] - a.ends[0], b.ends[1] - b.ends[0]);
+    let w = a.ends[0] - b.ends[0];
+    let (uu, uv, vv, uw, vw) = (u.dot(&u), u.dot(&v), v.dot(&v), u.dot(&w), v.dot(&w));
+    // Nearest points of two segments: the lines' nearest points, then each clamped in turn.
+    let along = |t: f64| t.clamp(0.0, 1.0);
+    let determinant = uu * vv - uv * uv;
+    let mut s = if determinant > 1e-12 { along((uv * vw - vv * uw) / determinant) } else { 0.0 };
+    let mut t = if vv > 0.0 { (uv * s + vw) / vv } else { 0.0 };
+    if !(0.0..=1.0).contains(&t) || vv == 0.0 {
+        t = along(t);
+        s = if uu > 0.0 { along((uv * t - uw) / uu) } else { 0.0 };
+    }
+    (w + s * u - t * v).norm() - a.radius - b.radius
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn point() -> impl Strategy<Value = Point3<f64>> {
+        prop::array::uniform3(-1.0..1.0f64).prop_map(Point3::from)
+    }
+
+    proptest! {
+        #[test]
+        fn no_two_points_of_the_segments_are_nearer_than_the_distance(
+            a in point(), b in point(), c in point(), d in point()
+        ) {
+            let (x, y) = (
+                Capsule::new([a, b], 0.0),
+                Capsule::new([c, d], 0.0),
+            );
+
+            let distance = between(&x, &y);
+
+            let mut nearest = f64::INFINITY;
+            for i in 0..=60 {
+                for j in 0..=60 {
+                    let p = a + (b - a) * (f64::from(i) / 60.0);
+                    let q = c + (d - c) * (f64::from(j) / 60.0);
+                    nearest = nearest.min((p - q).norm());
+                }
+            }
+            prop_assert!(distance <= nearest + 1e-12 && distance > nearest - 0.06);
+            prop_assert!((between(&y, &x) - distance).abs() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,302 @@
+//! Where two arms can meet: for each relative orientation of the tools, joint positions of both arms.
+//!
+//! Computed once per cell from the belief, on the EDP side, and handed to MP as data: the tasks themselves
+//! know no kinematics.
+//!
+//! - in: the [`Cell`], [`ReachSettings`]
+//! - out: [`MeetingTable`], the same for the same input (seeded search)
+
+mod bodies;
+mod example;
+mod search;
+mod stance;
+mod ways;
+
+pub use example::example_cell;
+
+use crate::cell::Cell;
+use crate::motion::JointPositions;
+use crate::spatial::Pose;
+use serde::{Deserialize, Serialize};
+
+/// Joint positions of both arms in which the tools stand to each other as wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Meeting {
+    /// `track_from_postument`: the postument's tool in the track's tool frame, as meant.
+    pub track_from_postument: Pose,
+    /// The track arm there; d0 leaves room to draw back by the separation.
+    pub track: JointPositions,
+    /// The postument arm there.
+    pub postument: JointPositions,
+    /// The track arm drawn back along its own tool axis, its partner being at the meeting.
+    pub track_back: JointPositions,
+    /// The postument arm drawn back along its own tool axis.
+    pub postument_back: JointPositions,
+    /// Interval within which the track's last joint can roll from here, relative [rad], contains 0.
+    pub track_roll: (f64, f64),
+    /// The same of the postument arm [rad].
+    pub postument_roll: (f64, f64),
+    /// Least distance between the arms' capsules, here and while either draws back and the track separates,
+    /// at most 0.1 [m].
+    pub clearance: f64,
+}
+
+/// All meetings of a cell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeetingTable {
+    /// Both hold the cube: by the rotation of the postument's tool in the track's tool frame, one of the
+    /// 24 rotations of a cube onto itself, in the order of [`rotations`]; `None` where the grippers would
+    /// collide (one palm axis and sense; or adjacent palms with a finger of each hand on the face under the
+    /// other's palm, which cross) or no pose of both arms was found.
+    pub grasps: [Option<Meeting>; 24],
+    /// The camera in the other hand looks at a face of the held cube: `[holder][side]`, where `side` is
+    /// the face's outward normal in the holder's tool frame: 0 is +z (opposite the palm), 1 is +x, 2 is -x.
+    pub views: [[Option<Meeting>; 3]; 2],
+    /// How far the track draws back along -y between meetings, so that both arms move freely [m].
+    pub separation: f64,
+}
+
+/// What a meeting must offer, and how hard it is searched for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReachSettings {
+    /// How far the track draws back along -y between meetings [m].
+    pub separation: f64,
+    /// How far each arm can draw back along its own tool axis [m].
+    pub back: f64,
+    /// Distance from a hand's camera to the face that it looks at [m].
+    pub view_distance: f64,
+    /// By how much the tools can be shifted along each axis, for other depths and corrections [m].
+    pub shift: f64,
+    /// Least distance between the capsules of the arms [m].
+    pub clearance: f64,
+    /// Height above the table that wrists and tools keep [m].
+    pub above_table: f64,
+    /// Random poses that are tried for each meeting, near to and far from those that are already known.
+    pub samples: u32,
+    /// Seed of the search.
+    pub seed: u64,
+}
+
+impl Default for ReachSettings {
+    fn default() -> Self {
+        Self {
+            separation: 0.35,
+            back: 0.12,
+            view_distance: 0.20,
+            shift: 0.025,
+            clearance: 0.02,
+            above_table: 0.15,
+            samples: 3000,
+            seed: 2007,
+        }
+    }
+}
+
+impl MeetingTable {
+    /// Searches the meetings of the track arm (`cell.arms[0]`) and the postument arm (`cell.arms[1]`), in about
+    /// a second. A cell with fewer arms, or whose first has no track to draw back on, has none.
+    #[must_use]
+    pub fn compute(cell: &Cell, settings: &ReachSettings) -> Self {
+        search::table(cell, settings)
+    }
+
+    /// How many grasps and how many views were found.
+    #[must_use]
+    pub fn found(&self) -> (usize, usize) {
+        (self.grasps.iter().flatten().count(), self.views.iter().flatten().flatten().count())
+    }
+}
+
+/// The 24 rotations and their order, as indices of [`MeetingTable::grasps`].
+pub use crate::cube::{rotation_index, rotations};
+
+#[cfg(test)]
+mod tests {
+    use super::ways::way_clearance;
+    use super::*;
+    use crate::cell::{Arm, Mount};
+    use crate::spatial::Pose;
+    use nalgebra::Point3;
+    use std::sync::LazyLock;
+
+    static CELL: LazyLock<Cell> = LazyLock::new(example_cell);
+    static SETTINGS: LazyLock<ReachSettings> = LazyLock::new(ReachSettings::default);
+    static TABLE: LazyLock<MeetingTable> =
+        LazyLock::new(|| MeetingTable::compute(&CELL, &SETTINGS));
+
+    fn world_from_tool(arm: &Arm, joints: &JointPositions) -> Pose {
+        arm.world_from_base * arm.model.base_from_flange(joints) * arm.flange_from_tool
+    }
+
+    fn meetings() -> impl Iterator<Item = &'static Meeting> {
+        TABLE.grasps.iter().flatten().chain(TABLE.views.iter().flatten().flatten())
+    }
+
+    fn difference(a: &Pose, b: &Pose) -> f64 {
+        (a.to_homogeneous() - b.to_homogeneous()).amax()
+    }
+
+    #[test]
+    fn the_rotations_are_the_24_of_a_cube_and_know_their_places() {
+        let all = rotations();
+
+        for (i, a) in all.iter().enumerate() {
+            assert_eq!(rotation_index(a), i);
+            let tilted = a * UnitQuaternion::from_euler_angles(0.2, -0.2, 0.2);
+            assert_eq!(rotation_index(&tilted), i);
+            for b in &all[..i] {
+                assert!(a.angle_to(b) > 1.5);
+            }
+        }
+    }
+
+    #[test]
+    fn every_grasp_that_the_fingers_allow_and_every_view_is_found() {
+        let (grasps, views) = TABLE.found();
+
+        assert_eq!((grasps, views), (16, 6));
+        for (rotation, slot) in rotations().iter().zip(&TABLE.grasps) {
+            let (y, z) = (rotation * Vector3::y(), rotation * Vector3::z());
+            let one_palm = z.z > 0.5;
+            let crossing_fingers = z.y.abs() > 0.5 && y.z.abs() > 0.5;
+            assert_eq!(slot.is_none(), one_palm || crossing_fingers, "{rotation}");
+        }
+    }
+
+    #[test]
+    fn the_table_is_the_same_each_time() {
+        assert_eq!(MeetingTable::compute(&CELL, &SETTINGS), *TABLE);
+    }
+
+    #[test]
+    fn both_arms_stand_as_meant() {
+        let [track, postument] = [&CELL.arms[0], &CELL.arms[1]];
+        for meeting in meetings() {
+            let world_from_track = world_from_tool(track, &meeting.track);
+            let world_from_postument = world_from_tool(postument, &meeting.postument);
+
+            let found = world_from_track.inverse() * world_from_postument;
+
+            assert!(difference(&found, &meeting.track_from_postument) < 1e-9);
+            let back = Pose::translation(0.0, 0.0, -SETTINGS.back);
+            let track_back = world_from_tool(track, &meeting.track_back);
+            assert!(difference(&track_back, &(world_from_track * back)) < 1e-9);
+            let postument_back = world_from_tool(postument, &meeting.postument_back);
+            assert!(difference(&postument_back, &(world_from_postument * back)) < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_grasp_puts_both_hands_on_one_cube() {
+        let into = Point3::new(0.0, 0.0, CELL.cube.edge / 3.0);
+        for (rotation, grasp) in rotations().iter().zip(&TABLE.grasps) {
+            let Some(grasp) = grasp else { continue };
+
+            let pose = grasp.track_from_postument;
+
+            assert!(pose.rotation.angle_to(rotation) < 1e-9);
+            assert!((pose * into - into).norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_view_is_frontal_and_centred() {
+        let sides = [Vector3::z(), Vector3::x(), -Vector3::x()];
+        for holder in 0..2 {
+            let viewer = 1 - holder;
+            let camera = CELL.cameras.iter().find_map(|c| match c.mount {
+                Mount::Flange { arm, flange_from_camera } if arm == viewer => {
+                    Some(flange_from_camera)
+                }
+                _ => None,
+            });
+            for (normal, view) in sides.iter().zip(&TABLE.views[holder]) {
+                let view = view.unwrap();
+                let joints = [view.track, view.postument];
+                let world_from = |arm: usize| world_from_tool(&CELL.arms[arm], &joints[arm]);
+                let world_from_camera = world_from(viewer)
+                    * CELL.arms[viewer].flange_from_tool.inverse()
+                    * camera.unwrap();
+                let edge = CELL.cube.edge;
+
+                let face = Point3::from(Vector3::z() * (edge / 3.0) + normal * (edge / 2.0));
+                let seen = world_from_camera.inverse() * world_from(holder) * face;
+                let towards =
+                    world_from_camera.inverse_transform_vector(&(world_from(holder) * normal));
+
+                assert!((seen - Point3::new(0.0, 0.0, SETTINGS.view_distance)).norm() < 1e-9);
+                assert!((towards + Vector3::z()).norm() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn every_place_is_inside_the_limits_with_room_for_corrections() {
+        for meeting in meetings() {
+            for (arm, at, back) in [
+                (&CELL.arms[0], meeting.track, meeting.track_back),
+                (&CELL.arms[1], meeting.postument, meeting.postument_back),
+            ] {
+                let model = &arm.model;
+                assert_eq!(model.check(&at), Ok(()));
+                assert_eq!(model.check(&back), Ok(()));
+                assert!(at.0[5].sin().abs() > 0.25 && at.0[5].sin() * back.0[5].sin() > 0.0);
+                let flange = model.base_from_flange(&at);
+                for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+                    for way in [axis, -axis] {
+                        let shift = nalgebra::Translation3::from(SETTINGS.shift * way);
+                        let there = model.inverse(&(flange * shift), &at).unwrap();
+                        assert_eq!(model.check(&there), Ok(()));
+                    }
+                }
+            }
+            let apart = meeting.track.0[0] - SETTINGS.separation;
+            assert!(apart >= 0.0 && meeting.track_back.0[0] == meeting.track.0[0]);
+        }
+    }
+
+    #[test]
+    fn each_hand_can_turn_a_layer_either_way_and_by_half_a_turn() {
+        use std::f64::consts::{FRAC_PI_2, PI};
+        for grasp in TABLE.grasps.iter().flatten() {
+            for (arm, joints, (down, up)) in [
+                (&CELL.arms[0], grasp.track, grasp.track_roll),
+                (&CELL.arms[1], grasp.postument, grasp.postument_roll),
+            ] {
+                assert!(down < -FRAC_PI_2 && up > FRAC_PI_2, "{down}, {up}");
+                assert!(down < -PI || up > PI, "{down}, {up}");
+                for (roll, fits) in [
+                    (down + 1e-6, true),
+                    (up - 1e-6, true),
+                    (down - 1e-3, false),
+                    (up + 1e-3, false),
+                ] {
+                    let mut rolled = joints;
+                    rolled.0[6] += roll;
+                    assert_eq!(arm.model.check(&rolled).is_ok(), fits);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_arms_keep_clear_of_each_other_at_the_meetings_and_on_all_ways_between_them() {
+        for a in meetings() {
+            assert!(a.clearance >= SETTINGS.clearance);
+            for b in meetings() {
+                let clearance = way_clearance(&CELL, SETTINGS.separation, a, b);
+                assert!(clearance >= SETTINGS.clearance, "{clearance}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_cell_with_one_arm_has_no_meetings() {
+        let mut cell = example_cell();
+        cell.arms.reverse();
+        assert_eq!(MeetingTable::compute(&cell, &SETTINGS).found(), (0, 0));
+
+        cell.arms.truncate(1);
+        assert_eq!(MeetingTable::compute(&cell, &SETTINGS).found(), (0, 0));
+    }
+}

@@ -1,0 +1,376 @@
+//! The search: seeded samples, some anywhere, most next to what is already known, then improvement.
+//!
+//! A candidate is a cube in space, how the first hand holds it, where the track stands and, for a view, the
+//! roll of the camera. Both arms follow in closed form. The cost of a candidate is time: the way from a common
+//! reference, so that motions between meetings are short, and fines for narrow margins.
+
+use super::bodies::{Bodies, apart, at_the_cube, hands_fit};
+use super::stance::{Roll, Stance, stances};
+use super::ways::way_clearance;
+use super::{Meeting, MeetingTable, ReachSettings, rotations};
+use crate::cell::{Arm, Cell, Mount};
+use crate::motion::JointPositions;
+use crate::spatial::{Pose, pose_from_axes};
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use rand::{Rng, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use std::f64::consts::PI;
+
+/// Where cubes are tried [m]: x, y, z of the world, between the arms.
+const BOX: [(f64, f64); 3] = [(-0.3, 0.9), (0.8, 1.7), (1.0, 1.8)];
+/// Room that the track keeps behind the separation, and at its far end [m].
+const TRACK_ROOM: f64 = 0.02;
+/// Clearance below which a candidate is fined [m].
+const GOOD_CLEARANCE: f64 = 0.06;
+
+/// What is wanted of a pair of stances.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Wanted {
+    /// Both hold the cube: the postument's tool by this rotation in the track's tool.
+    Grasp(UnitQuaternion<f64>),
+    /// The other hand's camera looks along minus this normal, which is in the holder's tool frame.
+    View { holder: usize, normal: Vector3<f64> },
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    /// Tool of the holder, or of the track when both hold.
+    world_from_tool: Pose,
+    track: f64,
+    /// Roll of the looking camera [rad].
+    roll: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Found {
+    candidate: Candidate,
+    meeting: Meeting,
+    cost: f64,
+}
+
+pub(super) fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
+    let mut table =
+        MeetingTable { grasps: [None; 24], views: [[None; 3]; 2], separation: settings.separation };
+    if cell.arms.len() < 2 || !cell.arms[0].model.has_track {
+        return table;
+    }
+    let mut search = Search::new(cell, settings);
+    let wanted = wanted(cell);
+    let mut found: Vec<Option<Found>> = vec![None; wanted.len()];
+    for _ in 0..ROUNDS {
+        for (i, wanted) in wanted.iter().enumerate() {
+            found[i] = search.improve(wanted, found[i].as_ref());
+            search.known.extend(found[i].map(|f| f.candidate.world_from_tool));
+        }
+        search.settle(&found);
+        // Costs were counted from another reference.
+        for (wanted, slot) in wanted.iter().zip(&mut found) {
+            *slot = slot.and_then(|f| search.evaluate(wanted, &f.candidate, f64::INFINITY));
+        }
+    }
+    clear_ways(&mut search, &wanted, &mut found);
+    let mut found = found.into_iter();
+    for (slot, rotation) in table.grasps.iter_mut().zip(rotations()) {
+        if hands_fit(cell, &rotation) {
+            *slot = found.next().flatten().map(|f| f.meeting);
+        }
+    }
+    for slot in table.views.iter_mut().flatten() {
+        *slot = found.next().flatten().map(|f| f.meeting);
+    }
+    table
+}
+
+/// Searches anew, until none is left, for meetings whose ways to others are blocked: the worst first, under the
+/// condition that its ways are free. The few that stay blocked keep their old place.
+fn clear_ways(search: &mut Search, wanted: &[Wanted], found: &mut [Option<Found>]) {
+    let mut tried = vec![false; found.len()];
+    for _ in 0..found.len() {
+        let blocked = |i: usize| {
+            let Some(one) = found[i] else { return 0 };
+            let others = found.iter().flatten();
+            others.filter(|other| search.way_is_blocked(&one.meeting, &other.meeting)).count()
+        };
+        let worst = (0..found.len())
+            .filter(|&i| !tried[i])
+            .map(|i| (blocked(i), i))
+            .max_by_key(|&(count, i)| (count, std::cmp::Reverse(i)));
+        let Some((1.., worst)) = worst else { return };
+        tried[worst] = true;
+        let others = found.iter().enumerate().filter(|(i, _)| *i != worst);
+        search.peers = others.filter_map(|(_, f)| f.map(|f| f.meeting)).collect();
+        found[worst] = search.improve(&wanted[worst], None).or(found[worst]);
+        search.peers.clear();
+    }
+}
+
+/// Rounds of sampling over the whole table; the reference is settled anew after each.
+const ROUNDS: u32 = 3;
+
+fn wanted(cell: &Cell) -> Vec<Wanted> {
+    let grasps = rotations().into_iter().filter(|r| hands_fit(cell, r)).map(Wanted::Grasp);
+    let views = [0, 1].into_iter().flat_map(|holder| {
+        [Vector3::z(), Vector3::x(), -Vector3::x()].map(|normal| Wanted::View { holder, normal })
+    });
+    grasps.chain(views).collect()
+}
+
+struct Search<'a> {
+    cell: &'a Cell,
+    settings: &'a ReachSettings,
+    random: Pcg64,
+    reference: [JointPositions; 2],
+    /// Tools of meetings that were found: good places to look for others.
+    known: Vec<Pose>,
+    track: f64,
+    /// Meetings to which the way must be free.
+    peers: Vec<Meeting>,
+    /// [`rotations`].
+    rotations: [UnitQuaternion<f64>; 24],
+}
+
+impl<'a> Search<'a> {
+    fn new(cell: &'a Cell, settings: &'a ReachSettings) -> Self {
+        // The middle of the joints that matter, facing the partner.
+        let facing = |sign: f64, track: f64, roll: f64| {
+            JointPositions([track, sign * 1.4, -1.57, 0.0, 0.0, roll, 0.0])
+        };
+        let track = settings.separation + 0.2;
+        Self {
+            cell,
+            settings,
+            random: Pcg64::seed_from_u64(settings.seed),
+            reference: [facing(1.0, track, 3.0), facing(-1.0, 0.0, 3.0)],
+            known: Vec::new(),
+            track,
+            peers: Vec::new(),
+            rotations: rotations(),
+        }
+    }
+
+    /// The best of what was known and of new samples.
+    fn improve(&mut self, wanted: &Wanted, known: Option<&Found>) -> Option<Found> {
+        let mut best = known.copied();
+        for i in 0..self.settings.samples {
+            let candidate = match &best {
+                Some(found) if i % 2 == 0 => {
+                    let size = if i % 4 == 0 { 0.3 } else { 0.08 };
+                    self.next_to(&found.candidate, size)
+                }
+                _ if !self.known.is_empty() && i % 8 != 1 => self.like_another(),
+                _ => self.anywhere(),
+            };
+            let limit = best.map_or(f64::INFINITY, |f| f.cost);
+            if let Some(found) = self.evaluate(wanted, &candidate, limit) {
+                best = Some(found);
+            }
+        }
+        best
+    }
+
+    /// The reference becomes the middle of what was found.
+    fn settle(&mut self, found: &[Option<Found>]) {
+        let middle = |of: &dyn Fn(&Meeting) -> JointPositions| {
+            JointPositions(std::array::from_fn(|axis| {
+                let mut values: Vec<f64> =
+                    found.iter().flatten().map(|f| of(&f.meeting).0[axis]).collect();
+                values.sort_by(f64::total_cmp);
+                values.get(values.len() / 2).copied().unwrap_or_default()
+            }))
+        };
+        if found.iter().any(Option::is_some) {
+            self.reference = [middle(&|m| m.track), middle(&|m| m.postument)];
+            self.track = self.reference[0].0[0];
+        }
+    }
+
+    fn anywhere(&mut self) -> Candidate {
+        let [x, y, z] = BOX.map(|(low, high)| self.random.random_range(low..high));
+        let [a, b, c, d] = [(); 4].map(|()| self.normal());
+        let rotation = UnitQuaternion::new_normalize(nalgebra::Quaternion::new(a, b, c, d));
+        let (low, high) = self.track_range();
+        Candidate {
+            world_from_tool: Pose::from_parts(Translation3::new(x, y, z), rotation),
+            track: self.random.random_range(low..high),
+            roll: self.random.random_range(-PI..PI),
+        }
+    }
+
+    /// The cube where another meeting has it, held by another of the 24 grasps.
+    fn like_another(&mut self) -> Candidate {
+        let known = self.known[self.random.random_range(0..self.known.len())];
+        let other = self.rotations[self.random.random_range(0..24)];
+        let into = Translation3::new(0.0, 0.0, self.cell.cube.edge / 3.0);
+        let candidate = Candidate {
+            world_from_tool: known * into * other * into.inverse(),
+            track: self.track,
+            roll: self.random.random_range(-PI..PI),
+        };
+        self.next_to(&candidate, 0.2)
+    }
+
+    fn next_to(&mut self, candidate: &Candidate, size: f64) -> Candidate {
+        let mut step = |scale: f64| scale * size * self.normal();
+        let shift = Vector3::new(step(0.3), step(0.3), step(0.3));
+        let turn = Vector3::new(step(0.8), step(0.8), step(0.8));
+        let (track, roll) = (candidate.track + step(0.2), candidate.roll + step(1.0));
+        let (low, high) = self.track_range();
+        let pose = &candidate.world_from_tool;
+        Candidate {
+            world_from_tool: Pose::from_parts(
+                Translation3::from(pose.translation.vector + shift),
+                UnitQuaternion::from_scaled_axis(turn) * pose.rotation,
+            ),
+            track: track.clamp(low, high),
+            roll,
+        }
+    }
+
+    fn normal(&mut self) -> f64 {
+        StandardNormal.sample(&mut self.random)
+    }
+
+    fn track_range(&self) -> (f64, f64) {
+        let (low, high) = self.cell.arms[0].model.joint_limits[0];
+        let low = low.max(0.0) + self.settings.separation + TRACK_ROOM;
+        (low, (high - 2.0 * TRACK_ROOM).max(low + 1e-6))
+    }
+
+    /// The meeting of a candidate, when it is allowed and costs less than `limit`.
+    fn evaluate(&self, wanted: &Wanted, candidate: &Candidate, limit: f64) -> Option<Found> {
+        let (tools, need) = self.tools(wanted, candidate)?;
+        let stances_of = |arm: usize, limit: f64| {
+            stances(
+                &self.cell.arms[arm],
+                &tools[arm],
+                if arm == 0 { candidate.track } else { 0.0 },
+                need,
+                (&self.reference[arm], limit),
+                self.settings,
+            )
+        };
+        let track = stances_of(0, limit);
+        let postument = stances_of(1, limit - track.0[0]?.cost);
+        let mut best: Option<Found> = None;
+        for a in track.iter() {
+            for b in postument.iter() {
+                let cost = a.cost + b.cost;
+                let below = best.map_or(limit, |f| f.cost);
+                if cost >= below {
+                    continue;
+                }
+                let Some(clearance) = self.clearance(wanted, &a, &b) else { continue };
+                let cost = cost + 40.0 * (GOOD_CLEARANCE - clearance).max(0.0);
+                if cost < below {
+                    let meeting = Meeting {
+                        track_from_postument: tools[0].inverse() * tools[1],
+                        track: a.joints,
+                        postument: b.joints,
+                        track_back: a.back,
+                        postument_back: b.back,
+                        track_roll: a.roll,
+                        postument_roll: b.roll,
+                        clearance,
+                    };
+                    if !self.peers.iter().any(|peer| self.way_is_blocked(peer, &meeting)) {
+                        best = Some(Found { candidate: *candidate, meeting, cost });
+                    }
+                }
+            }
+        }
+        best
+    }
+
+    fn way_is_blocked(&self, a: &Meeting, b: &Meeting) -> bool {
+        way_clearance(self.cell, self.settings.separation, a, b) < self.settings.clearance
+    }
+
+    /// Both tools in the world, and whether the wrists must roll there.
+    fn tools(&self, wanted: &Wanted, candidate: &Candidate) -> Option<([Pose; 2], Roll)> {
+        let into = Translation3::new(0.0, 0.0, self.cell.cube.edge / 3.0);
+        match wanted {
+            Wanted::Grasp(rotation) => {
+                let postument = candidate.world_from_tool * into * *rotation * into.inverse();
+                Some(([candidate.world_from_tool, postument], Roll::Needed))
+            }
+            Wanted::View { holder, normal } => {
+                let viewer = 1 - holder;
+                let face = Point3::from(into.vector + 0.5 * self.cell.cube.edge * normal);
+                // The camera's z against the face's normal, its roll free.
+                let side = if normal.z.abs() > 0.5 { Vector3::x() } else { Vector3::z() };
+                let (s, c) = libm::sincos(candidate.roll);
+                let x = c * side + s * normal.cross(&side);
+                let z = -normal;
+                let holder_from_camera =
+                    pose_from_axes(x, z.cross(&x), z, face + self.settings.view_distance * normal);
+                let camera_from_tool = self.camera_from_tool(viewer)?;
+                let other = candidate.world_from_tool * holder_from_camera * camera_from_tool;
+                let tools = if *holder == 0 {
+                    [candidate.world_from_tool, other]
+                } else {
+                    [other, candidate.world_from_tool]
+                };
+                Some((tools, Roll::Free))
+            }
+        }
+    }
+
+    fn camera_from_tool(&self, viewer: usize) -> Option<Pose> {
+        self.cell.cameras.iter().find_map(|camera| match camera.mount {
+            Mount::Flange { arm, flange_from_camera } if arm == viewer => {
+                Some(flange_from_camera.inverse() * self.cell.arms[viewer].flange_from_tool)
+            }
+            _ => None,
+        })
+    }
+
+    /// Least distance at the meeting and on the ways to it; `None` when it is too small, or an arm too low.
+    fn clearance(&self, wanted: &Wanted, a: &Stance, b: &Stance) -> Option<f64> {
+        let arms: [&Arm; 2] = [&self.cell.arms[0], &self.cell.arms[1]];
+        let floor = self.cell.table_height + self.settings.above_table;
+        let enough = |distance: f64| (distance >= self.settings.clearance).then_some(distance);
+        let at = [a, b].map(|s| s.joints);
+        let back = [a, b].map(|s| s.back);
+        let place = |i: usize, joints: &JointPositions| Bodies::of(self.cell, arms[i], joints);
+        let here = [place(0, &at[0]), place(1, &at[1])];
+        let half_gone = [place(0, &a.half_back), place(1, &b.half_back)];
+        let gone = [place(0, &back[0]), place(1, &back[1])];
+        if here.iter().chain(&gone).any(|body| body.lowest() < floor) {
+            return None;
+        }
+        let mut least = match wanted {
+            Wanted::Grasp(_) => enough(at_the_cube(&here[0], &here[1]))?,
+            Wanted::View { holder, .. } => enough(apart(&here[*holder], &here[1 - holder]))?,
+        };
+        for body in here.iter().chain(&gone) {
+            enough(body.own())?;
+        }
+        let newcomers: &[usize] = match wanted {
+            Wanted::Grasp(_) => &[0, 1],
+            Wanted::View { holder, .. } => &[1 - *holder],
+        };
+        for &newcomer in newcomers {
+            let (holder, other) = (here[1 - newcomer], gone[newcomer]);
+            least = least.min(enough(at_the_cube(&holder, &half_gone[newcomer]))?);
+            least = least.min(enough(self.separating(newcomer, &holder, &other))?);
+        }
+        Some(least)
+    }
+
+    /// Least distance while the track draws back, the newcomer being drawn back along its tool axis.
+    fn separating(&self, newcomer: usize, holder: &Bodies, other: &Bodies) -> f64 {
+        const STEPS: u32 = 5;
+        let away = self.cell.arms[0].world_from_base.rotation * -Vector3::y();
+        let mut least = f64::INFINITY;
+        for i in 0..=STEPS {
+            let by = away * (self.settings.separation * f64::from(i) / f64::from(STEPS));
+            least = least.min(if newcomer == 0 {
+                apart(holder, &other.moved(by))
+            } else {
+                apart(&holder.moved(by), other)
+            });
+        }
+        least
+    }
+}

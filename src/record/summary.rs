@@ -1,0 +1,272 @@
+//! What a run comes to: one object for machines, one table for the operator.
+//!
+//! - in: figures of the mission and of the plant, collected by whoever ran it
+//! - out: a line of JSON ([`Summary::json`]) or a table ([`Summary::table`]), and the verdict's exit code
+
+use serde::{Deserialize, Serialize};
+use std::fmt::Write;
+
+/// The verdict, taken from the plant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// What the scenario asks for was achieved: the cube is solved (`solve`), the layer is turned
+    /// (`face_turn`), the cube is in the gripper (`acquire`).
+    Solved,
+    /// The task came to its end without that.
+    Failed,
+    /// The run was broken off: by the operator, or by a fatal or a system error.
+    Aborted,
+}
+
+/// What brought the run to its end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EndedBy {
+    /// The task itself.
+    Task,
+    /// The operator's terminate.
+    Operator,
+    /// An interrupt of the process (Ctrl-C).
+    Interrupt,
+    /// A fatal error: an effector.
+    Fatal,
+    /// A system error: messages, actors.
+    System,
+}
+
+/// A phase of a mission.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Phase {
+    /// Name.
+    pub name: String,
+    /// Simulated time that it took [s].
+    pub sim_time_s: f64,
+}
+
+/// Largest load on one wrist sensor over the whole run, weight and bias removed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SensorPeak {
+    /// Name of the effector.
+    pub effector: String,
+    /// Norm of the force [N].
+    pub force_n: f64,
+    /// Norm of the torque [Nm].
+    pub torque_nm: f64,
+}
+
+/// What a run comes to. Cubes are 54 letters URFDLB, named by the colours of the centres.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Verdict.
+    pub outcome: Outcome,
+    /// Why, in a sentence.
+    pub reason: String,
+    /// What brought the run to its end.
+    pub ended_by: EndedBy,
+    /// What the scenario asked for: "solve", "`face_turn`", "acquire".
+    pub task: String,
+    /// Seed.
+    pub seed: u64,
+    /// The plant's cube at the beginning.
+    pub cube_start: String,
+    /// The plant's cube at the end.
+    pub cube_end: String,
+    /// What the controller read; `None` when it did not come to that.
+    pub identified: Option<String>,
+    /// The first plan, face turns only: "R U2 F'"; `None` when it did not come to that.
+    pub solution: Option<String>,
+    /// What was turned in the end, as the controller counts it.
+    pub executed: String,
+    /// Number of face turns that were executed.
+    pub turns: u32,
+    /// Jaw closings on the cube between identification and hand-back.
+    pub grasps: u32,
+    /// Simulated time [s].
+    pub sim_time_s: f64,
+    /// Time by the wall clock [s].
+    pub wall_time_s: f64,
+    /// Largest force of the plant's contact at the tools while both arms hold the cube, without the
+    /// squeeze of the grips [N]; 0 when they never did.
+    pub peak_force_n: f64,
+    /// Largest torque of the same [Nm].
+    pub peak_torque_nm: f64,
+    /// Largest load on each wrist sensor.
+    pub sensors: Vec<SensorPeak>,
+    /// Times that a turn was commanded and unfinished, and the layer moved less than 1 deg in 3 s.
+    pub jams: u32,
+    /// Times that a grip slipped by more than 3 deg or 1 mm.
+    pub slips: u32,
+    /// Times that the cube fell.
+    pub drops: u32,
+    /// Task "`face_turn`": the layer's angle in the plant, positive in the asked sense [deg].
+    pub turned_deg: Option<f64>,
+    /// Phases in their order.
+    pub phases: Vec<Phase>,
+    /// Over every servo record and message of the run, hexadecimal.
+    pub hash: String,
+}
+
+impl Summary {
+    /// 0 done, 1 the task failed or was aborted, 3 fatal, 4 system, 130 interrupted.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match (self.outcome, self.ended_by) {
+            (_, EndedBy::Interrupt) => 130,
+            (_, EndedBy::System) => 4,
+            (_, EndedBy::Fatal) => 3,
+            (Outcome::Solved, _) => 0,
+            (Outcome::Failed | Outcome::Aborted, _) => 1,
+        }
+    }
+
+    /// Simulated over wall-clock time.
+    #[must_use]
+    pub fn real_time_factor(&self) -> f64 {
+        if self.wall_time_s > 0.0 { self.sim_time_s / self.wall_time_s } else { 0.0 }
+    }
+
+    /// One line of JSON. A figure that is no number would become `null`; it is written as the largest
+    /// number instead, so that it stays under no limit.
+    #[must_use]
+    pub fn json(&self) -> String {
+        let mut clean = self.clone();
+        for number in [
+            &mut clean.sim_time_s,
+            &mut clean.wall_time_s,
+            &mut clean.peak_force_n,
+            &mut clean.peak_torque_nm,
+        ] {
+            if !number.is_finite() {
+                *number = f64::MAX;
+            }
+        }
+        serde_json::to_string(&clean).unwrap_or_else(|error| format!("{{\"error\":\"{error}\"}}"))
+    }
+
+    /// The table for the operator, with an end of line behind each row.
+    #[must_use]
+    pub fn table(&self) -> String {
+        let mut t = String::new();
+        row(&mut t, "phase", "simulated time");
+        for phase in &self.phases {
+            row(&mut t, &phase.name, &format!("{:8.1} s", phase.sim_time_s));
+        }
+        row(&mut t, "whole run", &format!("{:8.1} s", self.sim_time_s));
+        t.push('\n');
+        row(&mut t, "turns", &self.turns.to_string());
+        row(&mut t, "grasps", &self.grasps.to_string());
+        row(
+            &mut t,
+            "peak while both hold",
+            &format!("{:.1} N, {:.2} Nm", self.peak_force_n, self.peak_torque_nm),
+        );
+        for sensor in &self.sensors {
+            row(
+                &mut t,
+                &format!("peak at {}", sensor.effector),
+                &format!("{:.1} N, {:.2} Nm", sensor.force_n, sensor.torque_nm),
+            );
+        }
+        row(
+            &mut t,
+            "jams, slips, drops",
+            &format!("{}, {}, {}", self.jams, self.slips, self.drops),
+        );
+        if let Some(angle) = self.turned_deg {
+            row(&mut t, "layer turned by", &format!("{angle:.1} deg"));
+        }
+        let clock = format!("{:.1} ({:.1} s)", self.real_time_factor(), self.wall_time_s);
+        row(&mut t, "real-time factor", &clock);
+        t.push('\n');
+        row(&mut t, "cube at start", &self.cube_start);
+        row(&mut t, "as identified", self.identified.as_deref().unwrap_or("(not read)"));
+        row(&mut t, "solution", self.solution.as_deref().unwrap_or("(none)"));
+        row(&mut t, "executed", &self.executed);
+        row(&mut t, "cube at end", &self.cube_end);
+        row(&mut t, "hash", &self.hash);
+        t.push('\n');
+        let verdict = match (self.outcome, self.task.as_str()) {
+            (Outcome::Solved, "solve") => "SOLVED",
+            (Outcome::Solved, _) => "DONE",
+            (Outcome::Failed, _) => "FAILED",
+            (Outcome::Aborted, _) => "ABORTED",
+        };
+        row(&mut t, verdict, &self.reason);
+        t
+    }
+}
+
+fn row(table: &mut String, name: &str, value: &str) {
+    // Writing to a string cannot fail.
+    let _ = writeln!(table, "{name:<22} {value}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn summary() -> Summary {
+        Summary {
+            outcome: Outcome::Solved,
+            reason: "the cube in the plant is solved".into(),
+            ended_by: EndedBy::Task,
+            task: "solve".into(),
+            seed: 1,
+            cube_start: "U".repeat(54),
+            cube_end: "U".repeat(54),
+            identified: None,
+            solution: Some("R U2 F'".into()),
+            executed: "R U2 F'".into(),
+            turns: 3,
+            grasps: 4,
+            sim_time_s: 100.0,
+            wall_time_s: 2.0,
+            peak_force_n: f64::NAN,
+            peak_torque_nm: 0.5,
+            sensors: vec![],
+            jams: 0,
+            slips: 0,
+            drops: 0,
+            turned_deg: None,
+            phases: vec![Phase { name: "acquire".into(), sim_time_s: 10.0 }],
+            hash: "ab".into(),
+        }
+    }
+
+    #[test]
+    fn peaks_are_never_null_and_the_object_is_one_line() {
+        let json = summary().json();
+
+        let back: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(back["outcome"], "solved");
+        assert!(back["peak_force_n"].as_f64().unwrap() > 20.0);
+        assert!(!json.contains('\n'));
+    }
+
+    #[test]
+    fn the_exit_code_follows_verdict_and_class() {
+        let mut s = summary();
+        assert_eq!(s.exit_code(), 0);
+        s.outcome = Outcome::Failed;
+        assert_eq!(s.exit_code(), 1);
+        s.outcome = Outcome::Aborted;
+        for (by, code) in [
+            (EndedBy::Operator, 1),
+            (EndedBy::Fatal, 3),
+            (EndedBy::System, 4),
+            (EndedBy::Interrupt, 130),
+        ] {
+            s.ended_by = by;
+            assert_eq!(s.exit_code(), code);
+        }
+    }
+
+    #[test]
+    fn the_table_has_a_row_for_each_phase_and_the_verdict_last() {
+        let table = summary().table();
+
+        assert!(table.contains("acquire"));
+        assert!(table.trim_end().lines().last().unwrap().starts_with("SOLVED"));
+    }
+}

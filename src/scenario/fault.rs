@@ -1,0 +1,187 @@
+//! Faults of a scenario: where, what, and what was probably meant.
+//!
+//! - in: places (spans of a text) and reasons, collected while reading; nothing stops at the first one
+//! - out: text with `file:line:column`, the reason, and the offending line underlined
+
+use std::fmt;
+use std::ops::Range;
+use std::rc::Rc;
+
+/// A text that keys and values come from: a file, or the value of one option of the command line.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Source {
+    /// Path of the file as the user wrote it, or the option: `--set cube.edge_mm`.
+    pub name: String,
+    /// The whole text.
+    pub text: String,
+    /// Options have no lines to count.
+    pub is_file: bool,
+}
+
+/// Where something stands.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// In which text.
+    pub source: Rc<Source>,
+    /// Bytes of it.
+    pub span: Range<usize>,
+}
+
+impl Place {
+    /// `file:line:column`, both counted from 1 in characters, or the option.
+    #[must_use]
+    pub fn label(&self) -> String {
+        if !self.source.is_file {
+            return self.source.name.clone();
+        }
+        let (line, column, _) = self.line();
+        format!("{}:{line}:{column}", self.source.name)
+    }
+
+    /// Line and column of the start, and the line's text.
+    fn line(&self) -> (usize, usize, &str) {
+        let text = &self.source.text;
+        let mut start = self.span.start.min(text.len());
+        while !text.is_char_boundary(start) {
+            start -= 1;
+        }
+        let before = &text[..start];
+        let line_start = before.rfind('\n').map_or(0, |i| i + 1);
+        let line_end = text[start..].find('\n').map_or(text.len(), |i| start + i);
+        let number = before.matches('\n').count() + 1;
+        let column = text[line_start..start].chars().count() + 1;
+        (number, column, text[line_start..line_end].trim_end_matches('\r'))
+    }
+}
+
+/// One thing that is wrong.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Fault {
+    /// Where; `None` when nothing in the scenario stands for it (a missing section).
+    pub place: Option<Place>,
+    /// What, with the offending value.
+    pub reason: String,
+    /// What was probably meant, or what is possible.
+    pub help: Option<String>,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.place {
+            None => write!(f, "{}", self.reason)?,
+            Some(place) => {
+                let (number, column, line) = place.line();
+                write!(f, "{}: {}", place.label(), self.reason)?;
+                let gutter = if place.source.is_file { number.to_string() } else { String::new() };
+                let shown = line.replace('\t', " ");
+                let rest = shown.chars().count().saturating_sub(column - 1);
+                let length = place.source.text.get(place.span.clone()).map_or(1, |t| {
+                    t.lines().next().map_or(1, |first| first.trim_end().chars().count())
+                });
+                let carets = "^".repeat(length.clamp(1, rest.max(1)));
+                write!(f, "\n  {gutter} | {shown}")?;
+                write!(f, "\n  {} | {}{carets}", " ".repeat(gutter.len()), " ".repeat(column - 1))?;
+            }
+        }
+        if let Some(help) = &self.help {
+            write!(f, "\n  {help}")?;
+        }
+        Ok(())
+    }
+}
+
+/// All that is wrong with a scenario; never empty when returned as an error.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Faults(pub Vec<Fault>);
+
+impl Faults {
+    /// Adds a fault.
+    pub fn add(&mut self, place: Option<&Place>, reason: impl Into<String>) {
+        self.0.push(Fault { place: place.cloned(), reason: reason.into(), help: None });
+    }
+
+    /// Adds a fault with advice.
+    pub fn add_with_help(
+        &mut self,
+        place: Option<&Place>,
+        reason: impl Into<String>,
+        help: impl Into<String>,
+    ) {
+        self.0.push(Fault {
+            place: place.cloned(),
+            reason: reason.into(),
+            help: Some(help.into()),
+        });
+    }
+
+    /// In the order of the text, the file first.
+    #[must_use]
+    pub fn sorted(mut self) -> Self {
+        self.0.sort_by_key(|f| match &f.place {
+            None => (2, String::new(), 0),
+            Some(p) => (u8::from(!p.source.is_file), p.source.name.clone(), p.span.start),
+        });
+        self.0.dedup();
+        self
+    }
+}
+
+impl fmt::Display for Faults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, fault) in self.0.iter().enumerate() {
+            if i > 0 {
+                writeln!(f)?;
+            }
+            write!(f, "{fault}")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Faults {}
+
+/// The known word nearest to a wrong one, if it is near enough to be meant.
+#[must_use]
+pub fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
+    let near = known
+        .iter()
+        .map(|k| (strsim::damerau_levenshtein(wrong, k), *k))
+        .min_by_key(|(distance, _)| *distance)
+        .filter(|(distance, word)| *distance <= 1.max(word.len().max(wrong.len()) / 3))
+        .map(|(_, word)| word);
+    // `edge` for `edge_mm`: the unit was forgotten, however long it is.
+    let forgotten = known
+        .iter()
+        .copied()
+        .filter(|k| wrong.len() >= 2 && k.starts_with(&format!("{wrong}_")))
+        .min_by_key(|k| k.len());
+    near.or(forgotten)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_shows_file_line_column_and_the_text() {
+        let source = Rc::new(Source {
+            name: "a.toml".into(),
+            text: "[cube]\nedge_cm = 57\n".into(),
+            is_file: true,
+        });
+        let place = Place { source, span: 7..14 };
+        let fault =
+            Fault { place: Some(place), reason: "unknown key `edge_cm`".into(), help: None };
+
+        let text = fault.to_string();
+
+        assert_eq!(text, "a.toml:2:1: unknown key `edge_cm`\n  2 | edge_cm = 57\n    | ^^^^^^^");
+    }
+
+    #[test]
+    fn the_nearest_word_is_near() {
+        assert_eq!(nearest("edge_cm", &["edge_mm", "mass_g"]), Some("edge_mm"));
+        assert_eq!(nearest("edge", &["edge_mm", "mass_g"]), Some("edge_mm"));
+        assert_eq!(nearest("velocity", &["edge_mm", "mass_g"]), None);
+    }
+}

@@ -1,0 +1,268 @@
+//! The keys that the controller may read, section by section.
+//!
+//! Lengths, angles and times are in SI in the fields and in the unit of the key in a scenario. Numbers
+//! come from the 2008 sources of the original where they exist, and were chosen for this cell otherwise.
+
+use super::section::{section, words};
+
+words! {
+    /// What a run is to do.
+    Task {
+        /// The mission: take the cube, read it, solve it, hand it back.
+        Solve = "solve",
+        /// Both arms hold the cube and turn one layer.
+        FaceTurn = "face_turn",
+        /// Take the cube from the hand, and nothing else.
+        Acquire = "acquire",
+    }
+}
+
+words! {
+    /// Who makes the set values of the arms (Zieliński et al. 2007, p. 369).
+    Coordination {
+        /// MP invokes behaviours; ECPs run the generators.
+        Sporadic = "sporadic",
+        /// MP's generators command both arms at each macrostep; ECPs transmit.
+        Continuous = "continuous",
+    }
+}
+
+words! {
+    /// Which clock drives a run.
+    Pace {
+        /// As fast as it computes; repeatable to the bit.
+        Virtual = "virtual",
+        /// The wall clock.
+        RealTime = "real-time",
+    }
+}
+
+words! {
+    /// What is behind the hardware port.
+    BridgeKind {
+        /// The simulated plant.
+        Plant = "plant",
+        /// The original's serial axis controllers: comes with the real-time work.
+        Serial = "serial",
+        /// The original's ISA boards: comes with the real-time work.
+        Isa = "isa",
+    }
+}
+
+words! {
+    /// Which arm yields while both hold the cube.
+    CompliantArm {
+        /// The arm that holds the body and does not turn: the paper.
+        Body = "body",
+        /// The arm that turns: the sources of 2008.
+        Turner = "turner",
+    }
+}
+
+words! {
+    /// Which directions yield while both arms hold the cube.
+    Compliance {
+        /// None: position control.
+        None = "none",
+        /// x, y, z and the turn's axis: the original.
+        Tff = "tff",
+        /// All six.
+        TffTilts = "tff_tilts",
+    }
+}
+
+words! {
+    /// How regrasps are planned.
+    Rule {
+        /// Palms stand off: a finger may lie on the face under the other palm.
+        Clearance = "clearance",
+        /// Palms press the cube: the face under a palm is forbidden to fingers.
+        Strict = "strict",
+        /// The original's two operations, face turn and face change.
+        Original = "original",
+    }
+}
+
+words! {
+    /// How the cube is found in an image.
+    Detector {
+        /// Edges and a vote of lattices.
+        Lattice = "lattice",
+        /// The paper's: colour thresholds, regions, filters, corner tiles.
+        Paper = "paper",
+    }
+}
+
+section! {
+    /// What is behind the hardware port.
+    Bridge {
+        /// The simulated plant, or real controllers.
+        kind: BridgeKind = BridgeKind::Plant;
+    }
+}
+
+section! {
+    /// What the cell is built of, apart from arms and cameras.
+    CellKeys {
+        /// Height of the table top, with the tray, above the floor.
+        table_height [mm]: f64 = 700.0, 0.0..=2000.0;
+    }
+}
+
+section! {
+    /// The cube. Its state is the plant's; its size is measured by the workshop.
+    CubeKeys {
+        /// "random" (from the seed) or 54 letters URFDLB by faces, each face in reading order.
+        state: String = "random".to_owned();
+        /// Edge of the whole cube.
+        edge [mm]: f64 = 57.0, 40.0..=80.0;
+        /// Mass.
+        mass [g]: f64 = 100.0, 20.0..=500.0;
+    }
+}
+
+section! {
+    /// Where the operator hands the cube over, as the controller believes.
+    HandKeys {
+        /// Centre of the place in the world: x away from the arms, y from track to postument, z up.
+        centre_xyz [mm]: [f64; 3] = [1050.0, 0.0, 1200.0], -5000.0..=5000.0;
+        /// Roll, pitch, yaw of the cube there: with 0 its R faces +x, B +y, U +z.
+        cube_rpy [deg]: [f64; 3] = [0.0; 3], -180.0..=180.0;
+        /// Half the size of the box in which the hand may hold the cube.
+        half_extent_xyz [mm]: [f64; 3] = [60.0, 100.0, 80.0], 0.0..=1000.0;
+    }
+}
+
+section! {
+    /// The controller's gains, speeds and limits.
+    Control {
+        /// Servo periods (2 ms) in one command of a generator.
+        macrostep_periods: u32 = 8, 1.0..=100.0;
+        /// Which arm yields while both hold the cube.
+        compliant_arm: CompliantArm = CompliantArm::Body;
+        /// Which directions yield while both hold the cube.
+        compliance: Compliance = Compliance::Tff;
+        /// Reciprocal damping b of a yielding linear direction; stable for b <= 0.4 / (stiffness x delay).
+        linear_admittance [mm_sn]: f64 = 1.0, 0.0..=50.0;
+        /// Virtual mass m of a yielding linear direction; 0 is the paper's plain scaling.
+        linear_inertia [kg]: f64 = 20.0, 0.0..=1000.0;
+        /// Reciprocal damping b of a yielding rotation.
+        angular_admittance [rad_snm]: f64 = 0.05, 0.0..=5.0;
+        /// Virtual inertia m of a yielding rotation.
+        angular_inertia [kgm2]: f64 = 0.5, 0.0..=100.0;
+        /// Torque with which a layer is turned.
+        turn_torque [nm]: f64 = 2.5, 0.1..=10.0;
+        /// Speed of a turn in free motion.
+        turn_speed [deg_s]: f64 = 45.0, 1.0..=180.0;
+        /// Grip force of the jaws on the cube.
+        grip [n]: f64 = 40.0, 1.0..=100.0;
+        /// Force at which a step with contact is broken off.
+        force_limit [n]: f64 = 20.0, 1.0..=65.0;
+        /// Torque at which a step with contact is broken off.
+        torque_limit [nm]: f64 = 4.5, 0.1..=5.0;
+        /// Force with which the last approach and the hand-over stop at contact.
+        approach_force [n]: f64 = 4.0, 0.5..=20.0;
+        /// Speed of the last approach of a grasp.
+        approach_speed [mm_s]: f64 = 10.0, 0.5..=50.0;
+        /// Speed at which an open gripper draws back from the cube.
+        retreat_speed [mm_s]: f64 = 80.0, 1.0..=300.0;
+        /// Speed of closing jaws (original: 0.05 mm per 16 ms).
+        jaw_close_speed [mm_s]: f64 = 6.0, 0.5..=50.0;
+        /// Speed of opening jaws (original: 20 mm in 2 s).
+        jaw_open_speed [mm_s]: f64 = 15.0, 0.5..=50.0;
+        /// Speed of joints in free motion (original: half of 1.5 rad/s).
+        joint_speed [deg_s]: f64 = 43.0, 1.0..=90.0;
+        /// Acceleration of joints in free motion (original: a tenth of 7 rad/s2).
+        joint_acceleration [deg_s2]: f64 = 80.0, 1.0..=400.0;
+        /// Speed of the prismatic track.
+        track_speed [mm_s]: f64 = 150.0, 1.0..=160.0;
+        /// Acceleration of the prismatic track.
+        track_acceleration [mm_s2]: f64 = 300.0, 1.0..=2000.0;
+        /// Speed of the tool on straight lines.
+        linear_speed [mm_s]: f64 = 150.0, 1.0..=500.0;
+        /// Acceleration of the tool on straight lines.
+        linear_acceleration [mm_s2]: f64 = 300.0, 1.0..=5000.0;
+        /// Rotation of the tool on straight lines.
+        angular_speed [deg_s]: f64 = 40.0, 1.0..=180.0;
+        /// Share of the motors' speed limit that set values may use.
+        velocity_factor: f64 = 1.0, 0.01..=1.0;
+        /// 1, or -1 to spoil the controller: the force reading changes its sign.
+        force_sign: i32 = 1, -1.0..=1.0;
+        /// Servo periods by which force readings are late, to spoil the controller.
+        force_delay_periods: u32 = 0, 0.0..=63.0;
+        /// Tries of a step that failed (a jam, a missed grasp, a doubtful face) before the task fails.
+        retries: u32 = 3, 0.0..=20.0;
+    }
+}
+
+section! {
+    /// The generator that follows the cube by the stand-alone camera.
+    VisualServo {
+        /// Distance before the cube at which the gripper waits until the cube stands still.
+        stand_off [mm]: f64 = 100.0, 20.0..=400.0;
+        /// Share of the linear error taken back in one macrostep: x, y, z.
+        linear_gain: [f64; 3] = [0.5, 0.5, 0.2], 0.0..=1.0;
+        /// Share of the angular error taken back in one macrostep: x, y, z.
+        angular_gain: [f64; 3] = [0.1, 0.05, 0.07], 0.0..=1.0;
+        /// Largest speed while following.
+        linear_speed [mm_s]: f64 = 120.0, 1.0..=500.0;
+        /// Largest rotation while following.
+        angular_speed [deg_s]: f64 = 25.0, 1.0..=180.0;
+        /// The cube stands still when it stays within this distance...
+        still [mm]: f64 = 6.0, 0.1..=50.0;
+        /// ... for this long.
+        still_time [ms]: f64 = 600.0, 40.0..=10000.0;
+        /// The arm backs off when the cube moves this far.
+        withdraw [mm]: f64 = 50.0, 1.0..=500.0;
+        /// A pose older than this is no longer followed.
+        pose_age [ms]: f64 = 100.0, 20.0..=2000.0;
+        /// The task fails when no cube came within this time.
+        patience [s]: f64 = 60.0, 1.0..=3600.0;
+    }
+}
+
+section! {
+    /// The vision of all cameras.
+    VisionKeys {
+        /// How the cube is found.
+        detector: Detector = Detector::Lattice;
+        /// Declared cost of one frame on the virtual clock.
+        cost [ms]: f64 = 4.0, 0.0..=1000.0;
+        /// A face whose least sure colour is below this is looked at again.
+        least_confidence: f64 = 0.2, 0.0..=1.0;
+    }
+}
+
+section! {
+    /// Solver and regrasp planner.
+    Planner {
+        /// How regrasps are planned.
+        rule: Rule = Rule::Clearance;
+        /// Nodes that the search for turns may visit.
+        node_budget: u64 = 2_000_000, 1000.0..=1e12;
+        /// Solutions that are compared by their regrasps.
+        candidates: u32 = 24, 1.0..=10000.0;
+        /// Declared cost of one node on the virtual clock.
+        node_cost [us]: f64 = 0.1, 0.0..=1000.0;
+    }
+}
+
+section! {
+    /// What `task = "face_turn"` does.
+    FaceTurn {
+        /// How far the layer is turned; positive is clockwise seen from outside.
+        angle [deg]: f64 = 90.0, -180.0..=180.0;
+    }
+}
+
+section! {
+    /// The regulators of all axes; their gains are the data of each effector's `servo_profile`.
+    Servo {
+        /// Factor of the gains b0 and b1 of every axis.
+        gain_factor: f64 = 1.0, 0.0..=10.0;
+        /// Largest pulse width, of 255; the profile's when not given.
+        pwm_limit: Option<f64> = None, 1.0..=255.0;
+        /// Following error that stops an arm, as motor angle; the profile's when not given.
+        following_error [rad]: Option<f64> = None, 0.01..=1000.0;
+    }
+}

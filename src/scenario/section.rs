@@ -1,0 +1,483 @@
+//! Sections of keys: one line declares a key's name, unit, type, default, range and meaning.
+//!
+//! A section is written once, with [`section!`]; from that come a struct in SI units, its default, the
+//! reader with its faults, and the list that `rubik-robot keys` prints. The key is the field's name with
+//! the unit behind it: `edge [mm]: f64 = 57.0` is the key `edge_mm` and the field `edge` in metres.
+
+use super::fault::{Faults, Place, nearest};
+use super::tree::{Entry, Node, Value};
+use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
+
+/// Factors from the units of keys to SI, named as in the keys.
+#[allow(non_upper_case_globals, reason = "a constant has the name that the unit has in keys")]
+pub mod units {
+    /// Millimetres.
+    pub const mm: f64 = 1e-3;
+    /// Radians.
+    pub const rad: f64 = 1.0;
+    /// Degrees.
+    pub const deg: f64 = std::f64::consts::PI / 180.0;
+    /// Milliseconds.
+    pub const ms: f64 = 1e-3;
+    /// Microseconds.
+    pub const us: f64 = 1e-6;
+    /// Seconds.
+    pub const s: f64 = 1.0;
+    /// Newtons.
+    pub const n: f64 = 1.0;
+    /// Newton metres.
+    pub const nm: f64 = 1.0;
+    /// Amperes.
+    pub const a: f64 = 1.0;
+    /// Milliamperes per newton.
+    pub const ma_n: f64 = 1e-3;
+    /// Grams.
+    pub const g: f64 = 1e-3;
+    /// Kilograms.
+    pub const kg: f64 = 1.0;
+    /// Kilograms times square metres.
+    pub const kgm2: f64 = 1.0;
+    /// Pixels.
+    pub const px: f64 = 1.0;
+    /// Kelvins.
+    pub const k: f64 = 1.0;
+    /// Hundredths.
+    pub const percent: f64 = 0.01;
+    /// Millimetres per second.
+    pub const mm_s: f64 = 1e-3;
+    /// Millimetres per square second.
+    pub const mm_s2: f64 = 1e-3;
+    /// Degrees per second.
+    pub const deg_s: f64 = deg;
+    /// Degrees per square second.
+    pub const deg_s2: f64 = deg;
+    /// Millimetres per newton second: reciprocal damping.
+    pub const mm_sn: f64 = 1e-3;
+    /// Radians per newton metre second: reciprocal damping.
+    pub const rad_snm: f64 = 1.0;
+    /// Newtons per metre.
+    pub const n_m: f64 = 1.0;
+    /// Newton seconds per metre.
+    pub const ns_m: f64 = 1.0;
+}
+
+/// A key, as listed for the operator.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Key {
+    /// Dotted name: `cube.edge_mm`.
+    pub path: String,
+    /// Type: "number", "3 numbers", "\"a\" | \"b\"".
+    pub kind: String,
+    /// Default as written in TOML.
+    pub default: String,
+    /// Least and largest value, in the key's unit.
+    pub range: Option<RangeInclusive<f64>>,
+    /// What it means.
+    pub meaning: String,
+}
+
+/// Collects faults and remembers where each key was given.
+#[derive(Debug, Default)]
+pub struct Reader {
+    /// What is wrong so far.
+    pub faults: Faults,
+    /// Place of the value of each key that was given, by dotted name.
+    pub places: BTreeMap<String, Place>,
+}
+
+impl Reader {
+    /// Reads one key into `target`.
+    pub fn item<T: Item>(
+        &mut self,
+        target: &mut T,
+        factor: f64,
+        range: Option<RangeInclusive<f64>>,
+        entry: &Entry,
+        path: &str,
+    ) {
+        let path = join(path, &entry.key);
+        self.places.insert(path.clone(), entry.node.place.clone());
+        let value = match T::read(&entry.node) {
+            Ok(value) => value,
+            Err(wrong) => {
+                let place = wrong.place.unwrap_or_else(|| entry.node.place.clone());
+                let reason = format!("`{path}`: {}", wrong.reason);
+                match wrong.help {
+                    Some(help) => self.faults.add_with_help(Some(&place), reason, help),
+                    None => self.faults.add(Some(&place), reason),
+                }
+                return;
+            }
+        };
+        let (low, high) = range.map_or((f64::MIN, f64::MAX), RangeInclusive::into_inner);
+        for number in value.numbers() {
+            if !(low..=high).contains(&number) {
+                let reason = if number.is_finite() {
+                    format!("`{path}`: {number} is outside {low}..{high}")
+                } else {
+                    format!("`{path}`: {number} is not a finite number")
+                };
+                self.faults.add(Some(&entry.node.place), reason);
+                return;
+            }
+        }
+        *target = value.scaled(factor);
+    }
+
+    /// The entries of a table, or a fault.
+    pub fn table<'n>(&mut self, node: &'n Node, path: &str) -> &'n [Entry] {
+        if let Value::Table(entries) = &node.value {
+            return entries;
+        }
+        let reason = format!("`{path}` is a section, not {}", node.describe());
+        self.faults.add_with_help(
+            Some(&node.place),
+            reason,
+            format!("write [{path}] and its keys below"),
+        );
+        &[]
+    }
+
+    /// A key that does not exist.
+    pub fn unknown(&mut self, entry: &Entry, path: &str, known: &[&str]) {
+        let section = if path.is_empty() { String::new() } else { format!(" in [{path}]") };
+        let reason = format!("unknown key `{}`{section}", entry.key);
+        let help = match nearest(&entry.key, known) {
+            Some(word) => format!("did you mean `{word}`?"),
+            None if known.len() <= 12 => format!("known here: {}", known.join(", ")),
+            None => "`rubik-robot keys` lists all keys".to_owned(),
+        };
+        self.faults.add_with_help(Some(&entry.key_place), reason, help);
+    }
+
+    /// Place of a key, when it was given; else of the nearest section that was.
+    #[must_use]
+    pub fn place(&self, path: &str) -> Option<Place> {
+        self.places.get(path).cloned()
+    }
+}
+
+/// `path.key`, without the dot at the top.
+#[must_use]
+pub fn join(path: &str, key: &str) -> String {
+    if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
+}
+
+/// Why a value cannot be taken.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wrong {
+    /// Where, when it is a part of the value.
+    pub place: Option<Place>,
+    /// Why.
+    pub reason: String,
+    /// What is possible.
+    pub help: Option<String>,
+}
+
+impl Wrong {
+    fn kind(wanted: &str, node: &Node) -> Self {
+        Self {
+            place: Some(node.place.clone()),
+            reason: format!("wanted {wanted}, found {}", node.describe()),
+            help: None,
+        }
+    }
+}
+
+/// What a key can hold.
+pub trait Item: Sized {
+    /// Type in words.
+    fn kind() -> String;
+    /// From a node.
+    ///
+    /// # Errors
+    /// [`Wrong`] with the reason.
+    fn read(node: &Node) -> Result<Self, Wrong>;
+    /// As it would stand in TOML, in the key's unit.
+    fn show(&self, factor: f64) -> String;
+    /// Its numbers, for the check of ranges.
+    fn numbers(&self) -> Vec<f64> {
+        Vec::new()
+    }
+    /// In SI.
+    #[must_use]
+    fn scaled(self, factor: f64) -> Self {
+        let _ = factor;
+        self
+    }
+}
+
+impl Item for f64 {
+    fn kind() -> String {
+        "number".to_owned()
+    }
+    fn read(node: &Node) -> Result<Self, Wrong> {
+        match node.value {
+            Value::Float(x) => Ok(x),
+            Value::Integer(i) => Ok(i as f64),
+            _ => Err(Wrong::kind("a number", node)),
+        }
+    }
+    fn show(&self, factor: f64) -> String {
+        // Twelve digits hide the rounding of the conversion to SI and back.
+        let x: f64 = format!("{:.11e}", self / factor).parse().unwrap_or(*self);
+        x.to_string()
+    }
+    fn numbers(&self) -> Vec<f64> {
+        vec![*self]
+    }
+    fn scaled(self, factor: f64) -> Self {
+        self * factor
+    }
+}
+
+macro_rules! whole {
+    ($($t:ty),*) => { $(
+        impl Item for $t {
+            fn kind() -> String {
+                "whole number".to_owned()
+            }
+            fn read(node: &Node) -> Result<Self, Wrong> {
+                match node.value {
+                    Value::Integer(i) => Self::try_from(i).map_err(|_| Wrong {
+                        place: None,
+                        reason: format!("{i} is outside {}..{}", Self::MIN, Self::MAX),
+                        help: None,
+                    }),
+                    _ => Err(Wrong::kind("a whole number", node)),
+                }
+            }
+            fn show(&self, _: f64) -> String {
+                self.to_string()
+            }
+            fn numbers(&self) -> Vec<f64> {
+                vec![*self as f64]
+            }
+        }
+    )* };
+}
+whole!(u32, u64, i32);
+
+impl Item for bool {
+    fn kind() -> String {
+        "true | false".to_owned()
+    }
+    fn read(node: &Node) -> Result<Self, Wrong> {
+        match node.value {
+            Value::Bool(b) => Ok(b),
+            _ => Err(Wrong::kind("true or false", node)),
+        }
+    }
+    fn show(&self, _: f64) -> String {
+        self.to_string()
+    }
+}
+
+impl Item for String {
+    fn kind() -> String {
+        "text".to_owned()
+    }
+    fn read(node: &Node) -> Result<Self, Wrong> {
+        match &node.value {
+            Value::Text(t) => Ok(t.clone()),
+            _ => Err(Wrong::kind("text", node)),
+        }
+    }
+    fn show(&self, _: f64) -> String {
+        format!("\"{self}\"")
+    }
+}
+
+impl<T: Item, const N: usize> Item for [T; N] {
+    fn kind() -> String {
+        format!("{N} times {}", T::kind())
+    }
+    fn read(node: &Node) -> Result<Self, Wrong> {
+        let Value::Array(items) = &node.value else {
+            return Err(Wrong::kind(&format!("an array of {N}"), node));
+        };
+        let read = items.iter().map(T::read).collect::<Result<Vec<T>, Wrong>>()?;
+        read.try_into().map_err(|_| Wrong::kind(&format!("an array of {N}"), node))
+    }
+    fn show(&self, factor: f64) -> String {
+        let items: Vec<String> = self.iter().map(|i| i.show(factor)).collect();
+        format!("[{}]", items.join(", "))
+    }
+    fn numbers(&self) -> Vec<f64> {
+        self.iter().flat_map(Item::numbers).collect()
+    }
+    fn scaled(self, factor: f64) -> Self {
+        self.map(|i| i.scaled(factor))
+    }
+}
+
+impl<T: Item> Item for Option<T> {
+    fn kind() -> String {
+        T::kind()
+    }
+    fn read(node: &Node) -> Result<Self, Wrong> {
+        T::read(node).map(Some)
+    }
+    fn show(&self, factor: f64) -> String {
+        self.as_ref().map_or_else(|| "(not given)".to_owned(), |v| v.show(factor))
+    }
+    fn numbers(&self) -> Vec<f64> {
+        self.as_ref().map_or_else(Vec::new, Item::numbers)
+    }
+    fn scaled(self, factor: f64) -> Self {
+        self.map(|v| v.scaled(factor))
+    }
+}
+
+/// A group of keys.
+pub trait Section: Default {
+    /// Takes over the keys that are given in `node`; the others keep their values.
+    fn overlay(&mut self, node: &Node, path: &str, reader: &mut Reader);
+    /// Its keys, with the present values as defaults.
+    fn keys(&self, path: &str, into: &mut Vec<Key>);
+}
+
+/// An enumeration whose words stand in the scenario.
+macro_rules! words {
+    ($(#[doc = $doc:literal])* $name:ident {
+        $( $(#[doc = $vdoc:literal])* $variant:ident = $word:literal ),* $(,)?
+    }) => {
+        $(#[doc = $doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+        pub enum $name {
+            $( $(#[doc = $vdoc])* #[serde(rename = $word)] $variant, )*
+        }
+
+        impl $name {
+            /// Every word that stands for a variant.
+            pub const WORDS: &'static [&'static str] = &[$($word),*];
+
+            /// Its word in a scenario.
+            #[must_use]
+            pub fn word(self) -> &'static str {
+                match self { $( Self::$variant => $word, )* }
+            }
+        }
+
+        impl $crate::scenario::section::Item for $name {
+            fn kind() -> String {
+                let quoted: Vec<String> = Self::WORDS.iter().map(|w| format!("\"{w}\"")).collect();
+                quoted.join(" | ")
+            }
+            fn read(
+                node: &$crate::scenario::tree::Node,
+            ) -> Result<Self, $crate::scenario::section::Wrong> {
+                let text = <String as $crate::scenario::section::Item>::read(node)?;
+                match text.as_str() {
+                    $( $word => Ok(Self::$variant), )*
+                    other => Err($crate::scenario::section::Wrong {
+                        place: None,
+                        reason: format!("\"{other}\" is none of its words"),
+                        help: Some(match $crate::scenario::fault::nearest(other, Self::WORDS) {
+                            Some(word) => format!("did you mean \"{word}\"?"),
+                            None => format!("possible: {}", Self::kind()),
+                        }),
+                    }),
+                }
+            }
+            fn show(&self, _: f64) -> String {
+                format!("\"{}\"", self.word())
+            }
+        }
+    };
+}
+pub(super) use words;
+
+/// The key of a field: its name, or the one given behind `as`, with the unit behind it.
+macro_rules! key_name {
+    ($field:ident, , ) => {
+        stringify!($field)
+    };
+    ($field:ident, , $unit:ident) => {
+        concat!(stringify!($field), "_", stringify!($unit))
+    };
+    ($field:ident, $base:ident, ) => {
+        stringify!($base)
+    };
+    ($field:ident, $base:ident, $unit:ident) => {
+        concat!(stringify!($base), "_", stringify!($unit))
+    };
+}
+pub(super) use key_name;
+
+/// A struct of keys, in SI, with defaults in the keys' units; see the module's header.
+///
+/// `field [unit]: type = default, range;` for keys, and behind them `with { field: Section, ... }`;
+/// `field as base [unit]` where two keys differ in the unit only.
+macro_rules! section {
+    ($(#[doc = $doc:literal])* $name:ident {
+        $( $(#[doc = $kdoc:literal])* $key:ident $(as $base:ident)? $([$unit:ident])? : $ty:ty = $default:expr
+           $(, $range:expr)? ; )*
+    } $(with { $( $(#[doc = $sdoc:literal])* $sub:ident : $sty:ty ),* $(,)? })?) => {
+        $(#[doc = $doc])*
+        #[derive(Debug, Clone, PartialEq)]
+        pub struct $name {
+            $( $(#[doc = $kdoc])* pub $key: $ty, )*
+            $($( $(#[doc = $sdoc])* pub $sub: $sty, )*)?
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self {
+                    $( $key: {
+                        let value: $ty = $default;
+                        $crate::scenario::section::Item::scaled(
+                            value, 1.0 $(* $crate::scenario::section::units::$unit)?)
+                    }, )*
+                    $($( $sub: <$sty>::default(), )*)?
+                }
+            }
+        }
+
+        impl $crate::scenario::section::Section for $name {
+            fn overlay(
+                &mut self,
+                node: &$crate::scenario::tree::Node,
+                path: &str,
+                reader: &mut $crate::scenario::section::Reader,
+            ) {
+                const KNOWN: &[&str] = &[
+                    $( $crate::scenario::section::key_name!($key, $($base)?, $($unit)?), )*
+                    $($( stringify!($sub), )*)?
+                ];
+                for entry in reader.table(node, path) {
+                    match entry.key.as_str() {
+                        $( $crate::scenario::section::key_name!($key, $($base)?, $($unit)?) => reader.item(
+                            &mut self.$key,
+                            1.0 $(* $crate::scenario::section::units::$unit)?,
+                            [$($range)?].into_iter().next(),
+                            entry,
+                            path,
+                        ), )*
+                        $($( stringify!($sub) => self.$sub.overlay(
+                            &entry.node,
+                            &$crate::scenario::section::join(path, &entry.key),
+                            reader,
+                        ), )*)?
+                        _ => reader.unknown(entry, path, KNOWN),
+                    }
+                }
+            }
+
+            fn keys(&self, path: &str, into: &mut Vec<$crate::scenario::section::Key>) {
+                $( into.push($crate::scenario::section::Key {
+                    path: $crate::scenario::section::join(
+                        path, $crate::scenario::section::key_name!($key, $($base)?, $($unit)?)),
+                    kind: <$ty as $crate::scenario::section::Item>::kind(),
+                    default: $crate::scenario::section::Item::show(
+                        &self.$key, 1.0 $(* $crate::scenario::section::units::$unit)?),
+                    range: [$($range)?].into_iter().next(),
+                    meaning: concat!($($kdoc),*).trim().to_owned(),
+                }); )*
+                $($( self.$sub.keys(&$crate::scenario::section::join(path, stringify!($sub)), into); )*)?
+            }
+        }
+    };
+}
+pub(super) use section;

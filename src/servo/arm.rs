@@ -1,0 +1,337 @@
+//! A whole 2 ms period of one arm.
+
+use super::io::{ArmDrive, ArmReading};
+use super::jaw::Jaw;
+use super::path::{Path, SetValues, check_end};
+use super::regulator::Regulator;
+use super::tff::{ForceLaw, heeds_force};
+use super::watch::Watch;
+use super::wrench::WristForce;
+use super::{ForceSettings, ServoCommand, ServoConfig};
+use crate::motion::{
+    AXES, ArmFault, ArmState, JointPositions, MotorPositions, MoveCommand, MoveRefused,
+};
+use crate::spatial::{Pose, Wrench};
+use std::f64::consts::TAU;
+
+/// The servo of one arm with its memory.
+#[derive(Debug, Clone)]
+pub struct ArmServo {
+    config: ServoConfig,
+    flange_from_tool: Pose,
+    set: SetValues,
+    /// How far the set motors went in the last period [rad].
+    steps: [f64; AXES],
+    regulators: [Regulator; AXES],
+    last_counts: [i64; AXES],
+    last_joints: JointPositions,
+    jaw: Jaw,
+    wrist: WristForce,
+    late: Late,
+    law: ForceLaw,
+    watch: Watch,
+    running: Option<Path>,
+    waiting: Option<(MoveCommand, u64)>,
+    command_end: u64,
+    refused: Option<MoveRefused>,
+    fault: Option<ArmFault>,
+}
+
+/// What was measured in a period.
+struct Measured {
+    motors: MotorPositions,
+    joints: JointPositions,
+    base_from_flange: Pose,
+    /// What the tool exerts on its surroundings, in tool axes.
+    wrench: Wrench,
+}
+
+impl ArmServo {
+    /// Periods before the end of a macrostep from which on the next one waits for its end.
+    pub const EARLY: u64 = 2;
+
+    /// Stands where the first reading says.
+    #[must_use]
+    pub fn new(config: ServoConfig, first: &ArmReading) -> Self {
+        let motors = motors_at(&config, first);
+        let set = SetValues::of_motors(&config.model, &config.flange_from_tool, motors);
+        Self {
+            flange_from_tool: config.flange_from_tool,
+            set,
+            steps: [0.0; AXES],
+            regulators: config.gains.axes.map(|g| Regulator::new(g, config.gains.pwm_limit)),
+            last_counts: first.counts,
+            last_joints: set.joints,
+            jaw: Jaw::new(config.gripper, &config.gains, first.jaw_count),
+            wrist: WristForce::new(config.sensor),
+            late: Late::default(),
+            law: ForceLaw::default(),
+            watch: Watch::new(&config.gains, first.counts),
+            running: None,
+            waiting: None,
+            command_end: 0,
+            refused: None,
+            fault: None,
+            config,
+        }
+    }
+
+    /// One period: from its number, the reading at its beginning and perhaps a command, to the drives that
+    /// hold during it and the state at its beginning with the set values of its end.
+    pub fn step(
+        &mut self,
+        period: u64,
+        reading: &ArmReading,
+        command: Option<&ServoCommand>,
+    ) -> (ArmDrive, ArmState) {
+        let measured = self.measure(reading);
+        if let Some(command) = command {
+            self.accept(period, reading, command);
+        }
+        self.begin_waiting(period);
+        self.watch(period, reading, &measured);
+        let before = self.set.motors;
+        let wrench = self.late.through(measured.wrench);
+        if self.fault.is_none() {
+            self.advance(period, &wrench);
+            self.jaw.advance(period);
+        }
+        self.steps = std::array::from_fn(|i| self.set.motors.0[i] - before.0[i]);
+        (self.drive(reading), self.state(period, reading, &measured))
+    }
+
+    /// Stops the arm until [`ServoCommand::Reset`]: drives off, brakes on. The first fault stays.
+    pub fn trip(&mut self, period: u64, fault: ArmFault) {
+        self.fault.get_or_insert(fault);
+        self.hold(period);
+    }
+
+    /// Breaks off what is going on and keeps the present set values.
+    pub fn hold(&mut self, period: u64) {
+        self.running = None;
+        self.waiting = None;
+        self.jaw.hold();
+        self.command_end = self.command_end.min(period);
+    }
+
+    /// Why the arm is stopped.
+    #[must_use]
+    pub fn fault(&self) -> Option<ArmFault> {
+        self.fault
+    }
+
+    fn measure(&mut self, reading: &ArmReading) -> Measured {
+        let motors = motors_at(&self.config, reading);
+        let joints = self.config.model.joints_unchecked(&motors);
+        // Far outside its limits a screw has no answer; the watch-dog stops the arm, the state stays finite.
+        if joints.0.iter().all(|q| q.is_finite()) {
+            self.last_joints = joints;
+        }
+        let joints = self.last_joints;
+        let base_from_flange = self.config.model.base_from_flange(&joints);
+        let wrench =
+            self.wrist.read(&reading.wrench_on_sensor, &base_from_flange, &self.flange_from_tool);
+        Measured { motors, joints, base_from_flange, wrench }
+    }
+
+    fn accept(&mut self, period: u64, reading: &ArmReading, command: &ServoCommand) {
+        match *command {
+            ServoCommand::Move { command, start } => self.accept_move(period, command, start),
+            ServoCommand::SetTool(flange_from_tool) => self.set_tool(period, flange_from_tool),
+            ServoCommand::Bias => {
+                self.wrist.start_bias();
+                let end = period + u64::from(WristForce::BIAS_SAMPLES);
+                self.command_end = self.command_end.max(end);
+            }
+            ServoCommand::Payload { weight, centre } => {
+                if weight.is_finite() && centre.coords.iter().all(|c| c.is_finite()) {
+                    self.wrist.set_payload(weight, centre);
+                } else {
+                    self.refused = Some(MoveRefused::NotANumber);
+                }
+            }
+            ServoCommand::ForceSettings(settings) => self.late.settings = settings,
+            ServoCommand::Reset => self.reset(reading),
+        }
+    }
+
+    fn accept_move(&mut self, period: u64, command: MoveCommand, start: u64) {
+        if self.fault.is_some() {
+            return;
+        }
+        self.refused = None;
+        let follows = self.running.is_some_and(|path| path.end <= period + Self::EARLY);
+        let after = if follows { self.running.map_or(0, |path| path.end + 1) } else { 0 };
+        let begin = start.max(period).max(after);
+        self.waiting = Some((command, begin));
+        // Whoever waits for this command must not take the end of the present one for its own.
+        self.command_end = begin + u64::from(command.periods.max(1)) - 1;
+    }
+
+    fn set_tool(&mut self, period: u64, flange_from_tool: Pose) {
+        let finite = flange_from_tool.translation.vector.iter().all(|c| c.is_finite())
+            && flange_from_tool.rotation.coords.iter().all(|c| c.is_finite());
+        if !finite {
+            self.refused = Some(MoveRefused::NotANumber);
+            return;
+        }
+        self.flange_from_tool = flange_from_tool;
+        self.set = SetValues::of_motors(&self.config.model, &flange_from_tool, self.set.motors);
+        if let Some(path) = &mut self.running {
+            path.retarget(self.set.base_from_tool, period);
+        }
+    }
+
+    fn reset(&mut self, reading: &ArmReading) {
+        let motors = motors_at(&self.config, reading);
+        self.set = SetValues::of_motors(&self.config.model, &self.flange_from_tool, motors);
+        self.steps = [0.0; AXES];
+        for regulator in &mut self.regulators {
+            regulator.reset();
+        }
+        self.last_counts = reading.counts;
+        self.watch.reset(reading.counts);
+        self.jaw.reset(reading.jaw_count);
+        self.law = ForceLaw::default();
+        self.running = None;
+        self.waiting = None;
+        self.refused = None;
+        self.fault = None;
+    }
+
+    fn begin_waiting(&mut self, period: u64) {
+        let Some((command, begin)) = self.waiting else { return };
+        if begin > period {
+            return;
+        }
+        self.waiting = None;
+        let periods = u64::from(command.periods.max(1));
+        let end = period + periods - 1;
+        let model = &self.config.model;
+        let allowed = check_end(&command.motion, periods, &self.set, model, &self.flange_from_tool)
+            .and_then(|()| command.jaw.map_or(Ok(()), |jaw| self.jaw.check(&jaw)));
+        if let Err(refused) = allowed {
+            self.refuse(period, refused);
+            return;
+        }
+        self.running = Some(Path::new(&command.motion, &self.set, period, end));
+        self.command_end = end;
+        if let Some(jaw) = &command.jaw {
+            self.jaw.start(jaw, period, end);
+        }
+    }
+
+    fn refuse(&mut self, period: u64, refused: MoveRefused) {
+        self.hold(period);
+        self.refused = Some(refused);
+    }
+
+    /// Limits of the hardware and of what can be believed.
+    fn watch(&mut self, period: u64, reading: &ArmReading, measured: &Measured) {
+        if self.fault.is_some() {
+            return;
+        }
+        let first = self.first_axis();
+        let increments = &self.config.model.increments;
+        let (set, steps) = (&self.set.motors, &self.steps);
+        let axes = self.watch.check(reading, &measured.motors, set, steps, first, increments);
+        let by_force = self.running.as_ref().and_then(Path::directions).is_some_and(heeds_force);
+        let force = if by_force { self.wrist.fault(&reading.wrench_on_sensor) } else { None };
+        if let Some(fault) = axes.or(force) {
+            self.trip(period, fault);
+        }
+    }
+
+    fn advance(&mut self, period: u64, wrench: &Wrench) {
+        let Some(path) = self.running else { return };
+        let model = &self.config.model;
+        let next = path
+            .at(period, &self.set, model, &self.flange_from_tool, &mut self.law, wrench)
+            .and_then(|next| next.check(model, &self.set).map(|()| next));
+        match next {
+            Ok(next) => {
+                self.set = next;
+                if period >= path.end {
+                    self.running = None;
+                }
+            }
+            Err(refused) => self.refuse(period, refused),
+        }
+    }
+
+    fn drive(&mut self, reading: &ArmReading) -> ArmDrive {
+        let mut drive = ArmDrive { enabled: self.fault.is_none(), ..ArmDrive::OFF };
+        drive.stops = self.jaw.stops();
+        if self.fault.is_some() {
+            self.last_counts = reading.counts;
+            return drive;
+        }
+        for axis in self.first_axis()..AXES {
+            let wanted = self.steps[axis] * self.config.model.increments[axis] / TAU;
+            let measured = reading.counts[axis] - self.last_counts[axis];
+            drive.pwm[axis] = self.regulators[axis].step(wanted, measured as f64);
+        }
+        self.last_counts = reading.counts;
+        self.jaw.drive(reading, &mut drive);
+        drive
+    }
+
+    fn state(&self, period: u64, reading: &ArmReading, measured: &Measured) -> ArmState {
+        ArmState {
+            period,
+            motors: measured.motors,
+            joints: measured.joints,
+            base_from_tool: measured.base_from_flange * self.flange_from_tool,
+            desired_joints: self.set.joints,
+            desired_base_from_tool: self.set.base_from_tool,
+            wrench_in_tool: measured.wrench,
+            jaw_opening: self.jaw.opening_at(reading.jaw_count),
+            jaw_force: self.jaw.force_at(reading.currents[AXES]),
+            command_end: self.command_end,
+            refused: self.refused,
+            fault: self.fault,
+        }
+    }
+
+    /// An arm without a track has no axis 0.
+    fn first_axis(&self) -> usize {
+        usize::from(!self.config.model.has_track)
+    }
+}
+
+/// The wrench as the force law sees it: late or with the wrong sign when it is to be spoilt.
+#[derive(Debug, Clone, Copy)]
+struct Late {
+    settings: ForceSettings,
+    past: [Wrench; Late::LENGTH],
+    now: usize,
+}
+
+impl Default for Late {
+    fn default() -> Self {
+        Self { settings: ForceSettings::default(), past: [Wrench::default(); Self::LENGTH], now: 0 }
+    }
+}
+
+impl Late {
+    const LENGTH: usize = ForceSettings::LONGEST_DELAY as usize + 1;
+
+    fn through(&mut self, wrench: Wrench) -> Wrench {
+        self.now = (self.now + 1) % Self::LENGTH;
+        self.past[self.now] = wrench;
+        let delay = self.settings.delay_periods.min(ForceSettings::LONGEST_DELAY) as usize;
+        let seen = self.past[(self.now + Self::LENGTH - delay) % Self::LENGTH];
+        Wrench { force: self.settings.sign * seen.force, torque: self.settings.sign * seen.torque }
+    }
+}
+
+fn motors_at(config: &ServoConfig, reading: &ArmReading) -> MotorPositions {
+    let model = &config.model;
+    MotorPositions(std::array::from_fn(|axis| {
+        if axis == 0 && !model.has_track {
+            0.0
+        } else {
+            reading.counts[axis] as f64 * TAU / model.increments[axis]
+        }
+    }))
+}

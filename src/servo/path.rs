@@ -1,0 +1,220 @@
+//! The course of a macrostep: set values of each of its periods, linearly between start and end.
+
+use super::tff::ForceLaw;
+use crate::kinematics::ArmModel;
+use crate::motion::Direction;
+use crate::motion::{AXES, Frame, JointPositions, Motion, MotorPositions, MoveRefused, PERIOD};
+use crate::spatial::{Pose, Wrench};
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
+
+/// Set values of one period; the three agree.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SetValues {
+    /// Motor shafts.
+    pub motors: MotorPositions,
+    /// Joints.
+    pub joints: JointPositions,
+    /// `base_from_tool`.
+    pub base_from_tool: Pose,
+}
+
+impl SetValues {
+    /// Of joint positions.
+    #[must_use]
+    pub fn of_joints(model: &ArmModel, flange_from_tool: &Pose, joints: JointPositions) -> Self {
+        Self {
+            motors: model.motors(&joints),
+            joints,
+            base_from_tool: model.base_from_flange(&joints) * flange_from_tool,
+        }
+    }
+
+    /// Of motor positions.
+    #[must_use]
+    pub fn of_motors(model: &ArmModel, flange_from_tool: &Pose, motors: MotorPositions) -> Self {
+        let joints = model.joints_unchecked(&motors);
+        let base_from_tool = model.base_from_flange(&joints) * flange_from_tool;
+        Self { motors, joints, base_from_tool }
+    }
+
+    /// Of a pose, by the solution nearest to `near`.
+    ///
+    /// # Errors
+    /// As [`ArmModel::inverse`].
+    pub fn of_pose(
+        model: &ArmModel,
+        flange_from_tool: &Pose,
+        base_from_tool: Pose,
+        near: &JointPositions,
+    ) -> Result<Self, MoveRefused> {
+        let joints = model.inverse(&(base_from_tool * flange_from_tool.inverse()), near)?;
+        Ok(Self { motors: model.motors(&joints), joints, base_from_tool })
+    }
+
+    /// Whether the drives may be asked for these, coming from `last`.
+    ///
+    /// # Errors
+    /// The first limit that is exceeded, or a number that is none.
+    pub fn check(&self, model: &ArmModel, last: &Self) -> Result<(), MoveRefused> {
+        model.check_joints(&self.joints)?;
+        model.check_motors(&self.motors)?;
+        for axis in 0..AXES {
+            let rate = (self.motors.0[axis] - last.motors.0[axis]) / PERIOD;
+            let limit = model.motor_speed_limit;
+            if rate.abs() > limit {
+                return Err(MoveRefused::TooFast { axis, rate, limit });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A macrostep under way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Path {
+    kind: Kind,
+    begin: u64,
+    /// Last period.
+    pub end: u64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Kind {
+    Hold,
+    Motors { from: MotorPositions, to: MotorPositions },
+    Joints { from: JointPositions, to: JointPositions },
+    Pose { from: Pose, to: Pose, rotation: Vector3<f64> },
+    Task { frame: Frame, directions: [Direction; 6] },
+}
+
+impl Path {
+    /// The course from `from` in periods `begin..=end`.
+    #[must_use]
+    pub fn new(motion: &Motion, from: &SetValues, begin: u64, end: u64) -> Self {
+        let kind = match *motion {
+            Motion::Hold => Kind::Hold,
+            Motion::Motors(to) => Kind::Motors { from: from.motors, to },
+            Motion::Joints(to) => Kind::Joints { from: from.joints, to },
+            Motion::Pose(to) => straight(from.base_from_tool, to),
+            Motion::Task { frame, directions } => Kind::Task { frame, directions },
+        };
+        Self { kind, begin, end }
+    }
+
+    /// Set values of `period`, the last ones being `last`.
+    ///
+    /// # Errors
+    /// Why there are none: the pose cannot be reached.
+    pub fn at(
+        &self,
+        period: u64,
+        last: &SetValues,
+        model: &ArmModel,
+        flange_from_tool: &Pose,
+        law: &mut ForceLaw,
+        wrench: &Wrench,
+    ) -> Result<SetValues, MoveRefused> {
+        let share = (period + 1 - self.begin) as f64 / (self.end + 1 - self.begin) as f64;
+        let mix = |a: &[f64; AXES], b: &[f64; AXES]| {
+            // The end itself, not its neighbour by rounding.
+            std::array::from_fn(|i| if share < 1.0 { a[i] + share * (b[i] - a[i]) } else { b[i] })
+        };
+        match &self.kind {
+            Kind::Hold => Ok(*last),
+            Kind::Motors { from, to } => {
+                let motors = MotorPositions(mix(&from.0, &to.0));
+                model.check_motors(&motors)?;
+                Ok(SetValues::of_motors(model, flange_from_tool, motors))
+            }
+            Kind::Joints { from, to } => {
+                let joints = JointPositions(mix(&from.0, &to.0));
+                Ok(SetValues::of_joints(model, flange_from_tool, joints))
+            }
+            Kind::Pose { from, to, rotation } => {
+                let (a, b) = (from.translation.vector, to.translation.vector);
+                let pose = Pose::from_parts(
+                    Translation3::from(a + share * (b - a)),
+                    from.rotation * UnitQuaternion::from_scaled_axis(share * rotation),
+                );
+                SetValues::of_pose(model, flange_from_tool, pose, &last.joints)
+            }
+            Kind::Task { frame, directions } => {
+                let mut pose = law.step(period, *frame, directions, wrench, &last.base_from_tool);
+                // Rounding would make the rotation drift from unit length over a long contact.
+                pose.rotation.renormalize();
+                SetValues::of_pose(model, flange_from_tool, pose, &last.joints)
+            }
+        }
+    }
+
+    /// The directions, when this is position-force control.
+    #[must_use]
+    pub fn directions(&self) -> Option<&[Direction; 6]> {
+        match &self.kind {
+            Kind::Task { directions, .. } => Some(directions),
+            _ => None,
+        }
+    }
+
+    /// Starts a straight line anew from `from` in `period`: the tool's frame has changed under way.
+    pub fn retarget(&mut self, from: Pose, period: u64) {
+        if let Kind::Pose { to, .. } = self.kind {
+            self.kind = straight(from, to);
+            self.begin = period.min(self.end);
+        }
+    }
+}
+
+fn straight(from: Pose, to: Pose) -> Kind {
+    let rotation = (from.rotation.inverse() * to.rotation).scaled_axis();
+    Kind::Pose { from, to, rotation }
+}
+
+/// Whether a motion can be begun from `from` and ended within `periods`: its end is checked beforehand, so
+/// that a wrong command does not move the arm at all.
+///
+/// # Errors
+/// The first limit that its end exceeds, or the speed that it would need.
+pub fn check_end(
+    motion: &Motion,
+    periods: u64,
+    from: &SetValues,
+    model: &ArmModel,
+    flange_from_tool: &Pose,
+) -> Result<(), MoveRefused> {
+    let motors = match motion {
+        Motion::Hold => return Ok(()),
+        Motion::Motors(to) => {
+            let joints = model.joints(to)?;
+            model.check_joints(&joints)?;
+            *to
+        }
+        Motion::Joints(to) => {
+            model.check(to)?;
+            model.motors(to)
+        }
+        // Limits are checked on the way: which solution it ends in depends on the way.
+        Motion::Pose(to) => {
+            return SetValues::of_pose(model, flange_from_tool, *to, &from.joints).map(|_| ());
+        }
+        Motion::Task { directions, .. } => {
+            let finite = directions.iter().all(|d| match *d {
+                Direction::Unguarded { velocity } => velocity.is_finite(),
+                Direction::Guarded { velocity: goal, admittance, inertia }
+                | Direction::Contact { wanted: goal, admittance, inertia } => {
+                    goal.is_finite() && admittance.is_finite() && inertia.is_finite()
+                }
+            });
+            return if finite { Ok(()) } else { Err(MoveRefused::NotANumber) };
+        }
+    };
+    let seconds = periods as f64 * PERIOD;
+    for axis in 0..AXES {
+        let rate = (motors.0[axis] - from.motors.0[axis]) / seconds;
+        let limit = model.motor_speed_limit;
+        if rate.abs() > limit {
+            return Err(MoveRefused::TooFast { axis, rate, limit });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,261 @@
+//! EDPT: the position-force law of one servo period.
+//!
+//! Each direction of the task frame follows a velocity, or seeks a force, or does the first and yields to the
+//! second. A force error is scaled into a velocity, an inertia smooths it, and the displacements are
+//! integrated on the commanded pose: the arm is a damper in each force direction.
+//!
+//! - in: the six [`Direction`]s, the frame they are expressed in, the wrench that the tool exerts on its
+//!   surroundings, the commanded pose
+//! - out: the commanded pose of the next period
+//! - source: Bruyninckx and De Schutter (1996); Zieliński et al. (2007), p. 371; the inertia term and the
+//!   integration on the commanded pose are from the original's sources
+
+use crate::motion::{Direction, Frame, PERIOD};
+use crate::spatial::{Pose, Twist, Wrench};
+
+/// The law's memory: the displacement of the last period, in base orientation.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ForceLaw {
+    last: Twist,
+    last_period: u64,
+}
+
+impl ForceLaw {
+    /// Periods without a task motion after which the momentum is forgotten.
+    const MEMORY: u64 = 10;
+
+    /// The commanded `base_from_tool` after this period; `wrench` is what the tool exerts on its
+    /// surroundings, about the tool point, in tool axes.
+    pub fn step(
+        &mut self,
+        period: u64,
+        frame: Frame,
+        directions: &[Direction; 6],
+        wrench: &Wrench,
+        base_from_tool: &Pose,
+    ) -> Pose {
+        if period.saturating_sub(self.last_period) > Self::MEMORY {
+            self.last = Twist::default();
+        }
+        let base_from_axes = match frame {
+            Frame::Base => Pose::identity().rotation,
+            Frame::Tool => base_from_tool.rotation,
+        };
+        let tool_from_axes = base_from_tool.rotation.inverse() * base_from_axes;
+        let force = wrench.rotated(&tool_from_axes.inverse());
+        let last = self.last.rotated(&base_from_axes.inverse());
+
+        let moved = displacement(directions, &force, &last);
+
+        self.last = moved.rotated(&base_from_axes);
+        self.last_period = period;
+        base_from_tool * moved.rotated(&tool_from_axes).displacement()
+    }
+}
+
+/// Displacement in one period; all in the axes of the task frame:
+/// `d = ((B (wanted - F) + v) T^2 + B M d_last) / (T + B M)`.
+#[must_use]
+pub fn displacement(directions: &[Direction; 6], wrench: &Wrench, last: &Twist) -> Twist {
+    let (forces, lasts) = (wrench.directions(), last.directions());
+    Twist::from_directions(std::array::from_fn(|i| {
+        let (velocity, wanted, admittance, inertia) = match directions[i] {
+            // Not by way of B = M = 0: a silent sensor (not a number) must not reach a position direction.
+            Direction::Unguarded { velocity } => return velocity * PERIOD,
+            Direction::Guarded { velocity, admittance, inertia } => {
+                (velocity, 0.0, admittance, inertia)
+            }
+            Direction::Contact { wanted, admittance, inertia } => {
+                (0.0, wanted, admittance, inertia)
+            }
+        };
+        let pushed = admittance * (wanted - forces[i]) + velocity;
+        let lag = admittance * inertia;
+        (pushed * PERIOD * PERIOD + lag * lasts[i]) / (PERIOD + lag)
+    }))
+}
+
+/// Whether any direction heeds the force.
+#[must_use]
+pub fn heeds_force(directions: &[Direction; 6]) -> bool {
+    directions.iter().any(|d| !matches!(d, Direction::Unguarded { .. }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Translation3, UnitQuaternion, Vector3};
+    use proptest::prelude::*;
+
+    const HOLD: Direction = Direction::HOLD;
+
+    fn along(axis: usize, value: f64) -> Wrench {
+        let mut components = [0.0; 6];
+        components[axis] = value;
+        Wrench::from_directions(components)
+    }
+
+    /// Pushes on a spring that lies along base z: the tool exerts `stiffness * z` on it. Returns the force of
+    /// each period; the force acts on the law `delay` periods late, as mean of two.
+    fn press(
+        admittance: f64,
+        inertia: f64,
+        stiffness: f64,
+        delay: usize,
+        periods: u64,
+    ) -> Vec<f64> {
+        let mut law = ForceLaw::default();
+        let mut directions = [HOLD; 6];
+        directions[2] = Direction::Contact { wanted: 10.0, admittance, inertia };
+        let mut pose = Pose::identity();
+        let mut forces = vec![0.0; delay + 2];
+        for period in 1..=periods {
+            let n = forces.len();
+            let seen = 0.5 * (forces[n - 1 - delay] + forces[n - 2 - delay]);
+            pose = law.step(period, Frame::Base, &directions, &along(2, seen), &pose);
+            forces.push(stiffness * pose.translation.z);
+        }
+        forces
+    }
+
+    #[test]
+    fn a_compliant_direction_backs_away_from_a_push() {
+        let mut directions = [HOLD; 6];
+        directions[2] = Direction::Guarded { velocity: 0.0, admittance: 0.002, inertia: 0.0 };
+
+        let moved = displacement(&directions, &along(2, 5.0), &Twist::default());
+
+        let wanted = Twist::from_directions([0.0, 0.0, -0.002 * 5.0 * PERIOD, 0.0, 0.0, 0.0]);
+        assert!((moved.linear - wanted.linear).norm() < 1e-18);
+        assert_eq!(moved.angular, wanted.angular);
+    }
+
+    #[test]
+    fn an_unguarded_direction_ignores_force_and_even_its_absence() {
+        let mut directions = [HOLD; 6];
+        directions[1] = Direction::Unguarded { velocity: 0.03 };
+        let silent = Wrench::from_directions([f64::NAN; 6]);
+
+        for wrench in [along(1, 50.0), Wrench::default(), silent] {
+            let moved = displacement(&directions, &wrench, &Twist::default());
+
+            assert_eq!(moved, Twist::from_directions([0.0, 0.03 * PERIOD, 0.0, 0.0, 0.0, 0.0]));
+        }
+    }
+
+    #[test]
+    fn a_guarded_direction_settles_where_the_push_balances_its_velocity() {
+        // F = v / B: 2 mm/s against 0.001 m/(s N) are 2 N.
+        let (stiffness, admittance) = (2e4, 0.001);
+        let mut directions = [HOLD; 6];
+        directions[0] = Direction::Guarded { velocity: 0.002, admittance, inertia: 20.0 };
+        let mut law = ForceLaw::default();
+        let mut pose = Pose::identity();
+
+        for period in 1..=3000 {
+            let force = stiffness * pose.translation.x;
+            pose = law.step(period, Frame::Tool, &directions, &along(0, force), &pose);
+        }
+
+        assert!((stiffness * pose.translation.x - 2.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_contact_direction_finds_its_force() {
+        let forces = press(0.001, 20.0, 4e4, 1, 3000);
+
+        assert!((forces[3000] - 10.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn contact_is_stable_up_to_four_tenths_of_the_limit_and_not_far_beyond_it() {
+        // Rule: K <= 0.4 / (b D). D: one period of the loop, the delay, half a period of the mean.
+        for (admittance, delay) in [(0.005, 1), (0.001, 1), (0.001, 6), (0.0005, 3)] {
+            let late = (delay as f64 + 1.5) * PERIOD;
+            let calm = press(admittance, 0.0, 0.4 / (admittance * late), delay, 4000);
+            let wild = press(admittance, 0.0, 4.0 / (admittance * late), delay, 4000);
+
+            let overshoot = calm.iter().fold(0.0, |m: f64, f| m.max(*f));
+            assert!((calm[4000] - 10.0).abs() < 1e-6, "b = {admittance}, delay {delay}");
+            assert!(overshoot < 12.5, "b = {admittance}, delay {delay}: {overshoot}");
+            let bounded = wild.iter().all(|f| f.abs() < 1000.0);
+            assert!(!bounded, "b = {admittance}, delay {delay}");
+        }
+    }
+
+    #[test]
+    fn the_wrong_sign_of_force_runs_away() {
+        let mut directions = [HOLD; 6];
+        directions[2] = Direction::Contact { wanted: 1.0, admittance: 0.001, inertia: 20.0 };
+        let mut law = ForceLaw::default();
+        let mut pose = Pose::identity();
+
+        for period in 1..=1000 {
+            let force = -1e4 * pose.translation.z;
+            pose = law.step(period, Frame::Base, &directions, &along(2, force), &pose);
+        }
+
+        assert!(1e4 * pose.translation.z > 65.0);
+    }
+
+    #[test]
+    fn base_and_tool_axes_differ_by_the_tools_orientation() {
+        let turned = Pose::from_parts(
+            Translation3::new(0.3, 0.2, 0.1),
+            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2),
+        );
+        let mut directions = [HOLD; 6];
+        directions[0] = Direction::Unguarded { velocity: 0.1 };
+        directions[5] = Direction::Unguarded { velocity: 0.2 };
+
+        let by =
+            |frame| ForceLaw::default().step(1, frame, &directions, &Wrench::default(), &turned);
+
+        let (base, tool) = (by(Frame::Base), by(Frame::Tool));
+        let moved = |pose: Pose| pose.translation.vector - turned.translation.vector;
+        assert!((moved(base) - Vector3::new(0.1 * PERIOD, 0.0, 0.0)).norm() < 1e-15);
+        assert!((moved(tool) - Vector3::new(0.0, 0.1 * PERIOD, 0.0)).norm() < 1e-15);
+        assert!(base.rotation.angle_to(&tool.rotation) < 1e-12);
+    }
+
+    #[test]
+    fn momentum_lasts_ten_idle_periods_and_not_eleven() {
+        let mut directions = [HOLD; 6];
+        directions[0] = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
+        let mut law = ForceLaw::default();
+        law.step(1, Frame::Base, &directions, &along(0, -5.0), &Pose::identity());
+        let mut later = law;
+
+        let soon = law.step(11, Frame::Base, &directions, &Wrench::default(), &Pose::identity());
+        let late = later.step(12, Frame::Base, &directions, &Wrench::default(), &Pose::identity());
+
+        assert!(soon.translation.x > 0.0);
+        assert_eq!(late.translation.x, 0.0);
+    }
+
+    proptest! {
+        #[test]
+        fn what_it_does_depends_on_the_place_of_no_base(
+            angle in prop::array::uniform3(-3.0..3.0f64), force in prop::array::uniform6(-20.0..20.0f64)
+        ) {
+            // Tool-axes control seen from a turned base is the same motion, turned.
+            let turn = Pose::from_parts(
+                Translation3::new(1.0, 2.0, 3.0),
+                UnitQuaternion::from_euler_angles(angle[0], angle[1], angle[2]),
+            );
+            let directions =
+                [Direction::Guarded { velocity: 0.01, admittance: 0.001, inertia: 20.0 }; 6];
+            let wrench = Wrench::from_directions(force);
+            let (mut a, mut b) = (ForceLaw::default(), ForceLaw::default());
+            let (mut one, mut two) = (Pose::identity(), turn);
+
+            for period in 1..=20 {
+                one = a.step(period, Frame::Tool, &directions, &wrench, &one);
+                two = b.step(period, Frame::Tool, &directions, &wrench, &two);
+            }
+
+            let difference = (turn * one).to_homogeneous() - two.to_homogeneous();
+            prop_assert!(difference.amax() < 1e-12);
+        }
+    }
+}

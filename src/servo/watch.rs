@@ -1,0 +1,87 @@
+//! Watch-dogs of the axes: what makes a servo stop its arm by itself.
+
+use super::io::ArmReading;
+use super::regulator::ServoGains;
+use crate::motion::{AXES, ArmFault, MotorPositions, PERIOD};
+
+/// Following error and frozen encoders of all axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Watch {
+    following_error: f64,
+    following_lag: f64,
+    /// Recent speed of the set value [rad/s], falling off slowly so that a sudden stop is forgiven.
+    speed: [f64; AXES],
+    /// Periods in a row in which the axis should have moved and its counter did not.
+    frozen: [u32; AXES],
+    last_counts: [i64; AXES],
+}
+
+impl Watch {
+    /// Share of the remembered speed that is left after a period: about 40 ms.
+    const FADE: f64 = 0.95;
+    /// A set value faster than this must show in the encoder [rad/s].
+    const MUST_MOVE: f64 = 15.0;
+    /// Periods after which a counter that does not move is taken for frozen.
+    const FROZEN: u32 = 8;
+    /// No motor can turn further in a period [rad].
+    const JUMP: f64 = 1.5;
+
+    /// At rest.
+    #[must_use]
+    pub fn new(gains: &ServoGains, counts: [i64; AXES]) -> Self {
+        Self {
+            following_error: gains.following_error,
+            following_lag: gains.following_lag,
+            speed: [0.0; AXES],
+            frozen: [0; AXES],
+            last_counts: counts,
+        }
+    }
+
+    /// Forgets the past.
+    pub fn reset(&mut self, counts: [i64; AXES]) {
+        self.speed = [0.0; AXES];
+        self.frozen = [0; AXES];
+        self.last_counts = counts;
+    }
+
+    /// The first fault of this reading; `set` was wanted of the last period, `steps` is how far the set
+    /// value went in it [rad of motor].
+    pub fn check(
+        &mut self,
+        reading: &ArmReading,
+        measured: &MotorPositions,
+        set: &MotorPositions,
+        steps: &[f64; AXES],
+        first_axis: usize,
+        increments: &[f64; AXES],
+    ) -> Option<ArmFault> {
+        let mut fault = None;
+        for axis in (first_axis..AXES).rev() {
+            let moved = reading.counts[axis] - self.last_counts[axis];
+            let speed = steps[axis].abs() / PERIOD;
+            self.speed[axis] = (self.speed[axis] * Self::FADE).max(speed);
+            let still = moved == 0 && speed > Self::MUST_MOVE;
+            self.frozen[axis] = if still { self.frozen[axis] + 1 } else { 0 };
+
+            let error = set.0[axis] - measured.0[axis];
+            let allowed = self.following_error + self.following_lag * self.speed[axis];
+            let jumped = moved.abs() as f64 * std::f64::consts::TAU / increments[axis] > Self::JUMP;
+            // Not within also catches what is not a number.
+            let follows = (-allowed..=allowed).contains(&error);
+            if !follows || jumped || self.frozen[axis] > Self::FROZEN {
+                fault = Some(ArmFault::Following { axis, error });
+            }
+        }
+        self.last_counts = reading.counts;
+        let first = |bits: u8| (bits != 0).then(|| bits.trailing_zeros() as usize);
+        if let Some(axis) = first(reading.limit_switches) {
+            let motor = measured.0.get(axis).copied().unwrap_or_default();
+            fault = Some(ArmFault::LimitSwitch { axis, motor });
+        }
+        if let Some(axis) = first(reading.over_currents) {
+            fault = Some(ArmFault::OverCurrent { axis, amperes: reading.currents[axis] });
+        }
+        fault
+    }
+}

@@ -1,0 +1,252 @@
+//! The wrist force: from what the sensor feels to what the tool exerts on its surroundings.
+//!
+//! - in: the wrench on the sensor, the orientation of the flange, the believed weight beyond the sensor
+//! - out: the wrench of the tool on its surroundings, about the tool point, in tool axes
+//! - source: force transformation and bias of the original's sources; mean of two samples
+
+use crate::cell::ForceSensor;
+use crate::motion::ArmFault;
+use crate::spatial::{Pose, Wrench};
+use nalgebra::{Point3, Vector3};
+
+/// A wrist sensor with its filter, its zero and what hangs on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WristForce {
+    sensor: ForceSensor,
+    /// Load in the gripper: weight [N] and centre in the flange frame [m].
+    payload: (f64, Point3<f64>),
+    /// Zero of the sensor, in its frame.
+    bias: Wrench,
+    /// The last sample, weight removed, for the mean of two.
+    last: Option<Wrench>,
+    /// Sum and count of the samples of a new zero.
+    biasing: Option<(Wrench, u32)>,
+}
+
+impl WristForce {
+    /// Samples in a zero.
+    pub const BIAS_SAMPLES: u32 = 10;
+
+    /// With zero bias and nothing in the gripper.
+    #[must_use]
+    pub fn new(sensor: ForceSensor) -> Self {
+        Self {
+            sensor,
+            payload: (0.0, Point3::origin()),
+            bias: Wrench::default(),
+            last: None,
+            biasing: None,
+        }
+    }
+
+    /// What the tool exerts on its surroundings: mean of this and the last sample less weight and zero,
+    /// moved to the tool point and negated. Not finite while the sensor is silent.
+    pub fn read(
+        &mut self,
+        wrench_on_sensor: &Wrench,
+        base_from_flange: &Pose,
+        flange_from_tool: &Pose,
+    ) -> Wrench {
+        let sample = *wrench_on_sensor - self.weight_on_sensor(base_from_flange);
+        if sample.is_finite() {
+            self.count_towards_bias(&sample);
+        }
+        let last = self.last.unwrap_or(sample);
+        self.last = sample.is_finite().then_some(sample);
+        let mean = Wrench {
+            force: 0.5 * (sample.force + last.force),
+            torque: 0.5 * (sample.torque + last.torque),
+        };
+        let tool_from_sensor = flange_from_tool.inverse() * self.sensor.flange_from_sensor;
+        -(mean - self.bias).moved(&tool_from_sensor)
+    }
+
+    /// Starts a new zero from the next [`WristForce::BIAS_SAMPLES`] samples.
+    pub fn start_bias(&mut self) {
+        self.biasing = Some((Wrench::default(), 0));
+    }
+
+    /// What hangs in the gripper: weight [N] and centre in the flange frame [m].
+    pub fn set_payload(&mut self, weight: f64, centre: Point3<f64>) {
+        self.payload = (weight, centre);
+        // The last sample was taken with the old belief.
+        self.last = None;
+    }
+
+    /// What makes this reading unfit for force control.
+    #[must_use]
+    pub fn fault(&self, wrench_on_sensor: &Wrench) -> Option<ArmFault> {
+        let components = wrench_on_sensor.directions();
+        (0..6)
+            .find(|&i| components[i].is_nan() || components[i].abs() >= self.sensor.range[i])
+            .map(|direction| ArmFault::ForceSensor { direction, reading: components[direction] })
+    }
+
+    /// Weight of the tool and of the payload, as the sensor feels it.
+    fn weight_on_sensor(&self, base_from_flange: &Pose) -> Wrench {
+        let down = base_from_flange.rotation.inverse() * -Vector3::z();
+        let hanging = |weight: f64, centre: &Point3<f64>| {
+            let force = weight * down;
+            Wrench { force, torque: centre.coords.cross(&force) }
+        };
+        let in_flange = hanging(self.sensor.weight, &self.sensor.centre_in_flange)
+            + hanging(self.payload.0, &self.payload.1);
+        in_flange.moved(&self.sensor.flange_from_sensor.inverse())
+    }
+
+    fn count_towards_bias(&mut self, sample: &Wrench) {
+        let Some((sum, count)) = self.biasing else { return };
+        let (sum, count) = (sum + *sample, count + 1);
+        self.biasing = Some((sum, count));
+        if count == Self::BIAS_SAMPLES {
+            let share = 1.0 / f64::from(count);
+            self.bias = Wrench { force: share * sum.force, torque: share * sum.torque };
+            self.biasing = None;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spatial::Twist;
+    use nalgebra::{Translation3, UnitQuaternion};
+    use proptest::prelude::*;
+
+    fn sensor() -> ForceSensor {
+        ForceSensor {
+            flange_from_sensor: Pose::from_parts(
+                Translation3::new(0.0, 0.0, 0.09),
+                UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -1.571),
+            ),
+            weight: 13.18,
+            centre_in_flange: Point3::new(0.004, 0.0, 0.13),
+            range: [65.0, 65.0, 130.0, 5.0, 5.0, 5.0],
+        }
+    }
+
+    fn tool() -> Pose {
+        Pose::translation(0.0, 0.0, 0.25)
+    }
+
+    fn turned(a: [f64; 3]) -> Pose {
+        Pose::from_parts(
+            Translation3::new(0.5, -0.2, 1.1),
+            UnitQuaternion::from_euler_angles(a[0], a[1], a[2]),
+        )
+    }
+
+    /// What a sensor feels of a weight hanging in base: written down anew, in base axes about the sensor.
+    fn felt(base_from_flange: &Pose, weight: f64, centre: Point3<f64>) -> Wrench {
+        let base_from_sensor = base_from_flange * sensor().flange_from_sensor;
+        let arm = (base_from_flange * centre).coords - base_from_sensor.translation.vector;
+        let force = Vector3::new(0.0, 0.0, -weight);
+        let into = base_from_sensor.rotation.inverse();
+        Wrench { force: into * force, torque: into * arm.cross(&force) }
+    }
+
+    fn largest(wrench: &Wrench) -> f64 {
+        wrench.directions().iter().fold(0.0, |m, c| m.max(c.abs()))
+    }
+
+    proptest! {
+        #[test]
+        fn the_tools_own_weight_is_no_force_in_any_orientation(a in prop::array::uniform3(-3.0..3.0f64)) {
+            let (mut wrist, flange) = (WristForce::new(sensor()), turned(a));
+            let weight = felt(&flange, sensor().weight, sensor().centre_in_flange);
+
+            prop_assert!(largest(&wrist.read(&weight, &flange, &tool())) < 1e-12);
+        }
+
+        #[test]
+        fn a_payload_adds_its_weight(a in prop::array::uniform3(-3.0..3.0f64)) {
+            let (mut wrist, flange) = (WristForce::new(sensor()), turned(a));
+            let centre = Point3::new(0.0, 0.01, 0.25);
+            wrist.set_payload(0.98, centre);
+            let weight = felt(&flange, sensor().weight, sensor().centre_in_flange) + felt(&flange, 0.98, centre);
+
+            prop_assert!(largest(&wrist.read(&weight, &flange, &tool())) < 1e-12);
+        }
+
+        #[test]
+        fn power_of_wrench_and_twist_is_the_same_at_sensor_and_tool(
+            w in prop::array::uniform6(-20.0..20.0f64), t in prop::array::uniform6(-1.0..1.0f64)
+        ) {
+            let mut weightless = sensor();
+            weightless.weight = 0.0;
+            let on_sensor = Wrench::from_directions(w);
+            let by_tool = WristForce::new(weightless).read(&on_sensor, &Pose::identity(), &tool());
+            // The velocity of the tool point, carried over to the sensor by rigidity.
+            let (at_tool, tool_from_sensor) =
+                (Twist::from_directions(t), tool().inverse() * sensor().flange_from_sensor);
+            let out = tool_from_sensor.translation.vector;
+            let at_sensor = Twist {
+                linear: at_tool.linear + at_tool.angular.cross(&out),
+                angular: at_tool.angular,
+            }
+            .rotated(&tool_from_sensor.rotation.inverse());
+
+            let power = |w: &Wrench, t: &Twist| w.force.dot(&t.linear) + w.torque.dot(&t.angular);
+
+            prop_assert!((power(&on_sensor, &at_sensor) + power(&by_tool, &at_tool)).abs() < 1e-10);
+        }
+    }
+
+    #[test]
+    fn the_tool_exerts_the_opposite_of_what_the_sensor_feels() {
+        let mut wrist = WristForce::new(ForceSensor { weight: 0.0, ..sensor() });
+        // A wall ahead of the tool pushes it back along -z.
+        let push = Wrench::from_directions([0.0, 0.0, -7.0, 0.0, 0.0, 0.0]);
+
+        let by_tool = wrist.read(&push, &Pose::identity(), &tool());
+
+        assert!((by_tool.force - Vector3::new(0.0, 0.0, 7.0)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_reading_is_the_mean_of_two_and_a_silent_sample_is_not_remembered() {
+        let mut wrist = WristForce::new(ForceSensor { weight: 0.0, ..sensor() });
+        let mut z = |force: f64| {
+            let sample = Wrench::from_directions([0.0, 0.0, force, 0.0, 0.0, 0.0]);
+            wrist.read(&sample, &Pose::identity(), &tool()).force.z
+        };
+
+        assert_eq!(z(-2.0), 2.0);
+        assert_eq!(z(-4.0), 3.0);
+        assert!(z(f64::NAN).is_nan());
+        assert_eq!(z(-6.0), 6.0);
+    }
+
+    #[test]
+    fn a_bias_is_the_mean_of_ten_samples_less_weight() {
+        let (mut wrist, flange) = (WristForce::new(sensor()), turned([0.3, 0.4, 0.5]));
+        let other = turned([-2.0, 0.1, 1.0]);
+        let offset = Wrench::from_directions([1.0, -2.0, 3.0, 0.1, 0.2, -0.3]);
+        let weight = |flange| felt(flange, sensor().weight, sensor().centre_in_flange);
+        wrist.start_bias();
+
+        for sample in 0..10 {
+            let noise = Wrench::from_directions([if sample % 2 == 0 { 0.5 } else { -0.5 }; 6]);
+            let by_tool = wrist.read(&(weight(&flange) + offset + noise), &flange, &tool());
+            assert_eq!(largest(&by_tool) > 1.0, sample < 9, "the old zero holds until the tenth");
+        }
+
+        // Gone in every orientation, since the weight is not in it.
+        wrist.read(&(weight(&other) + offset), &other, &tool());
+        assert!(largest(&wrist.read(&(weight(&other) + offset), &other, &tool())) < 1e-12);
+    }
+
+    #[test]
+    fn saturation_and_silence_are_faults() {
+        let wrist = WristForce::new(sensor());
+        let with = |axis: usize, value: f64| {
+            let mut components = [1.0; 6];
+            components[axis] = value;
+            wrist.fault(&Wrench::from_directions(components))
+        };
+
+        assert_eq!(with(2, 129.9), None);
+        assert_eq!(with(1, -65.0), Some(ArmFault::ForceSensor { direction: 1, reading: -65.0 }));
+        assert!(matches!(with(5, f64::NAN), Some(ArmFault::ForceSensor { direction: 5, .. })));
+    }
+}

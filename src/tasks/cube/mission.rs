@@ -1,0 +1,766 @@
+//! The kernel of MP for the cube: acquire, identify, plan, turn, hand back.
+//!
+//! - in: what became of the last action, the states of both arms
+//! - out: the next action for the shell
+//! - source: Zieliński et al. (2007), pp. 371-374
+//!
+//! A queue of [`Job`]s is worked off from the front. A job either becomes an action at once, or unfolds into
+//! smaller jobs with what is known by then; what an action brought is digested by the job that asked for it.
+
+use std::collections::VecDeque;
+
+use super::belief::Belief;
+use super::hold::{Grip, Hand, Hold, Step};
+use super::plan::{Reachable, Terms};
+use super::settings::{CompliantArm, CubeSettings};
+use super::think::{Conclusion, Thought};
+use crate::cube::{Axis, Face};
+use crate::generators::{Behaviour, Outcome, visual_servo};
+use crate::motion::{ArmState, Depth, JawCommand, JointPositions};
+use crate::reach::Meeting;
+use crate::spatial::Pose;
+use crate::tasks::{Action, Event, Finish, Task, Until};
+use nalgebra::Vector3;
+
+/// What the kernel is to do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Goal {
+    /// Everything: from the operator's hand and back to it, solved.
+    Solve,
+    /// Take the cube from the operator and hand it back.
+    Acquire,
+    /// Both hands hold the cube; turn the face in the track's palm by this angle about its tool's z [rad].
+    FaceTurn(f64),
+}
+
+/// A piece of work.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Job {
+    Phase(&'static str),
+    Watch(bool),
+    Bias([bool; 2]),
+    /// Joint motion; `None` leaves an arm where it is.
+    Joints([Option<JointPositions>; 2], f64),
+    /// Along the tool's own z, relative to the set pose [m].
+    Along(Hand, f64),
+    /// The track draws back from the meeting along -y, so that both arms are free to move.
+    Apart,
+    /// The track comes up to the meeting.
+    Together(JointPositions),
+    /// Both arms go to a meeting, drawn apart, and then come together.
+    Meet { newcomer: Hand, meeting: Meeting, back: bool },
+    Open { hand: Hand, opening: f64 },
+    /// Lets go of the cube and forgets it.
+    LetGo(Hand),
+    PreGrasp { hand: Hand, hold: Hold, half_roll: bool },
+    Approach { hand: Hand, hold: Hold, half_roll: bool },
+    Close { hand: Hand, hold: Hold },
+    Secure { hand: Hand, hold: Hold, half_roll: bool },
+    VisualServo { tries: u32 },
+    /// First closing on the cube in the operator's hand.
+    Take { tries: u32 },
+    /// The operator lets go.
+    Wait(Hand, f64),
+    Remember,
+    Step(Step),
+    Look { viewer: Hand, face: Face, tries: u32 },
+    LooksFrom(Hand),
+    Plan,
+    Turn { turner: Hand, angle: f64, tries: u32 },
+    /// After a plain turn by an angle that belongs to no plan.
+    Report,
+    HandBack,
+    Present { tries: u32 },
+    Finish { achieved: bool },
+}
+
+/// The kernel.
+#[derive(Debug)]
+pub struct Mission {
+    settings: CubeSettings,
+    goal: Goal,
+    belief: Belief,
+    queue: VecDeque<Job>,
+    /// The job whose action is being carried out.
+    pending: Option<Job>,
+    meeting: Option<Meeting>,
+    apart: bool,
+    /// Measured colours by facelet of the cube frame at acquisition.
+    seen: [Option<[f64; 3]>; 54],
+    /// Where the track stood when it had taken the cube.
+    hand_over: Option<JointPositions>,
+    turned: f64,
+    /// Facts for the summary.
+    pub log: MissionLog,
+}
+
+/// What the controller did, as it believes.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct MissionLog {
+    /// Colours read, letters URFDLB by the centres' colours.
+    pub identified: Option<String>,
+    /// First plan's face turns.
+    pub solution: Vec<crate::cube::Turn>,
+    /// Turns that were carried out.
+    pub executed: Vec<crate::cube::Turn>,
+    /// Jaw closings on the cube between identification and hand-back.
+    pub grasps: u32,
+    /// The plan's steps in words.
+    pub plan: Vec<String>,
+    /// Notes for the operator: where and why something was tried again.
+    pub notes: Vec<String>,
+}
+
+const ARMS_APART: [Option<JointPositions>; 2] = [None, None];
+/// Jaw opening with which a hand leaves the operator's hand or the partner: the full one.
+const LEAVE_SECONDS: f64 = 1.2;
+/// Retries of a stalled turn.
+const TURN_TRIES: u32 = 2;
+const LOOK_TRIES: u32 = 3;
+const TAKE_TRIES: u32 = 3;
+/// Least width of a cube between the jaws, as a share of its edge.
+const LEAST_WIDTH: f64 = 0.9;
+
+impl Mission {
+    /// A kernel that begins with nothing held (`Solve`, `Acquire`), or with the cube in the postument's hand
+    /// as `start` says (`FaceTurn`).
+    #[must_use]
+    pub fn new(settings: CubeSettings, goal: Goal, start: Option<(Hand, Hold, bool)>) -> Self {
+        let mut belief = Belief::new(settings.arms, settings.edge, settings.base_learning);
+        if let Some((hand, hold, half_roll)) = start {
+            belief.secured(hand, hold, half_roll, &[]);
+        }
+        Self {
+            settings,
+            goal,
+            belief,
+            queue: VecDeque::new(),
+            pending: None,
+            meeting: None,
+            apart: true,
+            seen: [None; 54],
+            hand_over: None,
+            turned: 0.0,
+            log: MissionLog::default(),
+        }
+    }
+
+    fn push_front(&mut self, jobs: &[Job]) {
+        for job in jobs.iter().rev() {
+            self.queue.push_front(*job);
+        }
+    }
+
+    fn begin(&mut self) {
+        let take = [
+            Job::Phase("acquire"),
+            Job::Open { hand: Hand::Track, opening: self.settings.opening },
+            Job::Watch(true),
+            Job::Bias([true, true]),
+            Job::VisualServo { tries: 1 },
+            Job::Take { tries: 1 },
+            Job::Wait(Hand::Track, 2.6),
+            Job::Watch(false),
+            Job::Along(Hand::Track, -self.settings.back),
+            Job::Remember,
+        ];
+        match self.goal {
+            Goal::Solve => {
+                self.queue.extend(take);
+                self.queue.extend([Job::Phase("identify"), Job::LooksFrom(Hand::Track)]);
+            }
+            Goal::Acquire => {
+                self.queue.extend(take);
+                self.queue.extend([Job::HandBack, Job::Finish { achieved: true }]);
+            }
+            Goal::FaceTurn(angle) => {
+                let Some(held) = self.belief.held[Hand::Postument.index()] else { return };
+                let hold = Hold { palm: held.hold.palm.opposite(), depth: Depth::One, ..held.hold };
+                self.apart = false;
+                self.queue.extend([
+                    Job::Phase("grasp"),
+                    Job::Open { hand: Hand::Track, opening: self.settings.opening },
+                    Job::Bias([true, true]),
+                    Job::PreGrasp { hand: Hand::Track, hold, half_roll: false },
+                    Job::Approach { hand: Hand::Track, hold, half_roll: false },
+                    Job::Close { hand: Hand::Track, hold },
+                    Job::Secure { hand: Hand::Track, hold, half_roll: false },
+                    Job::Phase("turn"),
+                    Job::Turn { turner: Hand::Track, angle, tries: 1 },
+                    Job::Phase("release"),
+                    Job::LetGo(Hand::Track),
+                    Job::Report,
+                ]);
+            }
+        }
+    }
+
+    fn fail(&mut self, reason: impl Into<String>) -> Action<Thought> {
+        self.queue.clear();
+        self.pending = None;
+        Action::Finish(Finish { achieved: false, reason: reason.into() })
+    }
+
+    /// Digests what became of the pending job. `Err` is the reason why the task cannot go on.
+    fn digest(&mut self, event: Event<Conclusion>, arms: &[ArmState]) -> Result<(), String> {
+        let pending = self.pending.take();
+        match (pending, event) {
+            (_, Event::Start) => {
+                self.begin();
+                Ok(())
+            }
+            (_, Event::Trouble(reason)) => Err(reason),
+            (Some(Job::Look { viewer, face, tries }), Event::Looked(reading)) => {
+                self.looked(viewer, face, tries, reading, arms)
+            }
+            (Some(Job::Plan), Event::Thought(conclusion)) => self.planned(conclusion),
+            (Some(job), Event::Behaved(outcomes)) => self.behaved(job, outcomes, arms),
+            _ => Ok(()),
+        }
+    }
+
+    fn behaved(
+        &mut self,
+        job: Job,
+        outcomes: [Option<Outcome>; 2],
+        arms: &[ArmState],
+    ) -> Result<(), String> {
+        for (hand, outcome) in [Hand::Track, Hand::Postument].into_iter().zip(outcomes) {
+            if let Some(Outcome::OverForce(direction, size)) = outcome {
+                return Err(over_force(hand, direction, size, &job));
+            }
+        }
+        let of = |hand: Hand| outcomes[hand.index()];
+        match job {
+            Job::VisualServo { tries } => match of(Hand::Track) {
+                Some(Outcome::Touched(_)) => Ok(()),
+                Some(Outcome::LostSight(seconds)) => {
+                    Err(format!("no cube in sight of the stand-alone camera for {seconds:.1} s"))
+                }
+                Some(Outcome::NotTouched) if tries < TAKE_TRIES => {
+                    self.log.notes.push(format!("the cube was not where it was seen, try {tries}"));
+                    self.push_front(&[
+                        Job::Along(Hand::Track, -self.settings.back),
+                        Job::VisualServo { tries: tries + 1 },
+                    ]);
+                    Ok(())
+                }
+                other => Err(format!("the cube could not be approached: {other:?}")),
+            },
+            Job::Take { tries } => match of(Hand::Track) {
+                Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
+                    let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+                    self.belief.secured(Hand::Track, hold, false, arms);
+                    Ok(())
+                }
+                other if tries < TAKE_TRIES => {
+                    self.log.notes.push(format!("the jaws did not hold the cube ({other:?}), try {tries}"));
+                    self.push_front(&[
+                        Job::Open { hand: Hand::Track, opening: self.settings.opening },
+                        Job::Along(Hand::Track, -self.settings.back),
+                        Job::Bias([true, false]),
+                        Job::VisualServo { tries: 1 },
+                        Job::Take { tries: tries + 1 },
+                    ]);
+                    Ok(())
+                }
+                other => Err(format!("the jaws do not hold the cube: {other:?}")),
+            },
+            Job::Approach { hand, .. } => match of(hand) {
+                Some(Outcome::Touched(_)) => Ok(()),
+                other => Err(format!(
+                    "the {} hand did not find the cube where the partner holds it: {other:?}",
+                    name(hand)
+                )),
+            },
+            Job::Close { hand, .. } => match of(hand) {
+                Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
+                    self.log.grasps += 1;
+                    Ok(())
+                }
+                other => Err(format!("the {} hand's jaws do not hold the cube: {other:?}", name(hand))),
+            },
+            Job::Secure { hand, hold, half_roll } => {
+                let miss = self.belief.secured(hand, hold, half_roll, arms);
+                if miss > 0.004 {
+                    self.log.notes.push(format!(
+                        "the {} hand found the cube {:.1} mm from where it was expected",
+                        name(hand),
+                        miss * 1e3
+                    ));
+                }
+                Ok(())
+            }
+            Job::Turn { turner, angle, tries } => self.turn_ended(turner, angle, tries, of(turner)),
+            Job::Present { tries } => match of(Hand::Track) {
+                Some(Outcome::Pulled) => Ok(()),
+                Some(Outcome::TimedOut(seconds)) if tries < 2 => {
+                    self.log.notes.push(format!("nobody took the cube for {seconds:.0} s"));
+                    self.push_front(&[Job::Bias([true, false]), Job::Present { tries: tries + 1 }]);
+                    Ok(())
+                }
+                other => Err(format!("the cube was not taken back: {other:?}")),
+            },
+            _ => Ok(()),
+        }
+    }
+
+    fn turn_ended(
+        &mut self,
+        turner: Hand,
+        angle: f64,
+        tries: u32,
+        outcome: Option<Outcome>,
+    ) -> Result<(), String> {
+        match outcome {
+            Some(Outcome::Turned(turned)) => {
+                self.turned += turned;
+                Ok(())
+            }
+            Some(Outcome::Stalled(turned, torque)) if tries <= TURN_TRIES => {
+                self.log.notes.push(format!(
+                    "the face stood still after {:.0} deg of {:.0} under {torque:.1} Nm: eased back, try {tries}",
+                    turned.to_degrees(),
+                    angle.to_degrees()
+                ));
+                self.turned += turned;
+                let ease = -angle.signum() * 0.09_f64.min(turned.abs());
+                self.push_front(&[
+                    Job::Turn { turner, angle: ease, tries: TURN_TRIES + 1 },
+                    Job::Turn { turner, angle: angle - turned - ease, tries: tries + 1 },
+                ]);
+                Ok(())
+            }
+            Some(Outcome::Stalled(turned, torque)) => Err(format!(
+                "jam: the face stands still after {:.0} deg under {torque:.1} Nm",
+                (self.turned + turned).to_degrees()
+            )),
+            other => Err(format!("the turn ended with {other:?}")),
+        }
+    }
+
+    fn looked(
+        &mut self,
+        viewer: Hand,
+        face: Face,
+        tries: u32,
+        reading: Result<crate::vision::sensor::FaceReading, String>,
+        arms: &[ArmState],
+    ) -> Result<(), String> {
+        let reading = reading.and_then(|reading| {
+            for (i, rgb) in reading.rgb.iter().enumerate().filter(|(i, _)| !reading.occluded[*i]) {
+                self.seen[face as usize * 9 + i] = Some(*rgb);
+            }
+            let missing: Vec<_> =
+                (0..9).filter(|i| self.seen[face as usize * 9 + i].is_none()).map(|i| i + 1).collect();
+            // Stickers that something covers are seen from elsewhere, never guessed.
+            if missing.is_empty() { Ok(reading) } else { Err(format!("stickers {missing:?} are covered")) }
+        });
+        match reading {
+            Ok(reading) => {
+                self.belief.seen(viewer, face, &reading.camera_from_face, arms);
+                Ok(())
+            }
+            Err(reason) if tries < LOOK_TRIES => {
+                self.log.notes.push(format!("face {} was not read ({reason}), try {tries}", face.letter()));
+                self.push_front(&[
+                    // A little closer or farther: other reflections, other sampling.
+                    Job::Along(viewer, if tries == 1 { 0.012 } else { -0.024 }),
+                    Job::Look { viewer, face, tries: tries + 1 },
+                ]);
+                Ok(())
+            }
+            Err(reason) => Err(format!("face {} cannot be read: {reason}", face.letter())),
+        }
+    }
+
+    fn planned(&mut self, conclusion: Conclusion) -> Result<(), String> {
+        let answer = conclusion.0.map_err(|refusal| format!("no plan: {refusal}"))?;
+        self.log.identified = Some(answer.identified);
+        self.log.solution.clone_from(&answer.turns);
+        self.log.plan = answer.explanation;
+        self.log.grasps = 0;
+        self.belief.renamed(answer.rotation);
+        self.queue.push_back(Job::Phase("solve"));
+        self.queue.extend(answer.steps.into_iter().map(Job::Step));
+        self.queue.extend([Job::HandBack, Job::Finish { achieved: true }]);
+        Ok(())
+    }
+
+    /// Turns a job into an action, or into smaller jobs and `None`.
+    fn unfold(&mut self, job: Job, arms: &[ArmState]) -> Result<Option<Action<Thought>>, String> {
+        let s = &self.settings;
+        let action = match job {
+            Job::Phase(name) => Action::Phase(name),
+            Job::Watch(on) => Action::Watch(on),
+            Job::Bias(which) => Action::Bias(which),
+            Job::Joints(targets, speed) => {
+                if targets == ARMS_APART {
+                    return Ok(None);
+                }
+                let orders = targets.map(|t| t.map(|target| Behaviour::Joints { target, speed }));
+                Action::Behave { orders, until: Until::All }
+            }
+            Job::Along(hand, way) => {
+                let target =
+                    arms[hand.index()].desired_base_from_tool * Pose::translation(0.0, 0.0, way);
+                behave(hand, Behaviour::Line { target, speed: s.speed })
+            }
+            Job::Apart => {
+                if self.apart {
+                    return Ok(None);
+                }
+                self.apart = true;
+                let mut target = arms[Hand::Track.index()].desired_joints;
+                target.0[0] -= s.meetings.separation;
+                behave(Hand::Track, Behaviour::Joints { target, speed: s.speed })
+            }
+            Job::Together(target) => {
+                self.apart = false;
+                behave(Hand::Track, Behaviour::Joints { target, speed: s.speed })
+            }
+            Job::Meet { newcomer, meeting, back } => {
+                let track = if newcomer == Hand::Track && back { meeting.track_back } else { meeting.track };
+                let postument = if newcomer == Hand::Postument && back {
+                    meeting.postument_back
+                } else {
+                    meeting.postument
+                };
+                let mut apart = track;
+                apart.0[0] -= s.meetings.separation;
+                let speed = s.speed;
+                self.meeting = Some(meeting);
+                self.push_front(&[
+                    Job::Apart,
+                    Job::Joints([Some(apart), Some(postument)], speed),
+                    Job::Together(track),
+                ]);
+                return Ok(None);
+            }
+            Job::Open { hand, opening } => behave(hand, self.open(opening)),
+            Job::LetGo(hand) => {
+                let open = Job::Open { hand, opening: s.opening };
+                let back = Job::Along(hand, -s.back);
+                self.belief.released(hand);
+                self.push_front(&[open, back]);
+                return Ok(None);
+            }
+            Job::PreGrasp { hand, hold, half_roll } => {
+                let grasp = self
+                    .belief
+                    .grasp_pose(hand, hold, half_roll, arms)
+                    .ok_or("the partner does not hold the cube")?;
+                let target = grasp * Pose::translation(0.0, 0.0, -s.pre_grasp);
+                behave(hand, Behaviour::Line { target, speed: s.speed })
+            }
+            Job::Approach { hand, .. } => {
+                let order = Behaviour::Approach {
+                    speed: s.approach_speed,
+                    distance: s.pre_grasp + 0.015,
+                    force: s.touch,
+                    selector: [false; 6],
+                };
+                behave(hand, order)
+            }
+            Job::Close { hand, hold } => {
+                let order = Behaviour::Grasp {
+                    force: s.grip,
+                    least_width: LEAST_WIDTH * s.edge,
+                    selector: s.grasp_selector(),
+                    stops: hold.depth,
+                };
+                behave(hand, order)
+            }
+            Job::Secure { hand, hold, .. } => {
+                let order = Behaviour::Secure {
+                    press: s.press,
+                    force: s.grip,
+                    selector: s.grasp_selector(),
+                    stops: hold.depth,
+                };
+                behave(hand, order)
+            }
+            Job::VisualServo { .. } => {
+                let order = visual_servo::Order {
+                    world_from_base: self.belief.arms[Hand::Track.index()].world_from_base,
+                    seat: s.edge / 3.0,
+                    ..s.visual
+                };
+                behave(Hand::Track, Behaviour::VisualServo(order))
+            }
+            Job::Take { .. } => {
+                let order = Behaviour::Grasp {
+                    force: s.grip,
+                    least_width: LEAST_WIDTH * s.edge,
+                    selector: s.grasp_selector(),
+                    stops: Depth::One,
+                };
+                behave(Hand::Track, order)
+            }
+            Job::Wait(hand, seconds) => {
+                // The jaws stay as they are: an order of their present set values.
+                let order = Behaviour::Present { pull: f64::INFINITY, selector: [false; 6], seconds };
+                behave(hand, order)
+            }
+            Job::Remember => {
+                self.hand_over = Some(arms[Hand::Track.index()].desired_joints);
+                return Ok(None);
+            }
+            Job::Step(step) => {
+                self.unfold_step(step)?;
+                return Ok(None);
+            }
+            Job::Look { viewer, face, .. } => {
+                let camera_from_face = self
+                    .belief
+                    .face_in_camera(viewer, face, arms)
+                    .ok_or("there is no camera in that hand, or no cube in the other")?;
+                Action::Look { effector: viewer.index(), camera_from_face }
+            }
+            Job::LooksFrom(hand) => {
+                let held = self.belief.held[hand.index()].ok_or("nothing is held")?;
+                let steps = super::identify::looks(
+                    (hand, Grip { hold: held.hold, half_roll: held.half_roll }),
+                    &Terms::of(self.settings.rule),
+                    &Reachable { table: &self.settings.meetings },
+                )
+                .map_err(|e| e.to_string())?;
+                self.queue.extend(steps.into_iter().map(Job::Step));
+                self.queue.extend([Job::Phase("plan"), Job::Plan]);
+                return Ok(None);
+            }
+            Job::Plan => self.plan()?,
+            Job::Turn { turner, angle, .. } => self.turn(turner, angle)?,
+            Job::Report => {
+                let achieved = match self.goal {
+                    Goal::FaceTurn(angle) => (self.turned - angle).abs() < 0.05,
+                    Goal::Solve | Goal::Acquire => true,
+                };
+                Action::Finish(Finish {
+                    achieved,
+                    reason: format!("the face was turned by {:.1} deg", self.turned.to_degrees()),
+                })
+            }
+            Job::HandBack => {
+                self.unfold_hand_back()?;
+                return Ok(None);
+            }
+            Job::Present { .. } => {
+                let order = Behaviour::Present { pull: s.pull, selector: [false; 6], seconds: 20.0 };
+                behave(Hand::Track, order)
+            }
+            Job::Finish { achieved } => {
+                Action::Finish(Finish { achieved, reason: "the cube was handed back".into() })
+            }
+        };
+        Ok(Some(action))
+    }
+
+    fn open(&self, opening: f64) -> Behaviour {
+        Behaviour::Jaw {
+            jaw: JawCommand { opening, force_limit: self.settings.grip, stops: Depth::One },
+            seconds: LEAVE_SECONDS,
+            selector: [false; 6],
+        }
+    }
+
+    fn unfold_step(&mut self, step: Step) -> Result<(), String> {
+        let held = self.belief.held;
+        let holds = |hand: Hand| held[hand.index()];
+        match step {
+            Step::Leave { hand } => self.push_front(&[Job::LetGo(hand)]),
+            Step::Look { viewer, face } => {
+                let held = holds(viewer.other()).ok_or("the partner of the viewer holds nothing")?;
+                // Which side of the holder's tool the face is on.
+                let in_tool = held
+                    .hold
+                    .cube_from_tool(held.half_roll, self.settings.edge)
+                    .rotation
+                    .inverse()
+                    * face.normal();
+                let side = if in_tool.z > 0.9 {
+                    0
+                } else if in_tool.x > 0.9 {
+                    1
+                } else if in_tool.x < -0.9 {
+                    2
+                } else {
+                    return Err(format!("face {} is under a jaw or the palm", face.letter()));
+                };
+                let meeting = self.settings.meetings.views[viewer.other().index()][side]
+                    .ok_or("the cell has no pose for this look")?;
+                let mut jobs = vec![
+                    Job::Meet { newcomer: viewer, meeting, back: false },
+                    Job::Look { viewer, face, tries: 1 },
+                ];
+                if holds(viewer).is_some() {
+                    jobs.insert(0, Job::LetGo(viewer));
+                }
+                self.push_front(&jobs);
+            }
+            Step::Grasp { hand, hold, half_roll } => {
+                let held = holds(hand.other()).ok_or("nobody would hold the cube meanwhile")?;
+                let edge = self.settings.edge;
+                let partner = held.hold.cube_from_tool(held.half_roll, edge).rotation;
+                let own = hold.cube_from_tool(half_roll, edge).rotation;
+                let (track, postument) =
+                    if hand == Hand::Track { (own, partner) } else { (partner, own) };
+                let index = crate::cube::rotation_index(&(track.inverse() * postument));
+                let meeting = self.settings.meetings.grasps[index]
+                    .ok_or("the arms cannot meet in this pair of holds")?;
+                let mut jobs = vec![
+                    Job::Meet { newcomer: hand, meeting, back: true },
+                    Job::Open { hand, opening: self.settings.opening },
+                    Job::Bias([true, true]),
+                    Job::PreGrasp { hand, hold, half_roll },
+                    Job::Approach { hand, hold, half_roll },
+                    Job::Close { hand, hold },
+                    Job::Secure { hand, hold, half_roll },
+                ];
+                if holds(hand).is_some() {
+                    jobs.insert(0, Job::LetGo(hand));
+                }
+                self.push_front(&jobs);
+            }
+            Step::Turn { turner, turn } => {
+                let angle = self.turn_angle(turner, turn.quarters)?;
+                self.log.executed.push(turn);
+                self.push_front(&[Job::Turn { turner, angle, tries: 1 }]);
+                let held = holds(turner).ok_or("the turner holds nothing")?;
+                let (hold, half_roll) = held.hold.after_turn(held.half_roll, turn.quarters);
+                self.belief.turned(turner, hold, half_roll);
+            }
+        }
+        Ok(())
+    }
+
+    /// Roll of the turner's tool for a number of clockwise quarter turns: the tool's z points into the cube, so
+    /// clockwise seen from outside is positive about it. A half turn goes where the wrist has room.
+    fn turn_angle(&self, turner: Hand, quarters: u8) -> Result<f64, String> {
+        let meeting = self.meeting.ok_or("the arms have not met")?;
+        let room = match turner {
+            Hand::Track => meeting.track_roll,
+            Hand::Postument => meeting.postument_roll,
+        };
+        let quarter = std::f64::consts::FRAC_PI_2;
+        Ok(match quarters {
+            1 => quarter,
+            3 => -quarter,
+            _ if room.1 >= 2.0 * quarter => 2.0 * quarter,
+            _ => -2.0 * quarter,
+        })
+    }
+
+    fn turn(&self, turner: Hand, angle: f64) -> Result<Action<Thought>, String> {
+        let s = &self.settings;
+        let body = turner.other();
+        let held = |hand: Hand| self.belief.held[hand.index()].ok_or("a hand is empty in a turn");
+        let stiff = s.compliance == super::settings::ComplianceChoice::None;
+        // The turn axis in the body's tool frame.
+        let axis = (held(body)?.tool_from_cube.rotation
+            * held(turner)?.tool_from_cube.rotation.inverse()
+            * Vector3::z())
+        .iamax();
+        let (turner_selector, body_selector) = match s.compliant_arm {
+            CompliantArm::Body => ([false; 6], s.turn_selector(axis)),
+            CompliantArm::Turner => (s.turn_selector(2), [false; 6]),
+        };
+        let mut orders = [None, None];
+        orders[turner.index()] = Some(Behaviour::Turn {
+            angle,
+            speed: s.turn_speed,
+            torque: s.turn_torque,
+            selector: turner_selector,
+            stiff,
+        });
+        orders[body.index()] = Some(Behaviour::Comply { selector: body_selector });
+        Ok(Action::Behave { orders, until: Until::Effector(turner.index()) })
+    }
+
+    fn plan(&self) -> Result<Action<Thought>, String> {
+        let mut rgb = [[0.0; 3]; 54];
+        for (i, seen) in self.seen.iter().enumerate() {
+            rgb[i] = seen.ok_or_else(|| format!("sticker {i} was never seen"))?;
+        }
+        let holder = [Hand::Track, Hand::Postument]
+            .into_iter()
+            .find(|h| self.belief.held[h.index()].is_some())
+            .ok_or("nobody holds the cube")?;
+        let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
+        Ok(Action::Think(Thought {
+            rgb,
+            start: (holder, Grip { hold: held.hold, half_roll: held.half_roll }),
+            rule: self.settings.rule,
+            nodes: self.settings.nodes,
+            candidates: self.settings.candidates,
+            seconds_per_node: self.settings.seconds_per_node,
+            meetings: self.settings.meetings.clone(),
+        }))
+    }
+
+    fn unfold_hand_back(&mut self) -> Result<(), String> {
+        let target = self.hand_over.ok_or("the place of the hand-over is not known")?;
+        let speed = self.settings.speed;
+        self.push_front(&[
+            Job::Phase("hand back"),
+            Job::Apart,
+            Job::Joints([Some(target), None], speed),
+            Job::Along(Hand::Track, self.settings.back),
+            Job::Bias([true, false]),
+            Job::Present { tries: 1 },
+            Job::LetGo(Hand::Track),
+        ]);
+        Ok(())
+    }
+}
+
+impl Task for Mission {
+    type Thought = Thought;
+    type Conclusion = Conclusion;
+
+    fn next(&mut self, event: Event<Conclusion>, arms: &[ArmState]) -> Action<Thought> {
+        if let Err(reason) = self.digest(event, arms) {
+            return self.fail(reason);
+        }
+        while let Some(job) = self.queue.pop_front() {
+            match self.unfold(job, arms) {
+                Ok(Some(action)) => {
+                    self.pending = Some(job);
+                    return action;
+                }
+                Ok(None) => {}
+                Err(reason) => return self.fail(reason),
+            }
+        }
+        self.fail("the task has nothing left to do")
+    }
+
+    fn think(thought: Thought) -> (Conclusion, crate::tasks::Effort) {
+        super::think::think(&thought)
+    }
+}
+
+fn behave(hand: Hand, behaviour: Behaviour) -> Action<Thought> {
+    let mut orders = [None, None];
+    orders[hand.index()] = Some(behaviour);
+    Action::Behave { orders, until: Until::Effector(hand.index()) }
+}
+
+fn name(hand: Hand) -> &'static str {
+    match hand {
+        Hand::Track => "track",
+        Hand::Postument => "postument",
+    }
+}
+
+fn over_force(hand: Hand, direction: usize, size: f64, job: &Job) -> String {
+    let doing = match job {
+        Job::Turn { .. } => "turning",
+        Job::Approach { .. } | Job::VisualServo { .. } => "approaching",
+        Job::Close { .. } | Job::Take { .. } => "closing the jaws",
+        Job::Secure { .. } => "securing",
+        _ => "moving",
+    };
+    let (unit, axis) = (if direction < 3 { "N" } else { "Nm" }, ["x", "y", "z"][direction % 3]);
+    format!("over-force: {size:.1} {unit} at the {} hand, mostly about or along {axis}, while {doing}", name(hand))
+}

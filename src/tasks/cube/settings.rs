@@ -1,0 +1,115 @@
+//! What the cube task must be told about the cell and its manners. SI units.
+
+use crate::generators::{Selector, visual_servo};
+use crate::reach::MeetingTable;
+use crate::spatial::Pose;
+
+use super::plan::Rule;
+
+/// Which arm yields while a face is turned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CompliantArm {
+    /// The one that does not turn: the paper.
+    Body,
+    /// The one that turns: the 2008 sources.
+    Turner,
+}
+
+/// Which directions yield in contact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ComplianceChoice {
+    /// None: position control.
+    None,
+    /// x, y, z (and the turn axis): the original's choice.
+    Tff,
+    /// The tilts too.
+    TffTilts,
+}
+
+/// What is known of one arm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmBelief {
+    /// Base in the world.
+    pub world_from_base: Pose,
+    /// Tool in the flange.
+    pub flange_from_tool: Pose,
+    /// Optical frame of the camera in the hand, if there is one.
+    pub flange_from_camera: Option<Pose>,
+}
+
+/// Settings of the task.
+#[derive(Debug, Clone)]
+pub struct CubeSettings {
+    /// The two arms, track first.
+    pub arms: [ArmBelief; 2],
+    /// Where they can meet.
+    pub meetings: MeetingTable,
+    /// Edge of the cube [m].
+    pub edge: f64,
+    /// Grip force [N].
+    pub grip: f64,
+    /// Distance of the pads with open jaws [m].
+    pub opening: f64,
+    /// How far a hand draws back from the cube along its approach [m].
+    pub back: f64,
+    /// Distance short of the seat at which the guarded approach begins [m].
+    pub pre_grasp: f64,
+    /// Speed of the guarded approach [m/s].
+    pub approach_speed: f64,
+    /// Contact force that ends an approach [N].
+    pub touch: f64,
+    /// Force that seats the cube in the palm [N].
+    pub press: f64,
+    /// Speed of a face turn [rad/s].
+    pub turn_speed: f64,
+    /// Torque at which a turn stands still [Nm].
+    pub turn_torque: f64,
+    /// Force that counts as the operator's pull [N].
+    pub pull: f64,
+    /// Fraction of the full speeds in free motion.
+    pub speed: f64,
+    /// Which arm yields in a turn.
+    pub compliant_arm: CompliantArm,
+    /// Which directions yield.
+    pub compliance: ComplianceChoice,
+    /// The visual servo's order; `world_from_base` is filled in.
+    pub visual: visual_servo::Order,
+    /// Rule of the regrasp plan.
+    pub rule: Rule,
+    /// Nodes that the solver may visit.
+    pub nodes: u64,
+    /// Solutions among which the regrasps choose.
+    pub candidates: usize,
+    /// Declared time of a search node, for the virtual clock [s].
+    pub seconds_per_node: f64,
+    /// Share of a contact's evidence that corrects the believed place of the postument's base, 0..=1.
+    pub base_learning: f64,
+}
+
+impl CubeSettings {
+    /// Directions that yield in a grasp.
+    #[must_use]
+    pub fn grasp_selector(&self) -> Selector {
+        match self.compliance {
+            ComplianceChoice::None => [false; 6],
+            ComplianceChoice::Tff => [true, true, true, false, false, false],
+            ComplianceChoice::TffTilts => [true; 6],
+        }
+    }
+
+    /// Directions that yield in a turn about the given axis of the yielding tool (0 x, 1 y, 2 z).
+    #[must_use]
+    pub fn turn_selector(&self, axis: usize) -> Selector {
+        match self.compliance {
+            ComplianceChoice::None => [false; 6],
+            ComplianceChoice::Tff => [true, true, true, false, false, false],
+            ComplianceChoice::TffTilts => {
+                let mut selector = [true; 6];
+                selector[3 + axis] = false;
+                selector
+            }
+        }
+    }
+}

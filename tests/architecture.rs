@@ -1,0 +1,488 @@
+//! Reads `src/` and fails on any arrow of `use` that points up, on cycles of modules, and on what pure code
+//! must not know. The layers are those of the table in `src/lib.rs`.
+//!
+//! Comments, strings and `#[cfg(test)]` items are left out: tests may look at everything.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// Modules from the top down; a module may use those of lower layers, and of its own without a cycle.
+///
+/// `scenario` stands below `actors`, which take their configuration from it as data.
+const LAYERS: &[&[&str]] = &[
+    &["cli"],
+    &["actors"],
+    &["record", "scenario"],
+    &["hw"],
+    &["tasks"],
+    &["generators", "vision", "solver", "reach", "servo"],
+    &["cell", "kinematics", "motion", "cube", "spatial", "error"],
+];
+
+/// The first pure layer: no threads, clocks, files, logs from here down.
+const LINE: &str = "tasks";
+
+/// What pure code must not name.
+const IMPURE: &[&str] = &[
+    "tokio",
+    "tracing",
+    "std::thread",
+    "std::time",
+    "std::fs",
+    "std::io",
+    "std::net",
+    "std::process",
+    "std::env",
+];
+
+/// The only file of the shells that may hand the plant's half of a scenario on.
+const MAY_NAME_THE_PLANT: &[&str] = &["actors/plant.rs"];
+
+#[test]
+fn arrows_point_down_and_pure_code_is_pure() {
+    let mut files = Vec::new();
+    collect(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), "", &mut files);
+    assert!(files.len() > 20, "only {} files were found", files.len());
+
+    let found = violations(&files);
+
+    assert!(found.is_empty(), "\n{}\n", found.join("\n"));
+}
+
+/// A file of the crate: path below `src/` and text.
+type File = (String, String);
+
+fn collect(folder: &Path, prefix: &str, into: &mut Vec<File>) {
+    let mut entries: Vec<_> =
+        std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    entries.sort();
+    for path in entries {
+        let name = format!("{prefix}{}", path.file_name().unwrap().to_str().unwrap());
+        if path.is_dir() {
+            collect(&path, &format!("{name}/"), into);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            into.push((name, std::fs::read_to_string(&path).unwrap()));
+        }
+    }
+}
+
+fn layer(module: &str) -> Option<usize> {
+    LAYERS.iter().position(|l| l.contains(&module))
+}
+
+/// Everything that is against the rules, as `file: reason`.
+fn violations(files: &[File]) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut arrows: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for (file, text) in files {
+        if matches!(file.as_str(), "lib.rs" | "main.rs") {
+            continue;
+        }
+        let code = without_tests(&without_comments_and_strings(text));
+        let module = file.split(['/', '.']).next().unwrap();
+        let Some(from) = layer(module) else {
+            found.push(format!("{file}: module `{module}` stands in no layer"));
+            continue;
+        };
+        for path in paths(&code, file) {
+            let wrong = match path.first().map(String::as_str) {
+                Some("crate") => crate_arrow(module, from, &path, &mut arrows),
+                _ => foreign(module, from, &path),
+            };
+            found.extend(wrong.map(|reason| format!("{file}: {reason}")));
+        }
+        let secret = ["PlantSection", "PlantKeys", ".plant"].iter().find(|s| names(&code, s));
+        if let (Some(secret), "actors" | "record") = (secret, module)
+            && !MAY_NAME_THE_PLANT.contains(&file.as_str())
+        {
+            found.push(format!("{file}: names `{secret}`, which only the plant may read"));
+        }
+    }
+    for cycle in cycles(&arrows) {
+        found.push(format!("cycle of modules: {cycle}"));
+    }
+    found.sort();
+    found.dedup();
+    found
+}
+
+/// An arrow within the crate: remembered, and told when it must not be.
+fn crate_arrow(
+    module: &str,
+    from: usize,
+    path: &[String],
+    arrows: &mut BTreeMap<String, BTreeSet<String>>,
+) -> Option<String> {
+    let target = path.get(1)?;
+    let shown = path.join("::");
+    if target == module {
+        return None;
+    }
+    let Some(to) = layer(target) else {
+        return Some(format!("`{shown}` is in no layer"));
+    };
+    arrows.entry(module.to_owned()).or_default().insert(target.clone());
+    if to < from {
+        return Some(format!("`{shown}` points up from `{module}`"));
+    }
+    if matches!(module, "tasks" | "generators") {
+        let item = path.get(2).map_or("", String::as_str);
+        if matches!(target.as_str(), "kinematics" | "cell") {
+            return Some(format!("`{shown}`: `{module}` gets geometry as data, not from there"));
+        }
+        if target == "reach" && !item.starts_with(char::is_uppercase) {
+            return Some(format!(
+                "`{shown}`: `{module}` may take the types of reach, not compute it"
+            ));
+        }
+    }
+    None
+}
+
+/// What the standard library or another crate gives.
+fn foreign(module: &str, from: usize, path: &[String]) -> Option<String> {
+    let shown = path.join("::");
+    if path[0] == "anyhow" && module != "cli" {
+        return Some(format!("`{shown}`: anyhow lives in main and cli"));
+    }
+    let pure = from >= layer(LINE).unwrap();
+    let impure = IMPURE.iter().any(|i| shown == **i || shown.starts_with(&format!("{i}::")));
+    (pure && impure).then(|| format!("`{shown}` below the line"))
+}
+
+/// Whether `word` stands in the code as a whole.
+fn names(code: &str, word: &str) -> bool {
+    code.match_indices(word).any(|(at, _)| {
+        let after = code[at + word.len()..].chars().next();
+        !after.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == '(')
+    })
+}
+
+/// Cycles between modules, each told once.
+fn cycles(arrows: &BTreeMap<String, BTreeSet<String>>) -> Vec<String> {
+    fn walk(
+        at: &str,
+        trail: &mut Vec<String>,
+        arrows: &BTreeMap<String, BTreeSet<String>>,
+        found: &mut BTreeSet<String>,
+    ) {
+        if let Some(start) = trail.iter().position(|m| m == at) {
+            let mut ring = trail[start..].to_vec();
+            let least = ring.iter().enumerate().min_by_key(|(_, m)| (*m).clone()).unwrap().0;
+            ring.rotate_left(least);
+            ring.push(ring[0].clone());
+            found.insert(ring.join(" -> "));
+            return;
+        }
+        trail.push(at.to_owned());
+        for next in arrows.get(at).into_iter().flatten() {
+            walk(next, trail, arrows, found);
+        }
+        trail.pop();
+    }
+    let mut found = BTreeSet::new();
+    for module in arrows.keys() {
+        walk(module, &mut Vec::new(), arrows, &mut found);
+    }
+    found.into_iter().collect()
+}
+
+/// Every path that begins at the crate, at `super` beyond the module, or at a foreign crate.
+fn paths(code: &str, file: &str) -> Vec<Vec<String>> {
+    let tokens = tokens(code);
+    let depth = file.trim_end_matches("/mod.rs").split('/').count();
+    let mut found = Vec::new();
+    let mut i = 0;
+    while i < tokens.len() {
+        let inside = i > 0 && matches!(tokens[i - 1].as_str(), "::" | ".");
+        let next = tokens.get(i + 1).map(String::as_str);
+        match tokens[i].as_str() {
+            "crate" | "std" | "core" | "tokio" | "tracing" | "anyhow"
+                if !inside && next == Some("::") =>
+            {
+                expand(&tokens, &mut i, &mut Vec::new(), &mut found);
+            }
+            // `use tokio;`, `use {std, tracing as t};` and macros by bare name.
+            "tokio" | "tracing" | "anyhow" if !inside => {
+                found.push(vec![tokens[i].clone()]);
+                i += 1;
+            }
+            "println" | "eprintln" | "print" | "eprint" | "dbg" if next == Some("!") => {
+                found.push(vec!["std".into(), "io".into(), format!("{}!", tokens[i])]);
+                i += 1;
+            }
+            "super" if !inside => {
+                let mut up = 0;
+                while tokens.get(i).is_some_and(|t| t == "super") {
+                    up += 1;
+                    i += 2;
+                }
+                if up >= depth {
+                    expand(&tokens, &mut i, &mut vec!["crate".into()], &mut found);
+                }
+            }
+            _ => i += 1,
+        }
+    }
+    found
+}
+
+/// Reads `a::b::{c, d::e}` at `i` and adds `prefix::a::b::c`, `prefix::a::b::d::e`.
+fn expand(
+    tokens: &[String],
+    i: &mut usize,
+    prefix: &mut Vec<String>,
+    found: &mut Vec<Vec<String>>,
+) {
+    let before = prefix.len();
+    loop {
+        match tokens.get(*i).map(String::as_str) {
+            Some("{") => {
+                *i += 1;
+                while tokens.get(*i).is_some_and(|t| t != "}") {
+                    let start = *i;
+                    expand(tokens, i, prefix, found);
+                    while tokens.get(*i).is_some_and(|t| t != "," && t != "}") {
+                        *i += 1;
+                    }
+                    if tokens.get(*i).is_some_and(|t| t == ",") {
+                        *i += 1;
+                    }
+                    assert!(*i > start, "a group of `use` that cannot be read");
+                }
+                *i += 1;
+                break;
+            }
+            Some(word)
+                if word == "*" || word.starts_with(|c: char| c.is_alphabetic() || c == '_') =>
+            {
+                prefix.push(word.to_owned());
+                *i += 1;
+                if tokens.get(*i).is_some_and(|t| t == "::") {
+                    *i += 1;
+                    continue;
+                }
+                found.push(prefix.clone());
+                break;
+            }
+            _ => {
+                found.push(prefix.clone());
+                break;
+            }
+        }
+    }
+    prefix.truncate(before);
+}
+
+/// Words, `::` and single characters.
+fn tokens(code: &str) -> Vec<String> {
+    let mut all = Vec::new();
+    let mut chars = code.chars().peekable();
+    while let Some(c) = chars.next() {
+        if c.is_alphanumeric() || c == '_' {
+            let mut word = c.to_string();
+            while let Some(n) = chars.next_if(|n| n.is_alphanumeric() || *n == '_') {
+                word.push(n);
+            }
+            all.push(word);
+        } else if c == ':' && chars.next_if_eq(&':').is_some() {
+            all.push("::".to_owned());
+        } else if !c.is_whitespace() {
+            all.push(c.to_string());
+        }
+    }
+    all
+}
+
+/// The text with comments, string and character literals replaced by blanks.
+fn without_comments_and_strings(text: &str) -> String {
+    let c: Vec<char> = text.chars().collect();
+    let mut out = String::with_capacity(text.len());
+    let mut i = 0;
+    while i < c.len() {
+        let two = (c[i], c.get(i + 1).copied().unwrap_or(' '));
+        let start = i;
+        match two {
+            ('/', '/') => {
+                while i < c.len() && c[i] != '\n' {
+                    i += 1;
+                }
+            }
+            ('/', '*') => {
+                let mut depth = 0;
+                loop {
+                    match (c.get(i), c.get(i + 1)) {
+                        (Some('/'), Some('*')) => {
+                            depth += 1;
+                            i += 2;
+                        }
+                        (Some('*'), Some('/')) => {
+                            depth -= 1;
+                            i += 2;
+                        }
+                        (None, _) => break,
+                        _ => i += 1,
+                    }
+                    if depth == 0 {
+                        break;
+                    }
+                }
+            }
+            ('r', '"' | '#') if start == 0 || !c[start - 1].is_alphanumeric() => {
+                let hashes = c[i + 1..].iter().take_while(|x| **x == '#').count();
+                if c.get(i + 1 + hashes) == Some(&'"') {
+                    i += 2 + hashes;
+                    while i < c.len()
+                        && !(c[i] == '"'
+                            && c[i + 1..].iter().take_while(|x| **x == '#').count() >= hashes)
+                    {
+                        i += 1;
+                    }
+                    i += 1 + hashes;
+                } else {
+                    i += 1;
+                    out.push('r');
+                    continue;
+                }
+            }
+            ('"', _) => {
+                i += 1;
+                while i < c.len() && c[i] != '"' {
+                    i += if c[i] == '\\' { 2 } else { 1 };
+                }
+                i += 1;
+            }
+            // A character, not a lifetime: '{', '\n', '\u{1F}'.
+            ('\'', '\\') => {
+                i += 3;
+                while i < c.len() && c[i] != '\'' {
+                    i += 1;
+                }
+                i += 1;
+            }
+            ('\'', _) if c.get(i + 2) == Some(&'\'') => i += 3,
+            _ => {
+                out.push(c[i]);
+                i += 1;
+                continue;
+            }
+        }
+        let end = i.min(c.len());
+        out.extend(c[start..end].iter().map(|x| if *x == '\n' { '\n' } else { ' ' }));
+    }
+    out
+}
+
+/// The code without the items behind `#[cfg(test)]`.
+fn without_tests(code: &str) -> String {
+    let mut out = String::new();
+    let mut rest = code;
+    while let Some(at) = rest.find("#[cfg(test)]") {
+        out.push_str(&rest[..at]);
+        let item = &rest[at..];
+        let mut depth = 0;
+        let mut end = item.len();
+        for (i, c) in item.char_indices() {
+            match c {
+                '{' => depth += 1,
+                '}' => depth -= 1,
+                _ => {}
+            }
+            if depth == 0 && matches!(c, '}' | ';') {
+                end = i + 1;
+                break;
+            }
+        }
+        rest = &item[end..];
+    }
+    out.push_str(rest);
+    out
+}
+
+#[cfg(test)]
+mod the_checker_catches {
+    use super::*;
+
+    fn one(file: &str, text: &str) -> String {
+        violations(&[(file.to_owned(), text.to_owned())]).join("\n")
+    }
+
+    #[test]
+    fn an_arrow_that_points_up() {
+        assert!(one("servo/mod.rs", "use crate::hw::port::Port;").contains("points up"));
+        assert!(one("hw/port.rs", "fn f() { crate::actors::run() }").contains("points up"));
+        assert!(one("cube/mod.rs", "use crate::{spatial::Pose, cli};").contains("`crate::cli`"));
+        assert!(one("hw/sim/a.rs", "use super::super::super::cli::main;").contains("crate::cli"));
+        assert!(one("motion.rs", "use super::hw;").contains("crate::hw"));
+    }
+
+    #[test]
+    fn nothing_where_all_is_well() {
+        let text = "use crate::{spatial::{Pose, Wrench}, motion};\nuse super::io;\n\
+                    // use crate::cli;\nconst A: &str = \"crate::hw\"; const B: char = '{';\n\
+                    fn f<'a>(x: &'a str) {}\n#[cfg(test)]\nmod tests { use crate::cli; }\n";
+        assert_eq!(one("servo/law.rs", text), "");
+        assert_eq!(one("scenario/mod.rs", "use std::fs;"), "");
+        assert_eq!(one("tasks/cube/plan.rs", "use crate::reach::{Meeting, MeetingTable};"), "");
+    }
+
+    #[test]
+    fn a_cycle_within_a_layer() {
+        let files = [
+            ("vision/mod.rs".to_owned(), "use crate::solver::A;".to_owned()),
+            ("solver/mod.rs".to_owned(), "use crate::vision::B;".to_owned()),
+        ];
+        assert!(violations(&files).join("\n").contains("solver -> vision -> solver"));
+    }
+
+    #[test]
+    fn threads_clocks_files_and_logs_below_the_line() {
+        for text in [
+            "use tokio::sync::mpsc;",
+            "use std::{fmt, thread};",
+            "fn f() { std::time::Instant::now(); }",
+            "use std::fs::File;",
+            "use std::io::{self, Read};",
+            "use std::net::TcpStream;",
+            "fn f() { tracing::info!(\"x\"); }",
+            "fn f() { println!(\"x\"); }",
+        ] {
+            for file in ["tasks/cube/mod.rs", "servo/mod.rs", "cell.rs"] {
+                assert!(one(file, text).contains("below the line"), "{file}: {text}");
+            }
+            assert_eq!(one("hw/port.rs", text), "", "{text}");
+        }
+    }
+
+    #[test]
+    fn tasks_and_generators_that_reach_for_geometry() {
+        for module in ["tasks/a/mod.rs", "generators/turn.rs"] {
+            for text in [
+                "use crate::hw::camera::Frame;",
+                "use crate::kinematics::ArmModel;",
+                "use crate::cell::Cell;",
+                "use crate::reach::search::search;",
+                "use crate::reach::meetings;",
+            ] {
+                assert_ne!(one(module, text), "", "{module}: {text}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_controller_that_reads_the_plant() {
+        let text = "fn f(s: &Scenario) -> f64 { s.plant.keys.grasp_error }";
+        assert!(one("actors/mp.rs", text).contains("only the plant may read"));
+        assert!(
+            one("actors/ecp.rs", "use crate::scenario::PlantSection;").contains("only the plant")
+        );
+    }
+
+    #[test]
+    fn anyhow_outside_the_edge_and_a_module_without_a_layer() {
+        assert!(one("hw/port.rs", "fn f() -> anyhow::Result<()> {}").contains("anyhow"));
+        assert!(one("misc/mod.rs", "").contains("no layer"));
+    }
+}

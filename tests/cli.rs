@@ -1,0 +1,218 @@
+//! The program as its user meets it: exit codes, what goes to stdout and stderr, closed pipes.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use std::io::Write;
+use std::process::{Command, Output, Stdio};
+
+fn robot(args: &[&str]) -> Output {
+    with_input(args, "")
+}
+
+fn with_input(args: &[&str], input: &str) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        .args(args)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // A program that does not read its input may have closed it.
+    let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
+    child.wait_with_output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).unwrap()
+}
+
+/// A scenario file that goes away with the test.
+struct Scenario(std::path::PathBuf);
+
+impl Scenario {
+    fn new(name: &str, text: &str) -> Self {
+        let path =
+            std::env::temp_dir().join(format!("rubik-robot-{}-{name}.toml", std::process::id()));
+        std::fs::write(&path, text).unwrap();
+        Self(path)
+    }
+    fn path(&self) -> &str {
+        self.0.to_str().unwrap()
+    }
+}
+
+impl Drop for Scenario {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+fn scenarios() -> Vec<std::path::PathBuf> {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
+    let files = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+    let mut files: Vec<_> = files.filter(|p| p.extension().is_some_and(|e| e == "toml")).collect();
+    files.sort();
+    assert!(files.len() >= 5, "{files:?}");
+    files
+}
+
+#[test]
+fn every_scenario_is_right_and_opens_with_three_lines_that_say_what_it_shows() {
+    for path in scenarios() {
+        let out = robot(&["check", path.to_str().unwrap()]);
+        assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+
+        let scenario = std::fs::read_to_string(&path).unwrap();
+        let opening = scenario.lines().take_while(|l| l.starts_with("# ")).count();
+        assert_eq!(opening, 3, "{}", path.display());
+    }
+}
+
+#[test]
+fn a_broken_scenario_is_told_whole_on_stderr_and_exits_with_2() {
+    let broken = Scenario::new("broken", "taks = \"solve\"\n[cube]\nedge_mm = \"big\"\n");
+
+    for command in ["check", "run"] {
+        let out = robot(&[command, broken.path(), "--set", "control.gripp_n=3"]);
+
+        assert_eq!(out.status.code(), Some(2));
+        assert_eq!(text(&out.stdout), "");
+        let told = text(&out.stderr);
+        for wanted in [
+            format!("{}:1:1: unknown key `taks`", broken.path()),
+            format!("{}:3:11: `cube.edge_mm`: wanted a number", broken.path()),
+            "--set control.gripp_n: unknown key `gripp_n`".to_owned(),
+            "did you mean `grip_n`?".to_owned(),
+        ] {
+            assert!(told.contains(&wanted), "no `{wanted}` in:\n{told}");
+        }
+    }
+}
+
+#[test]
+fn a_missing_file_an_impossible_cube_and_wrong_usage_exit_with_2() {
+    let flipped = "UUUUUUUFURRRRRRRRRFUFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
+    for (args, reason) in [
+        (&["run", "scenarios/nosuch.toml"][..], "there is no such file"),
+        (&["run", "scenarios/solve.toml", "--cube", "UUU"], "3 letters"),
+        (&["run", "scenarios/solve.toml", "--cube", flipped], "--cube"),
+        (&["run", "scenarios/solve.toml", "--seed", "many"], "--seed"),
+        (&["run", "scenarios/solve.toml", "--set", "seed"], "has no `=`"),
+        (&["run", "scenarios/solve.toml", "--set", "bridge.kind=isa"], "real-time work"),
+        (&["run"], "Usage"),
+        (&["rnu"], "unrecognized subcommand"),
+        (&["keys", "nosuch"], "no key"),
+        (&["kinematics", "fk", "--arm", "left"], "track and postument"),
+    ] {
+        let out = robot(args);
+        assert_eq!(out.status.code(), Some(2), "{args:?}: {}", text(&out.stderr));
+        assert!(text(&out.stderr).contains(reason), "{args:?}: {}", text(&out.stderr));
+        assert_eq!(text(&out.stdout), "", "{args:?}");
+    }
+}
+
+#[test]
+fn help_teaches_by_example() {
+    for args in
+        [&["--help"][..], &["run", "--help"], &["check", "--help"], &["kinematics", "--help"]]
+    {
+        let out = robot(args);
+        assert_eq!(out.status.code(), Some(0));
+        assert!(text(&out.stdout).matches("rubik-robot ").count() >= 3, "{}", text(&out.stdout));
+    }
+}
+
+#[test]
+fn the_keys_are_listed_once_each_with_their_meaning() {
+    let out = robot(&["keys"]);
+    let lines: Vec<&str> = text(&out.stdout).lines().collect();
+
+    let keys: Vec<&str> = lines
+        .iter()
+        .filter(|l| !l.starts_with(' '))
+        .map(|l| l.split(" = ").next().unwrap())
+        .collect();
+    let mut unique = keys.clone();
+    unique.sort_unstable();
+    unique.dedup();
+    assert_eq!(unique.len(), keys.len());
+    assert_eq!(lines.len(), 2 * keys.len());
+    for wanted in [
+        "task",
+        "coordination",
+        "bridge.kind",
+        "cube.edge_mm",
+        "control.compliant_arm",
+        "control.compliance",
+        "control.force_sign",
+        "control.force_delay_periods",
+        "control.grip_n",
+        "face_turn.angle_deg",
+        "plant.grasp_error_mm",
+        "plant.grasp_error_deg",
+        "plant.jaws",
+        "plant.cube_kind",
+        "plant.lens_cap",
+        "plant.errors.base_mm",
+        "plant.errors.base_deg",
+        "plant.errors.focal_percent",
+        "effector.track.gripper.palm_clearance",
+        "vsp.mpf.owner",
+    ] {
+        assert!(keys.contains(&wanted), "no {wanted}");
+    }
+}
+
+#[test]
+fn the_defaults_that_are_listed_are_accepted_as_values() {
+    let out = robot(&["keys"]);
+    for line in text(&out.stdout).lines().filter(|l| !l.starts_with(' ')) {
+        let (key, default) = line.split_once(" = ").unwrap();
+        if default == "(not given)" {
+            continue;
+        }
+        let over = rubik_robot::scenario::Override::parse(&format!("{key}={default}")).unwrap();
+        let read = rubik_robot::scenario::read(std::path::Path::new("t.toml"), "", &[over]);
+        assert!(read.is_ok(), "{key} = {default}: {}", read.unwrap_err());
+    }
+}
+
+#[test]
+fn nobody_reads_and_nothing_panics() {
+    for args in [&["keys"][..], &["--help"], &["check", "scenarios/solve.toml"]] {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+            .args(args)
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+
+        let out = child.wait_with_output().unwrap();
+
+        assert_eq!(out.status.code(), Some(0), "{args:?}: {}", text(&out.stderr));
+        assert_eq!(text(&out.stderr), "", "{args:?}");
+    }
+}
+
+#[test]
+fn kinematics_answers_each_row_in_its_place() {
+    let rows =
+        "0,-1.5707963267948966,0,0,1.5707963267948966,0\nnonsense\n\n0,-1.57,0,1.56,1.57,-1.57\n";
+
+    let out = with_input(&["kinematics", "fk", "--arm", "postument", "--json"], rows);
+
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    let answers: Vec<serde_json::Value> =
+        text(&out.stdout).lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!(answers.len(), 3);
+    // Lower arm upright, upper arm level, wrist up: 0.67 + 0.19 m out, 0.95 + 0.455 m high.
+    let pose = &answers[0]["base_from_flange"];
+    assert!((pose[0][3].as_f64().unwrap() - 0.86).abs() < 1e-12);
+    assert!((pose[2][3].as_f64().unwrap() - 1.405).abs() < 1e-12);
+    assert!(answers[1]["error"].is_string());
+    assert!((answers[2]["base_from_flange"][0][3].as_f64().unwrap() - 0.672262).abs() < 1e-6);
+}

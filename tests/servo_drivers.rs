@@ -1,0 +1,250 @@
+//! The two drivers of time around the same core, on a port of ideal first-order motors.
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
+
+use rubik_robot::hw::driver::{
+    Core, NoRecords, RecordSink, ServoLink, ServoRecord, Switches, WallOptions, link, run_virtual,
+    spawn_wall,
+};
+use rubik_robot::hw::port::{Port, PortFault};
+use rubik_robot::motion::{ArmFault, Direction, Frame, JointPositions, Motion, MoveCommand};
+use rubik_robot::servo::io::{ArmDrive, ArmReading};
+use rubik_robot::servo::{ArmServo, ServoCommand};
+use std::hash::{DefaultHasher, Hasher};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+mod servo_rig;
+use servo_rig::{Motors, START, config};
+
+/// Hashes what it is given.
+struct Hash(Arc<Mutex<DefaultHasher>>);
+
+impl RecordSink for Hash {
+    fn record(&mut self, record: &ServoRecord) {
+        record.feed(&mut |bytes| self.0.lock().unwrap().write(bytes));
+    }
+}
+
+fn core(port: &mut Motors, records: Box<dyn RecordSink>) -> (Core, Vec<ServoLink>, Arc<Switches>) {
+    let switches = Arc::new(Switches::default());
+    let (links, ends) = (0..2).map(|_| link()).unzip();
+    let core =
+        Core::new(vec![config(), config()], ends, Arc::clone(&switches), records, port).unwrap();
+    (core, links, switches)
+}
+
+fn go(motion: Motion, periods: u32) -> ServoCommand {
+    ServoCommand::Move { command: MoveCommand { motion, periods, jaw: None }, start: 0 }
+}
+
+fn swing(angle: f64) -> Motion {
+    let mut goal = START;
+    goal.0[1] += angle;
+    Motion::Joints(goal)
+}
+
+fn slide() -> Motion {
+    let mut directions = [Direction::HOLD; 6];
+    directions[0] = Direction::Unguarded { velocity: 0.03 };
+    Motion::Task { frame: Frame::Base, directions }
+}
+
+/// A run on paused time: an EDP that streams macrosteps. Returns a hash of all records and the last joints.
+fn virtual_run() -> (u64, JointPositions) {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_time()
+        .start_paused(true)
+        .build()
+        .unwrap();
+    let hash = Arc::new(Mutex::new(DefaultHasher::new()));
+    let mut port = Motors::new(2);
+    let (mut core, mut links, switches) = core(&mut port, Box::new(Hash(Arc::clone(&hash))));
+    let joints = runtime.block_on(async {
+        let mut edp = links.remove(0);
+        let edp = async {
+            for _ in 0..20 {
+                let ticket = edp.send(go(slide(), 25)).unwrap();
+                while !edp.is_done(ticket, ArmServo::EARLY) {
+                    tokio::time::sleep(Duration::from_millis(2)).await;
+                }
+                assert_eq!((edp.state().refused, edp.state().fault), (None, None));
+            }
+            let ticket = edp.send(go(swing(0.0), 300)).unwrap();
+            while !edp.is_done(ticket, 0) {
+                tokio::time::sleep(Duration::from_millis(2)).await;
+            }
+            tokio::time::sleep(Duration::from_millis(300)).await;
+            switches.stop.store(true, Ordering::Release);
+            edp.state().joints
+        };
+        let mut last = 0;
+        let servo = run_virtual(&mut core, &mut port, |period, _| {
+            assert_eq!(period, last + 1);
+            last = period;
+        });
+        let (joints, periods) = tokio::join!(biased; edp, servo);
+        assert!(periods.unwrap() > 20 * 25 + 300);
+        joints
+    });
+    (hash.lock().unwrap().finish(), joints)
+}
+
+#[test]
+fn a_virtual_run_reaches_its_goal_and_repeats_to_the_bit() {
+    let (first, joints) = virtual_run();
+
+    for i in 0..7 {
+        assert!((joints.0[i] - START.0[i]).abs() < 2e-3, "{i}: {joints:?}");
+    }
+    for _ in 0..3 {
+        assert_eq!(virtual_run().0, first);
+    }
+}
+
+#[test]
+fn an_emergency_stop_acts_in_the_next_period_and_lasts_until_both_are_reset() {
+    let mut port = Motors::new(2);
+    let (mut core, mut links, switches) = core(&mut port, Box::new(NoRecords));
+    links[0].send(go(swing(0.3), 500)).unwrap();
+    for period in 1..=100 {
+        core.period(period, &mut port).unwrap();
+    }
+    assert!(port.enabled[0] && port.enabled[1]);
+
+    switches.emergency.store(true, Ordering::Release);
+    core.period(101, &mut port).unwrap();
+
+    assert_eq!(port.enabled, [false, false]);
+    links[0].send(ServoCommand::Reset).unwrap();
+    core.period(102, &mut port).unwrap();
+    assert_eq!(port.enabled, [false, false], "the button is still pressed");
+    assert_eq!(links[0].state().fault, Some(ArmFault::EmergencyStop));
+
+    switches.emergency.store(false, Ordering::Release);
+    links[0].send(ServoCommand::Reset).unwrap();
+    for period in 103..=110 {
+        core.period(period, &mut port).unwrap();
+    }
+    assert_eq!(port.enabled, [true, false]);
+    assert_eq!(links[0].state().fault, None);
+}
+
+#[test]
+fn arms_hold_when_the_heart_beat_stops() {
+    let mut port = Motors::new(2);
+    let (mut core, mut links, switches) = core(&mut port, Box::new(NoRecords));
+    links[0].send(go(swing(0.3), 1000)).unwrap();
+    let mut set = Vec::new();
+
+    for period in 1..=400 {
+        if period <= 200 {
+            switches.beats.fetch_add(1, Ordering::Relaxed);
+        }
+        core.period(period, &mut port).unwrap();
+        set.push(links[0].state().desired_joints.0[1]);
+    }
+
+    assert!(set[249] != set[248], "50 periods of silence are forgiven");
+    assert_eq!(set[251], set[399]);
+    assert_eq!(links[0].state().fault, None);
+    let ticket = links[0].send(go(swing(0.3), 1000)).unwrap();
+    switches.beats.fetch_add(1, Ordering::Relaxed);
+    core.period(401, &mut port).unwrap();
+    core.period(402, &mut port).unwrap();
+    assert!(!links[0].is_done(ticket, 0), "it goes on when the actors are back");
+}
+
+#[test]
+fn a_port_that_fails_ends_the_virtual_run_with_its_reason() {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_time()
+        .start_paused(true)
+        .build()
+        .unwrap();
+    let mut port = Motors::new(2);
+    port.fails_at = Some(30);
+    let (mut core, _links, _) = core(&mut port, Box::new(NoRecords));
+
+    let end = runtime.block_on(run_virtual(&mut core, &mut port, |_, _| {}));
+
+    assert_eq!(end, Err(PortFault { effector: 1, reason: "cable".into() }));
+}
+
+#[test]
+fn the_wall_driver_moves_the_same_arm_and_counts_its_periods() {
+    let mut port = Motors::new(2);
+    let (core, mut links, _) = core(&mut port, Box::new(NoRecords));
+    let options = WallOptions { spin: 0, ..WallOptions::default() };
+    let wall = spawn_wall(core, port, |_, _| {}, options).unwrap();
+    let ticket = links[1].send(go(swing(0.05), 100)).unwrap();
+
+    // Generous: other tests share the processor.
+    for _ in 0..600 {
+        if links[1].is_done(ticket, 0) {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let done = links[1].is_done(ticket, 0);
+    let state = *links[1].state();
+    let end = wall.stop();
+
+    assert!(done, "{state:?}");
+    assert_eq!(end.fault, None);
+    assert!((state.desired_joints.0[1] - START.0[1] - 0.05).abs() < 1e-12);
+    assert!(end.timing.wake_up.len() >= 100);
+    assert!(end.port.is_some_and(|port| port.last_period >= 100));
+    assert!(links[1].is_closed());
+}
+
+#[test]
+fn a_bridge_that_fails_stops_the_servo_and_tells_why() {
+    let mut port = Motors::new(2);
+    port.fails_at = Some(20);
+    let (core, mut links, _) = core(&mut port, Box::new(NoRecords));
+    let options = WallOptions { spin: 0, ..WallOptions::default() };
+    let wall = spawn_wall(core, port, |_, _| {}, options).unwrap();
+
+    for _ in 0..600 {
+        if wall.has_ended() {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+
+    assert!(wall.has_ended());
+    assert!(links[0].state().fault.is_some());
+    assert_eq!(wall.stop().fault, Some(PortFault { effector: 1, reason: "cable".into() }));
+}
+
+#[test]
+fn the_drives_of_a_period_meet_the_readings_of_that_period() {
+    // What the servo reads in period k + 1 is the end of period k, on a port that answers with its number.
+    struct Echo;
+    impl Port for Echo {
+        fn exchange(
+            &mut self,
+            period: u64,
+            _: &[ArmDrive],
+            readings: &mut [ArmReading],
+        ) -> Result<(), PortFault> {
+            readings[0] = ArmReading { jaw_count: period as i64, ..servo_rig::first_reading() };
+            Ok(())
+        }
+    }
+    struct Check;
+    impl RecordSink for Check {
+        fn record(&mut self, record: &ServoRecord) {
+            assert_eq!(record.reading.jaw_count + 1, record.period as i64);
+        }
+    }
+    let (_link, end) = link();
+    let switches = Arc::new(Switches::default());
+    let mut core =
+        Core::new(vec![config()], vec![end], switches, Box::new(Check), &mut Echo).unwrap();
+
+    for period in 1..=100 {
+        core.period(period, &mut Echo).unwrap();
+    }
+}

@@ -1,0 +1,465 @@
+//! One arm's servo, period by period, on motors that follow their set values to the increment.
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
+
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use rubik_robot::motion::{
+    ArmFault, ArmState, Depth, Direction, Frame, JawCommand, Motion, MotorPositions, MoveCommand,
+    MoveRefused, PERIOD,
+};
+use rubik_robot::servo::io::{ArmDrive, ArmReading};
+use rubik_robot::servo::{ArmServo, ForceSettings, ServoCommand, ServoConfig};
+use rubik_robot::spatial::{Pose, Wrench};
+use std::f64::consts::TAU;
+
+mod servo_rig;
+use servo_rig::{START, config, first_reading};
+
+const COMPLIANT: Direction = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
+
+/// An arm whose motors are where they were told to be a period ago.
+struct Ideal {
+    config: ServoConfig,
+    servo: ArmServo,
+    reading: ArmReading,
+    drive: ArmDrive,
+    period: u64,
+    /// A spring that pulls the tool towards where it stood, in base axes [N/m].
+    spring: Option<(f64, Vector3<f64>)>,
+}
+
+impl Ideal {
+    fn new() -> Self {
+        let config = config();
+        let reading = first_reading();
+        let servo = ArmServo::new(config.clone(), &reading);
+        Self { config, servo, reading, drive: ArmDrive::OFF, period: 0, spring: None }
+    }
+
+    fn step(&mut self, command: Option<ServoCommand>) -> ArmState {
+        self.period += 1;
+        let (drive, state) = self.servo.step(self.period, &self.reading, command.as_ref());
+        self.drive = drive;
+        if drive.enabled {
+            self.reading.counts =
+                counts(&self.config, &self.config.model.motors(&state.desired_joints));
+        }
+        if let Some((stiffness, rest)) = self.spring {
+            let tool = state.desired_base_from_tool;
+            let force = -stiffness * (tool.translation.vector - rest);
+            // On the tool point; the sensor sits behind it on the same axis.
+            let in_tool = Wrench { force: tool.rotation.inverse() * force, ..Wrench::default() };
+            let sensor_from_tool =
+                self.config.sensor.flange_from_sensor.inverse() * self.config.flange_from_tool;
+            self.reading.wrench_on_sensor = in_tool.moved(&sensor_from_tool);
+        }
+        state
+    }
+
+    /// Sends a motion and lets it end; all states.
+    fn run(&mut self, motion: Motion, periods: u32) -> Vec<ArmState> {
+        let first = self.step(Some(go(motion, periods)));
+        let mut states = vec![first];
+        states.extend((1..periods).map(|_| self.step(None)));
+        states
+    }
+}
+
+fn counts(config: &ServoConfig, motors: &MotorPositions) -> [i64; 7] {
+    std::array::from_fn(|i| (motors.0[i] * config.model.increments[i] / TAU).round() as i64)
+}
+
+fn go(motion: Motion, periods: u32) -> ServoCommand {
+    ServoCommand::Move { command: MoveCommand { motion, periods, jaw: None }, start: 0 }
+}
+
+fn task(frame: Frame, changes: &[(usize, Direction)]) -> Motion {
+    let mut directions = [Direction::HOLD; 6];
+    for (axis, direction) in changes {
+        directions[*axis] = *direction;
+    }
+    Motion::Task { frame, directions }
+}
+
+fn unguarded(velocity: f64) -> Direction {
+    Direction::Unguarded { velocity }
+}
+
+/// Largest step of any motor between consecutive states [rad].
+fn largest_step(config: &ServoConfig, states: &[ArmState]) -> f64 {
+    states
+        .windows(2)
+        .flat_map(|w| {
+            let (a, b) = (
+                config.model.motors(&w[0].desired_joints).0,
+                config.model.motors(&w[1].desired_joints).0,
+            );
+            (0..7).map(move |i| (b[i] - a[i]).abs())
+        })
+        .fold(0.0, f64::max)
+}
+
+fn apart(a: &Pose, b: &Pose) -> (f64, f64) {
+    ((a.translation.vector - b.translation.vector).norm(), a.rotation.angle_to(&b.rotation))
+}
+
+#[test]
+fn joints_motors_and_poses_are_reached_at_the_end_and_not_before() {
+    let mut arm = Ideal::new();
+    let mut goal = START;
+    goal.0[1] += 0.1;
+    goal.0[0] -= 0.02;
+
+    let states = arm.run(Motion::Joints(goal), 200);
+    assert!((states[198].desired_joints.0[1] - goal.0[1]).abs() > 1e-4);
+    assert_eq!(states[199].desired_joints, goal);
+    assert_eq!(states[199].command_end, 200);
+
+    let motors = arm.config.model.motors(&START);
+    let end = arm.run(Motion::Motors(motors), 200)[199];
+    assert!((end.desired_joints.0[1] - START.0[1]).abs() < 1e-12);
+
+    let pose = end.desired_base_from_tool
+        * Pose::from_parts(
+            Translation3::new(0.02, -0.01, 0.03),
+            UnitQuaternion::from_euler_angles(0.1, 0.05, -0.1),
+        );
+    let way = arm.run(Motion::Pose(pose), 300);
+    let (d, a) = apart(&way[299].desired_base_from_tool, &pose);
+    assert!(d < 1e-12 && a < 1e-7);
+    let reached =
+        arm.config.model.base_from_flange(&way[299].desired_joints) * arm.config.flange_from_tool;
+    let (d, a) = apart(&reached, &pose);
+    assert!(d < 1e-10 && a < 1e-7);
+    // On a straight line: the half-way point is the mean of the ends.
+    let middle = 0.5 * (end.desired_base_from_tool.translation.vector + pose.translation.vector);
+    assert!((way[149].desired_base_from_tool.translation.vector - middle).norm() < 1e-12);
+}
+
+#[test]
+fn a_task_motion_in_tool_axes_goes_along_the_tool_and_in_base_axes_along_the_base() {
+    let mut arm = Ideal::new();
+    let start = arm.step(None).desired_base_from_tool;
+
+    let along_tool = arm.run(task(Frame::Tool, &[(2, unguarded(0.02))]), 500)[499];
+    let wanted = start * Pose::translation(0.0, 0.0, 0.02);
+    let (d, a) = apart(&along_tool.desired_base_from_tool, &wanted);
+    assert!(d < 1e-10 && a < 1e-7, "{d} {a}");
+
+    let along_base = arm.run(task(Frame::Base, &[(2, unguarded(0.02))]), 500)[499];
+    let wanted = Translation3::new(0.0, 0.0, 0.02) * along_tool.desired_base_from_tool;
+    let (d, a) = apart(&along_base.desired_base_from_tool, &wanted);
+    assert!(d < 1e-10 && a < 1e-7, "{d} {a}");
+}
+
+#[test]
+fn the_next_macrostep_sent_two_periods_early_follows_without_a_gap() {
+    let mut arm = Ideal::new();
+    let motion = task(Frame::Base, &[(0, unguarded(0.05))]);
+    let mut states = Vec::new();
+
+    for period in 1..=60u64 {
+        // Macrosteps of 20 periods; each is sent when two periods are left.
+        let command = (period == 1 || period % 20 == 18).then(|| go(motion, 20));
+        states.push(arm.step(command));
+    }
+
+    for pair in states.windows(2) {
+        let moved = pair[1].desired_base_from_tool.translation.x
+            - pair[0].desired_base_from_tool.translation.x;
+        assert!((moved - 0.05 * PERIOD).abs() < 1e-9, "period {}: {moved}", pair[1].period);
+    }
+    assert_eq!(states[16].command_end, 20);
+    assert_eq!(states[17].command_end, 40, "the end of the command that was accepted last");
+}
+
+#[test]
+fn a_command_sent_in_the_middle_takes_over_at_once() {
+    let mut arm = Ideal::new();
+    arm.step(Some(go(task(Frame::Base, &[(0, unguarded(0.05))]), 500)));
+    for _ in 0..50 {
+        arm.step(None);
+    }
+
+    let held = arm.step(Some(go(Motion::Hold, 1)));
+    let later = arm.step(None);
+
+    assert_eq!(held.desired_base_from_tool, later.desired_base_from_tool);
+    assert_eq!(held.command_end, held.period);
+}
+
+#[test]
+fn a_stamped_command_begins_in_its_period() {
+    let mut arm = Ideal::new();
+    let still = arm.step(None);
+    let command =
+        MoveCommand { motion: task(Frame::Base, &[(0, unguarded(0.05))]), periods: 10, jaw: None };
+    let mut states = vec![arm.step(Some(ServoCommand::Move { command, start: 30 }))];
+
+    states.extend((0..50).map(|_| arm.step(None)));
+
+    for state in &states {
+        let moved =
+            state.desired_base_from_tool.translation.x - still.desired_base_from_tool.translation.x;
+        let periods = state.period.saturating_sub(29).min(10) as f64;
+        assert!((moved - periods * 0.05 * PERIOD).abs() < 1e-9, "period {}", state.period);
+        assert_eq!(state.command_end, 39);
+    }
+}
+
+#[test]
+fn position_and_force_motion_change_without_a_jump() {
+    let mut arm = Ideal::new();
+    let rest = arm.step(None).desired_base_from_tool.translation.vector;
+    arm.spring = Some((2e3, rest));
+    let mut states = arm.run(task(Frame::Base, &[(0, COMPLIANT), (1, unguarded(0.01))]), 150);
+    let ahead = states[149].desired_base_from_tool * Pose::translation(0.0, 0.0, 0.002);
+    states.extend(arm.run(Motion::Pose(ahead), 100));
+    states.extend(arm.run(task(Frame::Tool, &[(2, COMPLIANT)]), 150));
+    let joints = states[399].desired_joints;
+    states.extend(arm.run(Motion::Joints(joints), 10));
+    states.extend(arm.run(task(Frame::Base, &[(1, unguarded(-0.01))]), 50));
+
+    assert!(states.iter().all(|s| s.refused.is_none() && s.fault.is_none()));
+    // 20 mm/s is the fastest that anything above asks for; no motor does more than 4 rad/m * 20 mm * 158.
+    assert!(largest_step(&arm.config, &states) < 0.06, "{}", largest_step(&arm.config, &states));
+}
+
+#[test]
+fn changing_the_tool_does_not_move_the_arm_and_later_motions_are_about_the_new_one() {
+    let mut arm = Ideal::new();
+    let before = arm.step(None);
+    let longer = Pose::from_parts(
+        Translation3::new(0.01, 0.0, 0.30),
+        UnitQuaternion::from_euler_angles(0.2, 0.0, 0.0),
+    );
+
+    let after = arm.step(Some(ServoCommand::SetTool(longer)));
+    assert!((0..7).all(|i| (after.desired_joints.0[i] - before.desired_joints.0[i]).abs() < 1e-12));
+    let flange = before.desired_base_from_tool * arm.config.flange_from_tool.inverse();
+    let (d, a) = apart(&after.desired_base_from_tool, &(flange * longer));
+    assert!(d < 1e-10 && a < 1e-7);
+
+    // Turning about the new tool's x leaves the new tool point in its place.
+    let turned = arm.run(task(Frame::Tool, &[(3, unguarded(0.2))]), 200)[199];
+    let (d, a) = apart(&turned.desired_base_from_tool, &after.desired_base_from_tool);
+    assert!(d < 1e-12 && (a - 0.08).abs() < 1e-9, "{d} {a}");
+
+    let broken = arm.step(Some(ServoCommand::SetTool(Pose::translation(f64::NAN, 0.0, 0.0))));
+    assert_eq!(broken.refused, Some(MoveRefused::NotANumber));
+    assert_eq!(broken.desired_base_from_tool, turned.desired_base_from_tool);
+}
+
+#[test]
+fn a_tool_changed_under_way_keeps_the_line_free_of_jumps() {
+    let mut arm = Ideal::new();
+    let goal = arm.step(None).desired_base_from_tool * Pose::translation(0.05, 0.0, 0.0);
+    let mut states = vec![arm.step(Some(go(Motion::Pose(goal), 400)))];
+    states.extend((0..199).map(|_| arm.step(None)));
+    let longer = Pose::translation(0.0, 0.0, 0.26);
+    states.push(arm.step(Some(ServoCommand::SetTool(longer))));
+    states.extend((0..200).map(|_| arm.step(None)));
+
+    assert!(largest_step(&arm.config, &states) < 0.1);
+    let (d, _) = apart(&states[400].desired_base_from_tool, &goal);
+    assert!(d < 1e-9, "{d}");
+}
+
+#[test]
+fn commands_that_ask_too_much_are_refused_and_the_arm_holds() {
+    let mut arm = Ideal::new();
+    let start = arm.step(None);
+    let mut too_far = START;
+    too_far.0[4] = 2.5;
+    let mut by_motor = arm.config.model.motors(&START);
+    by_motor.0[6] = 3100.0;
+    let mut fast = START;
+    fast.0[1] += 1.0;
+    let mut no_number = START;
+    no_number.0[3] = f64::NAN;
+    let nan = Direction::Guarded { velocity: 0.0, admittance: f64::NAN, inertia: 0.0 };
+
+    for (motion, periods, why) in [
+        (Motion::Joints(too_far), 1000, "joint 4"),
+        (Motion::Motors(by_motor), 5000, "motor 6"),
+        (Motion::Joints(fast), 100, "faster"),
+        (Motion::Joints(no_number), 100, "not a finite number"),
+        (Motion::Pose(Pose::translation(3.0, 0.0, 1.0)), 1000, "out of reach"),
+        (task(Frame::Base, &[(0, nan)]), 1000, "not a finite number"),
+        (task(Frame::Base, &[(0, unguarded(f64::INFINITY))]), 1000, "not a finite number"),
+    ] {
+        let refused = arm.step(Some(go(motion, periods)));
+        let text = refused.refused.map(|r| r.to_string()).unwrap_or_default();
+        assert!(text.contains(why), "{motion:?}: {text}");
+        assert_eq!(refused.desired_joints, start.desired_joints, "{why}");
+        assert!(refused.command_end <= refused.period, "{why}");
+        assert_eq!(arm.step(None).desired_joints, start.desired_joints, "{why}");
+    }
+    let fine = arm.step(Some(go(Motion::Hold, 3)));
+    assert_eq!(fine.refused, None, "a new command forgets the old refusal");
+}
+
+#[test]
+fn a_motion_that_runs_into_a_limit_is_broken_off_there() {
+    let mut arm = Ideal::new();
+
+    // Along its own axis the tool point leaves the arm's reach.
+    let states = arm.run(task(Frame::Base, &[(0, unguarded(0.15))]), 4000);
+
+    let broken = states.iter().position(|s| s.refused.is_some()).expect("it has a limit");
+    assert!(broken > 100);
+    let (at, end) = (&states[broken], &states[3999]);
+    assert_eq!(at.desired_joints, end.desired_joints);
+    assert_eq!(at.refused, end.refused);
+    assert!(at.command_end <= at.period);
+    assert!(arm.config.model.check(&end.desired_joints).is_ok());
+    assert!(end.fault.is_none());
+}
+
+#[test]
+fn too_fast_on_the_way_is_broken_off() {
+    let mut arm = Ideal::new();
+
+    let states = arm.run(task(Frame::Tool, &[(5, unguarded(1.2))]), 100);
+
+    assert!(matches!(states[0].refused, Some(MoveRefused::TooFast { .. })), "{:?}", states[0]);
+    assert_eq!(states[0].desired_joints, states[99].desired_joints);
+}
+
+#[test]
+fn contact_finds_its_force_on_a_spring() {
+    let mut arm = Ideal::new();
+    let rest = arm.step(None).desired_base_from_tool.translation.vector;
+    arm.spring = Some((3e4, rest));
+    let press = Direction::Contact { wanted: 8.0, admittance: 0.001, inertia: 20.0 };
+
+    let end = arm.run(task(Frame::Base, &[(1, press)]), 2000)[1999];
+
+    let pressed = end.desired_base_from_tool.rotation * end.wrench_in_tool.force;
+    assert!((pressed.y - 8.0).abs() < 0.1, "{pressed}");
+    assert!(((end.desired_base_from_tool.translation.vector - rest).y - 8.0 / 3e4).abs() < 1e-5);
+}
+
+#[test]
+fn a_flipped_sign_and_a_long_delay_spoil_the_force_law_but_not_the_report() {
+    for (settings, limit) in [
+        (ForceSettings { sign: -1.0, delay_periods: 0 }, true),
+        (ForceSettings { sign: 1.0, delay_periods: 30 }, true),
+        (ForceSettings { sign: 1.0, delay_periods: 0 }, false),
+    ] {
+        let mut arm = Ideal::new();
+        let rest = arm.step(Some(ServoCommand::ForceSettings(settings))).desired_base_from_tool;
+        arm.spring = Some((3e4, rest.translation.vector + Vector3::new(0.0, 1e-4, 0.0)));
+
+        let states = arm.run(task(Frame::Base, &[(1, COMPLIANT)]), 3000);
+
+        let tripped = states.iter().any(|s| matches!(s.fault, Some(ArmFault::ForceSensor { .. })));
+        assert_eq!(tripped, limit, "{settings:?}");
+        let felt = states[2].desired_base_from_tool.rotation * states[2].wrench_in_tool.force;
+        assert!((felt.y + 3.0).abs() < 0.3, "the surroundings pull towards +y: {felt}");
+    }
+}
+
+#[test]
+fn a_silent_sensor_stops_force_control_at_once_and_disturbs_no_position_control() {
+    let silent = Wrench::from_directions([f64::NAN; 6]);
+    let mut arm = Ideal::new();
+    arm.reading.wrench_on_sensor = silent;
+    let moved = arm.run(task(Frame::Base, &[(1, unguarded(0.01))]), 100)[99];
+    assert_eq!((moved.fault, moved.refused), (None, None));
+
+    let stopped = arm.step(Some(go(task(Frame::Base, &[(1, COMPLIANT)]), 100)));
+
+    assert!(matches!(stopped.fault, Some(ArmFault::ForceSensor { .. })));
+    assert_eq!(stopped.desired_joints, moved.desired_joints);
+    assert!(!arm.drive.enabled);
+    assert_eq!(arm.drive.pwm, [0; 7]);
+}
+
+#[test]
+fn faults_switch_the_drives_off_until_reset() {
+    type Spoil = fn(&mut ArmReading);
+
+    let switch = |r: &mut ArmReading| r.limit_switches = 1 << 3;
+    let current = |r: &mut ArmReading| {
+        r.over_currents = 1 << 5;
+        r.currents[5] = 11.0;
+    };
+    let jump = |r: &mut ArmReading| r.counts[2] += 1200;
+    let spoil: [(Spoil, &str); 3] = [
+        (switch, "axis 3: limit switch"),
+        (current, "axis 5: over-current, 11.0 A"),
+        (jump, "axis 2: following"),
+    ];
+    for (spoil, why) in spoil {
+        let mut arm = Ideal::new();
+        arm.step(Some(go(task(Frame::Base, &[(0, unguarded(0.05))]), 500)));
+        assert!(arm.drive.enabled);
+        spoil(&mut arm.reading);
+
+        let fault = arm.step(None);
+        assert!(fault.fault.unwrap().to_string().contains(why), "{fault:?}");
+        assert_eq!(arm.drive, ArmDrive { stops: Depth::One, ..ArmDrive::OFF });
+
+        arm.reading.limit_switches = 0;
+        arm.reading.over_currents = 0;
+        let ignored = arm.step(Some(go(task(Frame::Base, &[(0, unguarded(0.05))]), 500)));
+        assert_eq!(ignored.fault, fault.fault);
+        assert_eq!(ignored.desired_joints, fault.desired_joints);
+
+        let again = arm.step(Some(ServoCommand::Reset));
+        assert_eq!(again.fault, None);
+        assert!(arm.drive.enabled);
+        let (d, _) = apart(&again.desired_base_from_tool, &again.base_from_tool);
+        assert!(d < 1e-12, "set values are what is measured");
+    }
+}
+
+#[test]
+fn a_frozen_encoder_is_found_within_ten_periods() {
+    let mut arm = Ideal::new();
+    let mut goal = START;
+    goal.0[1] += 0.5;
+    arm.step(Some(go(Motion::Joints(goal), 500)));
+    for _ in 0..100 {
+        arm.step(None);
+    }
+    let frozen = arm.reading.counts[1];
+
+    let mut periods = 0;
+    while arm.servo.fault().is_none() {
+        arm.reading.counts[1] = frozen;
+        arm.step(None);
+        periods += 1;
+        assert!(periods <= 10);
+    }
+
+    assert!(matches!(arm.servo.fault(), Some(ArmFault::Following { axis: 1, .. })));
+}
+
+#[test]
+fn the_jaw_goes_with_the_motion_and_a_bias_takes_ten_periods() {
+    let mut arm = Ideal::new();
+    let jaw = JawCommand { opening: 0.080, force_limit: 25.0, stops: Depth::Two };
+    let command = MoveCommand { motion: Motion::Hold, periods: 100, jaw: Some(jaw) };
+    arm.step(Some(ServoCommand::Move { command, start: 0 }));
+    assert_eq!(arm.drive.stops, Depth::Two);
+    assert!((arm.drive.jaw_current_limit - 0.1).abs() < 1e-12);
+    for _ in 0..20 {
+        arm.step(None);
+    }
+    assert!(arm.drive.jaw_pwm < 0, "opening turns backwards");
+
+    let too_wide = JawCommand { opening: 0.2, ..jaw };
+    let command = MoveCommand { motion: Motion::Hold, periods: 100, jaw: Some(too_wide) };
+    let refused = arm.step(Some(ServoCommand::Move { command, start: 0 }));
+    assert!(matches!(refused.refused, Some(MoveRefused::JointLimit { axis: 7, .. })));
+
+    arm.reading.wrench_on_sensor = Wrench::from_directions([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]);
+    let biasing = arm.step(Some(ServoCommand::Bias));
+    assert_eq!(biasing.command_end, biasing.period + 10);
+    let mut end = biasing;
+    for _ in 0..11 {
+        end = arm.step(None);
+    }
+    assert!(end.wrench_in_tool.force.norm() < 1e-12);
+}
