@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 use rubik_robot::cell::{Camera, Intrinsics, Mount};
 use rubik_robot::hw::plant::render::{Look, Renderer, cube_alone};
 use rubik_robot::spatial::{Pose, pose_from_axes};
-use rubik_robot::vision::{DetectorSettings, detect, locate, locate_cube};
+use rubik_robot::vision::{DetectorSettings, detect, locate, locate_cube, read_face};
 
 const EDGE: f64 = 0.057;
 
@@ -154,4 +154,102 @@ fn the_cube_is_localised_in_drawn_light() {
     assert!(missed <= 6, "{missed} missed");
     assert!(Errors::rms(&faces.sideways) < 0.3);
     assert!(Errors::rms(&faces.depth) < 1.5);
+}
+
+/// The postument's hand camera looks from 0.2 m at a face of the cube that the track's gripper holds from the
+/// face on the camera's left (`side`) or from behind.
+fn in_hand(roll: f64, side: bool) -> (Camera, rubik_robot::hw::scene::Scene, Pose) {
+    let world_from_cube = Pose::translation(0.0, 0.9, 1.1);
+    let facelets = std::array::from_fn(|i| ((i * 7 + i / 5) % 6) as u8);
+    let mut scene = cube_alone(world_from_cube, EDGE, facelets);
+    let arm = |world_from_tool: Pose, opening: f64| {
+        let world_from_flange = world_from_tool * Pose::translation(0.0, 0.0, -0.25);
+        let flange = Point3::from(world_from_flange.translation.vector);
+        let far = Point3::new(-0.9, 0.9, 0.9);
+        let elbow = nalgebra::center(&far, &flange) + Vector3::z() * 0.3;
+        rubik_robot::hw::scene::SceneArm {
+            points: [Point3::new(-0.9, 0.9, 0.0), far, elbow, flange, flange],
+            world_from_tool,
+            world_from_flange,
+            opening,
+        }
+    };
+    scene.arm_count = 2;
+    // The gripper's z points into the cube: +x when it holds the face on the left, +y from the front.
+    let (y, z) = if side { (Vector3::y(), Vector3::x()) } else { (Vector3::x(), -Vector3::y()) };
+    let centre = Point3::from(world_from_cube.translation.vector);
+    scene.arms[0] = arm(pose_from_axes(y.cross(&z), y, z, centre - z * (EDGE / 3.0)), EDGE);
+    // Looks along +y at the front face.
+    let sight = Vector3::y();
+    let x = Vector3::x() * roll.cos() - Vector3::z() * roll.sin();
+    let eye = centre - sight * (0.2 + EDGE / 2.0);
+    let world_from_camera = pose_from_axes(x, sight.cross(&x), sight, eye);
+    let flange_from_camera =
+        Pose::new(Vector3::new(0.0551, 0.0, 0.13), Vector3::z() * -std::f64::consts::FRAC_PI_2);
+    let flange = world_from_camera * flange_from_camera.inverse();
+    scene.arms[1] = arm(flange * Pose::translation(0.0, 0.0, 0.25), 0.08);
+    let camera = Camera {
+        name: "postument_hand".to_owned(),
+        mount: Mount::Flange { arm: 1, flange_from_camera },
+        intrinsics: Intrinsics {
+            width: 384,
+            height: 288,
+            focal: (500.0, 500.0),
+            centre: (191.5, 143.5),
+            distortion: (-0.05, 0.01),
+        },
+    };
+    let front = pose_from_axes(
+        Vector3::x(),
+        -Vector3::z(),
+        Vector3::y(),
+        Point3::from(world_from_cube.translation.vector) - Vector3::y() * (EDGE / 2.0),
+    );
+    (camera, scene, world_from_camera.inverse() * front)
+}
+
+#[test]
+fn faces_are_read_by_the_camera_in_the_hand() {
+    let mut random = Pcg64::seed_from_u64(3);
+    let (mut wrong, mut covered, mut refused, mut frames) = (0, 0, 0, 0);
+    let mut errors = Errors::default();
+    for (side, quarter) in (0..24).map(|k| (k % 2 == 0, k / 2 % 4)) {
+        let roll = f64::from(quarter) * std::f64::consts::FRAC_PI_2;
+        let (camera, scene, camera_from_face) = in_hand(roll, side);
+        let seed = random.random_range(0..1000);
+        let mut renderer = Renderer::new(camera.clone(), Look::draw(seed), seed);
+        let image = renderer.render(&scene, 1.0);
+        if let Ok(dir) = std::env::var("VISION_FRAMES") {
+            image.save(format!("{dir}/hand-{frames:02}.png")).unwrap();
+        }
+        let astray = Pose::new(
+            Vector3::from_fn(|_, _| random.random_range(-0.003..0.003)),
+            Vector3::from_fn(|_, _| random.random_range(-0.02..0.02)),
+        );
+        frames += 1;
+        let Ok(reading) =
+            read_face(&image, &camera.intrinsics, EDGE, &(camera_from_face * astray))
+        else {
+            refused += 1;
+            continue;
+        };
+        errors.push(
+            Point3::from(reading.camera_from_face.translation.vector),
+            Point3::from(camera_from_face.translation.vector),
+        );
+        // The front face: facelets 18..27.
+        for i in 0..9 {
+            if reading.occluded[i] {
+                covered += 1;
+            } else if reading.colours[i] != scene.cube.facelets[18 + i] {
+                wrong += 1;
+                println!("frame {} tile {i}: {:?}", frames - 1, reading);
+            }
+        }
+    }
+    println!("hand: {frames} frames, {refused} refused, {covered} tiles covered, {wrong} wrong");
+    errors.print("  face's centre");
+
+    assert_eq!((refused, wrong), (0, 0));
+    assert!(Errors::rms(&errors.sideways) < 0.3 && Errors::rms(&errors.depth) < 1.5);
 }

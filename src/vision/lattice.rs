@@ -417,8 +417,7 @@ pub(super) fn settle(
         if shapes.len() < least {
             return None;
         }
-        let mean: [f64; 3] =
-            std::array::from_fn(|k| shapes.iter().map(|s| s[k]).sum::<f64>() / n);
+        let mean: [f64; 3] = std::array::from_fn(|k| shapes.iter().map(|s| s[k]).sum::<f64>() / n);
         let sticker = (mean[0] * mean[1]).sqrt();
         // Sides must be alike over the face, and the skew must be nought: tiles of another face lean otherwise.
         let spread = shapes
@@ -437,13 +436,7 @@ pub(super) fn settle(
         if residual > 0.14 {
             return None;
         }
-        return Some(Lattice {
-            homography: h,
-            tiles: held,
-            residual,
-            unevenness,
-            sticker,
-        });
+        return Some(Lattice { homography: h, tiles: held, residual, unevenness, sticker });
     }
     None
 }
