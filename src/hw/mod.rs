@@ -4,5 +4,6 @@
 
 pub mod camera;
 pub mod driver;
+pub mod plant;
 pub mod port;
 pub mod scene;

@@ -1,0 +1,359 @@
+//! One arm of the plant: motors behind elastic joints, encoders, currents and limit switches.
+//!
+//! - in: drives, the wrench that the cube or an obstacle exerts on the arm
+//! - out: joint positions, readings
+//! - equations: `M q'' + h = K (f(m) - q) + D (f'(m) m' - q') + J^T w` on the links' side, motor inertia,
+//!   pulse width, back-EMF and friction on the motors' side; one linearly implicit Euler step for both
+//!   sides together (springs, dampers and back-EMF at the end of the step), so that 8 kNm/rad on a wrist of
+//!   0.04 kg m2 stays stable at 0.5 ms. The motors' side is eliminated (4 x 4 and scalars), 7 x 7 remains.
+
+use super::config::ArmDynamics;
+use super::dynamics::{Placement, Screw};
+use super::frame::{Frame, solve};
+use crate::cell::Arm;
+use crate::kinematics::ArmModel;
+use crate::motion::{AXES, JointPositions, MotorPositions};
+use crate::servo::io::{ArmDrive, ArmReading};
+use nalgebra::{Matrix6, Vector3};
+use std::f64::consts::TAU;
+
+/// Presliding of a motor's friction [rad of the shaft]: below it friction is a spring.
+const PRESLIDING: f64 = 0.005;
+/// Beyond the limit switches an axis has this far to its hard stop [rad of the shaft].
+const OVERTRAVEL: f64 = 3.0;
+
+/// State and constants of an arm.
+#[derive(Clone)]
+pub(super) struct PlantArm {
+    model: ArmModel,
+    dynamics: ArmDynamics,
+    world_from_base: Frame,
+    flange_from_tool: Frame,
+    gravity: Vector3<f64>,
+    /// Joints and their velocities.
+    pub(super) q: [f64; AXES],
+    pub(super) v: [f64; AXES],
+    /// Motors and their velocities [rad, rad/s].
+    pub(super) m: [f64; AXES],
+    pub(super) vm: [f64; AXES],
+    /// Stretch of the friction's bristles [rad of the shaft].
+    bristles: [f64; AXES],
+    /// Torque of the counterbalance springs at the motors [Nm].
+    counterbalance: [f64; AXES],
+    currents: [f64; AXES],
+    /// For the present `q`.
+    pub(super) placement: Placement,
+    pub(super) world_from_flange: Frame,
+    pub(super) world_from_tool: Frame,
+}
+
+impl PlantArm {
+    /// An arm at rest in its start pose, springs stretched and motors loaded by its weight.
+    pub(super) fn new(arm: &Arm, dynamics: &ArmDynamics) -> Self {
+        let world_from_base = Frame::from_pose(&arm.world_from_base);
+        let gravity = world_from_base.r.tr_mul(&Vector3::new(0.0, 0.0, -9.81)) * dynamics.gravity;
+        let q = arm.start.0;
+        let placement = Placement::new(&arm.model, &q);
+        let (_, weight) = placement.dynamics(&dynamics.links, &[0.0; AXES], &gravity);
+        let stretched =
+            std::array::from_fn(|j| q[j] + weight[j] / dynamics.stiffness[j]);
+        let mut this = Self {
+            model: arm.model.clone(),
+            dynamics: *dynamics,
+            world_from_base,
+            flange_from_tool: Frame::from_pose(&arm.flange_from_tool),
+            gravity,
+            q,
+            v: [0.0; AXES],
+            m: arm.model.motors(&JointPositions(stretched)).0,
+            vm: [0.0; AXES],
+            bristles: [0.0; AXES],
+            counterbalance: [0.0; AXES],
+            currents: [0.0; AXES],
+            placement,
+            world_from_flange: Frame::identity(),
+            world_from_tool: Frame::identity(),
+        };
+        let ratios = this.motors_per_joint(&stretched);
+        // Joint torques t reach the motors as H^-T t; H is lower triangular, so solve from the end.
+        let mut at_motors = [0.0; AXES];
+        for j in (0..AXES).rev() {
+            let later: f64 = (j + 1..AXES).map(|k| ratios[k][j] * at_motors[k]).sum();
+            at_motors[j] = (weight[j] - later) / ratios[j][j];
+        }
+        for j in [2, 3] {
+            this.counterbalance[j] = at_motors[j] * dynamics.counterbalance;
+        }
+        // The rest is borne by the friction's presliding where friction suffices.
+        for (j, load) in at_motors.iter().enumerate() {
+            let motor = &dynamics.motors[j];
+            let coulomb = motor.coulomb / ratios[j][j].abs();
+            let rest = load - this.counterbalance[j];
+            this.bristles[j] = -(rest / coulomb).clamp(-0.9, 0.9) * PRESLIDING;
+        }
+        this.place();
+        this
+    }
+
+    /// Recomputes the frames from `q`.
+    pub(super) fn place(&mut self) {
+        self.placement = Placement::new(&self.model, &self.q);
+        self.world_from_flange = self.world_from_base.times(&self.placement.frames[6]);
+        self.world_from_tool = self.world_from_flange.times(&self.flange_from_tool);
+    }
+
+    /// Origins in the world of base, shoulder, elbow, wrist pitch centre, flange.
+    pub(super) fn points(&self) -> [Vector3<f64>; 5] {
+        let f = &self.placement.frames;
+        let floor = Vector3::new(f[1].p.x, f[1].p.y, 0.0);
+        [floor, f[1].p, f[3].p, f[4].p, f[6].p].map(|p| self.world_from_base.point(&p))
+    }
+
+    /// Velocity of a point fixed to the last link, and of rotation, in the world.
+    pub(super) fn velocity_at(&self, point: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+        let twist = self.placement.twist(&self.v);
+        let local = self.world_from_base.r.tr_mul(&(point - self.world_from_base.p));
+        let r = &self.world_from_base.r;
+        (r * (twist.l + twist.a.cross(&local)), r * twist.a)
+    }
+
+    /// Joint torques of a force at a point and a torque, both in the world.
+    pub(super) fn torques(
+        &self,
+        force: &Vector3<f64>,
+        torque: &Vector3<f64>,
+        point: &Vector3<f64>,
+    ) -> [f64; AXES] {
+        let r = &self.world_from_base.r;
+        let (f, t) = (r.tr_mul(force), r.tr_mul(torque));
+        let p = r.tr_mul(&(point - self.world_from_base.p));
+        self.placement.torques(&Screw { a: t + p.cross(&f), l: f })
+    }
+
+    /// dm/dq: motor velocities per joint velocity; lower triangular.
+    fn motors_per_joint(&self, q: &[f64; AXES]) -> [[f64; AXES]; AXES] {
+        let model = &self.model;
+        let screw = |&[sl, mi, ni, _]: &[f64; 4], angle: f64| {
+            let (s, c) = libm::sincos(angle);
+            -(mi * s + ni * c) / (2.0 * (sl + mi * c - ni * s).sqrt())
+        };
+        let g = &model.gears;
+        let t3 = q[2] + q[3] + std::f64::consts::FRAC_PI_2;
+        let h3 = g[3] * screw(&model.upper_screw, t3 - model.offsets[3]);
+        let mut h = [[0.0; AXES]; AXES];
+        h[0][0] = if model.has_track { g[0] } else { 1.0 };
+        h[1][1] = g[1];
+        h[2][2] = g[2] * screw(&model.lower_screw, q[2] - model.offsets[2]);
+        h[3][2] = h3;
+        h[3][3] = h3;
+        for j in 2..5 {
+            h[4][j] = g[4];
+            h[5][j] = g[4];
+        }
+        h[5][5] = g[5];
+        h[6][6] = g[6];
+        h
+    }
+
+    /// One substep of `dt` seconds under joint torques from outside (contact). `grip` is the stiffness of
+    /// the contact about the base's origin in base axes, which the step takes implicitly.
+    pub(super) fn step(
+        &mut self,
+        drive: &ArmDrive,
+        outside: &[f64; AXES],
+        grip: Option<&Matrix6<f64>>,
+        dt: f64,
+    ) {
+        let d = &self.dynamics;
+        let theta = self.model.joints_unchecked(&MotorPositions(self.m)).0;
+        let (mass, bias) = self.placement.dynamics(&d.links, &self.v, &self.gravity);
+        let ratios = self.motors_per_joint(&theta);
+
+        // Motors: diagonal inertia, linear speed term, friction as a bristle with a limit.
+        let mut inertia = [0.0; AXES];
+        let mut impulse = [0.0; AXES];
+        for j in 0..AXES {
+            let motor = &d.motors[j];
+            let coulomb = motor.coulomb / ratios[j][j].abs();
+            let bristle = coulomb / PRESLIDING;
+            let (torque, back_emf) = if drive.enabled {
+                let u = f64::from(drive.pwm[j].clamp(-255, 255)) / 255.0;
+                (motor.stall_torque * u, motor.stall_torque / motor.no_load_speed)
+            } else {
+                // The brake: so stiff that the shaft stands.
+                (0.0, 1e3)
+            };
+            let load = torque + self.counterbalance[j];
+            let friction = -bristle * self.bristles[j];
+            // Sliding: no stiffness of the bristle, so that the limit is not overshot within the step.
+            let sliding = self.bristles[j].abs() >= PRESLIDING * 0.999
+                && self.vm[j] * self.bristles[j] > 0.0;
+            let stiffness = if sliding { 0.0 } else { bristle };
+            inertia[j] = motor.inertia + dt * (motor.viscous + back_emf) + dt * dt * stiffness;
+            impulse[j] = motor.inertia * self.vm[j] + dt * (load + friction);
+        }
+
+        // Joint springs.
+        let spring: [f64; AXES] = std::array::from_fn(|j| d.stiffness[j] * (theta[j] - self.q[j]));
+        let s: [f64; AXES] = std::array::from_fn(|j| dt * (d.damping[j] + dt * d.stiffness[j]));
+
+        // Motor side in joint coordinates: (Mm + S) w = bw + S v. Axes 2..=5 are coupled.
+        let mut bw: [f64; AXES] = std::array::from_fn(|j| {
+            (j..AXES).map(|k| ratios[k][j] * impulse[k]).sum::<f64>() - dt * spring[j]
+        });
+        let mut coupled = [[0.0; 4]; 4];
+        for a in 0..4 {
+            for b in 0..=a {
+                let sum: f64 = (a.max(b)..4)
+                    .map(|k| ratios[k + 2][a + 2] * inertia[k + 2] * ratios[k + 2][b + 2])
+                    .sum();
+                coupled[a][b] = sum;
+                coupled[b][a] = sum;
+            }
+            coupled[a][a] += s[a + 2];
+        }
+        let inverse = inverse4(&coupled);
+        let single = |j: usize| inertia[j] * ratios[j][j] * ratios[j][j] + s[j];
+
+        // Link side with the motors eliminated: (M + S - S (Mm + S)^-1 S) v = bv + S (Mm + S)^-1 bw.
+        let mut a = mass;
+        let mut b = [0.0; AXES];
+        let solve_motors = |r: &[f64; AXES]| -> [f64; AXES] {
+            let mut w = [0.0; AXES];
+            for j in [0, 1, 6] {
+                w[j] = r[j] / single(j);
+            }
+            for i in 0..4 {
+                w[i + 2] = (0..4).map(|k| inverse[i][k] * r[k + 2]).sum();
+            }
+            w
+        };
+        let w0 = solve_motors(&bw);
+        for i in 0..AXES {
+            let momentum: f64 = (0..AXES).map(|k| mass[i][k] * self.v[k]).sum();
+            b[i] = momentum + dt * (spring[i] - bias[i] + outside[i]) + s[i] * w0[i];
+            a[i][i] += s[i];
+        }
+        for j in [0, 1, 6] {
+            a[j][j] -= s[j] * s[j] / single(j);
+        }
+        for i in 0..4 {
+            for k in 0..4 {
+                a[i + 2][k + 2] -= s[i + 2] * inverse[i][k] * s[k + 2];
+            }
+        }
+        if let Some(grip) = grip {
+            self.add_grip(&mut a, grip, dt * dt);
+        }
+        if !self.model.has_track {
+            a[0] = [0.0; AXES];
+            for row in &mut a {
+                row[0] = 0.0;
+            }
+            a[0][0] = 1.0;
+            b[0] = 0.0;
+        }
+        solve(&mut a, &mut b);
+        for j in 0..AXES {
+            bw[j] += s[j] * b[j];
+        }
+        let w = solve_motors(&bw);
+
+        self.v = b;
+        for j in 0..AXES {
+            self.q[j] += dt * b[j];
+            let vm: f64 = (0..=j).map(|k| ratios[j][k] * w[k]).sum();
+            self.vm[j] = if j == 0 && !self.model.has_track { 0.0 } else { vm };
+            self.m[j] += dt * self.vm[j];
+            self.bristles[j] =
+                (self.bristles[j] + dt * self.vm[j]).clamp(-PRESLIDING, PRESLIDING);
+            let (low, high) = self.model.motor_limits[j];
+            let stopped = self.m[j].clamp(low - OVERTRAVEL, high + OVERTRAVEL);
+            if stopped != self.m[j] {
+                self.m[j] = stopped;
+                self.vm[j] = 0.0;
+            }
+            let motor = &d.motors[j];
+            let u = if drive.enabled { f64::from(drive.pwm[j].clamp(-255, 255)) / 255.0 } else { 0.0 };
+            self.currents[j] = if drive.enabled {
+                1.5 * motor.trip_current * (u - self.vm[j] / motor.no_load_speed)
+            } else {
+                0.0
+            };
+        }
+        self.place();
+    }
+
+    /// Adds `factor J^T K J` of a contact stiffness.
+    fn add_grip(&self, a: &mut [[f64; AXES]; AXES], grip: &Matrix6<f64>, factor: f64) {
+        let flat: [[f64; 6]; AXES] = std::array::from_fn(|j| {
+            let s = &self.placement.screws[j];
+            [s.l.x, s.l.y, s.l.z, s.a.x, s.a.y, s.a.z]
+        });
+        for j in 0..AXES {
+            let ks: [f64; 6] =
+                std::array::from_fn(|r| (0..6).map(|c| grip[(r, c)] * flat[j][c]).sum());
+            for i in 0..=j {
+                let sum: f64 = factor * (0..6).map(|r| flat[i][r] * ks[r]).sum::<f64>();
+                a[i][j] += sum;
+                if i != j {
+                    a[j][i] += sum;
+                }
+            }
+        }
+    }
+
+    /// Base frame in the world.
+    pub(super) fn world_from_base(&self) -> &Frame {
+        &self.world_from_base
+    }
+
+    /// Encoders, currents and switches.
+    pub(super) fn read(&self, reading: &mut ArmReading) {
+        reading.limit_switches = 0;
+        reading.over_currents = 0;
+        for j in 0..AXES {
+            if j == 0 && !self.model.has_track {
+                reading.counts[0] = 0;
+                reading.currents[0] = 0.0;
+                continue;
+            }
+            reading.counts[j] = (self.m[j] * self.model.increments[j] / TAU).round() as i64;
+            reading.currents[j] = self.currents[j];
+            let (low, high) = self.model.motor_limits[j];
+            if self.m[j] < low || self.m[j] > high {
+                reading.limit_switches |= 1 << j;
+            }
+            if self.currents[j].abs() > self.dynamics.motors[j].trip_current {
+                reading.over_currents |= 1 << j;
+            }
+        }
+    }
+
+    /// Kinetic energy, of springs, and of height [J]: for tests.
+    #[cfg(test)]
+    pub(super) fn energy(&self) -> f64 {
+        let (mass, _) = self.placement.dynamics(&self.dynamics.links, &self.v, &self.gravity);
+        let theta = self.model.joints_unchecked(&MotorPositions(self.m)).0;
+        let mut sum = 0.0;
+        for i in 0..AXES {
+            for k in 0..AXES {
+                sum += 0.5 * self.v[i] * mass[i][k] * self.v[k];
+            }
+            sum += 0.5 * self.dynamics.stiffness[i] * (theta[i] - self.q[i]).powi(2);
+            sum += 0.5 * self.dynamics.motors[i].inertia * self.vm[i] * self.vm[i];
+            let link = &self.dynamics.links[i];
+            let centre = self.placement.frames[i].point(&Vector3::from(link.centre));
+            sum -= link.mass * self.gravity.dot(&centre);
+        }
+        sum
+    }
+}
+
+/// Inverse of a symmetric positive definite 4 x 4 matrix.
+fn inverse4(a: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
+    let m = nalgebra::Matrix4::from_fn(|i, j| a[i][j]);
+    // A positive definite matrix has an inverse; the fallback only keeps a NaN from becoming a panic.
+    let inverse = m.try_inverse().unwrap_or_else(nalgebra::Matrix4::zeros);
+    std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]))
+}

@@ -1,0 +1,439 @@
+//! The cube in the hands: where it is when all forces on it balance.
+//!
+//! The cube has so little mass against the stiffness of its contacts that it is quasi-static: in each substep
+//! its pose is the one where pads, palms, the operator's hand, weight, and the springs inside it cancel.
+//! When two grippers hold different layers of one axis it is two bodies, joined by an interface with play,
+//! whose turning part slips like friction; otherwise it is one.
+//!
+//! - in: poses of tools, openings of jaws, the operator's hold
+//! - out: poses of the bodies, the wrench of each gripper on the cube, slip of layers and of grips
+//! - method: Newton with the elastic stiffness (always positive definite) and return mapping of every
+//!   friction at each evaluation; states are committed once a substep
+
+use super::cube::{Layers, MIDDLE, Puzzle};
+use super::frame::{Frame, about, rotation_vector, skew, solve};
+use super::grasp::{Grasp, Hands, Touch};
+use crate::cube::Axis;
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use std::ops::{AddAssign, SubAssign};
+
+/// Newton rounds a substep; what is left over is taken up in the next one.
+const ROUNDS: usize = 4;
+/// A balance within this is good [N, Nm].
+const TOLERANCE: (f64, f64) = (1e-3, 3e-5);
+/// Elastic stiffness of a layer that is not turning [Nm/rad].
+const LAYER_STIFFNESS: f64 = 200.0;
+/// A corner that stands in the way [Nm/rad].
+const CORNER_STIFFNESS: f64 = 50.0;
+/// Stiffness inside the play, as a share of that beyond it: the springs of the core's screws.
+const INSIDE_PLAY: f64 = 0.05;
+
+/// The operator's hold on the cube: a spring and a damper to a moving pose.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct HandHold {
+    /// Where it wants the cube.
+    pub(super) world_from_cube: Frame,
+    /// [N/m], a hundredth of a metre squared of it is the rotation's [Nm/rad].
+    pub(super) stiffness: f64,
+    /// [Ns/m]
+    pub(super) damping: f64,
+}
+
+/// Two bodies: which axis turns between them, and which layers each has.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Split {
+    pub(super) axis: usize,
+    pub(super) layers: [Layers; 2],
+}
+
+/// What an interface transmits, and how far it slipped in the last substep.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Interface {
+    /// About the axis, on the first body [Nm].
+    pub(super) torque: f64,
+    /// Torque at which it slips [Nm].
+    pub(super) limit: f64,
+    /// [Nm]
+    pub(super) tilt: f64,
+    /// [N]
+    pub(super) axial: f64,
+    slip: f64,
+    /// Interface that gives way: which body's layer turns against the core.
+    slipping: usize,
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct Balance {
+    /// Poses of the bodies in the world; the second only counts when split.
+    pub(super) nodes: [Frame; 2],
+    pub(super) split: Option<Split>,
+    pub(super) interface: Interface,
+    /// Of the last substep.
+    pub(super) touches: [Touch; 2],
+    /// Force of the operator's hand on the cube [N], in the world.
+    pub(super) hand_force: Vector3<f64>,
+    before: Frame,
+    hand_before: Frame,
+    edge: f64,
+}
+
+impl Balance {
+    pub(super) fn new(world_from_cube: Frame, edge: f64) -> Self {
+        Self {
+            edge,
+            nodes: [world_from_cube; 2],
+            split: None,
+            interface: Interface::default(),
+            touches: [Touch::NONE; 2],
+            hand_force: Vector3::zeros(),
+            before: world_from_cube,
+            hand_before: world_from_cube,
+        }
+    }
+
+    /// The middle layer's frame in the world.
+    pub(super) fn core(&self, puzzle: &Puzzle) -> Frame {
+        match self.split {
+            None => self.nodes[0],
+            Some(s) => {
+                let body = usize::from(s.layers[0] & MIDDLE == 0);
+                if s.layers[body] & MIDDLE == 0 { self.unturned(0, s, puzzle) } else { self.nodes[body] }
+            }
+        }
+    }
+
+    /// A body's frame with its layer turned back to the core.
+    fn unturned(&self, body: usize, split: Split, puzzle: &Puzzle) -> Frame {
+        let angle = layer_angle(puzzle, split.axis, split.layers[body]);
+        let back = about(&Axis::ALL[split.axis].unit(), -angle);
+        self.nodes[body].times(&Frame::rotated(back))
+    }
+
+    /// Makes one body of the cube or two, without moving anything.
+    pub(super) fn regroup(&mut self, split: Option<Split>, puzzle: &mut Puzzle, grasps: &mut [Grasp; 2]) {
+        if split == self.split {
+            return;
+        }
+        let core = self.core(puzzle);
+        if let Some(old) = self.split
+            && split.is_none_or(|s| s.axis != old.axis)
+        {
+            // Nothing but the description changes: the core's frame stays where it is.
+            puzzle.settle(old.axis);
+        }
+        let mut nodes = [core; 2];
+        if let Some(s) = split {
+            for (body, node) in nodes.iter_mut().enumerate() {
+                let angle = layer_angle(puzzle, s.axis, s.layers[body]);
+                *node = core.times(&Frame::rotated(about(&Axis::ALL[s.axis].unit(), angle)));
+            }
+        }
+        for (i, grasp) in grasps.iter_mut().enumerate() {
+            if grasp.attached {
+                let node = if split.is_some() { i } else { 0 };
+                let old_from_new = self.nodes[grasp.node].to_local(&nodes[node]);
+                grasp.rename(node, &old_from_new);
+            }
+        }
+        self.nodes = nodes;
+        self.before = nodes[0];
+        self.split = split;
+        self.interface = Interface::default();
+    }
+
+    /// One substep. `tools` and `hands` describe the grippers; `weight` acts in the world [N].
+    pub(super) fn step(
+        &mut self,
+        puzzle: &mut Puzzle,
+        grasps: &mut [Grasp; 2],
+        tools: &[Frame; 2],
+        hands: &[Option<Hands>; 2],
+        hold: Option<&HandHold>,
+        weight: &Vector3<f64>,
+        dt: f64,
+    ) {
+        for round in 0..=ROUNDS {
+            let mut system = System::new(self.edge);
+            for (i, hands) in hands.iter().enumerate() {
+                self.touches[i] = Touch::NONE;
+                let Some(hands) = hands else { continue };
+                let node = if grasps[i].attached { grasps[i].node } else { 0 };
+                let touch = grasps[i].touch(&tools[i], &self.nodes[node], hands);
+                if touch.any() || grasps[i].attached {
+                    system.add_touch(node, &tools[i], &self.nodes[node], &touch);
+                }
+                self.touches[i] = touch;
+            }
+            match self.split {
+                None => system.residual[0].fixed_rows_mut::<3>(0).add_assign(weight),
+                Some(_) => {
+                    for residual in &mut system.residual {
+                        residual.fixed_rows_mut::<3>(0).add_assign(&(weight * 0.5));
+                    }
+                }
+            }
+            if let Some(hold) = hold {
+                self.hand_force = system.add_hold(hold, &self.nodes[0], &self.before, &self.hand_before, dt);
+                // The hand carries the cube's weight without sinking.
+                system.residual[0].fixed_rows_mut::<3>(0).sub_assign(weight);
+            }
+            if let Some(split) = self.split {
+                self.interface = self.join(split, puzzle, &mut system);
+            }
+            let bodies = if self.split.is_some() { 2 } else { 1 };
+            if round == ROUNDS || system.balanced(bodies) {
+                break;
+            }
+            let moves = system.solve(bodies);
+            for (node, m) in self.nodes.iter_mut().zip(&moves).take(bodies) {
+                *node = node.nudged(&m.fixed_rows::<3>(0).into(), &m.fixed_rows::<3>(3).into());
+            }
+        }
+        if hold.is_none() {
+            self.hand_force = Vector3::zeros();
+        }
+        for (grasp, touch) in grasps.iter_mut().zip(&self.touches) {
+            grasp.commit(touch);
+        }
+        if let Some(split) = self.split {
+            let body = self.interface.slipping;
+            let slip = if body == 0 { self.interface.slip } else { -self.interface.slip };
+            for side in 0..2 {
+                if split.layers[body] & (1 << (2 * side)) != 0 {
+                    puzzle.angles[split.axis][side] += slip;
+                }
+            }
+        }
+        self.before = self.nodes[0];
+        if let Some(hold) = hold {
+            self.hand_before = hold.world_from_cube;
+        }
+    }
+
+    /// The hand took hold anew.
+    pub(super) fn hand_comes(&mut self, hold: &Frame) {
+        self.hand_before = *hold;
+    }
+
+    /// Puts everything elsewhere: a cube that is carried or falls.
+    pub(super) fn place(&mut self, world_from_cube: Frame) {
+        self.nodes = [world_from_cube; 2];
+        self.before = world_from_cube;
+    }
+
+    /// The springs between the two bodies.
+    fn join(&self, split: Split, puzzle: &Puzzle, system: &mut System) -> Interface {
+        let m = &puzzle.mechanics;
+        let unit = Axis::ALL[split.axis].unit();
+        let ours = self.unturned(0, split, puzzle);
+        let theirs = self.unturned(1, split, puzzle);
+        let e = theirs.to_local(&ours);
+        let w = rotation_vector(&e.r);
+        // The plane between the layers: a sixth of the edge off the centre, towards the lone outer layer.
+        let outwards = |layers: Layers| f64::from(layers >> 2 & 1) - f64::from(layers & 1);
+        let middle = split.layers.iter().position(|l| l & MIDDLE != 0);
+        let at = match middle {
+            Some(body) => unit * (outwards(split.layers[1 - body]) * system.edge_sixth),
+            None => Vector3::zeros(),
+        };
+        let shift = e.p + w.cross(&at);
+        let axial = unit.dot(&shift);
+        let across = shift - unit * axial;
+        let twist = unit.dot(&w);
+        let tilt = w - unit * twist;
+
+        let (f_across, k_across, load_across) = with_play(&across, m.play, m.stiffness);
+        let (f_axial, k_axial, load_axial) = with_play(&(unit * axial), 0.5 * m.play, m.stiffness);
+        let (t_tilt, k_tilt, load_tilt) = with_play(&tilt, m.tilt_play, m.tilt_stiffness);
+        let limit = |body: usize| -> f64 {
+            (0..2)
+                .filter(|side| split.layers[body] & (1 << (2 * side)) != 0)
+                .map(|side| puzzle.turning_torque(split.axis, side, load_across, load_tilt, load_axial))
+                .sum()
+        };
+        let (slipping, limit) = match middle {
+            Some(body) => (1 - body, limit(1 - body)),
+            None => {
+                let (a, b) = (limit(0), limit(1));
+                if a <= b { (0, a) } else { (1, b) }
+            }
+        };
+        let blocked = puzzle.blocked(split.axis);
+        let k = if blocked { CORNER_STIFFNESS } else { LAYER_STIFFNESS };
+        let trial = -k * twist;
+        let (torque, slip, k_twist) = if blocked || trial.abs() <= limit {
+            (trial, 0.0, k)
+        } else {
+            (limit.copysign(trial), -(trial - limit.copysign(trial)) / k, 0.02 * k)
+        };
+
+        let along = unit * unit.transpose();
+        let plane = Matrix3::identity() - along;
+        let mut stiffness = Matrix6::zeros();
+        stiffness.fixed_view_mut::<3, 3>(0, 0).copy_from(&(plane * k_across + along * k_axial));
+        stiffness.fixed_view_mut::<3, 3>(3, 3).copy_from(&(plane * k_tilt + along * k_twist));
+        let force = f_across + f_axial;
+        let moment = t_tilt + unit * torque;
+        system.add_joint(&theirs, &at, &self.nodes, &force, &moment, &stiffness);
+        Interface { torque, limit, tilt: load_tilt, axial: unit.dot(&f_axial), slip, slipping }
+    }
+}
+
+/// Angle of a body's layer against the core [rad].
+pub(super) fn layer_angle(puzzle: &Puzzle, axis: usize, layers: Layers) -> f64 {
+    match layers {
+        1 => puzzle.angles[axis][0],
+        4 | 5 => puzzle.angles[axis][1],
+        _ => 0.0,
+    }
+}
+
+/// A spring with play: force, stiffness, and the size of the force beyond the play.
+fn with_play(d: &Vector3<f64>, play: f64, k: f64) -> (Vector3<f64>, f64, f64) {
+    let inside = INSIDE_PLAY * k;
+    let size = d.norm();
+    if size <= play {
+        return (d * -inside, inside, 0.0);
+    }
+    let beyond = k * (size - play);
+    (d * (-(inside + beyond / size)), k, beyond)
+}
+
+/// Residual wrenches on the bodies (force, torque about their origins, in the world) and the stiffness.
+struct System {
+    residual: [Vector6<f64>; 2],
+    stiffness: [[Matrix6<f64>; 2]; 2],
+    edge_sixth: f64,
+}
+
+impl System {
+    fn new(edge: f64) -> Self {
+        Self {
+            residual: [Vector6::zeros(); 2],
+            stiffness: [[Matrix6::zeros(); 2]; 2],
+            edge_sixth: edge / 6.0,
+        }
+    }
+
+    fn add_touch(&mut self, node: usize, tool: &Frame, body: &Frame, touch: &Touch) {
+        let lever = tool.p - body.p;
+        let force = tool.r * touch.force;
+        let torque = tool.r * touch.torque + lever.cross(&force);
+        let r = &mut self.residual[node];
+        r.fixed_rows_mut::<3>(0).add_assign(&force);
+        r.fixed_rows_mut::<3>(3).add_assign(&torque);
+        self.stiffness[node][node] += moved(&touch.stiffness, &tool.r, &lever, &lever);
+    }
+
+    fn add_hold(
+        &mut self,
+        hold: &HandHold,
+        body: &Frame,
+        before: &Frame,
+        hand_before: &Frame,
+        dt: f64,
+    ) -> Vector3<f64> {
+        let target = &hold.world_from_cube;
+        let offset = target.p - body.p;
+        let speed = ((target.p - hand_before.p) - (body.p - before.p)) / dt;
+        let force = offset * hold.stiffness + speed * hold.damping;
+        // A hand's grip is about 0.1 m wide: K times 0.01 m2 in rotation.
+        let k_turn = hold.stiffness * 0.01;
+        let c_turn = hold.damping * 0.01;
+        let twist = rotation_vector(&(target.r * body.r.transpose()));
+        let turned = rotation_vector(&(body.r * before.r.transpose()));
+        let torque = twist * k_turn - turned * (c_turn / dt);
+        let r = &mut self.residual[0];
+        r.fixed_rows_mut::<3>(0).add_assign(&force);
+        r.fixed_rows_mut::<3>(3).add_assign(&torque);
+        let k = &mut self.stiffness[0][0];
+        for i in 0..3 {
+            k[(i, i)] += hold.stiffness + hold.damping / dt;
+            k[(3 + i, 3 + i)] += k_turn + c_turn / dt;
+        }
+        force
+    }
+
+    /// A spring between the bodies at a point of the second's frame, in that frame's axes.
+    fn add_joint(
+        &mut self,
+        frame: &Frame,
+        at: &Vector3<f64>,
+        nodes: &[Frame; 2],
+        force: &Vector3<f64>,
+        moment: &Vector3<f64>,
+        stiffness: &Matrix6<f64>,
+    ) {
+        let point = frame.point(at);
+        let levers = nodes.map(|n| point - n.p);
+        let (force, moment) = (frame.r * force, frame.r * moment);
+        for (body, sign) in [(0, 1.0), (1, -1.0)] {
+            let r = &mut self.residual[body];
+            r.fixed_rows_mut::<3>(0).add_assign(&(force * sign));
+            r.fixed_rows_mut::<3>(3).add_assign(&((moment + levers[body].cross(&force)) * sign));
+            self.stiffness[body][body] += moved(stiffness, &frame.r, &levers[body], &levers[body]);
+        }
+        let between = moved(stiffness, &frame.r, &levers[0], &levers[1]);
+        self.stiffness[0][1] -= between;
+        self.stiffness[1][0] -= between.transpose();
+    }
+
+    fn balanced(&self, bodies: usize) -> bool {
+        self.residual.iter().take(bodies).all(|r| {
+            (0..3).all(|i| r[i].abs() < TOLERANCE.0) && (3..6).all(|i| r[i].abs() < TOLERANCE.1)
+        })
+    }
+
+    fn solve(&self, bodies: usize) -> [Vector6<f64>; 2] {
+        let mut moves = [Vector6::zeros(); 2];
+        if bodies == 1 {
+            let mut a: [[f64; 6]; 6] =
+                std::array::from_fn(|i| std::array::from_fn(|j| self.stiffness[0][0][(i, j)]));
+            let mut b: [f64; 6] = std::array::from_fn(|i| self.residual[0][i]);
+            regularise(&mut a);
+            solve(&mut a, &mut b);
+            moves[0] = Vector6::from(b);
+        } else {
+            let mut a: [[f64; 12]; 12] = std::array::from_fn(|i| {
+                std::array::from_fn(|j| self.stiffness[i / 6][j / 6][(i % 6, j % 6)])
+            });
+            let mut b: [f64; 12] = std::array::from_fn(|i| self.residual[i / 6][i % 6]);
+            regularise(&mut a);
+            solve(&mut a, &mut b);
+            for body in 0..2 {
+                moves[body] = Vector6::from_fn(|i, _| b[6 * body + i]);
+            }
+        }
+        // A contact that appears within a round must not throw the cube: 1 mm and 1 deg a round at most.
+        for m in &mut moves {
+            let size = (m.fixed_rows::<3>(0).norm() / 1e-3).max(m.fixed_rows::<3>(3).norm() / 0.0175);
+            if size > 1.0 {
+                *m /= size;
+            }
+        }
+        moves
+    }
+}
+
+/// A body that only one pad pushes has directions without any spring.
+fn regularise<const N: usize>(a: &mut [[f64; N]; N]) {
+    for (i, row) in a.iter_mut().enumerate() {
+        row[i] += if i % 6 < 3 { 50.0 } else { 0.05 };
+    }
+}
+
+/// A stiffness of a frame with axes `r` at `lever_a` from one body's origin and `lever_b` from another's.
+pub(super) fn moved(k: &Matrix6<f64>, r: &Matrix3<f64>, lever_a: &Vector3<f64>, lever_b: &Vector3<f64>) -> Matrix6<f64> {
+    let block = |i: usize, j: usize| -> Matrix3<f64> {
+        r * k.fixed_view::<3, 3>(i, j).into_owned() * r.transpose()
+    };
+    let (ff, fm, mf, mm) = (block(0, 0), block(0, 3), block(3, 0), block(3, 3));
+    let (a, bt) = (skew(lever_a), skew(lever_b).transpose());
+    let mut out = Matrix6::zeros();
+    let top = ff * bt + fm;
+    out.fixed_view_mut::<3, 3>(0, 0).copy_from(&ff);
+    out.fixed_view_mut::<3, 3>(0, 3).copy_from(&top);
+    out.fixed_view_mut::<3, 3>(3, 0).copy_from(&(a * ff + mf));
+    out.fixed_view_mut::<3, 3>(3, 3).copy_from(&(a * top + mf * bt + mm));
+    out
+}

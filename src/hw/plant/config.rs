@@ -1,0 +1,377 @@
+//! What the simulated plant is made of, beyond what a workshop would measure.
+//!
+//! All SI. Numbers without another source are assumptions, chosen so that the closed chain of two arms has
+//! 8-20 kN/m lateral and 20-45 kN/m axial stiffness at a held cube.
+
+use super::dynamics::{LINKS, Link};
+use crate::cell::Cell;
+use crate::motion::AXES;
+use crate::spatial::Pose;
+use nalgebra::Vector3;
+
+/// Everything that the plant needs besides a seed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlantConfig {
+    /// True values of the cell: see [`super::truth::draw`].
+    pub cell: Cell,
+    /// Per arm, in the order of the cell.
+    pub arms: Vec<ArmDynamics>,
+    /// Friction and play of the cube's layers.
+    pub cube: CubeMechanics,
+    /// Pads of both grippers.
+    pub jaws: Jaws,
+    /// Force sensors.
+    pub noise: SensorNoise,
+    /// The operator's hand.
+    pub hand: HandScript,
+    /// Who has the cube at first.
+    pub start: Start,
+    /// Colours of the 54 stickers at first, URFDLB by position in the cube frame, centres 0..=5 in order.
+    pub facelets: [u8; 54],
+    /// Substeps of a servo period; 4 is the tested figure.
+    pub substeps: u32,
+}
+
+impl PlantConfig {
+    /// The defaults around a cell's true values, with a solved cube in the operator's hand.
+    #[must_use]
+    pub fn new(cell: Cell) -> Self {
+        let arms = cell.arms.iter().map(|a| ArmDynamics::new(a.model.has_track)).collect();
+        Self {
+            cell,
+            arms,
+            cube: CubeMechanics::of_2007(),
+            jaws: Jaws::rubber(),
+            noise: SensorNoise::default(),
+            hand: HandScript::default(),
+            start: Start::Hand,
+            facelets: std::array::from_fn(|i| (i / 9) as u8),
+            substeps: 4,
+        }
+    }
+}
+
+/// Who has the cube when the run begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Start {
+    /// The operator's hand brings it.
+    Hand,
+    /// The jaws of an arm are closed on it; the jaws of the other are open.
+    Held {
+        /// Index of the arm.
+        arm: usize,
+        /// The cube in that arm's true tool frame.
+        tool_from_cube: Pose,
+    },
+}
+
+/// Masses, compliance and drives of an arm; arrays in the order of the axes, track first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmDynamics {
+    /// Links.
+    pub links: [Link; AXES],
+    /// Stiffness between motor and joint [N/m, Nm/rad].
+    pub stiffness: [f64; AXES],
+    /// Damping of the same [Ns/m, Nms/rad].
+    pub damping: [f64; AXES],
+    /// Motors.
+    pub motors: [MotorDynamics; AXES],
+    /// Share of the gravity torque at the start pose that counterbalance springs take off the motors of
+    /// axes 2 and 3, constant over the workspace. The pure link masses have none of it.
+    pub counterbalance: f64,
+    /// Gravity on: 1. Tests switch it off.
+    pub gravity: f64,
+}
+
+/// A motor with its power stage, seen at the motor shaft.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotorDynamics {
+    /// Rotor and gear's fast side [kg m2].
+    pub inertia: f64,
+    /// Torque at standstill and pulse width 255 [Nm].
+    pub stall_torque: f64,
+    /// Speed without load at pulse width 255 [rad/s].
+    pub no_load_speed: f64,
+    /// Coulomb friction at the *joint* [N or Nm], divided by the present transmission ratio.
+    pub coulomb: f64,
+    /// Viscous friction at the shaft [Nms/rad].
+    pub viscous: f64,
+    /// Current that trips the power stage [A]; at standstill and full pulse width 1.5 times this flows.
+    pub trip_current: f64,
+}
+
+impl ArmDynamics {
+    /// The assumptions of an `IRp-6`. Rotor 1e-3 kg m2 (main axes) and 3e-4 (wrist); the stall torque follows
+    /// from a mechanical time constant of 40 ms with the reflected load and a no-load speed of 330 rad/s.
+    #[must_use]
+    pub fn new(track: bool) -> Self {
+        let motor = |inertia: f64, load: f64, coulomb: f64, trip_current: f64| MotorDynamics {
+            inertia,
+            stall_torque: (inertia + load) * 330.0 / 0.040,
+            no_load_speed: 330.0,
+            coulomb,
+            viscous: 1e-5,
+            trip_current,
+        };
+        let trips =
+            if track { [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0] } else { [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0] };
+        Self {
+            links: LINKS,
+            stiffness: [2e7, 60e3, 60e3, 40e3, 12e3, 8e3, 8e3],
+            damping: [6.5e3, 90.0, 90.0, 60.0, 8.0, 3.0, 1.5],
+            motors: [
+                motor(1e-3, 8.5e-5, 40.0, trips[0]),
+                motor(1e-3, 4.8e-4, 3.0, trips[1]),
+                motor(1e-3, 6.7e-4, 3.0, trips[2]),
+                motor(1e-3, 3.3e-4, 3.0, trips[3]),
+                motor(3e-4, 1.2e-5, 3.0, trips[4]),
+                motor(3e-4, 6.5e-6, 3.0, trips[5]),
+                motor(3e-4, 0.0, 3.0, trips[6]),
+            ],
+            counterbalance: 1.0,
+            gravity: 1.0,
+        }
+    }
+}
+
+/// Friction and play between the layers of a cube, per interface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CubeMechanics {
+    /// Torque that turns an unloaded layer [Nm].
+    pub turning_torque: f64,
+    /// Detent: this times |sin 2 phi| is added [Nm].
+    pub detent: f64,
+    /// Coefficient of the friction that grows with load.
+    pub friction: f64,
+    /// Half width of the play across [m].
+    pub play: f64,
+    /// Half width of the play in tilt [rad].
+    pub tilt_play: f64,
+    /// Stiffness across, after the play [N/m].
+    pub stiffness: f64,
+    /// Stiffness in tilt, after the play [Nm/rad].
+    pub tilt_stiffness: f64,
+    /// Angle by which another layer may be off before it blocks [rad].
+    pub corner_cut: f64,
+    /// Relative spread of `turning_torque` between the six interfaces.
+    pub spread: f64,
+}
+
+impl CubeMechanics {
+    /// A cube of the paper's time.
+    #[must_use]
+    pub fn of_2007() -> Self {
+        Self {
+            turning_torque: 0.30,
+            detent: 0.1,
+            friction: 0.30,
+            play: 0.2e-3,
+            tilt_play: 0.4_f64.to_radians(),
+            stiffness: 2e5,
+            tilt_stiffness: 150.0,
+            corner_cut: 8.0_f64.to_radians(),
+            spread: 0.1,
+        }
+    }
+
+    /// A light and loose one of today.
+    #[must_use]
+    pub fn modern() -> Self {
+        Self {
+            turning_torque: 0.06,
+            friction: 0.15,
+            play: 0.4e-3,
+            tilt_play: 1.0_f64.to_radians(),
+            corner_cut: 40.0_f64.to_radians(),
+            ..Self::of_2007()
+        }
+    }
+
+    /// One that was never oiled.
+    #[must_use]
+    pub fn dry() -> Self {
+        Self {
+            turning_torque: 0.60,
+            friction: 0.45,
+            play: 0.1e-3,
+            tilt_play: 0.2_f64.to_radians(),
+            corner_cut: 5.0_f64.to_radians(),
+            ..Self::of_2007()
+        }
+    }
+}
+
+/// Pads and palm stops of a gripper, in tool axes (jaws along y, approach along z).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Jaws {
+    /// Along x, y, z [N/m]; y is both pads together.
+    pub stiffness: [f64; 3],
+    /// About x, y, z [Nm/rad].
+    pub rotation: [f64; 3],
+    /// Coefficient of friction on stickers.
+    pub friction: f64,
+    /// Palm stops [N/m].
+    pub palm: f64,
+    /// Largest grip of the jaw's slipping clutch [N].
+    pub greatest_grip: f64,
+    /// Moving mass that the jaw's motor stands for at the pads [kg]: 1e-8 kg m2 behind 69,000 rad/m.
+    pub mass: f64,
+    /// Speed of the jaw motor without load at pulse width 255 [rad/s].
+    pub no_load_speed: f64,
+    /// Force at standstill and pulse width 255 without a current limit [N].
+    pub stall_force: f64,
+    /// Friction of the jaw's drive at the pads [N].
+    pub coulomb: f64,
+}
+
+impl Jaws {
+    /// Rubber pads.
+    #[must_use]
+    pub fn rubber() -> Self {
+        Self {
+            stiffness: [6e4, 3e5, 6e4],
+            rotation: [80.0, 100.0, 120.0],
+            friction: 0.8,
+            palm: 5e5,
+            greatest_grip: 60.0,
+            mass: 41.0,
+            no_load_speed: 1e4,
+            stall_force: 150.0,
+            coulomb: 2.0,
+        }
+    }
+
+    /// Bare, ground metal.
+    #[must_use]
+    pub fn stiff() -> Self {
+        Self {
+            stiffness: [3e5, 1e6, 3e5],
+            rotation: [400.0, 600.0, 600.0],
+            friction: 0.35,
+            ..Self::rubber()
+        }
+    }
+}
+
+/// What a wrist sensor adds to the truth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SensorNoise {
+    /// Of each reading, r.m.s. [N].
+    pub force: f64,
+    /// Of each reading, r.m.s. [Nm].
+    pub torque: f64,
+    /// Steps of a reading [N].
+    pub force_quantum: f64,
+    /// Steps of a reading [Nm].
+    pub torque_quantum: f64,
+    /// Bias, spread of each component at the start [N].
+    pub force_bias: f64,
+    /// The same of torques [Nm].
+    pub torque_bias: f64,
+    /// Drift of the bias in 10 minutes, each component [N]; torques drift by a twentieth of this [Nm].
+    pub force_drift: f64,
+    /// Servo periods by which a reading is late.
+    pub delay_periods: usize,
+}
+
+impl Default for SensorNoise {
+    fn default() -> Self {
+        Self {
+            force: 0.05,
+            torque: 0.003,
+            force_quantum: 1.0 / 40.0,
+            torque_quantum: 1.0 / 800.0,
+            force_bias: 1.0,
+            torque_bias: 0.05,
+            force_drift: 0.2,
+            delay_periods: 1,
+        }
+    }
+}
+
+impl SensorNoise {
+    /// A sensor that tells the truth: for tests.
+    #[must_use]
+    pub fn none() -> Self {
+        Self {
+            force: 0.0,
+            torque: 0.0,
+            force_quantum: 0.0,
+            torque_quantum: 0.0,
+            force_bias: 0.0,
+            torque_bias: 0.0,
+            force_drift: 0.0,
+            delay_periods: 0,
+        }
+    }
+}
+
+/// How the operator's hand behaves. It stands on the cube's +x side of the zone, away from the robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HandScript {
+    /// When it starts to bring the cube [s].
+    pub appears: f64,
+    /// How long it takes to the place [s].
+    pub arrival: f64,
+    /// From where it comes, relative to the place, in world axes [m]; it leaves towards there as well.
+    pub start_offset: Vector3<f64>,
+    /// Slow sway on the way and after the arrival, r.m.s. per axis [m].
+    pub sway: f64,
+    /// Typical period of the sway's change [s].
+    pub sway_time: f64,
+    /// Tremor of 8-10 Hz, amplitude per axis [m].
+    pub tremor: f64,
+    /// After its arrival it calms down over this time [s]: sway and tremor fall to a tenth.
+    pub stills: f64,
+    /// Spread of the holding point per axis, clipped to the zone [m].
+    pub place_spread: f64,
+    /// Spread of the tilt per axis [rad].
+    pub tilt_spread: f64,
+    /// Whether the cube comes in any of its 24 orientations (seeded), or as the zone's pose says.
+    pub any_orientation: bool,
+    /// How often it draws the cube back and comes again before it stays.
+    pub withdrawals: u32,
+    /// How far it draws back [m], towards `start_offset`.
+    pub withdrawal: f64,
+    /// Stiffness of its hold [N/m]; a thousandth of it is the stiffness in rotation [Nm/rad].
+    pub stiffness: f64,
+    /// Damping of the same [Ns/m].
+    pub damping: f64,
+    /// Load of a gripper on the cube at which it lets go after 0.3 s [N].
+    pub release_load: f64,
+    /// It lets go this long after jaws closed on the cube, at the latest [s].
+    pub release_time: f64,
+    /// It comes back for the cube when this has passed since it let go [s], ...
+    pub return_after: f64,
+    /// ... and, when true, only for a solved cube (a person sees that); either way the cube must have left
+    /// the zone meanwhile, be held by one gripper, and be nearly still in the zone for 1 s.
+    pub return_solved_only: bool,
+    /// Pull on the cube towards the operator when it takes it back [N].
+    pub pull: f64,
+}
+
+impl Default for HandScript {
+    fn default() -> Self {
+        Self {
+            appears: 1.0,
+            arrival: 4.0,
+            start_offset: Vector3::new(0.25, 0.12, -0.06),
+            sway: 3e-3,
+            sway_time: 0.7,
+            tremor: 0.2e-3,
+            stills: 3.0,
+            place_spread: 0.02,
+            tilt_spread: 4.0_f64.to_radians(),
+            any_orientation: true,
+            withdrawals: 0,
+            withdrawal: 0.15,
+            stiffness: 300.0,
+            damping: 10.0,
+            release_load: 8.0,
+            release_time: 2.0,
+            return_after: 20.0,
+            return_solved_only: false,
+            pull: 6.0,
+        }
+    }
+}

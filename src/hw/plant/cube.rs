@@ -1,0 +1,180 @@
+//! The cube as a puzzle with layers: stickers, angles of the layers, friction of the interfaces.
+//!
+//! The core is the middle layer with the six centres. On each axis the two outer layers turn against it, each
+//! by its own angle and with its own friction. Angles are continuous while a layer turns; when another axis
+//! becomes active, whole quarters become a permutation of stickers and the rest stays as misalignment.
+//!
+//! - source: load-dependent friction, corner cutting and their numbers are assumptions of the project
+
+use super::config::CubeMechanics;
+use crate::cube::{Axis, Face};
+use nalgebra::Vector3;
+use std::f64::consts::FRAC_PI_2;
+
+/// Radius at which lateral force rubs, that at which tilt and axial force rub, and the tilt's lever [m].
+const RUB: (f64, f64, f64) = (0.020, 0.026, 0.020);
+/// Another layer's misalignment adds this to the friction [Nm/rad].
+const CORNER_FRICTION: f64 = 0.05 * 57.295_779_513_082_32;
+
+/// Layers as a set: bit 0 the negative outer one, bit 1 the middle one, bit 2 the positive one.
+pub(super) type Layers = u8;
+pub(super) const MIDDLE: Layers = 2;
+
+#[derive(Debug, Clone)]
+pub(super) struct Puzzle {
+    /// Colours by position in the core's frame, layers back at the quarter they were at last.
+    stickers: [u8; 54],
+    /// Angles of the negative and the positive outer layer of each axis against the core [rad].
+    pub(super) angles: [[f64; 2]; 3],
+    /// Factor of the unloaded friction of each interface.
+    friction: [[f64; 2]; 3],
+    pub(super) mechanics: CubeMechanics,
+    /// Destination of each sticker for a right-handed quarter turn of an outer layer.
+    quarter: [[[u8; 54]; 2]; 3],
+}
+
+impl Puzzle {
+    pub(super) fn new(stickers: [u8; 54], mechanics: CubeMechanics, friction: [[f64; 2]; 3]) -> Self {
+        let quarter = std::array::from_fn(|axis| {
+            std::array::from_fn(|side| quarter_turn(Axis::ALL[axis], side == 1))
+        });
+        Self { stickers, angles: [[0.0; 2]; 3], friction, mechanics, quarter }
+    }
+
+    /// Stickers as the renderer needs them: to be turned further by [`Puzzle::angles`] of one axis.
+    pub(super) fn stickers(&self) -> &[u8; 54] {
+        &self.stickers
+    }
+
+    /// The axis that is farthest from aligned.
+    pub(super) fn turned_axis(&self) -> usize {
+        let off = |a: usize| self.angles[a][0].abs().max(self.angles[a][1].abs());
+        (1..3).fold(0, |best, a| if off(a) > off(best) { a } else { best })
+    }
+
+    /// Turns whole quarters into a permutation.
+    pub(super) fn settle(&mut self, axis: usize) {
+        for side in 0..2 {
+            let quarters = (self.angles[axis][side] / FRAC_PI_2).round();
+            self.angles[axis][side] -= quarters * FRAC_PI_2;
+            for _ in 0..(quarters as i64).rem_euclid(4) {
+                let mut turned = self.stickers;
+                for (i, to) in self.quarter[axis][side].iter().enumerate() {
+                    turned[usize::from(*to)] = self.stickers[i];
+                }
+                self.stickers = turned;
+            }
+        }
+    }
+
+    /// Largest distance of an axis' layers from their nearest quarter [rad].
+    pub(super) fn misalignment(&self, axis: usize) -> f64 {
+        let off = |a: f64| (a - (a / FRAC_PI_2).round() * FRAC_PI_2).abs();
+        off(self.angles[axis][0]).max(off(self.angles[axis][1]))
+    }
+
+    /// Whether the other axes' misalignment blocks this one.
+    pub(super) fn blocked(&self, axis: usize) -> bool {
+        (0..3).any(|a| a != axis && self.misalignment(a) > self.mechanics.corner_cut)
+    }
+
+    /// Torque at which an interface slips [Nm], under the load that it transmits.
+    pub(super) fn turning_torque(
+        &self,
+        axis: usize,
+        side: usize,
+        lateral: f64,
+        tilt: f64,
+        axial: f64,
+    ) -> f64 {
+        let m = &self.mechanics;
+        let (sine, _) = libm::sincos(2.0 * self.angles[axis][side]);
+        let (r_lateral, r_face, lever) = RUB;
+        let corners: f64 =
+            (0..3).filter(|a| *a != axis).map(|a| CORNER_FRICTION * self.misalignment(a)).sum();
+        m.turning_torque * self.friction[axis][side]
+            + m.detent * sine.abs()
+            + m.friction * (r_lateral * lateral + r_face * tilt / lever + r_face * axial.abs())
+            + corners
+    }
+
+    /// Stickers by position with every layer at its nearest quarter and the cube held so that the centres are
+    /// in their places: a description that does not depend on how the cube is held.
+    pub(super) fn facelets(&self) -> [u8; 54] {
+        let mut settled = self.clone();
+        for axis in 0..3 {
+            settled.settle(axis);
+        }
+        // The core carries the centres and never turns against its own frame, so they are in place when they
+        // were so at first; otherwise colours are renamed by the centre that stands there.
+        let mut name = [0_u8; 6];
+        for face in 0..6 {
+            name[usize::from(settled.stickers[face * 9 + 4])] = face as u8;
+        }
+        settled.stickers.map(|colour| name[usize::from(colour)])
+    }
+}
+
+/// Where a sticker sits: its cubie and the direction that it looks in.
+fn place(index: usize) -> (Vector3<f64>, Vector3<f64>) {
+    let face = Face::ALL[index / 9];
+    let (column, row) = face.reading_axes();
+    let (r, c) = ((index % 9 / 3) as f64 - 1.0, (index % 3) as f64 - 1.0);
+    (face.normal() + column * c + row * r, face.normal())
+}
+
+fn quarter_turn(axis: Axis, positive: bool) -> [u8; 54] {
+    let unit = axis.unit();
+    let turn = |v: Vector3<f64>| unit * unit.dot(&v) + unit.cross(&v);
+    let layer = if positive { 1.0 } else { -1.0 };
+    std::array::from_fn(|i| {
+        let (at, out) = place(i);
+        if at.dot(&unit) != layer {
+            return i as u8;
+        }
+        let wanted = (turn(at), turn(out));
+        (0..54).find(|k| place(*k) == wanted).unwrap_or(i) as u8
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn puzzle() -> Puzzle {
+        let stickers = std::array::from_fn(|i| i as u8);
+        Puzzle::new(stickers, CubeMechanics::of_2007(), [[1.0; 2]; 3])
+    }
+
+    #[test]
+    fn a_clockwise_turn_of_the_upper_face_brings_the_right_row_to_the_front() {
+        let mut puzzle = puzzle();
+
+        // Clockwise seen from outside is a left-handed turn about the outward normal.
+        puzzle.angles[2][1] = -FRAC_PI_2;
+        puzzle.settle(2);
+
+        let f = 18;
+        let r = 9;
+        assert_eq!(&puzzle.stickers[f..f + 3], &[r as u8, r as u8 + 1, r as u8 + 2]);
+        assert_eq!(puzzle.stickers[0], 6, "U1 is what was U7");
+        assert_eq!(puzzle.angles[2][1], 0.0);
+    }
+
+    #[test]
+    fn four_quarters_of_any_layer_change_nothing_and_one_changes_twenty_stickers() {
+        for axis in 0..3 {
+            for side in 0..2 {
+                let mut puzzle = puzzle();
+                puzzle.angles[axis][side] = FRAC_PI_2;
+                puzzle.settle(axis);
+                let moved = (0..54).filter(|i| puzzle.stickers[*i] != *i as u8).count();
+                assert_eq!(moved, 20);
+
+                puzzle.angles[axis][side] = 3.0 * FRAC_PI_2;
+                puzzle.settle(axis);
+                assert!((0..54).all(|i| puzzle.stickers[i] == i as u8));
+            }
+        }
+    }
+}

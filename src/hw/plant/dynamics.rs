@@ -1,0 +1,205 @@
+//! Rigid-body dynamics of an `IRp-6`: kinematics, mass matrix and bias, all in the base frame.
+//!
+//! Every spatial quantity is taken about the base frame's origin and in its axes, so nothing is transformed
+//! from link to link: composite bodies are sums, a column of the mass matrix is `s_i . I_c s_j`, and a wrench
+//! reaches the joints by six products an axis.
+//!
+//! - in: joint positions and velocities, gravity in base axes
+//! - out: `base_from_flange`, joint screws, mass matrix [kg, kg m, kg m2], bias [N, Nm]
+//! - source: composite rigid bodies and recursive Newton-Euler (Featherstone 2008, chapters 5 and 6)
+
+use super::frame::Frame;
+use crate::kinematics::ArmModel;
+use crate::motion::AXES;
+use nalgebra::{Matrix3, Vector3};
+use std::f64::consts::FRAC_PI_2;
+
+/// A link's mass properties in its own frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Link {
+    /// [kg]
+    pub mass: f64,
+    /// Centre of mass in the link frame [m].
+    pub centre: [f64; 3],
+    /// Principal moments about it, along the link's axes [kg m2].
+    pub inertia: [f64; 3],
+}
+
+/// A twist or a wrench about the base's origin: angular part first.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Screw {
+    pub(super) a: Vector3<f64>,
+    pub(super) l: Vector3<f64>,
+}
+
+impl Screw {
+    pub(super) const ZERO: Self = Self { a: Vector3::new(0.0, 0.0, 0.0), l: Vector3::new(0.0, 0.0, 0.0) };
+
+    /// Power of a wrench `self` on a twist.
+    pub(super) fn dot(&self, other: &Self) -> f64 {
+        self.a.dot(&other.a) + self.l.dot(&other.l)
+    }
+
+    fn plus(&self, other: &Self, factor: f64) -> Self {
+        Self { a: self.a + other.a * factor, l: self.l + other.l * factor }
+    }
+}
+
+/// Mass, first moment and inertia about the base's origin.
+#[derive(Clone, Copy)]
+struct Body {
+    m: f64,
+    h: Vector3<f64>,
+    i: Matrix3<f64>,
+}
+
+impl Body {
+    const ZERO: Self = Self { m: 0.0, h: Vector3::new(0.0, 0.0, 0.0), i: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) };
+
+    fn placed(link: &Link, frame: &Frame) -> Self {
+        let c = frame.point(&Vector3::from(link.centre));
+        let [ix, iy, iz] = link.inertia;
+        let scaled = Matrix3::from_columns(&[
+            frame.r.column(0) * ix,
+            frame.r.column(1) * iy,
+            frame.r.column(2) * iz,
+        ]);
+        let mut i = scaled * frame.r.transpose();
+        let steiner = Matrix3::from_diagonal_element(c.norm_squared()) - c * c.transpose();
+        i += steiner * link.mass;
+        Self { m: link.mass, h: c * link.mass, i }
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        Self { m: self.m + other.m, h: self.h + other.h, i: self.i + other.i }
+    }
+
+    /// Momentum of a twist, or force of an acceleration.
+    fn times(&self, v: &Screw) -> Screw {
+        Screw { a: self.i * v.a + self.h.cross(&v.l), l: v.l * self.m - self.h.cross(&v.a) }
+    }
+}
+
+/// Where everything of an arm is, for one set of joint positions.
+#[derive(Clone)]
+pub(super) struct Placement {
+    /// `base_from_link` of the carriage and the six links; the last is the flange.
+    pub(super) frames: [Frame; AXES],
+    /// Joint screws.
+    pub(super) screws: [Screw; AXES],
+}
+
+impl Placement {
+    pub(super) fn new(model: &ArmModel, q: &[f64; AXES]) -> Self {
+        let [a2, a3, d5] = model.links;
+        let y = if model.has_track { q[0] } else { 0.0 };
+        let shoulder = Vector3::new(0.0, y, model.shoulder_height);
+        let t3 = q[2] + q[3] + FRAC_PI_2;
+        let t4 = t3 + q[4];
+        let (s1, c1) = libm::sincos(q[1]);
+        let pitched = |angle: f64| {
+            let (s, c) = libm::sincos(angle);
+            Matrix3::new(c1 * c, -s1, c1 * s, s1 * c, c1, s1 * s, -s, 0.0, c)
+        };
+        let r1 = Matrix3::new(c1, -s1, 0.0, s1, c1, 0.0, 0.0, 0.0, 1.0);
+        let (r2, r3, r4) = (pitched(q[2]), pitched(t3), pitched(t4));
+        let elbow = shoulder + r2.column(0) * a2;
+        let pitch = elbow + r3.column(0) * a3;
+        let wrist = pitch + r4.column(0) * d5;
+        let (s5, c5) = libm::sincos(q[5]);
+        let r5 = r4 * Matrix3::new(1.0, 0.0, 0.0, 0.0, c5, -s5, 0.0, s5, c5);
+        // The flange's x, y, z at q6 = 0 are the wrist's y, z, x.
+        let r50 = Matrix3::from_columns(&[r5.column(1), r5.column(2), r5.column(0)]);
+        let (s6, c6) = libm::sincos(q[6]);
+        let r6 = r50 * Matrix3::new(c6, -s6, 0.0, s6, c6, 0.0, 0.0, 0.0, 1.0);
+
+        let turning = |axis: Vector3<f64>, at: &Vector3<f64>| Screw { a: axis, l: at.cross(&axis) };
+        let across = Vector3::new(-s1, c1, 0.0);
+        let frame = |r: Matrix3<f64>, p: Vector3<f64>| Frame { r, p };
+        Self {
+            frames: [
+                frame(Matrix3::identity(), Vector3::new(0.0, y, 0.0)),
+                frame(r1, shoulder),
+                frame(r2, shoulder),
+                frame(r3, elbow),
+                frame(r4, pitch),
+                frame(r5, wrist),
+                frame(r6, wrist),
+            ],
+            screws: [
+                if model.has_track { Screw { a: Vector3::zeros(), l: Vector3::y() } } else { Screw::ZERO },
+                turning(Vector3::z(), &shoulder),
+                turning(across, &shoulder),
+                turning(across, &elbow),
+                turning(across, &pitch),
+                turning(r5.column(0).into_owned(), &wrist),
+                turning(r6.column(2).into_owned(), &wrist),
+            ],
+        }
+    }
+
+    /// Mass matrix and bias torques (Coriolis, centrifugal, gravity) at joint velocities `v`. Row and column
+    /// 0 of an arm without a track are those of a unit mass that nothing acts on.
+    pub(super) fn dynamics(
+        &self,
+        links: &[Link; AXES],
+        v: &[f64; AXES],
+        gravity: &Vector3<f64>,
+    ) -> ([[f64; AXES]; AXES], [f64; AXES]) {
+        let mut bodies = [Body::ZERO; AXES];
+        let mut forces = [Screw::ZERO; AXES];
+        let mut velocity = Screw::ZERO;
+        let mut acceleration = Screw { a: Vector3::zeros(), l: -gravity };
+        for j in 0..AXES {
+            bodies[j] = Body::placed(&links[j], &self.frames[j]);
+            let s = &self.screws[j];
+            acceleration.a += velocity.a.cross(&s.a) * v[j];
+            acceleration.l += (velocity.a.cross(&s.l) + velocity.l.cross(&s.a)) * v[j];
+            velocity = velocity.plus(s, v[j]);
+            let momentum = bodies[j].times(&velocity);
+            let mut force = bodies[j].times(&acceleration);
+            force.a += velocity.a.cross(&momentum.a) + velocity.l.cross(&momentum.l);
+            force.l += velocity.a.cross(&momentum.l);
+            forces[j] = force;
+        }
+        let mut mass = [[0.0; AXES]; AXES];
+        let mut bias = [0.0; AXES];
+        let (mut composite, mut total) = (Body::ZERO, Screw::ZERO);
+        for j in (0..AXES).rev() {
+            composite = composite.plus(&bodies[j]);
+            total = total.plus(&forces[j], 1.0);
+            bias[j] = self.screws[j].dot(&total);
+            let column = composite.times(&self.screws[j]);
+            for i in 0..=j {
+                mass[i][j] = self.screws[i].dot(&column);
+                mass[j][i] = mass[i][j];
+            }
+        }
+        if self.screws[0].l.y == 0.0 {
+            mass[0][0] = 1.0;
+        }
+        (mass, bias)
+    }
+
+    /// Joint torques of a wrench about the base's origin in base axes.
+    pub(super) fn torques(&self, wrench: &Screw) -> [f64; AXES] {
+        std::array::from_fn(|j| self.screws[j].dot(wrench))
+    }
+
+    /// Twist of the last link, about the base's origin.
+    pub(super) fn twist(&self, v: &[f64; AXES]) -> Screw {
+        self.screws.iter().zip(v).fold(Screw::ZERO, |sum, (s, v)| sum.plus(s, *v))
+    }
+}
+
+/// Link masses of the simulated arms (assumptions: the makers' data are not published): the carriage of the
+/// track arm, column, lower arm, upper arm, wrist pitch, wrist roll, and tool roll with sensor and gripper.
+pub const LINKS: [Link; AXES] = [
+    Link { mass: 150.0, centre: [0.0, 0.0, 0.3], inertia: [5.0, 5.0, 8.0] },
+    Link { mass: 25.0, centre: [0.0, 0.0, -0.3], inertia: [0.6, 0.6, 0.3] },
+    Link { mass: 12.0, centre: [0.2275, 0.0, 0.0], inertia: [0.02, 0.25, 0.25] },
+    Link { mass: 14.0, centre: [0.335, 0.0, 0.0], inertia: [0.03, 0.6, 0.6] },
+    Link { mass: 4.0, centre: [0.095, 0.0, 0.0], inertia: [0.01, 0.02, 0.02] },
+    Link { mass: 1.5, centre: [0.0, 0.0, 0.0], inertia: [0.003, 0.003, 0.003] },
+    Link { mass: 2.5, centre: [0.0, 0.0, 0.09], inertia: [0.015, 0.015, 0.006] },
+];

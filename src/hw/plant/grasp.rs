@@ -1,0 +1,284 @@
+//! The contact between a gripper and the cube: two pads, friction that may slip, the palm's stops.
+//!
+//! Everything is measured at the tool point in tool axes: z approaches, the jaws move along y.
+//!
+//! - pads: two one-sided springs on the true faces. The jaws are coupled, so together they centre the cube
+//!   along y, with a deadband of half the clearance; the grip is the lesser of the two
+//! - friction: x, z and the rotation about y start stress-free where the pads close. The rotations about x
+//!   and z, which flat pads align, are strained by what the geometry says
+//! - slip surface: `(F_xz / 2 mu N)^2 + (M_xy / 0.6 Ts)^2 + (M_z / Ts)^2 <= 1`, `Ts = 2 mu N edge/2`
+//! - palm: four one-sided points of the two-position stops
+//! - out: the wrench on the cube and its stiffness; a state that the caller commits once a substep
+
+use super::config::Jaws;
+use super::frame::{Frame, nearest_alignment, rotation_vector};
+use crate::cell::Gripper;
+use crate::motion::Depth;
+use nalgebra::{Matrix6, Vector3};
+
+/// The palm's stops touch the face at +- this from the axis [m].
+const STOP_SPACING: f64 = 0.020;
+/// A finger's end that meets the cube's face from the front [N/m].
+const FRONT_STIFFNESS: f64 = 5e4;
+/// Beyond this slip the grasp is lost [m, rad].
+const LOST: (f64, f64) = (5e-3, 0.349);
+
+/// State of a gripper's grasp.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Grasp {
+    /// Both pads are on the cube.
+    pub(super) attached: bool,
+    /// It slipped too far; holds nothing until the jaws have opened.
+    pub(super) lost: bool,
+    /// Which body of the cube it touches, 0 or 1.
+    pub(super) node: usize,
+    /// `tool_from_body` without strain, of the grasp as closed.
+    pub(super) reference: Frame,
+    /// Slid part of x, z, and of the rotation about y.
+    slid: [f64; 3],
+    /// Rotations about x and z when the pads closed.
+    closed_tilt: [f64; 2],
+    /// Slip since closing [m, rad].
+    pub(super) slip: (f64, f64),
+    /// Whether this grasp's slip has been reported.
+    pub(super) reported: bool,
+}
+
+/// What a gripper needs to know of its surroundings for one evaluation.
+pub(super) struct Hands<'a> {
+    pub(super) gripper: &'a Gripper,
+    pub(super) jaws: &'a Jaws,
+    pub(super) edge: f64,
+    pub(super) opening: f64,
+    pub(super) stops: Depth,
+}
+
+/// One evaluation.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Touch {
+    /// On the cube, at the tool point, in tool axes [N, Nm].
+    pub(super) force: Vector3<f64>,
+    pub(super) torque: Vector3<f64>,
+    /// Its negated derivative by displacement and rotation of the cube.
+    pub(super) stiffness: Matrix6<f64>,
+    /// Force of the pads at +y and -y [N].
+    pub(super) pads: [f64; 2],
+    /// Force of the palm's stops [N].
+    pub(super) palm: f64,
+    /// Force on the ends of the fingers [N].
+    pub(super) front: f64,
+    slid: [f64; 3],
+    slip_step: (f64, f64),
+}
+
+impl Touch {
+    pub(super) const NONE: Self = Self {
+        force: Vector3::new(0.0, 0.0, 0.0),
+        torque: Vector3::new(0.0, 0.0, 0.0),
+        stiffness: Matrix6::new(
+            0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.,
+            0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0., 0.,
+        ),
+        pads: [0.0; 2],
+        palm: 0.0,
+        front: 0.0,
+        slid: [0.0; 3],
+        slip_step: (0.0, 0.0),
+    };
+
+    /// Lesser of the pads' forces [N].
+    pub(super) fn grip(&self) -> f64 {
+        self.pads[0].min(self.pads[1])
+    }
+
+    /// Whether anything touches.
+    pub(super) fn any(&self) -> bool {
+        self.pads[0] + self.pads[1] + self.palm + self.front > 0.0
+    }
+}
+
+impl Grasp {
+    pub(super) const OPEN: Self = Self {
+        attached: false,
+        lost: false,
+        node: 0,
+        reference: Frame {
+            r: nalgebra::Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+            p: Vector3::new(0.0, 0.0, 0.0),
+        },
+        slid: [0.0; 3],
+        closed_tilt: [0.0; 2],
+        slip: (0.0, 0.0),
+        reported: false,
+    };
+
+    /// Whether it can carry the cube.
+    pub(super) fn holds(&self) -> bool {
+        self.attached && !self.lost
+    }
+
+    /// The strain-free frame of flat pads around a cube that stands nearly so.
+    pub(super) fn flat(tool_from_body: &Frame) -> Frame {
+        Frame {
+            r: nearest_alignment(&tool_from_body.r),
+            p: Vector3::new(0.0, 0.0, tool_from_body.p.z),
+        }
+    }
+
+    /// The pads have met the cube: `tool_from_body` now, `flat` as of the touched layer.
+    pub(super) fn close(&mut self, node: usize, tool_from_body: &Frame, flat: Frame) {
+        let e = tool_from_body.times(&flat.inverse());
+        let w = rotation_vector(&e.r);
+        *self = Self {
+            attached: true,
+            lost: false,
+            node,
+            reference: flat,
+            slid: [e.p.x, e.p.z, w.y],
+            closed_tilt: [w.x, w.z],
+            slip: (0.0, 0.0),
+            reported: false,
+        };
+    }
+
+    /// The touched body is from now on described by another frame: `old_from_new`.
+    pub(super) fn rename(&mut self, node: usize, old_from_new: &Frame) {
+        self.node = node;
+        self.reference = self.reference.times(old_from_new);
+    }
+
+    /// Forces between the gripper at `world_from_tool` and the body at `world_from_body`.
+    pub(super) fn touch(&self, tool: &Frame, body: &Frame, hands: &Hands) -> Touch {
+        let local = tool.to_local(body);
+        let reach = hands.edge + hands.gripper.palm;
+        if !self.attached && local.p.norm_squared() > reach * reach {
+            return Touch::NONE;
+        }
+        let reference = if self.attached { self.reference } else { Self::flat(&local) };
+        let e = local.times(&reference.inverse());
+        let w = rotation_vector(&e.r);
+        let mut t = Touch::NONE;
+        let half = 0.5 * hands.edge;
+        let face = reference.p.z + e.p.z - half;
+        let (g, j) = (hands.gripper, hands.jaws);
+
+        // Fingers beside the cube, or in front of it?
+        let depth = g.finger_tip - face;
+        let beside = local.p.x.abs() < half + 0.5 * g.finger_width && face + hands.edge > -g.palm;
+        if beside && depth > 0.0 {
+            for (i, side) in [1.0, -1.0].into_iter().enumerate() {
+                let press = half + side * e.p.y - 0.5 * hands.opening;
+                if press <= 0.0 {
+                    continue;
+                }
+                if self.attached || depth > press {
+                    let k = 0.5 * j.stiffness[1];
+                    t.pads[i] = (k * press).min(400.0);
+                    t.force.y -= side * t.pads[i];
+                    t.stiffness[(1, 1)] += k;
+                } else {
+                    let f = (FRONT_STIFFNESS * depth).min(400.0);
+                    t.front += f;
+                    let y = side * 0.5 * hands.opening;
+                    point_load(&mut t, 0.0, y, f, FRONT_STIFFNESS);
+                }
+            }
+        }
+        self.palm(&mut t, hands, &local, face, &w);
+        if self.attached {
+            self.friction(&mut t, hands, &e, &w);
+        }
+        t
+    }
+
+    fn palm(&self, t: &mut Touch, hands: &Hands, local: &Frame, face: f64, w: &Vector3<f64>) {
+        let half = 0.5 * hands.edge;
+        if local.p.x.abs() > half || local.p.y.abs() > half || local.p.z < 0.0 - half {
+            return;
+        }
+        let stop = match hands.stops {
+            Depth::One => -Gripper::FACE_BEHIND_TOOL_ONE,
+            Depth::Two => -Gripper::FACE_BEHIND_TOOL_TWO,
+        };
+        if face > stop + 0.005 {
+            return;
+        }
+        let k = 0.25 * hands.jaws.palm;
+        for (x, y) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+            let (x, y) = (x * STOP_SPACING, y * STOP_SPACING);
+            let press = stop - (face + w.x * y - w.y * x);
+            if press > 0.0 {
+                let f = (k * press).min(400.0);
+                t.palm += f;
+                point_load(t, x, y, f, k);
+            }
+        }
+    }
+
+    fn friction(&self, t: &mut Touch, hands: &Hands, e: &Frame, w: &Vector3<f64>) {
+        let j = hands.jaws;
+        let strain = [e.p.x - self.slid[0], e.p.z - self.slid[1], w.y - self.slid[2]];
+        let mut fx = -j.stiffness[0] * strain[0];
+        let mut fz = -j.stiffness[2] * strain[1];
+        let mut m = Vector3::new(
+            -j.rotation[0] * w.x,
+            -j.rotation[1] * strain[2],
+            -j.rotation[2] * w.z,
+        );
+        let grip = if self.lost { 0.0 } else { t.grip() };
+        let plane = (2.0 * j.friction * grip).max(1e-9);
+        let torsion = plane * 0.5 * hands.edge;
+        let load = (fx * fx + fz * fz) / (plane * plane)
+            + (m.x * m.x + m.y * m.y) / (0.36 * torsion * torsion)
+            + m.z * m.z / (torsion * torsion);
+        t.slid = self.slid;
+        if load > 1.0 {
+            let keep = 1.0 / load.sqrt();
+            fx *= keep;
+            fz *= keep;
+            m *= keep;
+            let gone = 1.0 - keep;
+            t.slid = std::array::from_fn(|i| self.slid[i] + gone * strain[i]);
+            // Of the aligned rotations only what goes beyond the misalignment at closing is slip.
+            let beyond = (gone * w.z.abs() - self.closed_tilt[1].abs())
+                .max(gone * w.x.abs() - self.closed_tilt[0].abs())
+                .max(0.0);
+            t.slip_step = (gone * strain[0].hypot(strain[1]), beyond);
+        }
+        t.force.x += fx;
+        t.force.z += fz;
+        t.torque += m;
+        t.stiffness[(0, 0)] += j.stiffness[0];
+        t.stiffness[(2, 2)] += j.stiffness[2];
+        for i in 0..3 {
+            t.stiffness[(3 + i, 3 + i)] += j.rotation[i];
+        }
+    }
+
+    /// Takes over the slip of the substep's last evaluation.
+    pub(super) fn commit(&mut self, t: &Touch) {
+        if !self.attached {
+            return;
+        }
+        let turned = (t.slid[2] - self.slid[2]).abs();
+        self.slid = t.slid;
+        self.slip.0 += t.slip_step.0;
+        self.slip.1 = (self.slip.1 + turned).max(t.slip_step.1);
+        if self.slip.0 > LOST.0 || self.slip.1 > LOST.1 {
+            self.lost = true;
+        }
+    }
+}
+
+/// A force along +z at (x, y, 0) with a stiffness.
+fn point_load(t: &mut Touch, x: f64, y: f64, f: f64, k: f64) {
+    t.force.z += f;
+    t.torque.x += y * f;
+    t.torque.y -= x * f;
+    let n = [(2, 1.0), (3, y), (4, -x)];
+    for (i, a) in n {
+        for (l, b) in n {
+            t.stiffness[(i, l)] += k * a * b;
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! The jaw of a gripper: a small motor behind a fine screw, which moves both pads towards or from each other.
+//!
+//! - in: pulse width and current limit, the force with which the cube pushes each pad
+//! - out: distance between the pads, encoder, current
+//! - the drive limits the current, so it limits the grip; a clutch slips at the greatest grip
+
+use super::config::Jaws;
+use crate::cell::Gripper;
+use crate::servo::io::ArmDrive;
+use std::f64::consts::TAU;
+
+/// Speed over which the jaw's friction builds up [m/s].
+const CREEP: f64 = 1e-4;
+
+#[derive(Debug, Clone)]
+pub(super) struct PlantJaw {
+    gripper: Gripper,
+    jaws: Jaws,
+    /// Angle of the motor [rad].
+    motor: f64,
+    /// Speed of the opening [m/s].
+    speed: f64,
+    /// Force of the drive on the opening, positive opens [N].
+    force: f64,
+}
+
+impl PlantJaw {
+    /// A jaw at rest at a true distance between the pads [m].
+    pub(super) fn new(gripper: &Gripper, jaws: &Jaws, opening: f64) -> Self {
+        let [c0, c1, c2] = gripper.opening_of_motor;
+        let wanted = opening - gripper.opening_offset;
+        // Newton on a nearly straight line; exact after a few rounds.
+        let mut motor = (wanted - c0) / c1;
+        for _ in 0..8 {
+            motor -= (c0 + motor * (c1 + c2 * motor) - wanted) / (c1 + 2.0 * c2 * motor);
+        }
+        Self { gripper: *gripper, jaws: *jaws, motor, speed: 0.0, force: 0.0 }
+    }
+
+    /// True distance between the pads [m].
+    pub(super) fn opening(&self) -> f64 {
+        let [c0, c1, c2] = self.gripper.opening_of_motor;
+        c0 + self.motor * (c1 + c2 * self.motor) + self.gripper.opening_offset
+    }
+
+    /// One substep; `push` is the mean force of the cube on the pads [N], `stiffness` its slope over the
+    /// opening [N/m].
+    pub(super) fn step(&mut self, drive: &ArmDrive, push: f64, stiffness: f64, dt: f64) {
+        if !drive.enabled {
+            self.speed = 0.0;
+            self.force = 0.0;
+            return;
+        }
+        let [_, c1, c2] = self.gripper.opening_of_motor;
+        let slope = c1 + 2.0 * c2 * self.motor;
+        let j = &self.jaws;
+        let u = f64::from(drive.jaw_pwm.clamp(-255, 255)) / 255.0;
+        // A positive pulse width turns the motor forwards, which closes.
+        let back_emf = j.stall_force / (j.no_load_speed * slope.abs());
+        let limit = (drive.jaw_current_limit / self.gripper.amperes_per_newton)
+            .clamp(0.0, j.greatest_grip);
+        let free = j.stall_force * u * slope.signum() - back_emf * self.speed;
+        let friction = j.coulomb / (self.speed.abs() + CREEP);
+        let base = j.mass + dt * friction + dt * dt * stiffness;
+        let momentum = j.mass * self.speed + dt * push;
+        let implicit =
+            (momentum + dt * j.stall_force * u * slope.signum()) / (base + dt * back_emf);
+        let force = j.stall_force * u * slope.signum() - back_emf * implicit;
+        self.force = if free.abs() <= limit && force.abs() <= limit {
+            self.speed = implicit;
+            force
+        } else {
+            let force = free.clamp(-limit, limit);
+            self.speed = (momentum + dt * force) / base;
+            force
+        };
+        self.motor += dt * self.speed / slope;
+        let (low, high) = self.gripper.opening;
+        let offset = self.gripper.opening_offset;
+        let opening = self.opening();
+        let stopped = opening.clamp(low + offset - 1e-3, high + offset + 1e-3);
+        if stopped != opening {
+            self.motor += (stopped - opening) / slope;
+            self.speed = 0.0;
+        }
+    }
+
+    /// Encoder counter.
+    pub(super) fn count(&self) -> i64 {
+        (self.motor * self.gripper.increments / TAU).round() as i64
+    }
+
+    /// Motor current, positive closes [A].
+    pub(super) fn current(&self) -> f64 {
+        -self.force * self.gripper.amperes_per_newton
+    }
+}

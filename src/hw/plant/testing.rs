@@ -1,0 +1,185 @@
+//! A cell, a meeting of both arms and a small servo for the plant's own tests.
+
+use super::config::{PlantConfig, SensorNoise, Start};
+use super::{CubeMechanics, Jaws, Plant};
+use crate::cell::{Arm, Cell, CubeSpec, ForceSensor, Gripper, HandZone};
+use crate::hw::port::Port;
+use crate::kinematics::builtin;
+use crate::motion::{AXES, Depth, JointPositions, MotorPositions, PERIOD};
+use crate::servo::io::{ArmDrive, ArmReading};
+use crate::spatial::Pose;
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+pub(super) const EDGE: f64 = 0.057;
+
+fn gripper() -> Gripper {
+    Gripper {
+        finger_width: 0.012,
+        finger_thickness: 0.010,
+        finger_tip: 0.0075,
+        palm: 0.0425,
+        palm_half_width: 0.035,
+        opening: (0.053, 0.091),
+        opening_of_motor: [0.074, -1.451910074e-5, -2.8313e-9],
+        opening_offset: 0.0,
+        increments: 128.0,
+        amperes_per_newton: 0.0018,
+    }
+}
+
+fn arm(track: bool) -> Arm {
+    let (name, y) = if track { ("irp6_track", 0.0) } else { ("irp6_postument", 2.11) };
+    Arm {
+        name: name.to_owned(),
+        model: builtin(name).unwrap(),
+        world_from_base: Pose::translation(0.0, y, 0.0),
+        flange_from_tool: Pose::translation(0.0, 0.0, 0.25),
+        gripper: gripper(),
+        sensor: ForceSensor {
+            flange_from_sensor: Pose::translation(0.0, 0.0, 0.09),
+            weight: 10.8,
+            centre_in_flange: Point3::new(0.004, 0.0, 0.156),
+            range: [65.0, 65.0, 130.0, 5.0, 5.0, 5.0],
+        },
+        start: JointPositions([0.0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]),
+    }
+}
+
+/// Both arms stand in front of each other in the original's front position, tools level and meeting: the
+/// track's with a deep grasp, the postument's over the outer layer on the other side, jaws crossed. The
+/// postument's base is put where that is so.
+pub(super) fn cell() -> Cell {
+    let mut cell = Cell {
+        arms: vec![arm(true), arm(false)],
+        cameras: Vec::new(),
+        cube: CubeSpec { edge: EDGE, mass: 0.1 },
+        table_height: 0.6,
+        hand: HandZone {
+            world_from_cube: Pose::translation(0.75, 0.3, 1.3),
+            half_extent: Vector3::repeat(0.05),
+        },
+    };
+    cell.arms[0].start = JointPositions([0.5, 0.0, -FRAC_PI_2, 0.0, FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2]);
+    cell.arms[1].start = JointPositions([0.0, 0.0, -FRAC_PI_2, 0.0, FRAC_PI_2, FRAC_PI_2, 0.0]);
+    let cube = world_from_tool(&cell.arms[0]).translation.vector;
+    let postument = &mut cell.arms[1];
+    let half_turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI);
+    postument.world_from_base = Pose::from_parts(Translation3::identity(), half_turn);
+    let miss = cube + Vector3::x() * (EDGE / 3.0) - world_from_tool(postument).translation.vector;
+    postument.world_from_base.translation.vector = miss;
+    cell
+}
+
+/// Pose of an arm's tool in its start position.
+pub(super) fn world_from_tool(arm: &Arm) -> Pose {
+    arm.world_from_base * arm.model.base_from_flange(&arm.start) * arm.flange_from_tool
+}
+
+/// The cube in the track's tool frame with its axes along the world's.
+pub(super) fn tool_from_cube() -> Pose {
+    let tool = world_from_tool(&cell().arms[0]);
+    Pose::from_parts(Translation3::identity(), tool.rotation.inverse())
+}
+
+pub(super) fn quiet(cell: Cell) -> PlantConfig {
+    PlantConfig { noise: SensorNoise::none(), ..PlantConfig::new(cell) }
+}
+
+pub(super) fn held(jaws: Jaws, cube: CubeMechanics) -> PlantConfig {
+    PlantConfig {
+        start: Start::Held { arm: 0, tool_from_cube: tool_from_cube() },
+        jaws,
+        cube,
+        ..quiet(cell())
+    }
+}
+
+/// The incremental regulator of the original in its essence, per axis: speed, position, slow integral.
+pub(super) struct TestServo {
+    pub(super) target: Vec<[f64; AXES]>,
+    /// Wanted opening and grip of each jaw.
+    pub(super) jaws: Vec<(f64, f64)>,
+    pub(super) stops: Depth,
+    last: Vec<[f64; AXES]>,
+    last_target: Vec<[f64; AXES]>,
+    slow: Vec<[f64; AXES]>,
+    jaw_state: Vec<(f64, f64)>,
+    drives: Vec<ArmDrive>,
+    pub(super) readings: Vec<ArmReading>,
+    pub(super) plant: Plant,
+}
+
+impl TestServo {
+    pub(super) fn new(plant: Plant) -> Self {
+        let count = plant.cell().arms.len();
+        let mut readings = vec![ArmReading::default(); count];
+        for (i, reading) in readings.iter_mut().enumerate() {
+            plant.arms[i].read(reading);
+        }
+        let positions: Vec<[f64; AXES]> = readings.iter().map(|r| r.counts.map(|c| c as f64)).collect();
+        let jaws = (0..count).map(|i| (plant.jaws[i].opening(), 30.0)).collect();
+        Self {
+            target: positions.clone(),
+            jaws,
+            stops: Depth::One,
+            last: positions.clone(),
+            last_target: positions.clone(),
+            slow: vec![[0.0; AXES]; count],
+            jaw_state: (0..count).map(|i| (plant.jaws[i].opening(), 0.0)).collect(),
+            drives: vec![ArmDrive::OFF; count],
+            readings,
+            plant,
+        }
+    }
+
+    /// Aims at joint positions.
+    pub(super) fn aim(&mut self, arm: usize, joints: &JointPositions) {
+        let model = &self.plant.cell().arms[arm].model;
+        let motors = model.motors(joints).0;
+        self.target[arm] = std::array::from_fn(|j| motors[j] * model.increments[j] / TAU);
+    }
+
+    pub(super) fn joints(&self, arm: usize) -> JointPositions {
+        let model = &self.plant.cell().arms[arm].model;
+        let m = std::array::from_fn(|j| self.target[arm][j] * TAU / model.increments[j]);
+        model.joints(&MotorPositions(m)).unwrap()
+    }
+
+    pub(super) fn tick(&mut self) {
+        for i in 0..self.target.len() {
+            let drive = &mut self.drives[i];
+            drive.enabled = true;
+            drive.stops = self.stops;
+            for j in 0..AXES {
+                let y = self.readings[i].counts[j] as f64;
+                let wanted = self.target[i][j] - self.last_target[i][j];
+                let speed = wanted - (y - self.last[i][j]);
+                let error = self.target[i][j] - y;
+                self.slow[i][j] += error;
+                let u = 2.65 * speed + 0.15 * error + 0.0018 * self.slow[i][j];
+                drive.pwm[j] = u.clamp(-190.0, 190.0) as i16;
+                self.last[i][j] = y;
+                self.last_target[i][j] = self.target[i][j];
+            }
+            let (opening, force) = self.jaws[i];
+            let gripper = &self.plant.cell().arms[i].gripper;
+            // 20 mm/s towards the wanted opening.
+            let (set, _) = &mut self.jaw_state[i];
+            *set += (opening - *set).clamp(-0.02 * PERIOD, 0.02 * PERIOD);
+            let counter = self.readings[i].jaw_count as f64 * TAU / gripper.increments;
+            let [c0, c1, c2] = gripper.opening_of_motor;
+            let is = c0 + counter * (c1 + c2 * counter);
+            drive.jaw_pwm = (2.0e6 * (is - *set)).clamp(-190.0, 190.0) as i16 / 4;
+            drive.jaw_current_limit = force * gripper.amperes_per_newton;
+        }
+        let period = self.plant.period;
+        self.plant.exchange(period, &self.drives, &mut self.readings).unwrap();
+    }
+
+    pub(super) fn run(&mut self, seconds: f64) {
+        for _ in 0..(seconds / PERIOD) as usize {
+            self.tick();
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! Truth drawn around the controller's belief: what a workshop measures wrongly.
+//!
+//! - in: the cell as believed, spreads, a seed
+//! - out: the cell as it is
+//! - every spread is a standard deviation per component, clipped at three of it
+//!
+//! The second arm's base is displaced *about a pivot* in the common workspace: a workshop calibrates two arms
+//! by letting their hands meet there, so the error of orientation turns about that place and the error of
+//! position is what is left of it there. A rotation of 0.5 deg about the base itself would be 15 mm at the
+//! hands, which nobody who had seen the hands meet would believe.
+
+use crate::cell::{Cell, Mount};
+use crate::spatial::Pose;
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use rand::Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use std::f64::consts::TAU;
+
+/// Standard deviations; SI.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ErrorSpreads {
+    /// Between the bases, each axis, at the pivot [m].
+    pub base: f64,
+    /// Between the bases, each axis [rad].
+    pub base_tilt: f64,
+    /// Where the arms were let meet, in the world [m].
+    pub pivot: Point3<f64>,
+    /// Focal lengths, relative (both the same).
+    pub focal: f64,
+    /// Principal point, each axis [px].
+    pub centre: f64,
+    /// Cameras' places, each axis [m].
+    pub camera: f64,
+    /// Cameras' orientation, each axis [rad].
+    pub camera_tilt: f64,
+    /// Zero of the jaws [m].
+    pub jaw: f64,
+    /// Edge of the cube [m].
+    pub cube: f64,
+    /// Weight beyond the sensors [N].
+    pub weight: f64,
+    /// Its centre, each axis [m].
+    pub weight_centre: f64,
+    /// A grasp that starts wrong on purpose.
+    pub grasp: GraspError,
+}
+
+impl Default for ErrorSpreads {
+    fn default() -> Self {
+        Self {
+            base: 1e-3,
+            base_tilt: 0.5_f64.to_radians(),
+            pivot: Point3::new(0.05, 1.12, 1.36),
+            focal: 0.003,
+            centre: 1.0,
+            camera: 1e-3,
+            camera_tilt: 0.1_f64.to_radians(),
+            jaw: 0.3e-3,
+            cube: 0.2e-3,
+            weight: 0.2,
+            weight_centre: 2e-3,
+            grasp: GraspError::default(),
+        }
+    }
+}
+
+impl ErrorSpreads {
+    /// Nothing is wrong.
+    #[must_use]
+    pub fn none() -> Self {
+        Self {
+            base: 0.0,
+            base_tilt: 0.0,
+            focal: 0.0,
+            centre: 0.0,
+            camera: 0.0,
+            camera_tilt: 0.0,
+            jaw: 0.0,
+            cube: 0.0,
+            weight: 0.0,
+            weight_centre: 0.0,
+            ..Self::default()
+        }
+    }
+}
+
+/// The second arm's tool is off by just this at a given meeting pose: sizes are exact, directions seeded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GraspError {
+    /// Sideways (seeded direction across the tool's z) and along z (seeded sign), each of this size [m].
+    pub distance: f64,
+    /// Tilt about a seeded axis across the tool's z [rad].
+    pub tilt: f64,
+    /// Pose of the second arm's tool at the meeting, as believed.
+    pub world_from_tool: Pose,
+}
+
+impl Default for GraspError {
+    fn default() -> Self {
+        Self { distance: 0.0, tilt: 0.0, world_from_tool: Pose::identity() }
+    }
+}
+
+/// The cell as it really is. Sensor biases are not part of a cell: see [`super::SensorNoise`].
+#[must_use]
+pub fn draw(belief: &Cell, errors: &ErrorSpreads, seed: u64) -> Cell {
+    let mut truth = belief.clone();
+    let mut chance = Chance(Pcg64::new(u128::from(seed), 0x7472_7574_68));
+    let (base, base_tilt) = (chance.vector(errors.base), chance.vector(errors.base_tilt));
+    if let Some(arm) = truth.arms.get_mut(1) {
+        let at = Pose::from_parts(errors.pivot.coords.into(), UnitQuaternion::identity());
+        arm.world_from_base = at * small(base, base_tilt) * at.inverse() * arm.world_from_base;
+    }
+    for camera in &mut truth.cameras {
+        let scale = 1.0 + chance.normal(errors.focal);
+        let optics = &mut camera.intrinsics;
+        optics.focal = (optics.focal.0 * scale, optics.focal.1 * scale);
+        optics.centre.0 += chance.normal(errors.centre);
+        optics.centre.1 += chance.normal(errors.centre);
+        let moved = small(chance.vector(errors.camera), chance.vector(errors.camera_tilt));
+        match &mut camera.mount {
+            Mount::World { world_from_camera } => *world_from_camera *= moved,
+            Mount::Flange { flange_from_camera, .. } => *flange_from_camera *= moved,
+        }
+    }
+    for arm in &mut truth.arms {
+        arm.gripper.opening_offset += chance.normal(errors.jaw);
+        arm.sensor.weight += chance.normal(errors.weight);
+        arm.sensor.centre_in_flange += chance.vector(errors.weight_centre);
+    }
+    truth.cube.edge += chance.normal(errors.cube);
+    let grasp = &errors.grasp;
+    let (sideways, tilted) = (chance.across(), chance.across());
+    let along = if chance.0.random::<bool>() { 1.0 } else { -1.0 };
+    if let Some(arm) = truth.arms.get_mut(1) {
+        let off = small(
+            (sideways + Vector3::z() * along) * grasp.distance,
+            tilted * grasp.tilt,
+        );
+        let tool = grasp.world_from_tool;
+        arm.world_from_base = tool * off * tool.inverse() * arm.world_from_base;
+    }
+    truth
+}
+
+fn small(linear: Vector3<f64>, angular: Vector3<f64>) -> Pose {
+    Pose::from_parts(Translation3::from(linear), UnitQuaternion::from_scaled_axis(angular))
+}
+
+struct Chance(Pcg64);
+
+impl Chance {
+    fn normal(&mut self, spread: f64) -> f64 {
+        let x: f64 = StandardNormal.sample(&mut self.0);
+        x.clamp(-3.0, 3.0) * spread
+    }
+
+    fn vector(&mut self, spread: f64) -> Vector3<f64> {
+        Vector3::new(self.normal(spread), self.normal(spread), self.normal(spread))
+    }
+
+    /// A unit vector across z.
+    fn across(&mut self) -> Vector3<f64> {
+        let (s, c) = libm::sincos(self.0.random_range(0.0..TAU));
+        Vector3::new(c, s, 0.0)
+    }
+}
