@@ -39,7 +39,7 @@ use self::jaw::PlantJaw;
 use self::sensor::WristSensor;
 use super::port::{Port, PortFault};
 use super::scene::{Scene, SceneArm, SceneCube};
-use crate::cell::Cell;
+use crate::cell::{Cell, Gripper};
 use crate::cube::{Axis, Face};
 use crate::motion::{AXES, Depth, PERIOD};
 use crate::servo::io::{ArmDrive, ArmReading};
@@ -180,6 +180,9 @@ impl Plant {
             config,
         };
         if let Start::Held { arm, .. } = this.config.start {
+            if this.in_the_way_of_stops(arm) {
+                this.stops[arm] = Depth::Two;
+            }
             this.close(arm);
         }
         this.account();
@@ -253,9 +256,9 @@ impl Plant {
     }
 
     fn step(&mut self, drives: &[ArmDrive], t: f64, dt: f64) {
-        for (stops, drive) in self.stops.iter_mut().zip(drives) {
-            if drive.enabled {
-                *stops = drive.stops;
+        for (i, drive) in drives.iter().enumerate() {
+            if drive.enabled && !self.in_the_way_of_stops(i) {
+                self.stops[i] = drive.stops;
             }
         }
         self.step_cube(t, dt);
@@ -278,6 +281,17 @@ impl Plant {
             self.jaws[i].step(&drives[i], push, slope, dt);
         }
         self.change_grasps();
+    }
+
+    /// Whether a cube lies so deep in the hand that the stops cannot come forward.
+    fn in_the_way_of_stops(&self, i: usize) -> bool {
+        let cube = self.tool(i).to_local(&self.balance.nodes[0]).p;
+        let half = 0.5 * self.config.cell.cube.edge;
+        let between = -0.5 * (Gripper::FACE_BEHIND_TOOL_ONE + Gripper::FACE_BEHIND_TOOL_TWO);
+        cube.x.abs() < half
+            && cube.y.abs() < half
+            && cube.z.abs() < 2.0 * half
+            && cube.z - half < between
     }
 
     /// The cube's part of a substep.
@@ -355,10 +369,8 @@ impl Plant {
     fn land(&mut self, cube: &mut Frame) {
         let edge = self.config.cell.cube.edge;
         let lowest = |face: &Face| (cube.r * face.normal()).z;
-        let down = Face::ALL
-            .into_iter()
-            .min_by(|a, b| lowest(a).total_cmp(&lowest(b)))
-            .unwrap_or(Face::D);
+        let down =
+            Face::ALL.into_iter().min_by(|a, b| lowest(a).total_cmp(&lowest(b))).unwrap_or(Face::D);
         let out = cube.r * down.normal();
         let axis = out.cross(&-Vector3::z());
         let sine = axis.norm();
@@ -459,9 +471,7 @@ impl Plant {
         (0..3)
             .filter(|a| held[0][*a] & held[1][*a] == 0 && held[0][*a] != 0 && held[1][*a] != 0)
             .filter(|a| palms(*a))
-            .max_by(|a, b| {
-                self.puzzle.misalignment(*a).total_cmp(&self.puzzle.misalignment(*b))
-            })
+            .max_by(|a, b| self.puzzle.misalignment(*a).total_cmp(&self.puzzle.misalignment(*b)))
             .map(|axis| Split { axis, layers: [held[0][axis], held[1][axis]] })
     }
 
@@ -520,7 +530,8 @@ impl Plant {
             }
             let grasp = self.grasps[i];
             let (distance, angle) = grasp.slip;
-            if grasp.attached && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians()) {
+            if grasp.attached && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians())
+            {
                 self.grasps[i].reported = true;
                 self.verdict.counts.slips += 1;
                 self.record(Incident::Slip { arm: i, distance, angle });

@@ -60,7 +60,8 @@ pub(super) fn cell() -> Cell {
             half_extent: Vector3::repeat(0.05),
         },
     };
-    cell.arms[0].start = JointPositions([0.5, 0.0, -FRAC_PI_2, 0.0, FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2]);
+    cell.arms[0].start =
+        JointPositions([0.5, 0.0, -FRAC_PI_2, 0.0, FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2]);
     cell.arms[1].start = JointPositions([0.0, 0.0, -FRAC_PI_2, 0.0, FRAC_PI_2, FRAC_PI_2, 0.0]);
     let cube = world_from_tool(&cell.arms[0]).translation.vector;
     let postument = &mut cell.arms[1];
@@ -100,7 +101,7 @@ pub(super) struct TestServo {
     pub(super) target: Vec<[f64; AXES]>,
     /// Wanted opening and grip of each jaw.
     pub(super) jaws: Vec<(f64, f64)>,
-    pub(super) stops: Depth,
+    pub(super) stops: [Depth; 2],
     last: Vec<[f64; AXES]>,
     last_target: Vec<[f64; AXES]>,
     slow: Vec<[f64; AXES]>,
@@ -117,12 +118,13 @@ impl TestServo {
         for (i, reading) in readings.iter_mut().enumerate() {
             plant.arms[i].read(reading);
         }
-        let positions: Vec<[f64; AXES]> = readings.iter().map(|r| r.counts.map(|c| c as f64)).collect();
+        let positions: Vec<[f64; AXES]> =
+            readings.iter().map(|r| r.counts.map(|c| c as f64)).collect();
         let jaws = (0..count).map(|i| (plant.jaws[i].opening(), 30.0)).collect();
         Self {
             target: positions.clone(),
             jaws,
-            stops: Depth::One,
+            stops: [Depth::Two, Depth::One],
             last: positions.clone(),
             last_target: positions.clone(),
             slow: vec![[0.0; AXES]; count],
@@ -150,7 +152,7 @@ impl TestServo {
         for i in 0..self.target.len() {
             let drive = &mut self.drives[i];
             drive.enabled = true;
-            drive.stops = self.stops;
+            drive.stops = self.stops[i];
             for j in 0..AXES {
                 let y = self.readings[i].counts[j] as f64;
                 let wanted = self.target[i][j] - self.last_target[i][j];
