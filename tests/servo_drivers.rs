@@ -177,22 +177,22 @@ fn the_wall_driver_moves_the_same_arm_and_counts_its_periods() {
     let (core, mut links, _) = core(&mut port, Box::new(NoRecords));
     let options = WallOptions { spin: 0, ..WallOptions::default() };
     let wall = spawn_wall(core, port, |_, _| {}, options).unwrap();
-    let ticket = links[1].send(go(swing(0.05), 100)).unwrap();
-
-    // Generous: other tests share the processor.
-    for _ in 0..600 {
-        if links[1].is_done(ticket, 0) {
+    // A processor that other tests keep busy may pause the servo so long that it breaks a motion off.
+    let mut reached = false;
+    for _ in 0..20 {
+        let ticket = links[1].send(go(swing(0.05), 100)).unwrap();
+        while !links[1].is_done(ticket, 0) && !wall.has_ended() {
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        reached = (links[1].state().desired_joints.0[1] - START.0[1] - 0.05).abs() < 1e-12;
+        if reached {
             break;
         }
-        std::thread::sleep(Duration::from_millis(10));
     }
-    let done = links[1].is_done(ticket, 0);
-    let state = *links[1].state();
     let end = wall.stop();
 
-    assert!(done, "{state:?}");
+    assert!(reached, "{:?}", links[1].state());
     assert_eq!(end.fault, None);
-    assert!((state.desired_joints.0[1] - START.0[1] - 0.05).abs() < 1e-12);
     assert!(end.timing.wake_up.len() >= 100);
     assert!(end.port.is_some_and(|port| port.last_period >= 100));
     assert!(links[1].is_closed());

@@ -3,16 +3,22 @@
 //! The only file of the actors that reads a `plant.*` key; what it makes goes behind the port and the cameras.
 
 use super::build::FaceTurnStart;
-use crate::cell::{Cell, Mount};
+use crate::cell::Cell;
 use crate::cube::{Cube, Facelets};
 use crate::hw::plant::render::{Look, Renderer, Setting};
 use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
 use crate::hw::plant::{CubeMechanics, HandScript, Jaws, Plant, PlantConfig, SensorNoise, Start};
+use crate::reach::MeetingTable;
 use crate::scenario::plant::{CubeKind, Jaws as JawsKey};
 use crate::scenario::{Scenario, keys};
+use nalgebra::{Point3, Vector3};
 
 /// Creates the plant; a face turn starts with the cube in the postument's hand.
-pub(super) fn create(scenario: &Scenario, face_turn: Option<&FaceTurnStart>) -> Result<Plant, String> {
+pub(super) fn create(
+    scenario: &Scenario,
+    meetings: Option<&MeetingTable>,
+    face_turn: Option<&FaceTurnStart>,
+) -> Result<Plant, String> {
     let mut belief = scenario.controller.cell.clone();
     let keys = &scenario.plant.keys;
     let e = &keys.errors;
@@ -40,6 +46,7 @@ pub(super) fn create(scenario: &Scenario, face_turn: Option<&FaceTurnStart>) -> 
         weight: e.weight,
         weight_centre: e.weight_centre,
         grasp,
+        pivot: meetings.map_or(ErrorSpreads::default().pivot, |table| pivot(&belief, table)),
         ..ErrorSpreads::default()
     };
     let truth = truth::draw(&belief, &errors, scenario.seed);
@@ -101,6 +108,18 @@ pub(super) fn create(scenario: &Scenario, face_turn: Option<&FaceTurnStart>) -> 
     Plant::new(config, scenario.seed).map_err(|e| e.to_string())
 }
 
+/// Where the hands meet on the average: a workshop lets them meet there to find where the bases stand to each other.
+fn pivot(belief: &Cell, table: &MeetingTable) -> Point3<f64> {
+    let arm = &belief.arms[0];
+    let places: Vec<Vector3<f64>> = table
+        .grasps
+        .iter()
+        .flatten()
+        .map(|m| (arm.world_from_base * arm.model.base_from_flange(&m.track) * arm.flange_from_tool).translation.vector)
+        .collect();
+    Point3::from(places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64)
+}
+
 /// Both arms stand where the hands meet, the track's drawn back.
 fn place_for_face_turn(belief: &mut Cell, start: &FaceTurnStart) {
     belief.arms[0].start = start.meeting.track_back;
@@ -121,23 +140,5 @@ pub(super) fn renderer(scenario: &Scenario, plant: &Plant, camera: usize) -> Opt
     look.light.key *= keys.light.level as f32;
     look.sensor.read_noise = keys.noise.image;
     let seed = scenario.seed.wrapping_mul(0x9e37_79b9).wrapping_add(camera as u64);
-    Some(Renderer::new(truth.cameras.get(camera)?.clone(), look, seed).with_setting(setting(truth)))
-}
-
-/// What stands in the cell, as it truly is.
-pub(super) fn setting(truth: &Cell) -> Setting {
-    let mut setting = Setting::default();
-    for (gripper, arm) in setting.grippers.iter_mut().zip(&truth.arms) {
-        *gripper = arm.gripper;
-    }
-    setting.table.z = truth.table_height;
-    setting.cameras = truth
-        .cameras
-        .iter()
-        .filter_map(|camera| match camera.mount {
-            Mount::World { world_from_camera } => Some(world_from_camera),
-            Mount::Flange { .. } => None,
-        })
-        .collect();
-    setting
+    Some(Renderer::new(truth.cameras.get(camera)?.clone(), look, seed).with_setting(Setting::of(truth)))
 }

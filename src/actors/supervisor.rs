@@ -62,7 +62,7 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
     let face_turn = (scenario.controller.task == keys::Task::FaceTurn)
         .then(|| meetings.as_ref().and_then(build::face_turn_start))
         .flatten();
-    let plant = super::plant::create(scenario, face_turn.as_ref()).map_err(|why| not_created("plant", &why))?;
+    let plant = super::plant::create(scenario, meetings.as_ref(), face_turn.as_ref()).map_err(|why| not_created("plant", &why))?;
     let mut builder = tokio::runtime::Builder::new_current_thread();
     builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
     let runtime = builder.build().map_err(|e| not_created("runtime", &e.to_string()))?;

@@ -103,7 +103,7 @@ impl Secure {
                     directions[2] = self.compliance.contact(2, wanted);
                 }
                 let jaw = (seconds > PRESS).then_some(JawCommand {
-                    opening: self.opening - 0.004,
+                    opening: self.opening - super::grasp::SQUEEZE,
                     force_limit: force,
                     stops,
                 });

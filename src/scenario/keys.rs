@@ -153,7 +153,7 @@ section! {
         /// Torque with which a layer is turned.
         turn_torque [nm]: f64 = 2.5, 0.1..=10.0;
         /// Speed of a turn in free motion.
-        turn_speed [deg_s]: f64 = 45.0, 1.0..=180.0;
+        turn_speed [deg_s]: f64 = 25.0, 1.0..=180.0;
         /// Grip force of the jaws on the cube.
         grip [n]: f64 = 40.0, 1.0..=100.0;
         /// Force at which a step with contact is broken off.

@@ -191,7 +191,7 @@ impl ArmServo {
         }
         self.last_counts = reading.counts;
         self.watch.reset(reading.counts);
-        self.jaw.reset(reading.jaw_count);
+        // The jaw keeps its set value and its regulator: what it grips must not fall.
         self.law = ForceLaw::default();
         self.running = None;
         self.waiting = None;

@@ -40,13 +40,14 @@ impl Jaw {
             begin: 0,
             end: 0,
             opening: 0.0,
-            set_increments: 0.0,
+            set_increments: count as f64,
             step: 0.0,
             last_count: count,
             grip: gains.idle_grip,
             stops: Depth::One,
         };
-        jaw.reset(count);
+        jaw.opening = jaw.opening_at(count);
+        jaw.hold();
         jaw
     }
 
@@ -112,16 +113,6 @@ impl Jaw {
         drive.jaw_current_limit = self.grip * self.gripper.amperes_per_newton;
         drive.stops = self.stops;
         self.step = 0.0;
-    }
-
-    /// Takes what is measured as set value.
-    pub fn reset(&mut self, count: i64) {
-        self.opening = self.opening_at(count);
-        self.set_increments = count as f64;
-        self.last_count = count;
-        self.step = 0.0;
-        self.regulator.reset();
-        self.hold();
     }
 
     /// Position of the palm's stops.

@@ -43,6 +43,7 @@ pub fn config() -> ServoConfig {
 }
 
 /// A reading of the arm at [`START`].
+#[allow(dead_code, reason = "not every test that shares this file needs it")]
 pub fn first_reading() -> ArmReading {
     let model = config().model;
     let motors = model.motors(&START);

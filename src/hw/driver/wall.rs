@@ -22,7 +22,7 @@ use std::thread::JoinHandle;
 pub struct WallOptions {
     /// Length of the last part of each wait that is spun away [ns]; 0 to sleep all of it.
     pub spin: u64,
-    /// Priority under `SCHED_FIFO`, 1..=99.
+    /// Priority of the servo thread under `SCHED_FIFO`, 6..=99; the bridge has 5 less.
     pub priority: i32,
     /// Do not start at all unless every real-time right is granted.
     pub require_real_time: bool,
@@ -67,7 +67,7 @@ pub fn spawn_wall<P: Port + 'static>(
     options: WallOptions,
 ) -> io::Result<Wall<P>> {
     let switches = Arc::clone(core.switches());
-    let (bridge, mut side) = Bridge::spawn(port, core.readings(), hook)?;
+    let (bridge, mut side) = Bridge::spawn(port, core.readings(), options.priority - 5, hook)?;
     let (tell, told) = mpsc::channel();
     let servo = std::thread::Builder::new().name("servo".into()).spawn(move || {
         let mut rights = RealTime::acquire(options.priority);

@@ -179,6 +179,7 @@ impl Mission {
                 self.apart = false;
                 self.queue.extend([
                     Job::Phase("grasp"),
+                    Job::Close { hand: Hand::Postument, hold: held.hold },
                     Job::Open { hand: Hand::Track, opening: self.settings.opening },
                     Job::Bias([true, true]),
                     Job::PreGrasp { hand: Hand::Track, hold, half_roll: false },
