@@ -2,8 +2,8 @@
 //!
 //! - in: a [`Scene`], the camera's *true* parameters, the [`Setting`] that stands still, a [`Look`], a seed
 //! - out: an 8-bit picture, equal for equal inputs and seed
-//! - source: the effects that `README` of real cube photographs shows: colour casts, reflections, shadow edges,
-//!   defocus, mosaic, noise. Shares no constants with the detector.
+//! - source: the faults that photographs of cubes show: colour casts, reflections, shadow edges, vignette,
+//!   distortion, defocus, motion blur, mosaic, noise. Shares no constants with the detector.
 //!
 //! The background of a camera that stands is cast once. Tone is coded before the mosaic and the noise is added
 //! to coded values: the noise is then given in units of the picture.
