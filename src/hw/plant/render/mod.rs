@@ -2,8 +2,8 @@
 //!
 //! - in: a [`Scene`], the camera's *true* parameters, the [`Setting`] that stands still, a [`Look`], a seed
 //! - out: an 8-bit picture, equal for equal inputs and seed
-//! - source: the effects that `README` of real cube photographs shows: colour casts, reflections, shadow edges,
-//!   defocus, mosaic, noise. Shares no constants with the detector.
+//! - source: the faults that photographs of cubes show: colour casts, reflections, shadow edges, vignette,
+//!   distortion, defocus, motion blur, mosaic, noise. Shares no constants with the detector.
 //!
 //! The background of a camera that stands is cast once. Tone is coded before the mosaic and the noise is added
 //! to coded values: the noise is then given in units of the picture.
@@ -12,6 +12,7 @@ mod backdrop;
 mod look;
 pub mod picture;
 mod raster;
+mod rays;
 mod sensor;
 mod solids;
 
@@ -28,7 +29,8 @@ use image::RgbImage;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use raster::{Extent, Rays, View};
+use raster::{Extent, View};
+use rays::Rays;
 use sensor::{Converter, Raw};
 use solids::Solids;
 
@@ -77,7 +79,7 @@ impl Renderer {
                 look.sensor.gain * (1.0 - look.lens.vignette * (x * x + y * y) / corner)
             });
         let setting = Setting::default();
-        let converter = Converter::new(&look.sensor, seed ^ 0x6e6f_6973_65);
+        let converter = Converter::new(&look.sensor, seed ^ 0x006e_6f69_7365);
         Self {
             gain: gain.collect(),
             backdrop: Backdrop::new(&setting, &look),

@@ -4,7 +4,7 @@
 //! - out: an RGB picture
 //!
 //! Noise is drawn once as a long list of Gaussian numbers; each row of each frame reads it from a random place.
-//! It is added to the coded value, where its size was measured. Values carry four more bits than the picture.
+//! It is added to the coded value, in whose units it is given. Values carry four more bits than the picture.
 
 use super::look::{Rgb, Sensor};
 use image::RgbImage;
@@ -61,13 +61,13 @@ impl Converter {
     }
 
     /// Coded value of a linear signal.
-    #[inline(always)]
+    #[inline]
     pub(super) fn code(&self, signal: f32) -> i16 {
         self.code[((signal * STEPS as f32 + 0.5) as usize).min(STEPS)]
     }
 
     /// Stores a pixel's colour, times `gain`, in raw picture and table of noise.
-    #[inline(always)]
+    #[inline]
     pub(super) fn put(&self, raw: &mut Raw, row: usize, column: usize, colour: Rgb, gain: f32) {
         let pixel = row * raw.width + column;
         if self.bayer {

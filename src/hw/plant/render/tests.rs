@@ -385,6 +385,29 @@ fn noise_has_the_size_that_was_asked_for() {
 }
 
 #[test]
+fn a_shadow_takes_the_lamp_away_beyond_its_edge() {
+    let scene = cube_alone(facing(0.35, [0.0; 3]), EDGE, [0; 54]);
+    let mut renderer = studio(standing(), |look| {
+        look.light.ambient = 0.4;
+        look.light.key = 0.6;
+        look.light.key_direction = -Vector3::y();
+        look.light.shadow = Some(Shadow {
+            point: Point3::new(0.0, 0.35, HEIGHT),
+            normal: Vector3::x(),
+            softness: 0.004,
+            depth: 1.0,
+        });
+    });
+
+    let image = renderer.render(&scene, 1.0);
+
+    // The left and the right column of stickers; without the lamp there are 0.82 of the ambient light.
+    let (lit, dark) = (brightness(&image, 284, 240), brightness(&image, 355, 240));
+    let expected = (0.82 * 0.4 + 0.6) / (0.82 * 0.4);
+    assert!((lit / dark / expected - 1.0).abs() < 0.03, "{lit} {dark}");
+}
+
+#[test]
 fn motion_blurs_by_speed_times_exposure() {
     let mut scene = cube_alone(facing(0.4, [0.0; 3]), EDGE, [0; 54]);
     let mut renderer = studio(standing(), |look| look.sensor.exposure_time = 0.01);
