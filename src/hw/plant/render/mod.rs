@@ -12,6 +12,7 @@ mod backdrop;
 mod look;
 pub mod picture;
 mod raster;
+mod rays;
 mod sensor;
 mod solids;
 
@@ -28,7 +29,8 @@ use image::RgbImage;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use raster::{Extent, Rays, View};
+use raster::{Extent, View};
+use rays::Rays;
 use sensor::{Converter, Raw};
 use solids::Solids;
 
@@ -77,7 +79,7 @@ impl Renderer {
                 look.sensor.gain * (1.0 - look.lens.vignette * (x * x + y * y) / corner)
             });
         let setting = Setting::default();
-        let converter = Converter::new(&look.sensor, seed ^ 0x6e6f_6973_65);
+        let converter = Converter::new(&look.sensor, seed ^ 0x006e_6f69_7365);
         Self {
             gain: gain.collect(),
             backdrop: Backdrop::new(&setting, &look),

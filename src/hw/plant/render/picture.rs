@@ -124,7 +124,8 @@ fn viewpoint(scene: &Scene, setting: &Setting, width: u32, height: u32) -> (Pose
         (low, seen.iter().map(pick).fold(f64::MIN, f64::max))
     };
     let ((x0, x1), (y0, y1)) = (range(|p| p.0), range(|p| p.1));
-    let aim = pose.rotation * Vector3::new((x0 + x1) / 2.0, (y0 + y1) / 2.0, 1.0).normalize();
+    let aim =
+        pose.rotation * Vector3::new(f64::midpoint(x0, x1), f64::midpoint(y0, y1), 1.0).normalize();
     let x = aim.cross(&Vector3::z()).normalize();
     let pose = pose_from_axes(x, aim.cross(&x), aim, eye);
     let margin = 1.08;

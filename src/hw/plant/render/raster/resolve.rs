@@ -1,0 +1,274 @@
+//! From who is in front to colours: runs of one surface, and edges mixed from samples of the aperture.
+
+use super::{Skin, View, dot};
+use crate::hw::plant::render::look::Rgb;
+use crate::hw::plant::render::rays::{Rays, Window};
+
+impl View {
+    /// Colours a touched row: `put(column, colour)` for each pixel that differs from the background, and,
+    /// if `all`, for the background too.
+    pub(in crate::hw::plant::render) fn colour_row(
+        &mut self,
+        rays: &Rays,
+        row: usize,
+        background: &[Rgb],
+        all: bool,
+        mut put: impl FnMut(usize, Rgb),
+    ) {
+        let (from, to) = self.spans[row];
+        let width = rays.width;
+        let line = row * width;
+        if from >= to {
+            return;
+        }
+        let mut edges = std::mem::take(&mut self.edges);
+        self.find_edges(row, width, &mut edges);
+        let mut column = from;
+        while column < to {
+            let pixel = line + column;
+            if edges[column] != 0 {
+                let around = Window {
+                    x0: column.max(1) - 1,
+                    x1: (column + 2).min(width),
+                    y0: row.max(1) - 1,
+                    y1: (row + 2).min(rays.height),
+                };
+                put(column, self.edge(rays, pixel, around, background[pixel]));
+                column += 1;
+                continue;
+            }
+            let id = self.surface[pixel];
+            let run =
+                (column..to).take_while(|c| edges[*c] == 0 && self.surface[line + c] == id).count();
+            let columns = column..column + run;
+            column += run;
+            let index = (id as usize).wrapping_sub(1);
+            if id == 0 {
+                if all {
+                    columns.for_each(|c| put(c, background[line + c]));
+                }
+            } else if let Some(facet) = self.facets.get(index) {
+                if let Some(colour) = facet.flat {
+                    columns.for_each(|c| put(c, colour));
+                } else {
+                    for c in columns {
+                        let (x, y) = (rays.x[line + c], rays.y[line + c]);
+                        put(c, self.shade_facet(facet, x, y, rays.step));
+                    }
+                }
+            } else {
+                let round = &self.rounds[index - self.facets.len()];
+                for c in columns {
+                    let pixel = line + c;
+                    put(
+                        c,
+                        self.shade_round(round, rays.x[pixel], rays.y[pixel], self.depth[pixel]),
+                    );
+                }
+            }
+        }
+        self.edges = edges;
+    }
+
+    /// Marks the pixels of a row's span some of whose eight neighbours show another surface.
+    fn find_edges(&self, row: usize, width: usize, edges: &mut Vec<u32>) {
+        let (from, to) = self.spans[row];
+        edges.resize(width, 0);
+        let (left, right) = (from.max(1), to.min(width - 1));
+        let height = self.spans.len();
+        let own = &self.surface[row * width..(row + 1) * width];
+        edges[from] = 0;
+        edges[to - 1] = 0;
+        let mut first = true;
+        for beside in row.max(1) - 1..(row + 2).min(height) {
+            let other = &self.surface[beside * width..(beside + 1) * width];
+            let neighbours = own[left..right]
+                .iter()
+                .zip(&other[left - 1..right - 1])
+                .zip(other[left..right].iter().zip(&other[left + 1..=right]));
+            for (edge, ((id, a), (b, c))) in edges[left..right].iter_mut().zip(neighbours) {
+                let differs = (a ^ id) | (b ^ id) | (c ^ id);
+                *edge = if first { differs } else { *edge | differs };
+            }
+            first = false;
+        }
+    }
+
+    /// Mixes the surfaces of a neighbourhood by the share of the aperture that each covers.
+    fn edge(&self, rays: &Rays, pixel: usize, around: Window, background: Rgb) -> Rgb {
+        let mut ids = [0_u32; MAX_SURFACES];
+        let mut at = [pixel; MAX_SURFACES];
+        let mut count = 1;
+        let mut far = 0.0_f32;
+        let mut open = false;
+        for row in around.y0..around.y1 {
+            for column in around.x0..around.x1 {
+                let near = row * rays.width + column;
+                let id = self.surface[near];
+                open |= id == 0;
+                if id == 0 && near == pixel {
+                    far = self.depth[near];
+                }
+                if let Some(k) = ids[..count].iter().position(|known| *known == id) {
+                    if near == pixel {
+                        at[k] = near;
+                    }
+                } else if count < MAX_SURFACES {
+                    ids[count] = id;
+                    at[count] = near;
+                    count += 1;
+                }
+            }
+        }
+        if count == 1 {
+            return background;
+        }
+        if !open && self.one_body(&ids[1..count]) {
+            return self.shade(rays, pixel, self.surface[pixel]);
+        }
+        let around = Neighbours { ids: &ids[..count], at: &at[..count], far };
+        let (x, y) = (rays.x[pixel], rays.y[pixel]);
+        let step = (rays.step.0 * self.aperture, rays.step.1 * self.aperture);
+        if !ids[1..count].iter().any(|id| self.is_sticker_face(*id)) {
+            let who = self.winners(&around, [x, y], step, &SAMPLES_4);
+            return self.mix(rays, pixel, &around, &who, background);
+        }
+        // Most pixels beside an edge have it outside their aperture: the corners tell.
+        let corners = self.winners(&around, [x, y], step, &SAMPLES_CORNERS);
+        if corners.iter().all(|who| *who == corners[0]) {
+            return self.mix(rays, pixel, &around, &corners[..1], background);
+        }
+        let who = self.winners(&around, [x, y], step, &SAMPLES_16);
+        self.mix(rays, pixel, &around, &who, background)
+    }
+
+    /// Whether all are rods of one paint: where two of them meet there is a crease, not an edge.
+    fn one_body(&self, ids: &[u32]) -> bool {
+        let round = |id: u32| self.rounds.get((id as usize).wrapping_sub(self.facets.len() + 1));
+        let Some(first) = round(ids[0]) else { return false };
+        ids.iter().all(|id| round(*id).is_some_and(|other| other.paint == first.paint))
+    }
+
+    /// Colour of a surface at a pixel that shows it.
+    #[inline(always)]
+    fn shade(&self, rays: &Rays, pixel: usize, id: u32) -> Rgb {
+        let (x, y) = (rays.x[pixel], rays.y[pixel]);
+        let index = id as usize - 1;
+        if let Some(facet) = self.facets.get(index) {
+            facet.flat.unwrap_or_else(|| self.shade_facet(facet, x, y, rays.step))
+        } else {
+            let round = &self.rounds[index - self.facets.len()];
+            self.shade_round(round, x, y, self.depth[pixel])
+        }
+    }
+
+    /// Mean colour of the samples' winners.
+    #[inline(always)]
+    fn mix(
+        &self,
+        rays: &Rays,
+        pixel: usize,
+        around: &Neighbours<'_>,
+        winners: &[u32],
+        background: Rgb,
+    ) -> Rgb {
+        let mut weights = [0_u32; MAX_SURFACES];
+        for winner in winners {
+            weights[*winner as usize] += 1;
+        }
+        let mut colour = [0.0; 3];
+        for (k, id) in around.ids.iter().enumerate() {
+            if weights[k] > 0 {
+                let index = (*id as usize).wrapping_sub(1);
+                let own = if k == 0 {
+                    background
+                } else if let Some(facet) = self.facets.get(index) {
+                    let (x, y) = (rays.x[pixel], rays.y[pixel]);
+                    facet.flat.unwrap_or_else(|| self.shade_facet(facet, x, y, rays.step))
+                } else {
+                    let round = &self.rounds[index - self.facets.len()];
+                    let at = around.at[k];
+                    self.shade_round(round, rays.x[at], rays.y[at], self.depth[at])
+                };
+                for c in 0..3 {
+                    colour[c] += weights[k] as f32 * own[c];
+                }
+            }
+        }
+        let share = 1.0 / winners.len() as f32;
+        colour.map(|c| c * share)
+    }
+
+    /// Which of the neighbours' surfaces each sample of an aperture meets first.
+    #[inline(always)]
+    fn winners<const N: usize>(
+        &self,
+        around: &Neighbours<'_>,
+        [x, y]: [f32; 2],
+        step: (f32, f32),
+        samples: &[[f32; N]; 2],
+    ) -> [u32; N] {
+        let dx: [f32; N] = std::array::from_fn(|k| x + step.0 * samples[0][k]);
+        let dy: [f32; N] = std::array::from_fn(|k| y + step.1 * samples[1][k]);
+        let mut best = [around.far; N];
+        let mut who = [0_u32; N];
+        for (mark, id) in around.ids.iter().enumerate().skip(1) {
+            let index = *id as usize - 1;
+            let mut near = [0.0_f32; N];
+            if let Some(facet) = self.facets.get(index) {
+                let (w, u, v, [u0, u1, v0, v1]) = (facet.w, facet.u, facet.v, facet.bounds);
+                for k in 0..N {
+                    let depth = dot(&w, dx[k], dy[k]);
+                    let (du, dv) = (dot(&u, dx[k], dy[k]), dot(&v, dx[k], dy[k]));
+                    let inside = (du >= u0 * depth)
+                        & (du <= u1 * depth)
+                        & (dv >= v0 * depth)
+                        & (dv <= v1 * depth);
+                    near[k] = if inside { depth } else { 0.0 };
+                }
+            } else {
+                let round = self.rounds[index - self.facets.len()];
+                for k in 0..N {
+                    near[k] = round.meet(dx[k], dy[k]);
+                }
+            }
+            for k in 0..N {
+                let seen = near[k] > best[k];
+                best[k] = if seen { near[k] } else { best[k] };
+                who[k] = if seen { mark as u32 } else { who[k] };
+            }
+        }
+        who
+    }
+
+    fn is_sticker_face(&self, id: u32) -> bool {
+        let index = (id as usize).wrapping_sub(1);
+        self.facets.get(index).is_some_and(|f| matches!(f.skin, Skin::Stickers(..)))
+    }
+}
+
+/// Surfaces that one pixel's neighbourhood can tell apart.
+const MAX_SURFACES: usize = 8;
+
+/// The surfaces around a pixel; the first is the background, with its reciprocal depth.
+struct Neighbours<'a> {
+    ids: &'a [u32],
+    /// A pixel where each can be seen.
+    at: &'a [usize],
+    far: f32,
+}
+
+/// Places of samples in the aperture: columns and rows.
+const SAMPLES_16: [[f32; 16]; 2] = {
+    let mut samples = [[0.0; 16]; 2];
+    let mut k = 0;
+    while k < 16 {
+        samples[0][k] = (k % 4) as f32 * 0.25 - 0.375;
+        samples[1][k] = (k / 4) as f32 * 0.25 - 0.375;
+        k += 1;
+    }
+    samples
+};
+const SAMPLES_4: [[f32; 4]; 2] = [[-0.25, 0.25, -0.25, 0.25], [-0.25, -0.25, 0.25, 0.25]];
+const SAMPLES_CORNERS: [[f32; 4]; 2] =
+    [[-0.375, 0.375, -0.375, 0.375], [-0.375, -0.375, 0.375, 0.375]];
