@@ -3,7 +3,7 @@
 use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain, vision};
 use crate::cube::{Axis, Facelets};
-use crate::hw::plant::render::{Look, Renderer, Setting};
+use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
 use crate::hw::scene::{Scene, SceneArm, SceneCube};
 use crate::scenario::ControllerConfig;
 use crate::spatial::Twist;
@@ -150,11 +150,11 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
         }
     };
     let cell = &scenario.controller.cell;
-    let setting = Setting::default();
+    let setting = Setting::of(cell);
     let cube = scenario.plant.cube_state.unwrap_or_else(Facelets::solved);
     let scene = before(&scenario.controller, &cube);
     let image = match &args.camera {
-        None => image::RgbImage::new(args.width, args.height),
+        None => overview::cell(&scene, &setting, args.width, args.height),
         Some(name) => {
             let Some(camera) = cell.cameras.iter().find(|c| c.name == *name) else {
                 let names: Vec<&str> = cell.cameras.iter().map(|c| c.name.as_str()).collect();
