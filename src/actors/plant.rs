@@ -12,7 +12,10 @@ use crate::scenario::plant::{CubeKind, Jaws as JawsKey};
 use crate::scenario::{Scenario, keys};
 
 /// Creates the plant; a face turn starts with the cube in the postument's hand.
-pub(super) fn create(scenario: &Scenario, face_turn: Option<&FaceTurnStart>) -> Result<Plant, String> {
+pub(super) fn create(
+    scenario: &Scenario,
+    face_turn: Option<&FaceTurnStart>,
+) -> Result<Plant, String> {
     let mut belief = scenario.controller.cell.clone();
     let keys = &scenario.plant.keys;
     let e = &keys.errors;

@@ -55,8 +55,7 @@ impl PlantArm {
         let q = arm.start.0;
         let placement = Placement::new(&arm.model, &q);
         let (_, weight) = placement.dynamics(&dynamics.links, &[0.0; AXES], &gravity);
-        let stretched =
-            std::array::from_fn(|j| q[j] + weight[j] / dynamics.stiffness[j]);
+        let stretched = std::array::from_fn(|j| q[j] + weight[j] / dynamics.stiffness[j]);
         let mut this = Self {
             model: arm.model.clone(),
             dynamics: *dynamics,
@@ -186,8 +185,8 @@ impl PlantArm {
             let load = torque + self.counterbalance[j];
             let friction = -bristle * self.bristles[j];
             // Sliding: no stiffness of the bristle, so that the limit is not overshot within the step.
-            let sliding = self.bristles[j].abs() >= PRESLIDING * 0.999
-                && self.vm[j] * self.bristles[j] > 0.0;
+            let sliding =
+                self.bristles[j].abs() >= PRESLIDING * 0.999 && self.vm[j] * self.bristles[j] > 0.0;
             let stiffness = if sliding { 0.0 } else { bristle };
             inertia[j] = motor.inertia + dt * (motor.viscous + back_emf) + dt * dt * stiffness;
             impulse[j] = motor.inertia * self.vm[j] + dt * (load + friction);
@@ -265,8 +264,7 @@ impl PlantArm {
             let vm: f64 = (0..=j).map(|k| ratios[j][k] * w[k]).sum();
             self.vm[j] = if j == 0 && !self.model.has_track { 0.0 } else { vm };
             self.m[j] += dt * self.vm[j];
-            self.bristles[j] =
-                (self.bristles[j] + dt * self.vm[j]).clamp(-PRESLIDING, PRESLIDING);
+            self.bristles[j] = (self.bristles[j] + dt * self.vm[j]).clamp(-PRESLIDING, PRESLIDING);
             let (low, high) = self.model.motor_limits[j];
             let stopped = self.m[j].clamp(low - OVERTRAVEL, high + OVERTRAVEL);
             if stopped != self.m[j] {
@@ -274,7 +272,8 @@ impl PlantArm {
                 self.vm[j] = 0.0;
             }
             let motor = &d.motors[j];
-            let u = if drive.enabled { f64::from(drive.pwm[j].clamp(-255, 255)) / 255.0 } else { 0.0 };
+            let u =
+                if drive.enabled { f64::from(drive.pwm[j].clamp(-255, 255)) / 255.0 } else { 0.0 };
             self.currents[j] = if drive.enabled {
                 1.5 * motor.trip_current * (u - self.vm[j] / motor.no_load_speed)
             } else {

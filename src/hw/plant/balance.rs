@@ -97,7 +97,11 @@ impl Balance {
             None => self.nodes[0],
             Some(s) => {
                 let body = usize::from(s.layers[0] & MIDDLE == 0);
-                if s.layers[body] & MIDDLE == 0 { self.unturned(0, s, puzzle) } else { self.nodes[body] }
+                if s.layers[body] & MIDDLE == 0 {
+                    self.unturned(0, s, puzzle)
+                } else {
+                    self.nodes[body]
+                }
             }
         }
     }
@@ -110,7 +114,12 @@ impl Balance {
     }
 
     /// Makes one body of the cube or two, without moving anything.
-    pub(super) fn regroup(&mut self, split: Option<Split>, puzzle: &mut Puzzle, grasps: &mut [Grasp; 2]) {
+    pub(super) fn regroup(
+        &mut self,
+        split: Option<Split>,
+        puzzle: &mut Puzzle,
+        grasps: &mut [Grasp; 2],
+    ) {
         if split == self.split {
             return;
         }
@@ -173,7 +182,8 @@ impl Balance {
                 }
             }
             if let Some(hold) = hold {
-                self.hand_force = system.add_hold(hold, &self.nodes[0], &self.before, &self.hand_before, dt);
+                self.hand_force =
+                    system.add_hold(hold, &self.nodes[0], &self.before, &self.hand_before, dt);
                 // The hand carries the cube's weight without sinking.
                 system.residual[0].fixed_rows_mut::<3>(0).sub_assign(weight);
             }
@@ -248,7 +258,9 @@ impl Balance {
         let limit = |body: usize| -> f64 {
             (0..2)
                 .filter(|side| split.layers[body] & (1 << (2 * side)) != 0)
-                .map(|side| puzzle.turning_torque(split.axis, side, load_across, load_tilt, load_axial))
+                .map(|side| {
+                    puzzle.turning_torque(split.axis, side, load_across, load_tilt, load_axial)
+                })
                 .sum()
         };
         let (slipping, limit) = match middle {
@@ -406,7 +418,8 @@ impl System {
         }
         // A contact that appears within a round must not throw the cube: 1 mm and 1 deg a round at most.
         for m in &mut moves {
-            let size = (m.fixed_rows::<3>(0).norm() / 1e-3).max(m.fixed_rows::<3>(3).norm() / 0.0175);
+            let size =
+                (m.fixed_rows::<3>(0).norm() / 1e-3).max(m.fixed_rows::<3>(3).norm() / 0.0175);
             if size > 1.0 {
                 *m /= size;
             }
@@ -423,7 +436,12 @@ fn regularise<const N: usize>(a: &mut [[f64; N]; N]) {
 }
 
 /// A stiffness of a frame with axes `r` at `lever_a` from one body's origin and `lever_b` from another's.
-pub(super) fn moved(k: &Matrix6<f64>, r: &Matrix3<f64>, lever_a: &Vector3<f64>, lever_b: &Vector3<f64>) -> Matrix6<f64> {
+pub(super) fn moved(
+    k: &Matrix6<f64>,
+    r: &Matrix3<f64>,
+    lever_a: &Vector3<f64>,
+    lever_b: &Vector3<f64>,
+) -> Matrix6<f64> {
     let block = |i: usize, j: usize| -> Matrix3<f64> {
         r * k.fixed_view::<3, 3>(i, j).into_owned() * r.transpose()
     };

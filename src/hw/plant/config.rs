@@ -113,8 +113,11 @@ impl ArmDynamics {
             viscous: 1e-5,
             trip_current,
         };
-        let trips =
-            if track { [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0] } else { [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0] };
+        let trips = if track {
+            [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0]
+        } else {
+            [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0]
+        };
         Self {
             links: LINKS,
             stiffness: [2e7, 60e3, 60e3, 40e3, 12e3, 8e3, 8e3],

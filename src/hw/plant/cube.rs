@@ -34,7 +34,11 @@ pub(super) struct Puzzle {
 }
 
 impl Puzzle {
-    pub(super) fn new(stickers: [u8; 54], mechanics: CubeMechanics, friction: [[f64; 2]; 3]) -> Self {
+    pub(super) fn new(
+        stickers: [u8; 54],
+        mechanics: CubeMechanics,
+        friction: [[f64; 2]; 3],
+    ) -> Self {
         let quarter = std::array::from_fn(|axis| {
             std::array::from_fn(|side| quarter_turn(Axis::ALL[axis], side == 1))
         });

@@ -33,7 +33,8 @@ pub(super) struct Screw {
 }
 
 impl Screw {
-    pub(super) const ZERO: Self = Self { a: Vector3::new(0.0, 0.0, 0.0), l: Vector3::new(0.0, 0.0, 0.0) };
+    pub(super) const ZERO: Self =
+        Self { a: Vector3::new(0.0, 0.0, 0.0), l: Vector3::new(0.0, 0.0, 0.0) };
 
     /// Power of a wrench `self` on a twist.
     pub(super) fn dot(&self, other: &Self) -> f64 {
@@ -54,7 +55,11 @@ struct Body {
 }
 
 impl Body {
-    const ZERO: Self = Self { m: 0.0, h: Vector3::new(0.0, 0.0, 0.0), i: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) };
+    const ZERO: Self = Self {
+        m: 0.0,
+        h: Vector3::new(0.0, 0.0, 0.0),
+        i: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    };
 
     fn placed(link: &Link, frame: &Frame) -> Self {
         let c = frame.point(&Vector3::from(link.centre));
@@ -127,7 +132,11 @@ impl Placement {
                 frame(r6, wrist),
             ],
             screws: [
-                if model.has_track { Screw { a: Vector3::zeros(), l: Vector3::y() } } else { Screw::ZERO },
+                if model.has_track {
+                    Screw { a: Vector3::zeros(), l: Vector3::y() }
+                } else {
+                    Screw::ZERO
+                },
                 turning(Vector3::z(), &shoulder),
                 turning(across, &shoulder),
                 turning(across, &elbow),

@@ -22,10 +22,7 @@ impl Frame {
     }
 
     pub(super) fn from_pose(pose: &Pose) -> Self {
-        Self {
-            r: *pose.rotation.to_rotation_matrix().matrix(),
-            p: pose.translation.vector,
-        }
+        Self { r: *pose.rotation.to_rotation_matrix().matrix(), p: pose.translation.vector }
     }
 
     pub(super) fn to_pose(self) -> Pose {

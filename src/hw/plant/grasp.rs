@@ -220,11 +220,8 @@ impl Grasp {
         let strain = [e.p.x - self.slid[0], e.p.z - self.slid[1], w.y - self.slid[2]];
         let mut fx = -j.stiffness[0] * strain[0];
         let mut fz = -j.stiffness[2] * strain[1];
-        let mut m = Vector3::new(
-            -j.rotation[0] * w.x,
-            -j.rotation[1] * strain[2],
-            -j.rotation[2] * w.z,
-        );
+        let mut m =
+            Vector3::new(-j.rotation[0] * w.x, -j.rotation[1] * strain[2], -j.rotation[2] * w.z);
         let grip = if self.lost { 0.0 } else { t.grip() };
         let plane = (2.0 * j.friction * grip).max(1e-9);
         let torsion = plane * 0.5 * hands.edge;

@@ -109,10 +109,8 @@ impl OperatorHand {
             };
             turned = super::frame::nearest_alignment(&(rotation(&(z * front)) * first));
         }
-        let place = Frame {
-            r: rotation(&tilt) * zone_frame.r * turned,
-            p: zone_frame.point(&offset),
-        };
+        let place =
+            Frame { r: rotation(&tilt) * zone_frame.r * turned, p: zone_frame.point(&offset) };
         // Sines of equal strength: amplitude a each gives an r.m.s. of a sqrt(n / 2).
         let amplitude = script.sway * (2.0 / SWAYS as f64).sqrt();
         let sways = std::array::from_fn(|_| {

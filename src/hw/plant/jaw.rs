@@ -57,8 +57,8 @@ impl PlantJaw {
         let u = f64::from(drive.jaw_pwm.clamp(-255, 255)) / 255.0;
         // A positive pulse width turns the motor forwards, which closes.
         let back_emf = j.stall_force / (j.no_load_speed * slope.abs());
-        let limit = (drive.jaw_current_limit / self.gripper.amperes_per_newton)
-            .clamp(0.0, j.greatest_grip);
+        let limit =
+            (drive.jaw_current_limit / self.gripper.amperes_per_newton).clamp(0.0, j.greatest_grip);
         let free = j.stall_force * u * slope.signum() - back_emf * self.speed;
         let friction = j.coulomb / (self.speed.abs() + CREEP);
         let base = j.mass + dt * friction + dt * dt * stiffness;

@@ -16,12 +16,12 @@ mod frame;
 mod grasp;
 mod hand;
 mod jaw;
+pub mod render;
 mod sensor;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
 mod tests;
-pub mod render;
 pub mod truth;
 pub mod verdict;
 
@@ -359,10 +359,8 @@ impl Plant {
     fn land(&mut self, cube: &mut Frame) {
         let edge = self.config.cell.cube.edge;
         let lowest = |face: &Face| (cube.r * face.normal()).z;
-        let down = Face::ALL
-            .into_iter()
-            .min_by(|a, b| lowest(a).total_cmp(&lowest(b)))
-            .unwrap_or(Face::D);
+        let down =
+            Face::ALL.into_iter().min_by(|a, b| lowest(a).total_cmp(&lowest(b))).unwrap_or(Face::D);
         let out = cube.r * down.normal();
         let axis = out.cross(&-Vector3::z());
         let sine = axis.norm();
@@ -463,9 +461,7 @@ impl Plant {
         (0..3)
             .filter(|a| held[0][*a] & held[1][*a] == 0 && held[0][*a] != 0 && held[1][*a] != 0)
             .filter(|a| palms(*a))
-            .max_by(|a, b| {
-                self.puzzle.misalignment(*a).total_cmp(&self.puzzle.misalignment(*b))
-            })
+            .max_by(|a, b| self.puzzle.misalignment(*a).total_cmp(&self.puzzle.misalignment(*b)))
             .map(|axis| Split { axis, layers: [held[0][axis], held[1][axis]] })
     }
 
@@ -524,7 +520,8 @@ impl Plant {
             }
             let grasp = self.grasps[i];
             let (distance, angle) = grasp.slip;
-            if grasp.attached && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians()) {
+            if grasp.attached && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians())
+            {
                 self.grasps[i].reported = true;
                 self.verdict.counts.slips += 1;
                 self.record(Incident::Slip { arm: i, distance, angle });

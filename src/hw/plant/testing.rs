@@ -60,7 +60,8 @@ pub(super) fn cell() -> Cell {
             half_extent: Vector3::repeat(0.05),
         },
     };
-    cell.arms[0].start = JointPositions([0.5, 0.0, -FRAC_PI_2, 0.0, FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2]);
+    cell.arms[0].start =
+        JointPositions([0.5, 0.0, -FRAC_PI_2, 0.0, FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2]);
     cell.arms[1].start = JointPositions([0.0, 0.0, -FRAC_PI_2, 0.0, FRAC_PI_2, FRAC_PI_2, 0.0]);
     let cube = world_from_tool(&cell.arms[0]).translation.vector;
     let postument = &mut cell.arms[1];
@@ -117,7 +118,8 @@ impl TestServo {
         for (i, reading) in readings.iter_mut().enumerate() {
             plant.arms[i].read(reading);
         }
-        let positions: Vec<[f64; AXES]> = readings.iter().map(|r| r.counts.map(|c| c as f64)).collect();
+        let positions: Vec<[f64; AXES]> =
+            readings.iter().map(|r| r.counts.map(|c| c as f64)).collect();
         let jaws = (0..count).map(|i| (plant.jaws[i].opening(), 30.0)).collect();
         Self {
             target: positions.clone(),

@@ -11,9 +11,21 @@ fn probe() {
     let show = |s: &TestServo, what: &str| {
         let v = s.plant.verdict();
         let t = s.plant.balance.touches;
-        println!("{what}: {:?} pads {:?} {:?} f {:?} {:?} peak {:.2} N {:.3} Nm split {:?} angles {:?}", v.cube, t[0].pads, t[1].pads,
-            t[0].force.as_slice(), t[1].force.as_slice(), v.peak_force, v.peak_torque, s.plant.balance.split, v.layer_angles);
-        for e in &v.events { println!("   {e:?}"); }
+        println!(
+            "{what}: {:?} pads {:?} {:?} f {:?} {:?} peak {:.2} N {:.3} Nm split {:?} angles {:?}",
+            v.cube,
+            t[0].pads,
+            t[1].pads,
+            t[0].force.as_slice(),
+            t[1].force.as_slice(),
+            v.peak_force,
+            v.peak_torque,
+            s.plant.balance.split,
+            v.layer_angles
+        );
+        for e in &v.events {
+            println!("   {e:?}");
+        }
     };
     show(&servo, "start");
     let start = servo.plant.arms[0].world_from_tool.p;
@@ -28,10 +40,19 @@ fn probe() {
     let from = servo.joints(1);
     for k in 0..2000 {
         let mut q = from;
-        q.0[6] -= f64::from(k + 1) / 2000.0 * std::f64::consts::FRAC_PI_2 * if from.0[6] > 0.0 { 1.0 } else { -1.0 };
+        q.0[6] -= f64::from(k + 1) / 2000.0
+            * std::f64::consts::FRAC_PI_2
+            * if from.0[6] > 0.0 { 1.0 } else { -1.0 };
         servo.aim(1, &q);
         servo.tick();
-        if k % 250 == 0 { println!("{k} turned {:.2} deg torque {:.3} limit {:.3}", servo.plant.verdict.turned.to_degrees(), servo.plant.balance.interface.torque, servo.plant.balance.interface.limit); }
+        if k % 250 == 0 {
+            println!(
+                "{k} turned {:.2} deg torque {:.3} limit {:.3}",
+                servo.plant.verdict.turned.to_degrees(),
+                servo.plant.balance.interface.torque,
+                servo.plant.balance.interface.limit
+            );
+        }
     }
     servo.run(0.3);
     show(&servo, "turned");

@@ -134,10 +134,7 @@ pub fn draw(belief: &Cell, errors: &ErrorSpreads, seed: u64) -> Cell {
     let (sideways, tilted) = (chance.across(), chance.across());
     let along = if chance.0.random::<bool>() { 1.0 } else { -1.0 };
     if let Some(arm) = truth.arms.get_mut(1) {
-        let off = small(
-            (sideways + Vector3::z() * along) * grasp.distance,
-            tilted * grasp.tilt,
-        );
+        let off = small((sideways + Vector3::z() * along) * grasp.distance, tilted * grasp.tilt);
         let tool = grasp.world_from_tool;
         arm.world_from_base = tool * off * tool.inverse() * arm.world_from_base;
     }

@@ -1,7 +1,7 @@
 //! What really happened: the plant's account of a run, for summaries and tests, never for the controller.
 
-use crate::spatial::Pose;
 use crate::cube::{Axis, Face};
+use crate::spatial::Pose;
 
 /// Most events that are kept; later ones are only counted.
 pub const MOST_EVENTS: usize = 256;
