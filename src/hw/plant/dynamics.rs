@@ -113,8 +113,8 @@ impl Placement {
         let wrist = pitch + r4.column(0) * d5;
         let (s5, c5) = libm::sincos(q[5]);
         let r5 = r4 * Matrix3::new(1.0, 0.0, 0.0, 0.0, c5, -s5, 0.0, s5, c5);
-        // The flange's x, y, z at q6 = 0 are the wrist's y, z, x.
-        let r50 = Matrix3::from_columns(&[r5.column(1), r5.column(2), r5.column(0)]);
+        // The flange's x, y, z at q6 = 0 are the wrist's z, x, y.
+        let r50 = Matrix3::from_columns(&[r5.column(2), r5.column(0), r5.column(1)]);
         let (s6, c6) = libm::sincos(q[6]);
         let r6 = r50 * Matrix3::new(c6, -s6, 0.0, s6, c6, 0.0, 0.0, 0.0, 1.0);
 
@@ -212,3 +212,128 @@ pub const LINKS: [Link; AXES] = [
     Link { mass: 1.5, centre: [0.0, 0.0, 0.0], inertia: [0.003, 0.003, 0.003] },
     Link { mass: 2.5, centre: [0.0, 0.0, 0.09], inertia: [0.015, 0.015, 0.006] },
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kinematics::builtin;
+    use crate::motion::JointPositions;
+
+    fn postures() -> Vec<([f64; AXES], [f64; AXES])> {
+        (0..40)
+            .map(|k| {
+                let at =
+                    |i: usize, size: f64| size * libm::sin(1.7 * f64::from(k) + 2.3 * i as f64);
+                let v = std::array::from_fn(|i| at(i + 10, 1.0));
+                let mid = [0.5, 0.0, -1.57, 0.1, 0.0, 2.5, 0.0];
+                let q =
+                    std::array::from_fn(|i| mid[i] + at(i, [0.4, 2.5, 0.6, 0.4, 1.2, 2.0, 2.5][i]));
+                (q, v)
+            })
+            .collect()
+    }
+
+    const GRAVITY: Vector3<f64> = Vector3::new(0.3, -0.2, -9.8);
+
+    fn model() -> ArmModel {
+        builtin("irp6_track").unwrap()
+    }
+
+    /// Height energy, from frames alone.
+    fn potential(q: &[f64; AXES]) -> f64 {
+        let place = Placement::new(&model(), q);
+        let weigh = |(link, frame): (&Link, &Frame)| {
+            -link.mass * GRAVITY.dot(&frame.point(&Vector3::from(link.centre)))
+        };
+        LINKS.iter().zip(&place.frames).map(weigh).sum()
+    }
+
+    /// Motion energy, from differences of frames alone: no screw, no Jacobian.
+    fn kinetic(q: &[f64; AXES], v: &[f64; AXES]) -> f64 {
+        let h = 1e-5;
+        let at = |s: f64| Placement::new(&model(), &std::array::from_fn(|i| q[i] + s * h * v[i]));
+        let (before, after) = (at(-1.0), at(1.0));
+        let mut sum = 0.0;
+        for (i, link) in LINKS.iter().enumerate() {
+            let c = Vector3::from(link.centre);
+            let speed = (after.frames[i].point(&c) - before.frames[i].point(&c)) / (2.0 * h);
+            let turn = before.frames[i].r.transpose() * after.frames[i].r;
+            let w = super::super::frame::rotation_vector(&turn) / (2.0 * h);
+            sum += 0.5 * link.mass * speed.norm_squared();
+            sum += (0..3).map(|k| 0.5 * link.inertia[k] * w[k] * w[k]).sum::<f64>();
+        }
+        sum
+    }
+
+    #[test]
+    fn the_flange_is_where_the_kinematics_put_it() {
+        for (q, _) in postures() {
+            let mine = Placement::new(&model(), &q).frames[6];
+            let theirs = Frame::from_pose(&model().base_from_flange(&JointPositions(q)));
+
+            assert!((mine.r - theirs.r).norm() < 1e-12 && (mine.p - theirs.p).norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_mass_matrix_is_the_curvature_of_the_kinetic_energy() {
+        for (q, v) in postures() {
+            let (mass, _) = Placement::new(&model(), &q).dynamics(&LINKS, &v, &GRAVITY);
+
+            let quadratic: f64 = (0..AXES)
+                .flat_map(|i| (0..AXES).map(move |j| (i, j)))
+                .map(|(i, j)| 0.5 * v[i] * mass[i][j] * v[j])
+                .sum();
+
+            assert!((quadratic - kinetic(&q, &v)).abs() < 1e-6 * quadratic.abs());
+        }
+    }
+
+    #[test]
+    fn the_bias_at_rest_is_the_slope_of_the_potential_energy() {
+        for (q, _) in postures() {
+            let still = [0.0; AXES];
+            let (_, bias) = Placement::new(&model(), &q).dynamics(&LINKS, &still, &GRAVITY);
+
+            for i in 0..AXES {
+                let at = |s: f64| {
+                    let mut q = q;
+                    q[i] += s * 1e-5;
+                    potential(&q)
+                };
+                let slope = (at(1.0) - at(-1.0)) / 2e-5;
+                assert!((bias[i] - slope).abs() < 1e-5, "{i}: {} {slope}", bias[i]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_bias_in_motion_obeys_lagrange() {
+        // d/dt (dT/dv_i) - dT/dq_i at constant v, with T from the mass matrix alone.
+        let none = Vector3::zeros();
+        for (q, v) in postures() {
+            let mass = |q: &[f64; AXES]| Placement::new(&model(), q).dynamics(&LINKS, &v, &none).0;
+            let moved = |q: &[f64; AXES], i: Option<usize>, h: f64| -> [f64; AXES] {
+                std::array::from_fn(|k| match i {
+                    None => q[k] + h * v[k],
+                    Some(i) => q[k] + if i == k { h } else { 0.0 },
+                })
+            };
+            let (_, bias) = Placement::new(&model(), &q).dynamics(&LINKS, &v, &none);
+            let h = 1e-5;
+            let (ahead, behind) = (mass(&moved(&q, None, h)), mass(&moved(&q, None, -h)));
+            for i in 0..AXES {
+                let rate: f64 =
+                    (0..AXES).map(|k| (ahead[i][k] - behind[i][k]) / (2.0 * h) * v[k]).sum();
+                let (up, down) = (mass(&moved(&q, Some(i), h)), mass(&moved(&q, Some(i), -h)));
+                let mut slope = 0.0;
+                for a in 0..AXES {
+                    for b in 0..AXES {
+                        slope += 0.5 * v[a] * (up[a][b] - down[a][b]) / (2.0 * h) * v[b];
+                    }
+                }
+                assert!((bias[i] - (rate - slope)).abs() < 1e-5, "axis {i}");
+            }
+        }
+    }
+}

@@ -180,9 +180,10 @@ impl Plant {
             verdict: Verdict::empty(&world_from_cube.to_pose()),
             config,
         };
-        if let Start::Held { arm, tool_from_cube } = this.config.start {
-            let deep = tool_from_cube.translation.z < 0.5 * Gripper::FACE_BEHIND_TOOL_ONE;
-            this.stops[arm] = if deep { Depth::Two } else { Depth::One };
+        if let Start::Held { arm, .. } = this.config.start {
+            if this.in_the_way_of_stops(arm) {
+                this.stops[arm] = Depth::Two;
+            }
             this.close(arm);
         }
         this.account();
@@ -256,10 +257,9 @@ impl Plant {
     }
 
     fn step(&mut self, drives: &[ArmDrive], t: f64, dt: f64) {
-        for ((stops, grasp), drive) in self.stops.iter_mut().zip(&self.grasps).zip(drives) {
-            // The pins are latched while the jaws are closed: their small drive cannot push a held cube.
-            if drive.enabled && !grasp.attached {
-                *stops = drive.stops;
+        for (i, drive) in drives.iter().enumerate() {
+            if drive.enabled && !self.in_the_way_of_stops(i) {
+                self.stops[i] = drive.stops;
             }
         }
         self.step_cube(t, dt);
@@ -282,6 +282,17 @@ impl Plant {
             self.jaws[i].step(&drives[i], push, slope, dt);
         }
         self.change_grasps();
+    }
+
+    /// Whether a cube lies so deep in the hand that the stops cannot come forward.
+    fn in_the_way_of_stops(&self, i: usize) -> bool {
+        let cube = self.tool(i).to_local(&self.balance.nodes[0]).p;
+        let half = 0.5 * self.config.cell.cube.edge;
+        let between = -0.5 * (Gripper::FACE_BEHIND_TOOL_ONE + Gripper::FACE_BEHIND_TOOL_TWO);
+        cube.x.abs() < half
+            && cube.y.abs() < half
+            && cube.z.abs() < 2.0 * half
+            && cube.z - half < between
     }
 
     /// The cube's part of a substep.

@@ -101,7 +101,7 @@ pub(super) struct TestServo {
     pub(super) target: Vec<[f64; AXES]>,
     /// Wanted opening and grip of each jaw.
     pub(super) jaws: Vec<(f64, f64)>,
-    pub(super) stops: Depth,
+    pub(super) stops: [Depth; 2],
     last: Vec<[f64; AXES]>,
     last_target: Vec<[f64; AXES]>,
     slow: Vec<[f64; AXES]>,
@@ -124,7 +124,7 @@ impl TestServo {
         Self {
             target: positions.clone(),
             jaws,
-            stops: Depth::One,
+            stops: [Depth::Two, Depth::One],
             last: positions.clone(),
             last_target: positions.clone(),
             slow: vec![[0.0; AXES]; count],
@@ -152,7 +152,7 @@ impl TestServo {
         for i in 0..self.target.len() {
             let drive = &mut self.drives[i];
             drive.enabled = true;
-            drive.stops = self.stops;
+            drive.stops = self.stops[i];
             for j in 0..AXES {
                 let y = self.readings[i].counts[j] as f64;
                 let wanted = self.target[i][j] - self.last_target[i][j];

@@ -199,8 +199,8 @@ mod tests {
     use super::super::plan::{compatible, turnable};
     use super::*;
 
-    fn grip(palm: Face, jaws: Axis, depth: Depth) -> Option<Grip> {
-        Some(Grip { hold: Hold { palm, jaws, depth }, half_roll: false })
+    fn grip(palm: Face, jaws: Axis, depth: Depth) -> Grip {
+        Grip { hold: Hold { palm, jaws, depth }, half_roll: false }
     }
 
     /// Two statements of the same rules, by axes in the planner and by cells here.
@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn letting_go_alone_drops_the_cube() {
-        let hands = [grip(Face::D, Axis::Y, Depth::Two), None];
+        let hands = [Some(grip(Face::D, Axis::Y, Depth::Two)), None];
 
         let result =
             replay(Facelets::solved(), hands, &[Step::Leave { hand: Hand::Track }], Rule::Strict);
@@ -240,7 +240,8 @@ mod tests {
     fn a_layer_turns_only_while_the_middle_one_is_held() {
         let turn = Step::Turn { turner: Hand::Track, turn: Turn { face: Face::U, quarters: 1 } };
         let turner = grip(Face::U, Axis::X, Depth::One);
-        let try_with = |body| replay(Facelets::solved(), [turner, body], &[turn], Rule::Clearance);
+        let try_with =
+            |body| replay(Facelets::solved(), [Some(turner), Some(body)], &[turn], Rule::Clearance);
 
         let outer = try_with(grip(Face::D, Axis::Y, Depth::One));
         let middle = try_with(grip(Face::D, Axis::Y, Depth::Two));
@@ -252,7 +253,7 @@ mod tests {
 
     #[test]
     fn a_covered_face_is_not_seen() {
-        let hands = [grip(Face::D, Axis::Y, Depth::One), None];
+        let hands = [Some(grip(Face::D, Axis::Y, Depth::One)), None];
         let look = |face| {
             let steps = [Step::Look { viewer: Hand::Postument, face }];
             replay(Facelets::solved(), hands, &steps, Rule::Strict).is_ok()
