@@ -8,7 +8,10 @@ use rand_pcg::Pcg64;
 use rubik_robot::cell::{Camera, Intrinsics, Mount};
 use rubik_robot::hw::plant::render::{Look, Renderer, cube_alone};
 use rubik_robot::spatial::{Pose, pose_from_axes};
-use rubik_robot::vision::{DetectorSettings, detect, locate, locate_cube, read_face};
+use rubik_robot::vision::colours::{decide_cube, decide_face};
+use rubik_robot::vision::detect::window_around;
+use rubik_robot::vision::{DetectorSettings, Method, detect, locate, locate_cube, read_face};
+use std::hint::black_box;
 
 const EDGE: f64 = 0.057;
 
@@ -227,8 +230,7 @@ fn faces_are_read_by_the_camera_in_the_hand() {
             Vector3::from_fn(|_, _| random.random_range(-0.02..0.02)),
         );
         frames += 1;
-        let Ok(reading) =
-            read_face(&image, &camera.intrinsics, EDGE, &(camera_from_face * astray))
+        let Ok(reading) = read_face(&image, &camera.intrinsics, EDGE, &(camera_from_face * astray))
         else {
             refused += 1;
             continue;
@@ -252,4 +254,50 @@ fn faces_are_read_by_the_camera_in_the_hand() {
 
     assert_eq!((refused, wrong), (0, 0));
     assert!(Errors::rms(&errors.sideways) < 0.3 && Errors::rms(&errors.depth) < 1.5);
+}
+
+/// Median time of a call [ms].
+fn median_ms(mut call: impl FnMut()) -> f64 {
+    let mut times: Vec<f64> = (0..60)
+        .map(|_| {
+            let start = std::time::Instant::now();
+            call();
+            start.elapsed().as_secs_f64() * 1e3
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}
+
+#[test]
+#[ignore = "measures time: cargo test --release --test vision_rendered -- --ignored --nocapture"]
+fn times() {
+    let mut random = Pcg64::seed_from_u64(5);
+    let facelets = std::array::from_fn(|_| random.random_range(0..6));
+    let pose = cube_before(&mut random, 0.7);
+    let camera = camera();
+    let image = Renderer::new(camera.clone(), Look::draw(1), 1)
+        .render(&cube_alone(pose, EDGE, facelets), 1.0);
+    let settings = DetectorSettings::default();
+    let faces = detect(&image, None, &settings).unwrap();
+    let window = window_around(&faces[0].corners, 0.5);
+    let paper = DetectorSettings { method: Method::Paper2007, ..settings };
+    let rgb = std::array::from_fn(|i| faces[0].rgb[i % 9]);
+    let show = |name: &str, ms: f64| println!("{name}: {ms:.3} ms");
+    show("whole frame 640x480", median_ms(|| drop(black_box(detect(&image, None, &settings)))));
+    show("window", median_ms(|| drop(black_box(detect(&image, window, &settings)))));
+    show(
+        "whole frame, paper's colours",
+        median_ms(|| drop(black_box(detect(&image, None, &paper)))),
+    );
+    show("window, paper's colours", median_ms(|| drop(black_box(detect(&image, window, &paper)))));
+    let locate = || drop(black_box(locate_cube(&faces, &camera.intrinsics, EDGE, None)));
+    show("pose of the cube", median_ms(locate));
+    show("colours of one face", median_ms(|| drop(black_box(decide_face(&faces[0].rgb)))));
+    show("colours of a cube", median_ms(|| drop(black_box(decide_cube(&rgb, &|_| true)))));
+    println!(
+        "faces: {}, paper's: {:?}",
+        faces.len(),
+        detect(&image, None, &paper).map(|f| f.len())
+    );
 }

@@ -59,7 +59,11 @@ fn arm_belief(cell: &Cell, index: usize) -> Option<ArmBelief> {
 }
 
 /// Settings of the cube task; `None` without two arms.
-pub(super) fn cube_settings(config: &ControllerConfig, meetings: MeetingTable, back: f64) -> Option<CubeSettings> {
+pub(super) fn cube_settings(
+    config: &ControllerConfig,
+    meetings: MeetingTable,
+    back: f64,
+) -> Option<CubeSettings> {
     let c = &config.control;
     let v = &config.visual_servo;
     let arm = config.cell.arms.first()?;
@@ -149,4 +153,3 @@ pub(super) fn face_turn_start(table: &MeetingTable) -> Option<FaceTurnStart> {
         table.grasps[index].map(|meeting| FaceTurnStart { body, half_roll, meeting })
     })
 }
-

@@ -20,7 +20,9 @@ impl Clock {
     /// When a period begins.
     #[must_use]
     pub fn instant(&self, period: u64) -> Instant {
-        self.origin + Duration::from_secs_f64(PERIOD).saturating_mul(u32::try_from(period).unwrap_or(u32::MAX))
+        self.origin
+            + Duration::from_secs_f64(PERIOD)
+                .saturating_mul(u32::try_from(period).unwrap_or(u32::MAX))
     }
 
     /// The period that it is now.

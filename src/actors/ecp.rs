@@ -99,7 +99,11 @@ impl EcpHandle {
         Error::System { actor: self.name.clone(), place, cause: System::Closed(self.name.clone()) }
     }
 
-    async fn ask<T>(&self, place: &'static str, request: impl FnOnce(Reply<T>) -> Request) -> Result<T, Error> {
+    async fn ask<T>(
+        &self,
+        place: &'static str,
+        request: impl FnOnce(Reply<T>) -> Request,
+    ) -> Result<T, Error> {
         let (reply, answer) = oneshot::channel();
         self.mailbox.send(request(reply)).await.map_err(|_| self.closed(place))?;
         answer.await.map_err(|_| self.closed(place))?

@@ -3,7 +3,9 @@
 //! [`Motion`] is one effector's instruction under way; an ECP runs one, MP runs one for each effector in the same
 //! macrostep.
 
-use crate::generators::{Behaviour, Compliance, Generator, Inputs, Next, Outcome, Target, position::Speeds};
+use crate::generators::{
+    Behaviour, Compliance, Generator, Inputs, Next, Outcome, Target, position::Speeds,
+};
 use crate::motion::{ArmState, MoveCommand};
 
 /// A generator with the state that its next call needs.
@@ -29,7 +31,11 @@ impl Motion {
     }
 
     /// Inputs in, the next command or the outcome out.
-    pub fn step(&mut self, arm: &ArmState, target: Option<&Target>) -> Result<MoveCommand, Outcome> {
+    pub fn step(
+        &mut self,
+        arm: &ArmState,
+        target: Option<&Target>,
+    ) -> Result<MoveCommand, Outcome> {
         match self.generator.next(&Inputs { arm, target, period: arm.period }) {
             Next::Go(command) => Ok(command),
             Next::Done(outcome) => Err(outcome),

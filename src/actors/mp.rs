@@ -142,7 +142,8 @@ impl Mp {
                     }
                 }
                 Action::Bias(which) => {
-                    for (ecp, _) in self.parts.ecps.iter().zip(which).filter(|(_, wanted)| *wanted) {
+                    for (ecp, _) in self.parts.ecps.iter().zip(which).filter(|(_, wanted)| *wanted)
+                    {
                         ecp.bias().await?;
                     }
                     self.refresh().await?;
@@ -160,10 +161,11 @@ impl Mp {
                     Event::Done
                 }
                 Action::Look { effector, camera_from_face } => {
-                    let reading = match self.parts.hand_cameras.get(effector).and_then(Option::as_ref) {
-                        Some(camera) => camera.look(camera_from_face).await,
-                        None => self.ecp(effector)?.look(camera_from_face).await,
-                    };
+                    let reading =
+                        match self.parts.hand_cameras.get(effector).and_then(Option::as_ref) {
+                            Some(camera) => camera.look(camera_from_face).await,
+                            None => self.ecp(effector)?.look(camera_from_face).await,
+                        };
                     self.refresh().await?;
                     match reading {
                         Ok(reading) => Event::Looked(Ok(reading)),
@@ -263,7 +265,11 @@ impl Mp {
         let mut motions: [Option<Motion>; 2] = [None, None];
         for (effector, order) in orders.iter().enumerate() {
             if let Some(order) = order {
-                let manner = self.parts.manners.get(effector).ok_or_else(|| self.system("move", "an effector"))?;
+                let manner = self
+                    .parts
+                    .manners
+                    .get(effector)
+                    .ok_or_else(|| self.system("move", "an effector"))?;
                 motions[effector] = Some(Motion::begin(order, manner));
             }
         }

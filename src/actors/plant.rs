@@ -115,7 +115,11 @@ fn pivot(belief: &Cell, table: &MeetingTable) -> Point3<f64> {
         .grasps
         .iter()
         .flatten()
-        .map(|m| (arm.world_from_base * arm.model.base_from_flange(&m.track) * arm.flange_from_tool).translation.vector)
+        .map(|m| {
+            (arm.world_from_base * arm.model.base_from_flange(&m.track) * arm.flange_from_tool)
+                .translation
+                .vector
+        })
         .collect();
     Point3::from(places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64)
 }
@@ -140,5 +144,8 @@ pub(super) fn renderer(scenario: &Scenario, plant: &Plant, camera: usize) -> Opt
     look.light.key *= keys.light.level as f32;
     look.sensor.read_noise = keys.noise.image;
     let seed = scenario.seed.wrapping_mul(0x9e37_79b9).wrapping_add(camera as u64);
-    Some(Renderer::new(truth.cameras.get(camera)?.clone(), look, seed).with_setting(Setting::of(truth)))
+    Some(
+        Renderer::new(truth.cameras.get(camera)?.clone(), look, seed)
+            .with_setting(Setting::of(truth)),
+    )
 }

@@ -54,7 +54,10 @@ const HEART_BEAT: Duration = Duration::from_millis(20);
 /// When it could not be performed at all; an error in mid-run is part of the summary.
 pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
     if scenario.bridge.kind != BridgeKind::Plant {
-        return Err(not_created("bridge", "only the simulated plant is connected so far: bridge.kind = \"plant\""));
+        return Err(not_created(
+            "bridge",
+            "only the simulated plant is connected so far: bridge.kind = \"plant\"",
+        ));
     }
     let begun = Instant::now();
     let meetings = (scenario.controller.cell.arms.len() == 2)
@@ -62,7 +65,8 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
     let face_turn = (scenario.controller.task == keys::Task::FaceTurn)
         .then(|| meetings.as_ref().and_then(build::face_turn_start))
         .flatten();
-    let plant = super::plant::create(scenario, meetings.as_ref(), face_turn.as_ref()).map_err(|why| not_created("plant", &why))?;
+    let plant = super::plant::create(scenario, meetings.as_ref(), face_turn.as_ref())
+        .map_err(|why| not_created("plant", &why))?;
     let mut builder = tokio::runtime::Builder::new_current_thread();
     builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
     let runtime = builder.build().map_err(|e| not_created("runtime", &e.to_string()))?;
@@ -101,7 +105,8 @@ async fn perform(
     let start = Facelets::try_from(plant.verdict().facelets)
         .map_err(|e| not_created("plant", &e.to_string()))?;
     let tape = Tape::default();
-    let (control, will) = watch::channel(if options.automatic { Control::Running } else { Control::Waiting });
+    let (control, will) =
+        watch::channel(if options.automatic { Control::Running } else { Control::Waiting });
     let control = Arc::new(control);
 
     // Scenes: one channel for each rendered camera.
@@ -132,7 +137,8 @@ async fn perform(
         .zip(&config.effectors)
         .map(|(arm, effector)| ServoConfig::new(arm, effector.gains.clone()))
         .collect();
-    let (mut links, ends): (Vec<ServoLink>, Vec<_>) = configs.iter().map(|_| driver::link()).unzip();
+    let (mut links, ends): (Vec<ServoLink>, Vec<_>) =
+        configs.iter().map(|_| driver::link()).unzip();
     let switches = Arc::new(Switches::default());
     let spoilt = ForceSettings {
         sign: f64::from(config.control.force_sign),
@@ -140,7 +146,8 @@ async fn perform(
     };
     for link in &mut links {
         if spoilt != ForceSettings::default() {
-            link.send(ServoCommand::ForceSettings(spoilt)).map_err(|e| not_created("servo", &e.to_string()))?;
+            link.send(ServoCommand::ForceSettings(spoilt))
+                .map_err(|e| not_created("servo", &e.to_string()))?;
         }
     }
     let paused = control.subscribe();
@@ -153,8 +160,9 @@ async fn perform(
     let clock = Clock::new(tokio::time::Instant::now());
     let driver = match scenario.pace {
         Pace::Virtual => {
-            let mut core = Core::new(configs, ends, Arc::clone(&switches), Box::new(tape.clone()), &mut plant)
-                .map_err(|e| not_created("servo", &e.to_string()))?;
+            let mut core =
+                Core::new(configs, ends, Arc::clone(&switches), Box::new(tape.clone()), &mut plant)
+                    .map_err(|e| not_created("servo", &e.to_string()))?;
             Driver::Virtual(tokio::spawn(async move {
                 let result = driver::run_virtual(&mut core, &mut plant, |_, plant| {
                     publish(&mut inputs, plant);
@@ -169,9 +177,11 @@ async fn perform(
         }
         Pace::RealTime => {
             // Half a second of records: the writer may be late, the servo never waits for it.
-            let (records, mut written) = rtrb::RingBuffer::<ServoRecord>::new(512 * configs.len().max(1));
-            let core = Core::new(configs, ends, Arc::clone(&switches), Box::new(records), &mut plant)
-                .map_err(|e| not_created("servo", &e.to_string()))?;
+            let (records, mut written) =
+                rtrb::RingBuffer::<ServoRecord>::new(512 * configs.len().max(1));
+            let core =
+                Core::new(configs, ends, Arc::clone(&switches), Box::new(records), &mut plant)
+                    .map_err(|e| not_created("servo", &e.to_string()))?;
             let sink = tape.clone();
             let writer = std::thread::spawn(move || {
                 while !written.is_abandoned() || !written.is_empty() {
@@ -212,16 +222,20 @@ async fn perform(
     let mut sensors = Sensors::default();
     for (index, wanted) in config.vsps.iter().enumerate() {
         // Under continuous coordination the ECPs only transmit: all readings go to MP.
-        let owner = if config.coordination == keys::Coordination::Continuous { Owner::Mp } else { wanted.owner };
+        let owner = if config.coordination == keys::Coordination::Continuous {
+            Owner::Mp
+        } else {
+            wanted.owner
+        };
         match (wanted.kind, wanted.camera) {
             (VspKind::Force, _) => {
                 let states = edps.iter().map(edp::EdpHandle::watch).collect();
                 sensors.forces = Some(vsp::spawn_forces(states, clock, periods(wanted.period)));
             }
             (kind, Some(camera)) => {
-                let source = cameras[camera]
-                    .take()
-                    .ok_or_else(|| not_created(&config.vsps[index].name, "its camera belongs to another VSP"))?;
+                let source = cameras[camera].take().ok_or_else(|| {
+                    not_created(&config.vsps[index].name, "its camera belongs to another VSP")
+                })?;
                 let parts = vsp::Parts {
                     source,
                     intrinsics: config.cell.cameras[camera].intrinsics,
@@ -265,13 +279,26 @@ async fn perform(
         })
         .collect();
 
-    let settings = meetings.and_then(|meetings| build::cube_settings(config, meetings, ReachSettings::default().back));
+    let settings = meetings
+        .and_then(|meetings| build::cube_settings(config, meetings, ReachSettings::default().back));
     let goal = build::goal(config);
     let held = face_turn.map(|f| (Hand::Postument, f.body, f.half_roll));
     let mut task = match settings {
-        Some(settings) if held.is_some() || !matches!(goal, Goal::FaceTurn(_)) => Mission::new(settings, goal, held),
-        Some(_) => return Err(not_created("task", "the cell has no place where both hands can hold the cube")),
-        None => return Err(not_created("task", "the cube task needs two effectors, the track arm first")),
+        Some(settings) if held.is_some() || !matches!(goal, Goal::FaceTurn(_)) => {
+            Mission::new(settings, goal, held)
+        }
+        Some(_) => {
+            return Err(not_created(
+                "task",
+                "the cell has no place where both hands can hold the cube",
+            ));
+        }
+        None => {
+            return Err(not_created(
+                "task",
+                "the cube task needs two effectors, the track arm first",
+            ));
+        }
     };
     let mp = Mp::new(mp::Parts {
         ecps,
@@ -346,7 +373,10 @@ impl Sensors {
     }
 
     fn hand_camera_of(&self, owner: Owner, arm: usize) -> Option<VspHandle> {
-        self.hand_cameras.iter().find(|(o, a, _)| *o == owner && *a == arm).map(|(_, _, handle)| handle.clone())
+        self.hand_cameras
+            .iter()
+            .find(|(o, a, _)| *o == owner && *a == arm)
+            .map(|(_, _, handle)| handle.clone())
     }
 }
 
@@ -390,7 +420,11 @@ fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Summary {
             .arms
             .iter()
             .zip(verdict.arm_peak_force.into_iter().zip(verdict.arm_peak_torque))
-            .map(|(arm, (force_n, torque_nm))| SensorPeak { effector: arm.name.clone(), force_n, torque_nm })
+            .map(|(arm, (force_n, torque_nm))| SensorPeak {
+                effector: arm.name.clone(),
+                force_n,
+                torque_nm,
+            })
             .collect(),
         jams: verdict.counts.jams,
         slips: verdict.counts.slips,
@@ -410,7 +444,8 @@ fn verdict_of(
 ) -> (Outcome, String, EndedBy) {
     let ending = &done.ending;
     if let Some(error) = &ending.error {
-        let ended_by = if matches!(error, Error::System { .. }) { EndedBy::System } else { EndedBy::Fatal };
+        let ended_by =
+            if matches!(error, Error::System { .. }) { EndedBy::System } else { EndedBy::Fatal };
         return (Outcome::Aborted, error.to_string(), ended_by);
     }
     let Some(finish) = &ending.finish else {
@@ -418,7 +453,9 @@ fn verdict_of(
     };
     let verdict = &done.verdict;
     let (right, truth) = match build::goal(&scenario.controller) {
-        Goal::Solve => (end.is_solved() && verdict.returned, verdict_words(end.is_solved(), verdict)),
+        Goal::Solve => {
+            (end.is_solved() && verdict.returned, verdict_words(end.is_solved(), verdict))
+        }
         Goal::Acquire => (verdict.returned, verdict_words(true, verdict)),
         Goal::FaceTurn(angle) => {
             let turned = turned_deg.unwrap_or(0.0);
@@ -428,13 +465,18 @@ fn verdict_of(
     };
     match (finish.achieved, right) {
         (true, true) => (Outcome::Solved, truth, EndedBy::Task),
-        (true, false) => (Outcome::Failed, format!("the controller believes it is done, but {truth}"), EndedBy::Task),
+        (true, false) => (
+            Outcome::Failed,
+            format!("the controller believes it is done, but {truth}"),
+            EndedBy::Task,
+        ),
         (false, _) => (Outcome::Failed, finish.reason.clone(), EndedBy::Task),
     }
 }
 
 fn verdict_words(solved: bool, verdict: &Verdict) -> String {
     let state = if solved { "the cube is as wanted" } else { "the cube is not solved" };
-    let place = if verdict.returned { "back in the operator's hand" } else { "not with the operator" };
+    let place =
+        if verdict.returned { "back in the operator's hand" } else { "not with the operator" };
     format!("{state} and {place}")
 }

@@ -163,14 +163,19 @@ impl Vsp {
     }
 
     async fn localise(&mut self, period: u64) {
-        let (Some(mut source), Some(mut watcher)) = (self.source.take(), self.watcher.take()) else { return };
+        let (Some(mut source), Some(mut watcher)) = (self.source.take(), self.watcher.take())
+        else {
+            return;
+        };
         let result = self
             .work
             .run(move || {
                 let found = match source.grab(period, 1.0) {
                     Ok(frame) => {
                         let seconds = frame.period as f64 * PERIOD;
-                        watcher.observe(&frame.image, seconds).map_err(|refusal| refusal.to_string())
+                        watcher
+                            .observe(&frame.image, seconds)
+                            .map_err(|refusal| refusal.to_string())
                     }
                     Err(missing) => Err(missing.to_string()),
                 };
@@ -243,7 +248,11 @@ pub struct Forces {
 
 /// Creates the VSP that aggregates the wrist forces.
 #[must_use]
-pub fn spawn_forces(mut states: Vec<watch::Receiver<ArmState>>, clock: Clock, periods: u64) -> watch::Receiver<Forces> {
+pub fn spawn_forces(
+    mut states: Vec<watch::Receiver<ArmState>>,
+    clock: Clock,
+    periods: u64,
+) -> watch::Receiver<Forces> {
     let (publish, forces) = watch::channel(Forces::default());
     tokio::spawn(async move {
         let mut aggregate = Forces::default();
@@ -252,8 +261,9 @@ pub fn spawn_forces(mut states: Vec<watch::Receiver<ArmState>>, clock: Clock, pe
             period += periods.max(1);
             clock.until(period).await;
             let wrenches = states.iter_mut().map(|state| state.borrow_and_update().wrench_in_tool);
-            (aggregate.force, aggregate.torque) = wrenches
-                .fold((0.0_f64, 0.0_f64), |(f, t), w| (f.max(w.force.norm()), t.max(w.torque.norm())));
+            (aggregate.force, aggregate.torque) = wrenches.fold((0.0_f64, 0.0_f64), |(f, t), w| {
+                (f.max(w.force.norm()), t.max(w.torque.norm()))
+            });
             aggregate.peak_force = aggregate.peak_force.max(aggregate.force);
             aggregate.peak_torque = aggregate.peak_torque.max(aggregate.torque);
             publish.send_replace(aggregate);

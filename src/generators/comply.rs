@@ -28,7 +28,12 @@ impl Comply {
 
     /// Until a force above `pull` [N] has lasted, at most `seconds`.
     #[must_use]
-    pub fn until_pulled(pull: f64, selector: Selector, seconds: f64, compliance: Compliance) -> Self {
+    pub fn until_pulled(
+        pull: f64,
+        selector: Selector,
+        seconds: f64,
+        compliance: Compliance,
+    ) -> Self {
         Self { pull: Some((pull, seconds)), selector, compliance, steps: 0, pulled: 0 }
     }
 

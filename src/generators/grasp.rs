@@ -40,18 +40,38 @@ impl Grasp {
 
     /// Closes on whatever is between the pads.
     #[must_use]
-    pub fn new(force: f64, least_width: f64, selector: Selector, stops: Depth, compliance: Compliance) -> Self {
+    pub fn new(
+        force: f64,
+        least_width: f64,
+        selector: Selector,
+        stops: Depth,
+        compliance: Compliance,
+    ) -> Self {
         Self::with(Mode::Close { force, least_width, stops }, selector, compliance)
     }
 
     /// Goes to a set opening in a set time.
     #[must_use]
-    pub fn jaw_only(jaw: JawCommand, seconds: f64, selector: Selector, compliance: Compliance) -> Self {
+    pub fn jaw_only(
+        jaw: JawCommand,
+        seconds: f64,
+        selector: Selector,
+        compliance: Compliance,
+    ) -> Self {
         Self::with(Mode::Open { jaw, seconds }, selector, compliance)
     }
 
     fn with(mode: Mode, selector: Selector, compliance: Compliance) -> Self {
-        Self { mode, selector, compliance, steps: 0, set: 0.0, start: 0.0, still_since: 0, still_at: 0.0 }
+        Self {
+            mode,
+            selector,
+            compliance,
+            steps: 0,
+            set: 0.0,
+            start: 0.0,
+            still_since: 0,
+            still_at: 0.0,
+        }
     }
 
     /// See [`super::Generator::next`].

@@ -15,7 +15,9 @@ pub mod secure;
 pub mod turn;
 pub mod visual_servo;
 
-use crate::motion::{ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion, MoveCommand};
+use crate::motion::{
+    ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion, MoveCommand,
+};
 use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};
 
@@ -257,31 +259,39 @@ impl Behaviour {
     #[must_use]
     pub fn generator(&self, compliance: &Compliance, speeds: &position::Speeds) -> Generator {
         match *self {
-            Self::Joints { target, speed } => {
-                Generator::Position(position::Position::joints(target, speed, speeds, compliance.macrostep))
-            }
-            Self::Line { target, speed } => {
-                Generator::Position(position::Position::line(target, speed, speeds, compliance.macrostep))
-            }
+            Self::Joints { target, speed } => Generator::Position(position::Position::joints(
+                target,
+                speed,
+                speeds,
+                compliance.macrostep,
+            )),
+            Self::Line { target, speed } => Generator::Position(position::Position::line(
+                target,
+                speed,
+                speeds,
+                compliance.macrostep,
+            )),
             Self::Jaw { jaw, seconds, selector } => {
                 Generator::Grasp(grasp::Grasp::jaw_only(jaw, seconds, selector, *compliance))
             }
-            Self::Approach { speed, distance, force, selector } => {
-                Generator::Secure(secure::Secure::approach(speed, distance, force, selector, *compliance))
-            }
-            Self::Grasp { force, least_width, selector, stops } => {
-                Generator::Grasp(grasp::Grasp::new(force, least_width, selector, stops, *compliance))
-            }
+            Self::Approach { speed, distance, force, selector } => Generator::Secure(
+                secure::Secure::approach(speed, distance, force, selector, *compliance),
+            ),
+            Self::Grasp { force, least_width, selector, stops } => Generator::Grasp(
+                grasp::Grasp::new(force, least_width, selector, stops, *compliance),
+            ),
             Self::Secure { press, force, selector, stops } => {
                 Generator::Secure(secure::Secure::press(press, force, selector, stops, *compliance))
             }
             Self::Turn { angle, speed, torque, selector, stiff } => {
                 Generator::Turn(turn::Turn::new(angle, speed, torque, selector, stiff, *compliance))
             }
-            Self::Comply { selector } => Generator::Comply(comply::Comply::until_ended(selector, *compliance)),
-            Self::Present { pull, selector, seconds } => {
-                Generator::Comply(comply::Comply::until_pulled(pull, selector, seconds, *compliance))
+            Self::Comply { selector } => {
+                Generator::Comply(comply::Comply::until_ended(selector, *compliance))
             }
+            Self::Present { pull, selector, seconds } => Generator::Comply(
+                comply::Comply::until_pulled(pull, selector, seconds, *compliance),
+            ),
             Self::VisualServo(order) => {
                 Generator::VisualServo(visual_servo::VisualServo::new(order, *compliance))
             }

@@ -74,9 +74,11 @@ impl Position {
         self.done += 1;
         let s = min_jerk(f64::from(self.done) / f64::from(self.steps));
         let motion = match self.goal {
-            Goal::Joints { start: Some(start), target } => Motion::Joints(JointPositions(
-                std::array::from_fn(|i| start.0[i] + s * (target.0[i] - start.0[i])),
-            )),
+            Goal::Joints { start: Some(start), target } => {
+                Motion::Joints(JointPositions(std::array::from_fn(|i| {
+                    start.0[i] + s * (target.0[i] - start.0[i])
+                })))
+            }
             Goal::Line { start: Some(start), target } => Motion::Pose(Pose::from_parts(
                 start.translation.vector.lerp(&target.translation.vector, s).into(),
                 start.rotation.slerp(&target.rotation, s),
@@ -90,14 +92,19 @@ impl Position {
         let mut seconds: f64 = 0.0;
         let mut take = |way: f64, speed: f64, acceleration: f64| {
             let by_speed = PEAK_SPEED * way.abs() / (speed * self.fraction);
-            let by_acceleration = (PEAK_ACCELERATION * way.abs() / (acceleration * self.fraction)).sqrt();
+            let by_acceleration =
+                (PEAK_ACCELERATION * way.abs() / (acceleration * self.fraction)).sqrt();
             seconds = seconds.max(by_speed).max(by_acceleration);
         };
         match &mut self.goal {
             Goal::Joints { start, target } => {
                 let from = inputs.arm.desired_joints;
                 for i in 0..AXES {
-                    take(target.0[i] - from.0[i], self.speeds.joint[i], self.speeds.joint_acceleration[i]);
+                    take(
+                        target.0[i] - from.0[i],
+                        self.speeds.joint[i],
+                        self.speeds.joint_acceleration[i],
+                    );
                 }
                 *start = Some(from);
             }

@@ -159,7 +159,10 @@ impl VisualServo {
                 old.translation.vector.lerp(&wanted.translation.vector, FILTER).into(),
                 old.rotation.slerp(&half_turn_nearest(&wanted.rotation, &old.rotation), FILTER),
             ),
-            None => Pose::from_parts(wanted.translation, half_turn_nearest(&wanted.rotation, &pose.rotation)),
+            None => Pose::from_parts(
+                wanted.translation,
+                half_turn_nearest(&wanted.rotation, &pose.rotation),
+            ),
         };
         self.goal = Some(goal);
         let is_still = target.speed < self.order.still_speed;
@@ -188,7 +191,11 @@ impl VisualServo {
             (pose.translation.vector + self.velocity * step).into(),
             UnitQuaternion::from_scaled_axis(angular * step) * pose.rotation,
         );
-        Next::Go(MoveCommand { motion: Motion::Pose(next), periods: self.compliance.macrostep, jaw: None })
+        Next::Go(MoveCommand {
+            motion: Motion::Pose(next),
+            periods: self.compliance.macrostep,
+            jaw: None,
+        })
     }
 
     fn approach(
@@ -275,7 +282,10 @@ pub fn grasp_rotation(
 }
 
 /// The orientation or its half roll about z, whichever is nearer: a gripper looks the same after half a roll.
-fn half_turn_nearest(wanted: &UnitQuaternion<f64>, to: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+fn half_turn_nearest(
+    wanted: &UnitQuaternion<f64>,
+    to: &UnitQuaternion<f64>,
+) -> UnitQuaternion<f64> {
     let rolled = wanted * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
     if wanted.angle_to(to) <= rolled.angle_to(to) { *wanted } else { rolled }
 }
@@ -334,13 +344,16 @@ mod tests {
             match generator.next(&Inputs { arm: &arm, target: latest.as_ref(), period }) {
                 Next::Done(outcome) => return (arm.desired_base_from_tool, outcome),
                 Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) => {
-                    let way = pose.translation.vector - arm.desired_base_from_tool.translation.vector;
+                    let way =
+                        pose.translation.vector - arm.desired_base_from_tool.translation.vector;
                     assert!(way.norm() <= 0.25 * 0.016 + 1e-9, "bounded step");
                     arm.desired_base_from_tool = pose;
                 }
                 Next::Go(MoveCommand { motion: Motion::Task { directions, .. }, .. }) => {
                     let v = directions.map(|d| match d {
-                        Direction::Guarded { velocity, .. } | Direction::Unguarded { velocity } => velocity,
+                        Direction::Guarded { velocity, .. } | Direction::Unguarded { velocity } => {
+                            velocity
+                        }
                         Direction::Contact { .. } => 0.0,
                     });
                     arm.desired_base_from_tool *=

@@ -20,7 +20,8 @@ impl FolderCamera {
     /// [`NoFrame`] when the folder cannot be read or holds no PNG or JPEG file.
     pub fn open(name: &str, folder: &Path) -> Result<Self, NoFrame> {
         let refuse = |reason: String| NoFrame { camera: name.to_owned(), reason };
-        let entries = std::fs::read_dir(folder).map_err(|e| refuse(format!("{}: {e}", folder.display())))?;
+        let entries =
+            std::fs::read_dir(folder).map_err(|e| refuse(format!("{}: {e}", folder.display())))?;
         let mut files: Vec<PathBuf> = entries
             .filter_map(|entry| Some(entry.ok()?.path()))
             .filter(|path| {
@@ -39,7 +40,9 @@ impl FolderCamera {
 impl FrameSource for FolderCamera {
     fn grab(&mut self, period: u64, _exposure: f64) -> Result<Frame, NoFrame> {
         let refuse = |reason: String| NoFrame { camera: self.name.clone(), reason };
-        let Some(file) = self.files.next() else { return Err(refuse("the folder has no more files".into())) };
+        let Some(file) = self.files.next() else {
+            return Err(refuse("the folder has no more files".into()));
+        };
         let image = image::open(&file).map_err(|e| refuse(format!("{}: {e}", file.display())))?;
         Ok(Frame { period, image: image.to_rgb8() })
     }
@@ -51,7 +54,8 @@ mod tests {
 
     #[test]
     fn files_come_in_the_order_of_their_names_and_then_end() {
-        let folder = std::env::temp_dir().join(format!("rubik-robot-folder-{}", std::process::id()));
+        let folder =
+            std::env::temp_dir().join(format!("rubik-robot-folder-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         for (name, level) in [("b.png", 20), ("a.png", 10), ("note.txt", 0)] {
             let path = folder.join(name);
@@ -63,7 +67,8 @@ mod tests {
         }
 
         let mut camera = FolderCamera::open("files", &folder).unwrap();
-        let levels: Vec<u8> = (0..2).map(|p| camera.grab(p, 1.0).unwrap().image[(0, 0)].0[0]).collect();
+        let levels: Vec<u8> =
+            (0..2).map(|p| camera.grab(p, 1.0).unwrap().image[(0, 0)].0[0]).collect();
         assert_eq!(levels, [10, 20]);
         assert!(camera.grab(3, 1.0).unwrap_err().reason.contains("no more files"));
 

@@ -14,21 +14,21 @@ use nalgebra::{Matrix3, Vector3};
 /// Letters of the colours 0..=5.
 pub const LETTERS: [char; 6] = ['W', 'R', 'G', 'Y', 'O', 'B'];
 
-/// What a person calls by each name: hue and its spread [deg], brightness of the strongest channel against a
-/// perfect white. The hue is that of [`Shade`]; white has none.
+/// What a person calls by each name: hue and its spread [deg], brightness of the strongest channel (80, 42, 32,
+/// 75, 62 and 36 % of a perfect white, as logarithms). The hue is that of [`Shade`]; white has none.
 const PROTOTYPES: [Prototype; 6] = [
-    Prototype { hue: None, value: 0.80 },
-    Prototype { hue: Some((-4.0, 8.0)), value: 0.42 },
-    Prototype { hue: Some((128.0, 20.0)), value: 0.32 },
-    Prototype { hue: Some((54.0, 10.0)), value: 0.75 },
-    Prototype { hue: Some((20.0, 7.0)), value: 0.62 },
-    Prototype { hue: Some((215.0, 16.0)), value: 0.36 },
+    Prototype { hue: None, log_value: -0.223 },
+    Prototype { hue: Some((-4.0, 8.0)), log_value: -0.868 },
+    Prototype { hue: Some((128.0, 20.0)), log_value: -1.139 },
+    Prototype { hue: Some((54.0, 10.0)), log_value: -0.288 },
+    Prototype { hue: Some((20.0, 7.0)), log_value: -0.478 },
+    Prototype { hue: Some((215.0, 16.0)), log_value: -1.022 },
 ];
 
 #[derive(Debug, Clone, Copy)]
 struct Prototype {
     hue: Option<(f64, f64)>,
-    value: f64,
+    log_value: f64,
 }
 
 /// Gains of red and blue against green that the light may have (log spaced; prior s.d. 0.25 in log).
@@ -66,16 +66,21 @@ pub fn decide_face(rgb: &[[f64; 3]; 9]) -> ([u8; 9], [f64; 9]) {
 fn fit_light(linear: &[[f64; 3]], judge: impl Fn(&[[f64; 6]]) -> f64) -> (Light, f64) {
     let mut best = ([1.0; 3], Light([1.0; 3]), f64::INFINITY);
     let mut distances = vec![[0.0; 6]; linear.len()];
+    let mut tones = vec![Tone::default(); linear.len()];
     let mut attempt = |gains: [f64; 3], best: &mut ([f64; 3], Light, f64)| {
         let brightest = linear
             .iter()
             .map(|t| (0..3).map(|c| t[c] * gains[c]).fold(0.0, f64::max))
             .fold(1e-4, f64::max);
+        let even = Light(gains.map(|g| g / brightest));
+        for (tone, tile) in tones.iter_mut().zip(linear) {
+            *tone = Tone::new(even.undo(*tile));
+        }
         let prior = (gains[0].ln() / 0.25).powi(2) + (gains[2].ln() / 0.25).powi(2);
         for exposure in EXPOSURES {
-            let light = Light(gains.map(|g| g * exposure / brightest));
-            for (d, tile) in distances.iter_mut().zip(linear) {
-                *d = prototype_distances(light.undo(*tile));
+            let light = Light(even.0.map(|g| g * exposure));
+            for (d, tone) in distances.iter_mut().zip(&tones) {
+                *d = tone.distances(exposure.ln());
             }
             let cost = judge(&distances) + prior;
             if cost < best.2 {
@@ -135,26 +140,46 @@ impl Shade {
     }
 }
 
+/// A tile against each prototype, but for the exposure.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tone {
+    /// Squared distances of hue and saturation.
+    chroma: [f64; 6],
+    /// Logarithm of the value: as white, and of the coloured part alone.
+    value: [f64; 2],
+}
+
+impl Tone {
+    fn new(linear: [f64; 3]) -> Self {
+        let shade = Shade::new(linear);
+        // The paler a tile, the more an error of the light turns its hue.
+        let blur = 12.0 * (1.0 / shade.saturation.max(0.05) - 1.0);
+        let pale = (0.92 - shade.saturation).max(0.0) / 0.25;
+        let chroma = PROTOTYPES.map(|p| match p.hue {
+            None => (shade.saturation / 0.15).powi(2),
+            Some((hue, spread)) => {
+                let turn = (shade.hue - hue + 180.0).rem_euclid(360.0) - 180.0;
+                turn * turn / (spread * spread + blur * blur) + pale * pale
+            }
+        });
+        // Of a coloured tile only the coloured light counts: the rest is glare.
+        let value = [1.0, shade.saturation].map(|own| (shade.value * own).max(1e-4).ln());
+        Self { chroma, value }
+    }
+
+    /// Squared distance to each prototype in units of its spread, after an exposure (its logarithm).
+    fn distances(&self, exposure: f64) -> [f64; 6] {
+        std::array::from_fn(|c| {
+            let p = &PROTOTYPES[c];
+            let value = self.value[usize::from(p.hue.is_some())] + exposure;
+            self.chroma[c] + ((value - p.log_value) / 0.6).powi(2).min(9.0)
+        })
+    }
+}
+
 /// Squared distance to each prototype in units of its spread.
 fn prototype_distances(linear: [f64; 3]) -> [f64; 6] {
-    let shade = Shade::new(linear);
-    PROTOTYPES.map(|p| {
-        // Of a coloured tile only the coloured light counts: the rest is glare.
-        let own = if p.hue.is_some() { shade.saturation } else { 1.0 };
-        let value = (shade.value * own).max(1e-4).ln();
-        let brightness = ((value - p.value.ln()) / 0.6).powi(2).min(9.0);
-        brightness
-            + match p.hue {
-                None => (shade.saturation / 0.15).powi(2),
-                Some((hue, spread)) => {
-                    let turn = (shade.hue - hue + 180.0).rem_euclid(360.0) - 180.0;
-                    let pale = (0.92 - shade.saturation).max(0.0) / 0.25;
-                    // The paler a tile, the more an error of the light turns its hue.
-                    let blur = 12.0 * (1.0 / shade.saturation.max(0.05) - 1.0);
-                    turn * turn / (spread * spread + blur * blur) + pale * pale
-                }
-            }
-    })
+    Tone::new(linear).distances(0.0)
 }
 
 /// Linear light 0..=1 of an sRGB level 0..=255.

@@ -371,3 +371,111 @@ pub fn homography_of(face: &FaceSighting) -> Option<Matrix3<f64>> {
     let pairs: Vec<_> = (0..9).map(|i| (GRID[i], face.centres[i])).collect();
     homography::fit(&pairs)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::Intrinsics;
+    use crate::spatial::Pose;
+    use crate::vision::testing::Drawing;
+    use nalgebra::{Translation3, UnitQuaternion, Vector3};
+    use proptest::prelude::*;
+
+    const CAMERA: Intrinsics = Intrinsics {
+        width: 320,
+        height: 240,
+        focal: (420.0, 420.0),
+        centre: (159.5, 119.5),
+        distortion: (0.0, 0.0),
+    };
+    const COLOURS: [[u8; 9]; 2] = [[0, 1, 2, 3, 4, 5, 4, 1, 0], [5, 5, 2, 0, 3, 3, 1, 4, 2]];
+
+    /// The front and the top of a cube.
+    fn drawing() -> Drawing {
+        let camera_from_cube = Pose::from_parts(
+            Translation3::new(0.01, 0.0, 0.3),
+            UnitQuaternion::from_euler_angles(0.6, 0.15, 0.1),
+        );
+        let half = Translation3::new(0.0, 0.0, -0.0285);
+        let up = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -std::f64::consts::FRAC_PI_2);
+        let faces =
+            vec![(camera_from_cube * half, COLOURS[0]), (camera_from_cube * up * half, COLOURS[1])];
+        Drawing::new(CAMERA, faces)
+    }
+
+    #[test]
+    fn two_faces_are_found_and_read() {
+        let faces = detect(&drawing().render(), None, &DetectorSettings::default()).unwrap();
+
+        assert_eq!(faces.len(), 2);
+        for face in &faces {
+            let read = (0..4).map(|k| face.turned(k).colours);
+            assert!(read.clone().any(|c| COLOURS.contains(&c)), "{:?}", face.colours);
+            assert!(face.confidence > 0.8);
+        }
+    }
+
+    #[test]
+    fn the_papers_colours_find_them_too() {
+        let settings =
+            DetectorSettings { method: Method::Paper2007, ..DetectorSettings::default() };
+
+        let faces = detect(&drawing().render(), None, &settings).unwrap();
+
+        assert!(faces[0].confidence > 0.8);
+    }
+
+    #[test]
+    fn a_refusal_says_why() {
+        let settings = DetectorSettings::default();
+        let mut dark = drawing();
+        dark.light = 0.03;
+        let empty = Drawing::new(CAMERA, Vec::new());
+        let least = DetectorSettings { least_width_px: 300.0, ..settings };
+
+        let refusal = |image: &RgbImage, settings| detect(image, None, settings).unwrap_err();
+        assert!(matches!(refusal(&dark.render(), &settings), Refusal::TooDark { .. }));
+        assert!(matches!(
+            refusal(&empty.render(), &settings),
+            Refusal::NoTiles | Refusal::NoLattice { .. }
+        ));
+        assert!(matches!(
+            refusal(&RgbImage::from_pixel(99, 99, image::Rgb([255; 3])), &settings),
+            Refusal::Overexposed { .. }
+        ));
+        assert!(matches!(refusal(&drawing().render(), &least), Refusal::TooSmall { .. }));
+        assert!(matches!(refusal(&RgbImage::new(1, 1), &settings), Refusal::TooFewPixels { .. }));
+        assert!(matches!(refusal(&RgbImage::new(0, 0), &settings), Refusal::TooFewPixels { .. }));
+    }
+
+    #[test]
+    fn a_window_gives_the_same_places_as_the_whole_picture() {
+        let image = drawing().render();
+        let whole = detect(&image, None, &DetectorSettings::default()).unwrap();
+        let window = window_around(&whole[0].corners, 0.3);
+
+        let part = detect(&image, window, &DetectorSettings::default()).unwrap();
+
+        let apart = homography::distance(part[0].centres[4], whole[0].centres[4]);
+        assert!(apart < 0.3, "{apart}");
+    }
+
+    proptest! {
+        #[test]
+        fn no_picture_makes_it_panic(
+            width in 0u32..60, height in 0u32..60, seed in 0u64..1000, grain in 1u32..9,
+        ) {
+            let level = |x: u32, y: u32, c: u64| {
+                let cell = u64::from(x / grain) * 7919 + u64::from(y / grain) * 104_729 + c * 31 + seed;
+                (cell.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56) as u8
+            };
+            let image = RgbImage::from_fn(width, height, |x, y| {
+                image::Rgb([level(x, y, 0), level(x, y, 1), level(x, y, 2)])
+            });
+            for method in [Method::Edges, Method::Paper2007] {
+                let settings = DetectorSettings { method, ..DetectorSettings::default() };
+                let _ = detect(&image, None, &settings);
+            }
+        }
+    }
+}

@@ -16,12 +16,12 @@ mod frame;
 mod grasp;
 mod hand;
 mod jaw;
+pub mod render;
 mod sensor;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
 mod tests;
-pub mod render;
 pub mod truth;
 pub mod verdict;
 

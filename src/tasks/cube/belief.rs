@@ -174,7 +174,8 @@ impl Belief {
     pub fn renamed(&mut self, rotation: Rotation24) {
         for held in self.held.iter_mut().flatten() {
             let (hold, half_roll) = held.hold.renamed(held.half_roll, rotation);
-            let old_from_new = Pose::from_parts(Vector3::zeros().into(), rotation.quaternion().inverse());
+            let old_from_new =
+                Pose::from_parts(Vector3::zeros().into(), rotation.quaternion().inverse());
             *held = Held { hold, half_roll, tool_from_cube: held.tool_from_cube * old_from_new };
         }
     }

@@ -48,30 +48,68 @@ enum Job {
     /// The track comes up to the meeting.
     Together(JointPositions),
     /// Both arms go to a meeting, drawn apart, and then come together.
-    Meet { newcomer: Hand, meeting: Meeting, back: bool },
-    Open { hand: Hand, opening: f64 },
+    Meet {
+        newcomer: Hand,
+        meeting: Meeting,
+        back: bool,
+    },
+    Open {
+        hand: Hand,
+        opening: f64,
+    },
     /// Lets go of the cube and forgets it.
     LetGo(Hand),
-    PreGrasp { hand: Hand, hold: Hold, half_roll: bool },
-    Approach { hand: Hand, hold: Hold, half_roll: bool },
-    Close { hand: Hand, hold: Hold },
-    Secure { hand: Hand, hold: Hold, half_roll: bool },
-    VisualServo { tries: u32 },
+    PreGrasp {
+        hand: Hand,
+        hold: Hold,
+        half_roll: bool,
+    },
+    Approach {
+        hand: Hand,
+        hold: Hold,
+        half_roll: bool,
+    },
+    Close {
+        hand: Hand,
+        hold: Hold,
+    },
+    Secure {
+        hand: Hand,
+        hold: Hold,
+        half_roll: bool,
+    },
+    VisualServo {
+        tries: u32,
+    },
     /// First closing on the cube in the operator's hand.
-    Take { tries: u32 },
+    Take {
+        tries: u32,
+    },
     /// The operator lets go.
     Wait(Hand, f64),
     Remember,
     Step(Step),
-    Look { viewer: Hand, face: Face, tries: u32 },
+    Look {
+        viewer: Hand,
+        face: Face,
+        tries: u32,
+    },
     LooksFrom(Hand),
     Plan,
-    Turn { turner: Hand, angle: f64, tries: u32 },
+    Turn {
+        turner: Hand,
+        angle: f64,
+        tries: u32,
+    },
     /// After a plain turn by an angle that belongs to no plan.
     Report,
     HandBack,
-    Present { tries: u32 },
-    Finish { achieved: bool },
+    Present {
+        tries: u32,
+    },
+    Finish {
+        achieved: bool,
+    },
 }
 
 /// The kernel.
@@ -255,7 +293,9 @@ impl Mission {
                     Ok(())
                 }
                 other if tries < TAKE_TRIES => {
-                    self.log.notes.push(format!("the jaws did not hold the cube ({other:?}), try {tries}"));
+                    self.log
+                        .notes
+                        .push(format!("the jaws did not hold the cube ({other:?}), try {tries}"));
                     self.push_front(&[
                         Job::Open { hand: Hand::Track, opening: self.settings.opening },
                         Job::Along(Hand::Track, -self.settings.back),
@@ -279,7 +319,9 @@ impl Mission {
                     self.log.grasps += 1;
                     Ok(())
                 }
-                other => Err(format!("the {} hand's jaws do not hold the cube: {other:?}", name(hand))),
+                other => {
+                    Err(format!("the {} hand's jaws do not hold the cube: {other:?}", name(hand)))
+                }
             },
             Job::Secure { hand, hold, half_roll } => {
                 let miss = self.belief.secured(hand, hold, half_roll, arms);
@@ -352,10 +394,16 @@ impl Mission {
             for (i, rgb) in reading.rgb.iter().enumerate().filter(|(i, _)| !reading.occluded[*i]) {
                 self.seen[face as usize * 9 + i] = Some(*rgb);
             }
-            let missing: Vec<_> =
-                (0..9).filter(|i| self.seen[face as usize * 9 + i].is_none()).map(|i| i + 1).collect();
+            let missing: Vec<_> = (0..9)
+                .filter(|i| self.seen[face as usize * 9 + i].is_none())
+                .map(|i| i + 1)
+                .collect();
             // Stickers that something covers are seen from elsewhere, never guessed.
-            if missing.is_empty() { Ok(reading) } else { Err(format!("stickers {missing:?} are covered")) }
+            if missing.is_empty() {
+                Ok(reading)
+            } else {
+                Err(format!("stickers {missing:?} are covered"))
+            }
         });
         match reading {
             Ok(reading) => {
@@ -363,7 +411,9 @@ impl Mission {
                 Ok(())
             }
             Err(reason) if tries < LOOK_TRIES => {
-                self.log.notes.push(format!("face {} was not read ({reason}), try {tries}", face.letter()));
+                self.log
+                    .notes
+                    .push(format!("face {} was not read ({reason}), try {tries}", face.letter()));
                 self.push_front(&[
                     // A little closer or farther: other reflections, other sampling.
                     Job::Along(viewer, if tries == 1 { 0.012 } else { -0.024 }),
@@ -421,7 +471,11 @@ impl Mission {
                 behave(Hand::Track, Behaviour::Joints { target, speed: s.speed })
             }
             Job::Meet { newcomer, meeting, back } => {
-                let track = if newcomer == Hand::Track && back { meeting.track_back } else { meeting.track };
+                let track = if newcomer == Hand::Track && back {
+                    meeting.track_back
+                } else {
+                    meeting.track
+                };
                 let postument = if newcomer == Hand::Postument && back {
                     meeting.postument_back
                 } else {
@@ -500,7 +554,8 @@ impl Mission {
             }
             Job::Wait(hand, seconds) => {
                 // The jaws stay as they are: an order of their present set values.
-                let order = Behaviour::Present { pull: f64::INFINITY, selector: [false; 6], seconds };
+                let order =
+                    Behaviour::Present { pull: f64::INFINITY, selector: [false; 6], seconds };
                 behave(hand, order)
             }
             Job::Remember => {
@@ -547,7 +602,8 @@ impl Mission {
                 return Ok(None);
             }
             Job::Present { .. } => {
-                let order = Behaviour::Present { pull: s.pull, selector: [false; 6], seconds: 20.0 };
+                let order =
+                    Behaviour::Present { pull: s.pull, selector: [false; 6], seconds: 20.0 };
                 behave(Hand::Track, order)
             }
             Job::Finish { achieved } => {
@@ -571,14 +627,12 @@ impl Mission {
         match step {
             Step::Leave { hand } => self.push_front(&[Job::LetGo(hand)]),
             Step::Look { viewer, face } => {
-                let held = holds(viewer.other()).ok_or("the partner of the viewer holds nothing")?;
+                let held =
+                    holds(viewer.other()).ok_or("the partner of the viewer holds nothing")?;
                 // Which side of the holder's tool the face is on.
-                let in_tool = held
-                    .hold
-                    .cube_from_tool(held.half_roll, self.settings.edge)
-                    .rotation
-                    .inverse()
-                    * face.normal();
+                let in_tool =
+                    held.hold.cube_from_tool(held.half_roll, self.settings.edge).rotation.inverse()
+                        * face.normal();
                 let side = if in_tool.z > 0.9 {
                     0
                 } else if in_tool.x > 0.9 {
@@ -763,5 +817,8 @@ fn over_force(hand: Hand, direction: usize, size: f64, job: &Job) -> String {
         _ => "moving",
     };
     let (unit, axis) = (if direction < 3 { "N" } else { "Nm" }, ["x", "y", "z"][direction % 3]);
-    format!("over-force: {size:.1} {unit} at the {} hand, mostly about or along {axis}, while {doing}", name(hand))
+    format!(
+        "over-force: {size:.1} {unit} at the {} hand, mostly about or along {axis}, while {doing}",
+        name(hand)
+    )
 }
