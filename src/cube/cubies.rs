@@ -169,6 +169,12 @@ impl Cube {
         flips: [0; 12],
     };
 
+    /// Whether a cube with these stickers (0..=5, order URFDLB, centres in order) can exist.
+    #[must_use]
+    pub fn is_possible(colours: &[u8; 54]) -> bool {
+        Facelets::try_from(*colours).is_ok_and(|facelets| Self::try_from(facelets).is_ok())
+    }
+
     /// Drawn uniformly from all 4.3e19 states.
     #[must_use]
     pub fn scrambled(seed: u64) -> Self {
