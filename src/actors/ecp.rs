@@ -191,6 +191,13 @@ impl Ecp {
                 return Ok((Outcome::Ended, state));
             }
             let target = self.parts.tracker.as_ref().and_then(VspHandle::target);
+            tracing::trace!(
+                actor = %self.name,
+                period = state.period,
+                wrench = ?state.wrench_in_tool.directions().map(|c| (c * 100.0).round() / 100.0),
+                jaw_mm = state.jaw_opening * 1e3,
+                "state"
+            );
             match motion.step(&state, target.as_ref()) {
                 Ok(command) => state = self.parts.edp.execute(command).await?,
                 Err(outcome) => return Ok((outcome, state)),

@@ -164,7 +164,10 @@ async fn perform(
                 Core::new(configs, ends, Arc::clone(&switches), Box::new(tape.clone()), &mut plant)
                     .map_err(|e| not_created("servo", &e.to_string()))?;
             Driver::Virtual(tokio::spawn(async move {
-                let result = driver::run_virtual(&mut core, &mut plant, |_, plant| {
+                let result = driver::run_virtual(&mut core, &mut plant, |period, plant| {
+                    if period % 50 == 0 && tracing::enabled!(target: "rubik_robot::truth", tracing::Level::TRACE) {
+                        trace_truth(period, plant);
+                    }
                     publish(&mut inputs, plant);
                     if *paused.borrow() == Control::Paused {
                         // While the operator pauses, the cell goes on in real time, not as fast as it computes.
@@ -344,6 +347,32 @@ async fn perform(
         ending.error = Some(Error::Fatal { actor: "supervisor".into(), place: "servo", cause });
     }
     Ok(Done { ending, task: task.log, start, verdict: plant.verdict(), hash: tape.hash() })
+}
+
+/// The plant's truth for whoever debugs a controller: `RUST_LOG=rubik_robot::truth=trace`.
+fn trace_truth(period: u64, plant: &Plant) {
+    let scene = plant.scene();
+    let verdict = plant.verdict();
+    let cube = scene.cube.world_from_cube;
+    let in_tool = |arm: usize| {
+        let tool_from_cube = scene.arms[arm].world_from_tool.inverse() * cube;
+        let mm = tool_from_cube.translation.vector * 1e3;
+        format!("{:.2} {:.2} {:.2} gap {:.2}", mm.x, mm.y, mm.z, scene.arms[arm].opening * 1e3)
+    };
+    let angles = verdict.layer_angles.map(|a| a.to_degrees());
+    tracing::trace!(
+        target: "rubik_robot::truth",
+        "{:.1} s: track {}; postument {}; {:?} layers {:.1} {:.1} deg; {:?}; force {:.1} {:.1}",
+        period as f64 * PERIOD,
+        in_tool(0),
+        in_tool(1),
+        verdict.turning,
+        angles[0],
+        angles[1],
+        verdict.cube,
+        verdict.arm_peak_force[0],
+        verdict.arm_peak_force[1],
+    );
 }
 
 fn periods(seconds: f64) -> u64 {
