@@ -180,7 +180,7 @@ impl PlantArm {
                 (motor.stall_torque * u, motor.stall_torque / motor.no_load_speed)
             } else {
                 // The brake: so stiff that the shaft stands.
-                (0.0, 1e3)
+                (0.0, 1e6)
             };
             let load = torque + self.counterbalance[j];
             let friction = -bristle * self.bristles[j];
@@ -327,6 +327,28 @@ impl PlantArm {
                 reading.over_currents |= 1 << j;
             }
         }
+    }
+
+    /// Moves the whole arm.
+    #[cfg(test)]
+    pub(super) fn shift(&mut self, by: &Vector3<f64>) {
+        self.world_from_base.p += by;
+        self.place();
+    }
+
+    /// Compliance at a point of the last link with locked motors: displacement and rotation in the world per
+    /// force and torque there.
+    #[cfg(test)]
+    pub(super) fn compliance(&self, point: &Vector3<f64>) -> Matrix6<f64> {
+        let mut sum = Matrix6::zeros();
+        let r = &self.world_from_base.r;
+        let p = r.tr_mul(&(point - self.world_from_base.p));
+        for (s, k) in self.placement.screws.iter().zip(&self.dynamics.stiffness) {
+            let (d, w) = (r * (s.l + s.a.cross(&p)), r * s.a);
+            let column = nalgebra::Vector6::new(d.x, d.y, d.z, w.x, w.y, w.z);
+            sum += column * column.transpose() / *k;
+        }
+        sum
     }
 
     /// Kinetic energy, of springs, and of height [J]: for tests.

@@ -20,7 +20,7 @@ use std::ops::{AddAssign, SubAssign};
 /// Newton rounds a substep; what is left over is taken up in the next one.
 const ROUNDS: usize = 4;
 /// A balance within this is good [N, Nm].
-const TOLERANCE: (f64, f64) = (1e-3, 3e-5);
+const TOLERANCE: (f64, f64) = (5e-3, 1e-4);
 /// Elastic stiffness of a layer that is not turning [Nm/rad].
 const LAYER_STIFFNESS: f64 = 200.0;
 /// A corner that stands in the way [Nm/rad].
@@ -203,7 +203,7 @@ impl Balance {
             self.hand_force = Vector3::zeros();
         }
         for (grasp, touch) in grasps.iter_mut().zip(&self.touches) {
-            grasp.commit(touch);
+            grasp.commit(touch, dt);
         }
         if let Some(split) = self.split {
             let body = self.interface.slipping;

@@ -26,6 +26,8 @@ pub struct PlantConfig {
     pub hand: HandScript,
     /// Who has the cube at first.
     pub start: Start,
+    /// Grip with which jaws hold the cube when the run begins with it held [N].
+    pub start_grip: f64,
     /// Colours of the 54 stickers at first, URFDLB by position in the cube frame, centres 0..=5 in order.
     pub facelets: [u8; 54],
     /// Substeps of a servo period; 4 is the tested figure.
@@ -45,6 +47,7 @@ impl PlantConfig {
             noise: SensorNoise::default(),
             hand: HandScript::default(),
             start: Start::Hand,
+            start_grip: 30.0,
             facelets: std::array::from_fn(|i| (i / 9) as u8),
             substeps: 4,
         }

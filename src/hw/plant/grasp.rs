@@ -5,8 +5,11 @@
 //! - pads: two one-sided springs on the true faces. The jaws are coupled, so together they centre the cube
 //!   along y, with a deadband of half the clearance; the grip is the lesser of the two
 //! - friction: x, z and the rotation about y start stress-free where the pads close. The rotations about x
-//!   and z, which flat pads align, are strained by what the geometry says
-//! - slip surface: `(F_xz / 2 mu N)^2 + (M_xy / 0.6 Ts)^2 + (M_z / Ts)^2 <= 1`, `Ts = 2 mu N edge/2`
+//!   and z, which flat pads align, are strained by what the geometry says while the grip grows; from then on
+//!   all five are held by friction
+//! - slip surface: `(F_xz / 2 mu N)^2 + (M_xy / 0.6 Ts)^2 + (M_z / Ts)^2 <= 1`, `Ts = 2 mu N edge/2`; outside,
+//!   strains slide back to it: tilts first (pads rock before they slide), then force and torsion in proportion.
+//!   In proportion for all, two degrees of tilt would leave no friction for a lateral force
 //! - palm: four one-sided points of the two-position stops
 //! - out: the wrench on the cube and its stiffness; a state that the caller commits once a substep
 
@@ -19,9 +22,11 @@ use nalgebra::{Matrix6, Vector3};
 /// The palm's stops touch the face at +- this from the axis [m].
 const STOP_SPACING: f64 = 0.020;
 /// A finger's end that meets the cube's face from the front [N/m].
-const FRONT_STIFFNESS: f64 = 5e4;
+pub(super) const FRONT_STIFFNESS: f64 = 5e4;
 /// Beyond this slip the grasp is lost [m, rad].
 const LOST: (f64, f64) = (5e-3, 0.349);
+/// A grip that has not grown for this long has settled [s].
+const SETTLING: f64 = 0.02;
 
 /// State of a gripper's grasp.
 #[derive(Debug, Clone, Copy)]
@@ -34,10 +39,12 @@ pub(super) struct Grasp {
     pub(super) node: usize,
     /// `tool_from_body` without strain, of the grasp as closed.
     pub(super) reference: Frame,
-    /// Slid part of x, z, and of the rotation about y.
-    slid: [f64; 3],
+    /// Slid part of x, z, and of the rotations about x, y, z.
+    slid: [f64; 5],
     /// Rotations about x and z when the pads closed.
     closed_tilt: [f64; 2],
+    /// Greatest grip so far [N], and for how long it has not grown [s].
+    grown: (f64, f64),
     /// Slip since closing [m, rad].
     pub(super) slip: (f64, f64),
     /// Whether this grasp's slip has been reported.
@@ -67,8 +74,8 @@ pub(super) struct Touch {
     pub(super) palm: f64,
     /// Force on the ends of the fingers [N].
     pub(super) front: f64,
-    slid: [f64; 3],
-    slip_step: (f64, f64),
+    slid: [f64; 5],
+    slip_step: f64,
 }
 
 impl Touch {
@@ -82,8 +89,8 @@ impl Touch {
         pads: [0.0; 2],
         palm: 0.0,
         front: 0.0,
-        slid: [0.0; 3],
-        slip_step: (0.0, 0.0),
+        slid: [0.0; 5],
+        slip_step: 0.0,
     };
 
     /// Lesser of the pads' forces [N].
@@ -106,8 +113,9 @@ impl Grasp {
             r: nalgebra::Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
             p: Vector3::new(0.0, 0.0, 0.0),
         },
-        slid: [0.0; 3],
+        slid: [0.0; 5],
         closed_tilt: [0.0; 2],
+        grown: (0.0, 0.0),
         slip: (0.0, 0.0),
         reported: false,
     };
@@ -134,8 +142,9 @@ impl Grasp {
             lost: false,
             node,
             reference: flat,
-            slid: [e.p.x, e.p.z, w.y],
+            slid: [e.p.x, e.p.z, 0.0, w.y, 0.0],
             closed_tilt: [w.x, w.z],
+            grown: (0.0, 0.0),
             slip: (0.0, 0.0),
             reported: false,
         };
@@ -217,30 +226,56 @@ impl Grasp {
 
     fn friction(&self, t: &mut Touch, hands: &Hands, e: &Frame, w: &Vector3<f64>) {
         let j = hands.jaws;
-        let strain = [e.p.x - self.slid[0], e.p.z - self.slid[1], w.y - self.slid[2]];
+        let strain: [f64; 5] = [
+            e.p.x - self.slid[0],
+            e.p.z - self.slid[1],
+            w.x - self.slid[2],
+            w.y - self.slid[3],
+            w.z - self.slid[4],
+        ];
         let mut fx = -j.stiffness[0] * strain[0];
         let mut fz = -j.stiffness[2] * strain[1];
-        let mut m =
-            Vector3::new(-j.rotation[0] * w.x, -j.rotation[1] * strain[2], -j.rotation[2] * w.z);
+        let mut m = Vector3::from_fn(|i, _| -j.rotation[i] * strain[2 + i]);
         let grip = if self.lost { 0.0 } else { t.grip() };
         let plane = (2.0 * j.friction * grip).max(1e-9);
         let torsion = plane * 0.5 * hands.edge;
-        let load = (fx * fx + fz * fz) / (plane * plane)
-            + (m.x * m.x + m.y * m.y) / (0.36 * torsion * torsion)
-            + m.z * m.z / (torsion * torsion);
+        let tilt = 0.6 * torsion;
+        // While the grip grows, what flat pads align is not friction's business.
+        let growing = self.grown.1 < SETTLING;
+        let mut load = (fx * fx + fz * fz) / (plane * plane);
+        let mut rocking = m.y * m.y / (tilt * tilt);
+        if growing {
+            m.x = m.x.clamp(-tilt, tilt);
+            m.z = m.z.clamp(-torsion, torsion);
+        } else {
+            load += m.z * m.z / (torsion * torsion);
+            rocking += m.x * m.x / (tilt * tilt);
+        }
+        let slide = |t: &mut Touch, keep: f64, which: &[usize]| {
+            for i in which.iter().filter(|i| !growing || (**i != 2 && **i != 4)) {
+                t.slid[*i] += (1.0 - keep) * strain[*i];
+            }
+        };
         t.slid = self.slid;
         if load > 1.0 {
             let keep = 1.0 / load.sqrt();
             fx *= keep;
             fz *= keep;
-            m *= keep;
-            let gone = 1.0 - keep;
-            t.slid = std::array::from_fn(|i| self.slid[i] + gone * strain[i]);
-            // Of the aligned rotations only what goes beyond the misalignment at closing is slip.
-            let beyond = (gone * w.z.abs() - self.closed_tilt[1].abs())
-                .max(gone * w.x.abs() - self.closed_tilt[0].abs())
-                .max(0.0);
-            t.slip_step = (gone * strain[0].hypot(strain[1]), beyond);
+            if !growing {
+                m.z *= keep;
+            }
+            slide(t, keep, &[0, 1, 4]);
+            t.slip_step = (1.0 - keep) * strain[0].hypot(strain[1]);
+        }
+        // Pads rock before they slide: tilt has what force and torsion leave.
+        let room = (1.0 - load).max(0.01);
+        if rocking > room {
+            let keep = (room / rocking).sqrt();
+            m.y *= keep;
+            if !growing {
+                m.x *= keep;
+            }
+            slide(t, keep, &[2, 3]);
         }
         t.force.x += fx;
         t.force.z += fz;
@@ -253,14 +288,23 @@ impl Grasp {
     }
 
     /// Takes over the slip of the substep's last evaluation.
-    pub(super) fn commit(&mut self, t: &Touch) {
+    pub(super) fn commit(&mut self, t: &Touch, dt: f64) {
         if !self.attached {
             return;
         }
-        let turned = (t.slid[2] - self.slid[2]).abs();
+        let about_jaws = (t.slid[3] - self.slid[3]).abs();
         self.slid = t.slid;
-        self.slip.0 += t.slip_step.0;
-        self.slip.1 = (self.slip.1 + turned).max(t.slip_step.1);
+        self.slip.0 += t.slip_step;
+        // Of the aligned rotations only what goes beyond the misalignment at closing is slip.
+        let beyond = (self.slid[2].abs() - self.closed_tilt[0].abs())
+            .max(self.slid[4].abs() - self.closed_tilt[1].abs());
+        self.slip.1 = (self.slip.1 + about_jaws).max(beyond);
+        let grip = t.grip();
+        if grip > 1.02 * self.grown.0 {
+            self.grown = (grip, 0.0);
+        } else {
+            self.grown.1 += dt;
+        }
         if self.slip.0 > LOST.0 || self.slip.1 > LOST.1 {
             self.lost = true;
         }

@@ -9,6 +9,7 @@
 
 mod arm;
 mod balance;
+mod collision;
 pub mod config;
 mod cube;
 pub mod dynamics;
@@ -32,6 +33,7 @@ pub use verdict::{Counts, Event, Incident, Part, Verdict, Whereabouts};
 
 use self::arm::PlantArm;
 use self::balance::{Balance, HandHold, Split, layer_angle, moved};
+use self::collision::{Collisions, HeldCube};
 use self::cube::{Layers, Puzzle};
 use self::frame::{Frame, about, nearest_alignment, rotation_vector};
 use self::grasp::{Grasp, Hands, Touch};
@@ -53,8 +55,6 @@ use rand_pcg::Pcg64;
 const CLOSED: f64 = 0.2;
 /// Pads farther from the cube than this have let go [m].
 const OPEN_GAP: f64 = 1e-4;
-/// Grip at the start of a run that begins with a held cube [N].
-const START_GRIP: f64 = 30.0;
 /// Overlap of a pad with a layer from which on it holds the layer [m].
 const OVERLAP: f64 = 1e-3;
 /// What is left of a layer's misalignment when pads close over it and its neighbour.
@@ -86,6 +86,8 @@ pub struct Plant {
     core: Frame,
     velocity: Twist,
     watch: JamWatch,
+    collisions: Collisions,
+    fronts: [bool; 2],
     popped: bool,
     crushed: [bool; 2],
     saturated: [bool; 2],
@@ -120,7 +122,7 @@ impl Plant {
         let arms: Vec<PlantArm> =
             cell.arms.iter().zip(&config.arms).map(|(a, d)| PlantArm::new(a, d)).collect();
         let pad = 0.5 * config.jaws.stiffness[1];
-        let closed = edge - 2.0 * START_GRIP / pad;
+        let closed = edge - 2.0 * config.start_grip / pad;
         let jaws = cell.arms.iter().enumerate().map(|(i, a)| {
             let opening = match config.start {
                 Start::Hand => a.gripper.opening_of_motor[0] + a.gripper.opening_offset,
@@ -172,6 +174,8 @@ impl Plant {
             core: world_from_cube,
             velocity: Twist::default(),
             watch: JamWatch::default(),
+            collisions: Collisions::default(),
+            fronts: [false; 2],
             popped: false,
             crushed: [false; 2],
             saturated: [false; 2],
@@ -269,12 +273,15 @@ impl Plant {
             let tool = arm.world_from_tool;
             if touch.any() {
                 let (force, torque) = (tool.r * -touch.force, tool.r * -touch.torque);
-                let outside = arm.torques(&force, &torque, &tool.p);
+                let mut outside = arm.torques(&force, &torque, &tool.p);
+                for (sum, more) in outside.iter_mut().zip(&self.collisions.torques[i]) {
+                    *sum += more;
+                }
                 let local = arm.world_from_base().to_local(&tool);
                 let grip = moved(&touch.stiffness, &local.r, &local.p, &local.p);
                 arm.step(&drives[i], &outside, Some(&grip), dt);
             } else {
-                arm.step(&drives[i], &[0.0; AXES], None, dt);
+                arm.step(&drives[i], &self.collisions.torques[i], None, dt);
             }
             let push = 0.5 * (touch.pads[0] + touch.pads[1]);
             let sides = f64::from(u8::from(touch.pads[0] > 0.0) + u8::from(touch.pads[1] > 0.0));
@@ -565,6 +572,41 @@ impl Plant {
         }
     }
 
+    fn look_for_collisions(&mut self) {
+        let openings = [self.jaws[0].opening(), self.jaws[self.jaws.len() - 1].opening()];
+        let holds = self.grasps.map(|g| g.holds());
+        let cube = HeldCube {
+            frame: self.balance.nodes[0],
+            edge: self.config.cell.cube.edge,
+            holder: (holds[0] != holds[1]).then(|| usize::from(holds[1])),
+        };
+        let arms = &self.config.cell.arms;
+        let grippers = [&arms[0].gripper, &arms[arms.len() - 1].gripper];
+        let (events, counts) = (&mut self.verdict.events, &mut self.verdict.counts);
+        let period = self.period;
+        let mut found = |what: Incident| {
+            counts.collisions += 1;
+            if events.len() < verdict::MOST_EVENTS {
+                events.push(Event { period, what });
+            }
+        };
+        for (i, was) in self.fronts.iter_mut().enumerate() {
+            let touch = &self.balance.touches[i];
+            let is = touch.front > 0.0;
+            if is && !*was {
+                let (what, with) = (Part::Finger(i), Part::Cube);
+                found(Incident::Collision {
+                    what,
+                    with,
+                    depth: touch.front / grasp::FRONT_STIFFNESS,
+                });
+            }
+            *was = is;
+        }
+        let table = self.config.cell.table_height;
+        self.collisions.look(&self.arms, &openings, grippers, &cube, table, found);
+    }
+
     fn looks_solved(&self) -> bool {
         let stickers = self.puzzle.stickers();
         (0..54).all(|i| stickers[i] == stickers[i / 9 * 9 + 4])
@@ -663,6 +705,7 @@ impl Port for Plant {
             }
             self.saturated[i] = saturated;
         }
+        self.look_for_collisions();
         self.account();
         Ok(())
     }

@@ -172,7 +172,7 @@ impl TestServo {
             let counter = self.readings[i].jaw_count as f64 * TAU / gripper.increments;
             let [c0, c1, c2] = gripper.opening_of_motor;
             let is = c0 + counter * (c1 + c2 * counter);
-            drive.jaw_pwm = (2.0e6 * (is - *set)).clamp(-190.0, 190.0) as i16 / 4;
+            drive.jaw_pwm = (5.0e5 * (is - *set)).clamp(-190.0, 190.0) as i16;
             drive.jaw_current_limit = force * gripper.amperes_per_newton;
         }
         let period = self.plant.period;

@@ -1,74 +1,420 @@
 //! What the plant must do as a whole.
 
-use super::testing::{TestServo, held};
+use super::testing::{TestServo, cell, held, quiet, world_from_tool};
+use super::truth::{ErrorSpreads, GraspError, draw};
 use super::*;
+use crate::spatial::Pose;
+use nalgebra::{Matrix6, Vector6};
+use std::f64::consts::FRAC_PI_2;
 
-#[test]
-fn probe() {
-    let config = held(Jaws::rubber(), CubeMechanics::of_2007());
-    let mut servo = TestServo::new(Plant::new(config, 1).unwrap());
-    servo.jaws[0] = (0.055, 30.0);
-    let show = |s: &TestServo, what: &str| {
-        let v = s.plant.verdict();
-        let t = s.plant.balance.touches;
-        println!(
-            "{what}: {:?} pads {:?} {:?} f {:?} {:?} peak {:.2} N {:.3} Nm split {:?} angles {:?}",
-            v.cube,
-            t[0].pads,
-            t[1].pads,
-            t[0].force.as_slice(),
-            t[1].force.as_slice(),
-            v.peak_force,
-            v.peak_torque,
-            s.plant.balance.split,
-            v.layer_angles
-        );
-        for e in &v.events {
-            println!("   {e:?}");
-        }
-    };
-    show(&servo, "start");
-    let start = servo.plant.arms[0].world_from_tool.p;
+/// Two hands on a cube of 2007, the second closed with the given grip and grasp error.
+fn both_hold(config: PlantConfig, grip: f64, seed: u64) -> TestServo {
+    let config = PlantConfig { start_grip: grip, ..config };
+    let mut servo = TestServo::new(Plant::new(config, seed).unwrap());
+    servo.jaws[0] = (0.055, grip);
     servo.run(0.5);
-    println!("{:?}", servo.plant.arms[0].world_from_tool.p - start);
-    show(&servo, "0.5 s");
-    servo.jaws[1] = (0.055, 30.0);
+    servo.jaws[1] = (0.055, grip);
     servo.run(2.5);
-    println!("openings {} {}", servo.plant.jaws[0].opening(), servo.plant.jaws[1].opening());
-    show(&servo, "closed");
-    // Turn the postument's last joint by a quarter in 4 s.
+    servo
+}
+
+fn spoilt(jaws: Jaws, millimetres: f64, degrees: f64, seed: u64) -> PlantConfig {
+    let mut config = held(jaws, CubeMechanics::of_2007());
+    let grasp = GraspError {
+        lateral: millimetres * 1e-3,
+        axial: -millimetres * 1e-3,
+        tilt: degrees.to_radians(),
+        world_from_tool: world_from_tool(&config.cell.arms[1]),
+    };
+    config.cell = draw(&config.cell, &ErrorSpreads { grasp, ..ErrorSpreads::none() }, seed);
+    config
+}
+
+/// Turns the postument's last joint by a quarter within 4 s, under position control.
+fn turn(servo: &mut TestServo, angle: f64) {
     let from = servo.joints(1);
-    for k in 0..2000 {
+    for k in 1..=2000 {
         let mut q = from;
-        q.0[6] -= f64::from(k + 1) / 2000.0
-            * std::f64::consts::FRAC_PI_2
-            * if from.0[6] > 0.0 { 1.0 } else { -1.0 };
+        q.0[6] += f64::from(k) / 2000.0 * angle;
         servo.aim(1, &q);
         servo.tick();
-        if k % 250 == 0 {
-            println!(
-                "{k} turned {:.2} deg torque {:.3} limit {:.3}",
-                servo.plant.verdict.turned.to_degrees(),
-                servo.plant.balance.interface.torque,
-                servo.plant.balance.interface.limit
-            );
-        }
     }
     servo.run(0.3);
-    show(&servo, "turned");
-    let t0 = std::time::Instant::now();
-    servo.run(4.0);
-    println!("both hold: {:.2} us a tick", t0.elapsed().as_secs_f64() / 2000.0 * 1e6);
-    servo.jaws[0] = (0.088, 30.0);
+}
+
+#[test]
+fn a_quarter_turn_turns_one_face_and_nothing_else() {
+    let mut servo = both_hold(held(Jaws::rubber(), CubeMechanics::of_2007()), 30.0, 1);
+
+    turn(&mut servo, FRAC_PI_2);
+
+    let v = servo.plant.verdict();
+    // The postument looks along -x: a turn about its z is a left-handed one about the cube's x, which is
+    // clockwise for R.
+    assert_eq!(v.turning, Axis::X);
+    assert!((v.layer_angles[1] + FRAC_PI_2).abs() < 0.02, "{:?}", v.layer_angles);
+    assert_eq!(v.layer_angles[0], 0.0);
+    assert_eq!(v.facelets[2], 2, "R brings the front's colour up");
+    assert_eq!(v.facelets[0], 0);
+    assert_eq!(v.counts, Counts::default());
+    assert!(v.peak_force < 2.0 && v.peak_torque > 0.3 && v.peak_torque < 0.7, "{v:?}");
+
+    // Let go on the track's side: the postument holds the turned cube, its angle now a permutation.
+    servo.jaws[0] = (0.085, 30.0);
     servo.run(2.0);
-    show(&servo, "track opened");
-    let t0 = std::time::Instant::now();
-    servo.run(4.0);
-    println!("one holds: {:.2} us a tick", t0.elapsed().as_secs_f64() / 2000.0 * 1e6);
-    servo.jaws[1] = (0.088, 30.0);
-    servo.run(2.0);
-    show(&servo, "dropped");
-    let t0 = std::time::Instant::now();
-    servo.run(4.0);
-    println!("none holds: {:.2} us a tick", t0.elapsed().as_secs_f64() / 2000.0 * 1e6);
+    let after = servo.plant.verdict();
+    assert_eq!(after.cube, Whereabouts::Arms([false, true]));
+    assert_eq!(after.facelets, v.facelets);
+    assert!(after.layer_angles.iter().all(|a| a.abs() < 0.02));
+}
+
+#[test]
+fn a_disagreement_of_a_millimetre_gives_the_force_of_the_compliances_in_series() {
+    let mut config =
+        held(Jaws { friction: 100.0, palm: 0.0, ..Jaws::rubber() }, CubeMechanics::of_2007());
+    config.cell.cube.mass = 0.0;
+    for arm in &mut config.arms {
+        arm.gravity = 0.0;
+    }
+    // Fingers over all three layers: one body, so that only arms and pads give.
+    config.cell.arms[0].gripper.finger_tip = 0.027;
+    let jaws = config.jaws;
+    let mut plant = Plant::new(config, 1).unwrap();
+    let closed = plant.jaws[0].opening();
+    plant.jaws[1] = PlantJaw::new(&plant.config.cell.arms[1].gripper, &plant.config.jaws, closed);
+    let drives = [ArmDrive::OFF; 2];
+    plant.step(&drives, 0.0, 5e-4);
+    plant.step(&drives, 0.0, 5e-4);
+    assert!(plant.both_hold() && plant.balance.split.is_none());
+    for direction in [Vector3::x(), Vector3::y(), Vector3::z()] {
+        let mut plant = plant.clone();
+        let centre = plant.core.p;
+
+        for _ in 0..1000 {
+            plant.arms[1].shift(&(direction * 1e-6));
+            plant.step(&drives, 0.0, 5e-4);
+        }
+        for _ in 0..4000 {
+            plant.step(&drives, 0.0, 5e-4);
+        }
+
+        let mut compliance = Matrix6::zeros();
+        for (i, arm) in plant.arms.iter().enumerate() {
+            let tool = plant.tool(i);
+            let k = [
+                jaws.stiffness[0],
+                jaws.stiffness[1],
+                jaws.stiffness[2],
+                jaws.rotation[0],
+                jaws.rotation[1],
+                jaws.rotation[2],
+            ];
+            let pads = Matrix6::from_diagonal(&Vector6::from(k));
+            let at_centre = moved(&pads, &tool.r, &(tool.p - centre), &(tool.p - centre));
+            compliance += at_centre.try_inverse().unwrap() + arm.compliance(&centre);
+        }
+        let d = Vector6::new(direction.x, direction.y, direction.z, 0.0, 0.0, 0.0) * 1e-3;
+        let wanted = compliance.try_inverse().unwrap() * d;
+        let wanted: Vector3<f64> = wanted.fixed_rows::<3>(0).into_owned();
+        let found = plant.tool(1).r * plant.balance.touches[1].force;
+        assert!(wanted.norm() > 5.0);
+        assert!((found - wanted).norm() < 0.01 * wanted.norm(), "{found} {wanted}");
+    }
+}
+
+#[test]
+fn energy_falls_when_nothing_drives() {
+    let mut config = quiet(cell());
+    for arm in &mut config.arms {
+        arm.counterbalance = 0.0;
+    }
+    let drives = [ArmDrive { enabled: true, ..ArmDrive::OFF }; 2];
+    let mut plant = Plant::new(config, 1).unwrap();
+    plant.arms[1].v[3] = 0.2;
+    let mut before = f64::INFINITY;
+    for k in 0..300 {
+        plant.step(&drives, 0.0, 5e-4);
+
+        let energy = plant.arms[1].energy();
+        assert!(energy <= before + 1e-4, "step {k}: {before} {energy}");
+        before = energy;
+    }
+    assert!(plant.arms[1].vm[3].abs() > 0.1, "it falls");
+}
+
+#[test]
+fn which_arm_comes_first_makes_no_difference_to_the_forces() {
+    let run = |swapped: bool| {
+        let mut config = spoilt(Jaws::rubber(), 1.0, 1.0, 3);
+        config.cube.spread = 0.0;
+        if swapped {
+            config.cell.arms.swap(0, 1);
+            config.arms.swap(0, 1);
+            if let Start::Held { arm, .. } = &mut config.start {
+                *arm = 1;
+            }
+        }
+        let (holder, other) = if swapped { (1, 0) } else { (0, 1) };
+        let mut servo = TestServo::new(Plant::new(config, 1).unwrap());
+        servo.stops.swap(0, holder);
+        servo.jaws[holder] = (0.055, 30.0);
+        servo.run(0.5);
+        servo.jaws[other] = (0.055, 30.0);
+        servo.run(2.5);
+        let t = servo.plant.balance.touches;
+        (t[holder].force, t[other].force)
+    };
+
+    let (a, b) = (run(false), run(true));
+
+    assert!(a.0.norm() > 2.0, "{a:?}");
+    assert!((a.0 - b.0).norm() < 0.05 * a.0.norm(), "{a:?} {b:?}");
+    assert!((a.1 - b.1).norm() < 0.05 * a.1.norm(), "{a:?} {b:?}");
+}
+
+#[test]
+fn halving_the_substep_changes_the_force_by_less_than_a_hundredth() {
+    // Brakes on, the second arm's base creeps sideways until the grips slip a little.
+    let force = |substeps: u32| {
+        let config = held(Jaws::stiff(), CubeMechanics::of_2007());
+        let mut plant = Plant::new(config, 1).unwrap();
+        let closed = plant.jaws[0].opening();
+        let gripper = plant.config.cell.arms[1].gripper;
+        plant.jaws[1] = PlantJaw::new(&gripper, &plant.config.jaws, closed);
+        let dt = PERIOD / f64::from(substeps);
+        let drives = [ArmDrive::OFF; 2];
+        let mut forces = Vec::new();
+        for k in 0..750 * substeps {
+            if k < 500 * substeps {
+                let far = Vector3::new(0.0, 1.0, 1.0) * (2e-3 / f64::from(500 * substeps));
+                plant.arms[1].shift(&far);
+            }
+            plant.step(&drives, 0.0, dt);
+            if (k + 1) % (125 * substeps) == 0 {
+                forces.push(plant.balance.touches[1].force.norm());
+            }
+        }
+        assert!(plant.both_hold() && plant.balance.split.is_some());
+        forces
+    };
+
+    let (coarse, fine) = (force(4), force(8));
+
+    assert!(coarse[3] > 5.0);
+    // The first sample, still in the play and moving, differs by 2 %: it converges like the step.
+    for (a, b) in coarse.iter().zip(&fine).skip(1) {
+        assert!((a - b).abs() < 0.01 * b, "{coarse:?} {fine:?}");
+    }
+}
+
+#[test]
+fn a_spoilt_grasp_under_position_control_costs_force_that_grows_with_the_error() {
+    let peak = |millimetres: f64| {
+        let mut servo = both_hold(spoilt(Jaws::rubber(), millimetres, millimetres, 0), 55.0, 0);
+        turn(&mut servo, FRAC_PI_2);
+        servo.plant.verdict()
+    };
+
+    let runs = [0.0, 0.5, 1.0, 2.0].map(peak);
+
+    for pair in runs.windows(2) {
+        assert!(pair[1].peak_force > 1.3 * pair[0].peak_force, "{:?}", runs.map(|v| v.peak_force));
+    }
+    assert!(runs[0].peak_force < 2.0 && runs[3].peak_force > 20.0);
+}
+
+#[test]
+fn stiff_jaws_two_millimetres_off_fail_under_position_control_for_most_directions() {
+    // With 55 N of grip: 30.9 22.3 24.6 31.2 31.6 20.8 17.8 N for the first seven seeds; with 27 N six of
+    // eight stop short of 65 deg. An error along the pads' plane is the mildest.
+    let failed = (0..8)
+        .filter(|seed| {
+            let mut servo = both_hold(spoilt(Jaws::stiff(), 2.0, 2.0, *seed), 55.0, *seed);
+            turn(&mut servo, FRAC_PI_2);
+            let v = servo.plant.verdict();
+            v.peak_force > 20.0 || v.turned.abs() < 85_f64.to_radians()
+        })
+        .count();
+    assert!(failed >= 6, "{failed} of 8");
+}
+
+#[test]
+fn five_newtons_of_grip_slip_instead_of_turning() {
+    let mut servo = both_hold(held(Jaws::stiff(), CubeMechanics::of_2007()), 5.0, 1);
+
+    turn(&mut servo, FRAC_PI_2);
+
+    let v = servo.plant.verdict();
+    assert!(v.counts.slips > 0, "{:?}", v.counts);
+    assert!(v.layer_angles[1].abs() < 0.2, "{:?}", v.layer_angles);
+}
+
+#[test]
+fn a_cube_that_both_let_go_falls_onto_the_tray_and_lies_on_a_face() {
+    let mut servo =
+        TestServo::new(Plant::new(held(Jaws::rubber(), CubeMechanics::of_2007()), 1).unwrap());
+    servo.jaws[0] = (0.085, 30.0);
+
+    servo.run(3.0);
+
+    let v = servo.plant.verdict();
+    assert!(matches!(v.cube, Whereabouts::Tray { .. }), "{:?}", v.events);
+    assert_eq!(v.counts.drops, 1);
+    let height = v.world_from_cube.translation.vector.z;
+    assert!((height - servo.plant.cell().table_height - 0.0285).abs() < 1e-9);
+    let Whereabouts::Tray { down } = v.cube else { return };
+    let normal = v.world_from_cube.rotation * down.normal();
+    assert!((normal + Vector3::z()).norm() < 1e-6);
+}
+
+#[test]
+fn the_operator_hands_the_cube_over_and_takes_it_back() {
+    let mut cell = cell();
+    let tool = world_from_tool(&cell.arms[0]);
+    cell.hand.world_from_cube = Pose::from(tool.translation);
+    cell.arms.truncate(1);
+    let mut config = quiet(cell);
+    config.hand.start_offset = Vector3::new(0.3, 0.0, 0.0);
+    config.hand.place_spread = 1e-3;
+    config.hand.tilt_spread = 0.01;
+    config.hand.sway = 1e-3;
+    config.hand.return_after = 1.0;
+    let mut servo = TestServo::new(Plant::new(config, 3).unwrap());
+    let home = servo.joints(0);
+
+    servo.run(9.0);
+    assert_eq!(servo.plant.verdict().cube, Whereabouts::Hand);
+    servo.jaws[0] = (0.055, 30.0);
+    servo.run(5.0);
+    let v = servo.plant.verdict();
+    assert_eq!(v.cube, Whereabouts::Arms([true, false]), "{:?}", v.events);
+    assert!(servo.plant.scene().hand.is_none(), "the hand has gone");
+
+    // Away from the zone and back, then still: the hand comes for it.
+    for k in (0..1500).chain((0..1500).rev()) {
+        let mut q = home;
+        q.0[0] -= 0.2 * f64::from(k) / 1500.0;
+        servo.aim(0, &q);
+        servo.tick();
+    }
+    servo.run(5.0);
+    assert!(servo.plant.scene().hand.is_some(), "{:?}", servo.plant.verdict().events);
+    let pull = servo.plant.balance.touches[0].force.norm();
+    assert!((4.0..9.0).contains(&pull), "it pulls gently: {pull} N");
+    servo.jaws[0] = (0.085, 30.0);
+    servo.run(6.0);
+
+    let v = servo.plant.verdict();
+    assert!(v.returned && v.counts.drops == 0, "{:?}", v.events);
+    assert_eq!(v.cube, Whereabouts::Hand);
+}
+
+#[test]
+fn motors_follow_at_120_rad_s_with_a_lag_of_some_ten_milliseconds() {
+    let mut servo = TestServo::new(Plant::new(quiet(cell()), 1).unwrap());
+    let gear = servo.plant.cell().arms[1].model.gears[1];
+    let from = servo.joints(1);
+    let (speed, mut lag) = (120.0, 0.0);
+    for k in 0..1500_u32 {
+        // 100 rad/s2 up to speed.
+        let t = f64::from(k) * PERIOD;
+        let m = if t < 1.2 { 50.0 * t * t } else { 72.0 + speed * (t - 1.2) };
+        let mut q = from;
+        q.0[1] += m / gear;
+        servo.aim(1, &q);
+        servo.tick();
+        let is = servo.readings[1].counts[1] as f64;
+        lag = (servo.target[1][1] - is) / (4000.0 / std::f64::consts::TAU) / speed;
+    }
+    assert!(lag.abs() < 0.015, "{lag} s");
+    assert_eq!(servo.readings[1].over_currents, 0);
+    assert_eq!(servo.readings[1].limit_switches, 0);
+}
+
+#[test]
+fn hands_that_run_into_each_other_are_reported_once_and_push_back() {
+    let mut config = quiet(cell());
+    // Empty hands, the postument's in the way of the track's drive.
+    config.cell.arms[0].start.0[0] -= 0.25;
+    config.cell.arms[1].world_from_base.translation.vector.x -= 0.1;
+    let mut servo = TestServo::new(Plant::new(config, 1).unwrap());
+    let from = servo.joints(0);
+    for k in 0..1500 {
+        let mut q = from;
+        q.0[0] += 0.2 * f64::from(k) / 1500.0;
+        servo.aim(0, &q);
+        servo.tick();
+    }
+
+    let v = servo.plant.verdict();
+    assert!(v.counts.collisions > 0 && v.counts.collisions < 40, "{:?}", v.events);
+    assert!(servo.plant.collisions.torques[1] != [0.0; AXES]);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits_and_another_does_not() {
+    let run = |seed: u64| {
+        let mut config = spoilt(Jaws::rubber(), 1.0, 1.0, seed);
+        config.noise = SensorNoise::default();
+        let mut servo = both_hold(config, 30.0, seed);
+        turn(&mut servo, 0.2);
+        let bits: Vec<u64> = servo
+            .readings
+            .iter()
+            .flat_map(|r| r.wrench_on_sensor.directions())
+            .chain(servo.plant.arms.iter().flat_map(|a| a.q))
+            .map(f64::to_bits)
+            .collect();
+        (bits, servo.plant.verdict())
+    };
+
+    assert_eq!(run(5), run(5));
+    assert_ne!(run(5).0, run(6).0);
+}
+
+#[test]
+fn the_sensor_carries_the_weight_of_the_tool_at_rest() {
+    let servo = {
+        let mut s = TestServo::new(Plant::new(quiet(cell()), 1).unwrap());
+        s.run(0.5);
+        s
+    };
+
+    let force = servo.readings[1].wrench_on_sensor.force;
+
+    let expected = servo.plant.arms[1].world_from_flange.r.tr_mul(&Vector3::new(0.0, 0.0, -10.8));
+    assert!((force - expected).norm() < 1e-3, "{force}");
+}
+
+#[test]
+fn truth_stays_near_belief_at_the_pivot_and_its_spread_is_as_told() {
+    let belief = cell();
+    let errors = ErrorSpreads::default();
+    let (mut sum, mut turned) = (0.0, 0.0);
+    for seed in 0..400 {
+        let truth = draw(&belief, &errors, seed);
+        let moved = truth.arms[1].world_from_base * belief.arms[1].world_from_base.inverse();
+        sum += (moved * errors.pivot - errors.pivot).norm_squared() / 3.0;
+        turned += moved.rotation.scaled_axis().norm_squared() / 3.0;
+        assert_eq!(truth.arms[0].world_from_base, belief.arms[0].world_from_base);
+    }
+    let sigma = (sum / 400.0).sqrt();
+    let angle = (turned / 400.0).sqrt().to_degrees();
+    assert!((0.9e-3..1.1e-3).contains(&sigma), "{sigma}");
+    assert!((0.45..0.55).contains(&angle), "{angle}");
+}
+
+#[test]
+fn a_grasp_error_displaces_the_second_tool_by_just_that() {
+    let belief = cell();
+    let meeting = world_from_tool(&belief.arms[1]);
+    let grasp = GraspError { lateral: 2e-3, axial: -2e-3, tilt: 0.035, world_from_tool: meeting };
+
+    let truth = draw(&belief, &ErrorSpreads { grasp, ..ErrorSpreads::none() }, 9);
+
+    let off = meeting.inverse() * world_from_tool(&truth.arms[1]);
+    let t = off.translation.vector;
+    assert!((t.xy().norm() - 2e-3).abs() < 1e-12 && (t.z + 2e-3).abs() < 1e-12);
+    assert!((off.rotation.angle() - 0.035).abs() < 1e-12);
+    assert!(off.rotation.scaled_axis().z.abs() < 1e-12);
 }

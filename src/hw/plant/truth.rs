@@ -88,8 +88,12 @@ impl ErrorSpreads {
 /// The second arm's tool is off by just this at a given meeting pose: sizes are exact, directions seeded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GraspError {
-    /// Sideways (seeded direction across the tool's z) and along z (seeded sign), each of this size [m].
-    pub distance: f64,
+    /// Sideways, in a seeded direction across the tool's z [m].
+    pub lateral: f64,
+    /// Along the tool's z [m]: positive is deeper. A run that *starts* at the meeting should start short of it
+    /// (negative): a hand that is too deep would begin with its palm's stops inside the cube, a load that
+    /// no approach could have reached.
+    pub axial: f64,
     /// Tilt about a seeded axis across the tool's z [rad].
     pub tilt: f64,
     /// Pose of the second arm's tool at the meeting, as believed.
@@ -98,7 +102,7 @@ pub struct GraspError {
 
 impl Default for GraspError {
     fn default() -> Self {
-        Self { distance: 0.0, tilt: 0.0, world_from_tool: Pose::identity() }
+        Self { lateral: 0.0, axial: 0.0, tilt: 0.0, world_from_tool: Pose::identity() }
     }
 }
 
@@ -132,9 +136,9 @@ pub fn draw(belief: &Cell, errors: &ErrorSpreads, seed: u64) -> Cell {
     truth.cube.edge += chance.normal(errors.cube);
     let grasp = &errors.grasp;
     let (sideways, tilted) = (chance.across(), chance.across());
-    let along = if chance.0.random::<bool>() { 1.0 } else { -1.0 };
     if let Some(arm) = truth.arms.get_mut(1) {
-        let off = small((sideways + Vector3::z() * along) * grasp.distance, tilted * grasp.tilt);
+        let linear = sideways * grasp.lateral + Vector3::z() * grasp.axial;
+        let off = small(linear, tilted * grasp.tilt);
         let tool = grasp.world_from_tool;
         arm.world_from_base = tool * off * tool.inverse() * arm.world_from_base;
     }

@@ -1,0 +1,311 @@
+//! What touches that should not: fingers, palms, hands and forearms of the two arms, the cube, the table.
+//!
+//! - in: where both arms, the jaws and the cube are, once a servo period
+//! - out: forces on the arms (penalty springs with damping, held for the next period), and each new contact
+//! - shapes: fingers, hands, wrists and forearms are capsules, palm plates are boxes, the cube is its eight
+//!   corners; the contact of pads, palms' stops and finger ends with the cube belongs to the grasp. An arm
+//!   does not meet itself; the operator's hand gives way
+
+use super::arm::PlantArm;
+use super::frame::Frame;
+use super::verdict::{Incident, Part};
+use crate::cell::Gripper;
+use crate::motion::AXES;
+use nalgebra::Vector3;
+
+/// Penalty spring [N/m] and damper [Ns/m], and the greatest force that it gives [N].
+const SPRING: (f64, f64, f64) = (2e4, 100.0, 300.0);
+/// Radii: hand behind the palm, wrist, forearm [m].
+const RADII: [f64; 3] = [0.045, 0.05, 0.065];
+/// Half the thickness of a palm plate [m].
+const PALM: f64 = 0.004;
+/// A contact ends when the parts are this far apart [m].
+const APART: f64 = 2e-3;
+/// Arms whose wrists are farther apart than this cannot touch [m].
+const FAR: f64 = 1.3;
+/// Capsules of an arm: two fingers, hand, wrist, forearm.
+const CAPSULES: usize = 5;
+
+#[derive(Clone, Copy)]
+struct Capsule {
+    a: Vector3<f64>,
+    b: Vector3<f64>,
+    radius: f64,
+}
+
+/// A contact: how deep, where, and the direction that the first part is pushed in.
+#[derive(Clone, Copy)]
+struct Contact {
+    depth: f64,
+    at: Vector3<f64>,
+    normal: Vector3<f64>,
+}
+
+/// Everything of an arm that may collide.
+struct Shape {
+    capsules: [Capsule; CAPSULES],
+    palm: Frame,
+    palm_half: Vector3<f64>,
+}
+
+/// What is being touched now.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Collisions {
+    active: u128,
+    /// Joint torques of the obstacles, per arm.
+    pub(super) torques: [[f64; AXES]; 2],
+}
+
+/// The cube as an obstacle: pose, edge, and the arm that holds it alone.
+pub(super) struct HeldCube {
+    pub(super) frame: Frame,
+    pub(super) edge: f64,
+    pub(super) holder: Option<usize>,
+}
+
+impl Collisions {
+    /// Looks at one instant; `found` is told each new contact.
+    pub(super) fn look(
+        &mut self,
+        arms: &[PlantArm],
+        openings: &[f64; 2],
+        grippers: [&Gripper; 2],
+        cube: &HeldCube,
+        table: f64,
+        mut found: impl FnMut(Incident),
+    ) {
+        self.torques = [[0.0; AXES]; 2];
+        let shape = |i: usize| Shape::new(&arms[i], openings[i], grippers[i]);
+        let first = shape(0);
+        let second = (arms.len() > 1).then(|| shape(1));
+        let mut index = 0;
+        let mut touched = |me: &mut Self, contact: Option<Contact>, a: Part, b: Part| {
+            let bit = 1_u128 << index;
+            index += 1;
+            let depth = contact.map_or(f64::NEG_INFINITY, |c| c.depth);
+            if depth > 0.0 && me.active & bit == 0 {
+                me.active |= bit;
+                found(Incident::Collision { what: a, with: b, depth });
+            } else if depth < -APART {
+                me.active &= !bit;
+            }
+            if let Some(contact) = contact
+                && depth > 0.0
+            {
+                me.push(arms, &contact, a, b, cube.holder);
+            }
+        };
+
+        // Each arm and the table; forearms stand well above it.
+        for (i, shape) in [Some(&first), second.as_ref()].into_iter().enumerate() {
+            for k in 0..4 {
+                let contact = shape.map(|s| above_table(&s.capsules[k], table));
+                touched(self, contact, part(i, k), Part::Table);
+            }
+        }
+
+        // The two arms.
+        let near = second.is_some()
+            && (arms[0].world_from_flange.p - arms[1].world_from_flange.p).norm_squared()
+                < FAR * FAR;
+        for k in 0..CAPSULES {
+            for l in 0..CAPSULES {
+                let contact = match &second {
+                    Some(s) if near => Some(capsules(&first.capsules[k], &s.capsules[l])),
+                    _ => None,
+                };
+                touched(self, contact, part(0, k), part(1, l));
+            }
+        }
+        for (owner, plate, other) in
+            [(0, Some(&first), second.as_ref()), (1, second.as_ref(), Some(&first))]
+        {
+            for k in 0..2 {
+                let contact = match (plate, other) {
+                    (Some(plate), Some(other)) if near => Some(plate.meets(&other.capsules[k])),
+                    _ => None,
+                };
+                touched(self, contact, part(1 - owner, k), Part::Palm(owner));
+            }
+        }
+
+        // The cube in one arm's hand, against the other arm and the table.
+        let corners: [Vector3<f64>; 8] = std::array::from_fn(|i| {
+            let side = |bit: usize| if i >> bit & 1 == 0 { -0.5 } else { 0.5 } * cube.edge;
+            cube.frame.point(&Vector3::new(side(0), side(1), side(2)))
+        });
+        let deepest = |f: &dyn Fn(&Capsule) -> Contact| {
+            let mut worst: Option<Contact> = None;
+            for at in &corners {
+                let contact = f(&Capsule { a: *at, b: *at, radius: 0.0 });
+                if worst.is_none_or(|w| contact.depth > w.depth) {
+                    worst = Some(contact);
+                }
+            }
+            worst
+        };
+        let held = |by: usize| cube.holder == Some(by);
+        let any = cube.holder.is_some();
+        let table_contact = if any { deepest(&|c| above_table(c, table)) } else { None };
+        touched(self, table_contact, Part::Cube, Part::Table);
+        for (i, shape) in [Some(&first), second.as_ref()].into_iter().enumerate() {
+            let other = if any && near && !held(i) { shape } else { None };
+            for k in 2..CAPSULES {
+                let contact = other.and_then(|s| deepest(&|c| capsules(c, &s.capsules[k])));
+                touched(self, contact, Part::Cube, part(i, k));
+            }
+            let contact = other.and_then(|s| deepest(&|c| s.meets(c)));
+            touched(self, contact, Part::Cube, Part::Palm(i));
+        }
+    }
+
+    /// `holder` is who a load on the cube is passed on to.
+    fn push(
+        &mut self,
+        arms: &[PlantArm],
+        contact: &Contact,
+        a: Part,
+        b: Part,
+        holder: Option<usize>,
+    ) {
+        let owner = |p: Part| match p {
+            Part::Finger(i) | Part::Palm(i) | Part::Hand(i) | Part::Forearm(i) => Some(i),
+            Part::Cube => holder,
+            Part::Table => None,
+        };
+        let (first, second) = (owner(a), owner(b));
+        let speed = |i: Option<usize>| {
+            i.map_or_else(Vector3::zeros, |i| arms[i].velocity_at(&contact.at).0)
+        };
+        let closing = -(speed(first) - speed(second)).dot(&contact.normal);
+        let (k, c, most) = SPRING;
+        let force = contact.normal * (k * contact.depth + c * closing).clamp(0.0, most);
+        for (i, sign) in [(first, 1.0), (second, -1.0)] {
+            let Some(i) = i else { continue };
+            // Forearms move by the joints before the wrist alone.
+            let last = if matches!((a, b), (Part::Forearm(x), _) | (_, Part::Forearm(x)) if x == i)
+            {
+                4
+            } else {
+                AXES
+            };
+            let torques = arms[i].torques(&(force * sign), &Vector3::zeros(), &contact.at);
+            for j in 0..last {
+                self.torques[i][j] += torques[j];
+            }
+        }
+    }
+}
+
+fn part(arm: usize, capsule: usize) -> Part {
+    match capsule {
+        0 | 1 => Part::Finger(arm),
+        2 | 3 => Part::Hand(arm),
+        _ => Part::Forearm(arm),
+    }
+}
+
+impl Shape {
+    fn new(arm: &PlantArm, opening: f64, g: &Gripper) -> Self {
+        let tool = &arm.world_from_tool;
+        let points = arm.points();
+        let radius = 0.25 * (g.finger_width + g.finger_thickness);
+        let finger = |side: f64| {
+            let y = side * (0.5 * opening + 0.5 * g.finger_thickness);
+            Capsule {
+                a: tool.point(&Vector3::new(0.0, y, -g.palm)),
+                b: tool.point(&Vector3::new(0.0, y, g.finger_tip - radius)),
+                radius,
+            }
+        };
+        let [hand, wrist, forearm] = RADII;
+        let behind = tool.point(&Vector3::new(0.0, 0.0, -g.palm - hand));
+        Self {
+            capsules: [
+                finger(1.0),
+                finger(-1.0),
+                Capsule { a: points[4], b: behind, radius: hand },
+                Capsule { a: points[3], b: points[4], radius: wrist },
+                Capsule { a: points[2], b: points[3], radius: forearm },
+            ],
+            palm: Frame { r: tool.r, p: tool.point(&Vector3::new(0.0, 0.0, -g.palm - PALM)) },
+            palm_half: Vector3::new(g.palm_half_width, g.palm_half_width, PALM),
+        }
+    }
+
+    /// A capsule against the palm plate: pushes the capsule. Sampled at its ends and middle, which is enough
+    /// for fingers not longer than the plate.
+    fn meets(&self, c: &Capsule) -> Contact {
+        let mut worst = Contact { depth: f64::NEG_INFINITY, at: c.a, normal: Vector3::z() };
+        for share in [0.0, 0.5, 1.0] {
+            let at = c.a + (c.b - c.a) * share;
+            let local = self.palm.r.tr_mul(&(at - self.palm.p));
+            let nearest =
+                Vector3::from_fn(|i, _| local[i].clamp(-self.palm_half[i], self.palm_half[i]));
+            let away = local - nearest;
+            let distance = away.norm();
+            let (depth, normal) = if distance > 1e-9 {
+                (c.radius - distance, away / distance)
+            } else {
+                let side = if local.z < 0.0 { -1.0 } else { 1.0 };
+                (c.radius + self.palm_half.z - local.z.abs(), Vector3::z() * side)
+            };
+            if depth > worst.depth {
+                worst = Contact { depth, at, normal: self.palm.r * normal };
+            }
+        }
+        worst
+    }
+}
+
+fn above_table(c: &Capsule, table: f64) -> Contact {
+    let at = if c.a.z < c.b.z { c.a } else { c.b };
+    Contact { depth: table + c.radius - at.z, at, normal: Vector3::z() }
+}
+
+/// Two capsules: pushes the first.
+fn capsules(c: &Capsule, d: &Capsule) -> Contact {
+    let (u, v, w) = (c.b - c.a, d.b - d.a, c.a - d.a);
+    let (a, b, e) = (u.norm_squared(), u.dot(&v), v.norm_squared());
+    let (cu, cv) = (u.dot(&w), v.dot(&w));
+    let divide = |x: f64, by: f64| if by > 1e-12 { (x / by).clamp(0.0, 1.0) } else { 0.0 };
+    let mut s = divide(b * cv - cu * e, a * e - b * b);
+    let t = divide(b * s + cv, e);
+    s = divide(b * t - cu, a);
+    let (p, q) = (c.a + u * s, d.a + v * t);
+    let away = p - q;
+    let distance = away.norm();
+    let normal = if distance > 1e-9 { away / distance } else { Vector3::z() };
+    Contact { depth: c.radius + d.radius - distance, at: (p + q) * 0.5, normal }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn crossed_capsules_are_as_far_apart_as_their_axes() {
+        let c = Capsule { a: -Vector3::x(), b: Vector3::x(), radius: 0.1 };
+        for (height, depth) in [(0.25, -0.05), (0.15, 0.05)] {
+            let up = Vector3::z() * height;
+            let d = Capsule { a: up - Vector3::y(), b: up + Vector3::y(), radius: 0.1 };
+
+            let contact = capsules(&c, &d);
+
+            assert!((contact.depth - depth).abs() < 1e-12);
+            assert_eq!(contact.normal, -Vector3::z());
+        }
+    }
+
+    #[test]
+    fn ends_and_parallels_are_found_as_well() {
+        let c = Capsule { a: Vector3::zeros(), b: Vector3::x(), radius: 0.1 };
+        let beyond = Vector3::new(1.3, 0.0, 0.0);
+        let d = Capsule { a: beyond, b: beyond + Vector3::y(), radius: 0.1 };
+        assert!((capsules(&c, &d).depth + 0.1).abs() < 1e-12);
+
+        let beside = Vector3::y() * 0.15;
+        let e = Capsule { a: beside, b: beside + Vector3::x(), radius: 0.1 };
+        assert!((capsules(&c, &e).depth - 0.05).abs() < 1e-12);
+    }
+}
