@@ -2,6 +2,7 @@
 //!
 //! `vision face`, `vision colours`, `vision score`: what the operator sees of [`crate::vision`].
 
+use crate::cube::{Cube, Facelets};
 use crate::vision::colours::{self, LETTERS, decide_cube, face_letter};
 use crate::vision::homography::{distance, smallest_pitch};
 use crate::vision::{DetectorSettings, FaceSighting, detect};
@@ -124,22 +125,23 @@ pub fn measured_squares(text: &str) -> Result<[[f64; 3]; 54]> {
     Ok(rgb)
 }
 
-/// `vision colours FILE...`: the facelets (URFDLB) of each file of 54 measured squares; `legal` says whether a
-/// cube can exist. The flag is false when
+/// Whether a cube of these facelets (face 0..=5 = URFDLB each) can exist.
+#[must_use]
+pub fn can_exist(facelets: &[u8; 54]) -> bool {
+    Facelets::try_from(*facelets).is_ok_and(|f| Cube::try_from(f).is_ok())
+}
+
+/// `vision colours FILE...`: the facelets (URFDLB) of each file of 54 measured squares. The flag is false when
 /// a cube could not be decided.
 #[must_use]
-pub fn colours(
-    files: &[impl AsRef<Path>],
-    json: bool,
-    legal: &dyn Fn(&[u8; 54]) -> bool,
-) -> (String, bool) {
+pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     let (mut text, mut all) = (String::new(), true);
     for path in files {
         let name = path.as_ref().display().to_string();
         let decided = std::fs::read_to_string(path.as_ref())
             .map_err(anyhow::Error::from)
             .and_then(|text| measured_squares(&text))
-            .and_then(|rgb| decide_cube(&rgb, legal).map_err(anyhow::Error::from));
+            .and_then(|rgb| decide_cube(&rgb, &can_exist).map_err(anyhow::Error::from));
         all &= decided.is_ok();
         let _ = match decided {
             Ok(decision) => {
