@@ -27,7 +27,8 @@ pub(super) fn create(
         place_for_face_turn(&mut belief, start);
         let arm = &belief.arms[1];
         grasp = GraspError {
-            distance: keys.grasp_error,
+            lateral: keys.grasp_error,
+            axial: keys.grasp_error,
             tilt: keys.grasp_tilt,
             world_from_tool: arm.world_from_base
                 * arm.model.base_from_flange(&arm.start)

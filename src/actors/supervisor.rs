@@ -165,7 +165,9 @@ async fn perform(
                     .map_err(|e| not_created("servo", &e.to_string()))?;
             Driver::Virtual(tokio::spawn(async move {
                 let result = driver::run_virtual(&mut core, &mut plant, |period, plant| {
-                    if period % 50 == 0 && tracing::enabled!(target: "rubik_robot::truth", tracing::Level::TRACE) {
+                    if period % 50 == 0
+                        && tracing::enabled!(target: "rubik_robot::truth", tracing::Level::TRACE)
+                    {
                         trace_truth(period, plant);
                     }
                     publish(&mut inputs, plant);
@@ -414,8 +416,9 @@ fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Summary {
     let ending = &done.ending;
     let end = Facelets::try_from(verdict.facelets).unwrap_or(done.start);
     let turned_deg = match build::goal(&scenario.controller) {
-        // The turner holds the upper layer: clockwise seen from outside is negative about +z.
-        Goal::FaceTurn(_) => Some(-verdict.layer_angles[1].to_degrees()),
+        // The turner holds the upper layer: clockwise seen from outside is negative about +z, and `turned` is the
+        // body's part against the turner's.
+        Goal::FaceTurn(_) => Some(verdict.turned.to_degrees()),
         Goal::Solve | Goal::Acquire => None,
     };
     let (outcome, reason, ended_by) = verdict_of(scenario, done, &end, turned_deg);

@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain, vision};
-use crate::cube::{Axis, Cube, Facelets};
+use crate::cube::{Axis, Facelets};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
 use crate::hw::scene::{Scene, SceneArm, SceneCube};
 use crate::scenario::ControllerConfig;
@@ -70,7 +70,7 @@ enum What {
 pub(super) fn look_at(args: &VisionArgs, output: &mut Output) -> anyhow::Result<u8> {
     let (text, all) = match &args.what {
         What::Face { images, json } => vision::face(images, *json),
-        What::Colours { files, json } => vision::colours(files, *json, &Cube::is_possible),
+        What::Colours { files, json } => vision::colours(files, *json),
         What::Score { folder, json } => match vision::score(folder, *json) {
             Ok(text) => (text, true),
             Err(error) => {

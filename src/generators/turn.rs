@@ -21,6 +21,10 @@ const SLOWING: f64 = 4.0;
 const CREEP: f64 = 0.02;
 /// Acceleration at the beginning [rad/s2]: the roll's gear of 289 makes 0.5 rad/s 144 rad/s of its motor.
 const ACCELERATION: f64 = 1.0;
+/// The layer lags behind the wrist by the twist of both grips: rubber pads of 120 Nm/rad in series, the cube and the
+/// arms; the wrist goes on by what the measured torque says [Nm/rad], at most by [`MOST_TWIST`] [rad].
+const TWIST_STIFFNESS: f64 = 42.0;
+const MOST_TWIST: f64 = 0.035;
 /// Time to come to rest at the end [s].
 const SETTLE: f64 = 0.15;
 
@@ -78,7 +82,9 @@ impl Turn {
         }
         let step = f64::from(self.compliance.macrostep) * PERIOD;
         let turned = (roll - start) * self.angle.signum();
-        let left = self.angle.abs() - turned;
+        let twist = (arm.wrench_in_tool.torque.z * self.angle.signum() / TWIST_STIFFNESS)
+            .clamp(0.0, MOST_TWIST);
+        let left = self.angle.abs() + twist - turned;
         if turned > self.progress + STALL_ANGLE {
             self.progress = turned;
             self.progress_at = self.steps;
@@ -90,7 +96,8 @@ impl Turn {
         directions[5] = Direction::HOLD;
         if let Some(arrived) = self.arrived {
             if f64::from(self.steps - arrived) * step >= SETTLE {
-                return Next::Done(Outcome::Turned(turned * self.angle.signum()));
+                // What the layer did, as far as the wrist and the torque tell.
+                return Next::Done(Outcome::Turned((turned - twist) * self.angle.signum()));
             }
         } else if f64::from(self.steps - self.progress_at) * step > STALL_SECONDS {
             let torque = arm.wrench_in_tool.torque.z;

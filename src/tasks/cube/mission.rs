@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use super::belief::Belief;
 use super::hold::{Grip, Hand, Hold, Step};
 use super::plan::{Reachable, Terms};
-use super::settings::{CompliantArm, CubeSettings};
+use super::settings::{ComplianceChoice, CompliantArm, CubeSettings};
 use super::think::{Conclusion, Thought};
 use crate::cube::{Axis, Face};
 use crate::generators::{Behaviour, Outcome, visual_servo};
@@ -308,7 +308,7 @@ impl Mission {
                 other => Err(format!("the jaws do not hold the cube: {other:?}")),
             },
             Job::Approach { hand, .. } => match of(hand) {
-                Some(Outcome::Touched(_)) => Ok(()),
+                Some(Outcome::Touched(_) | Outcome::Reached) => Ok(()),
                 other => Err(format!(
                     "the {} hand did not find the cube where the partner holds it: {other:?}",
                     name(hand)
@@ -508,12 +508,20 @@ impl Mission {
                 let target = grasp * Pose::translation(0.0, 0.0, -s.pre_grasp);
                 behave(hand, Behaviour::Line { target, speed: s.speed })
             }
-            Job::Approach { hand, .. } => {
-                let order = Behaviour::Approach {
-                    speed: s.approach_speed,
-                    distance: s.pre_grasp + 0.015,
-                    force: s.touch,
-                    selector: [false; 6],
+            Job::Approach { hand, hold, half_roll } => {
+                let order = if s.compliance == ComplianceChoice::None {
+                    let target = self
+                        .belief
+                        .grasp_pose(hand, hold, half_roll, arms)
+                        .ok_or("the partner does not hold the cube")?;
+                    Behaviour::Line { target, speed: 0.2 * s.speed }
+                } else {
+                    Behaviour::Approach {
+                        speed: s.approach_speed,
+                        distance: s.pre_grasp + 0.015,
+                        force: s.touch,
+                        selector: [false; 6],
+                    }
                 };
                 behave(hand, order)
             }
@@ -710,7 +718,7 @@ impl Mission {
         let s = &self.settings;
         let body = turner.other();
         let held = |hand: Hand| self.belief.held[hand.index()].ok_or("a hand is empty in a turn");
-        let stiff = s.compliance == super::settings::ComplianceChoice::None;
+        let stiff = s.compliance == ComplianceChoice::None;
         // The turn axis in the body's tool frame.
         let axis = (held(body)?.tool_from_cube.rotation
             * held(turner)?.tool_from_cube.rotation.inverse()
