@@ -116,7 +116,7 @@ mod tests {
     use super::*;
     use crate::cell::{Arm, Mount};
     use crate::spatial::Pose;
-    use nalgebra::Point3;
+    use nalgebra::{Point3, UnitQuaternion, Vector3};
     use std::sync::LazyLock;
 
     static CELL: LazyLock<Cell> = LazyLock::new(example_cell);
