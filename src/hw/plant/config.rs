@@ -334,7 +334,7 @@ pub struct HandScript {
     pub withdrawals: u32,
     /// How far it draws back [m], towards `start_offset`.
     pub withdrawal: f64,
-    /// Stiffness of its hold [N/m]; a thousandth of it is the stiffness in rotation [Nm/rad].
+    /// Stiffness of its hold [N/m]; a hundredth of it is the stiffness in rotation [Nm/rad].
     pub stiffness: f64,
     /// Damping of the same [Ns/m].
     pub damping: f64,

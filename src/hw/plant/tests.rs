@@ -235,8 +235,7 @@ fn a_spoilt_grasp_under_position_control_costs_force_that_grows_with_the_error()
 
 #[test]
 fn stiff_jaws_two_millimetres_off_fail_under_position_control_for_most_directions() {
-    // With 55 N of grip: 30.9 22.3 24.6 31.2 31.6 20.8 17.8 N for the first seven seeds; with 27 N six of
-    // eight stop short of 65 deg. An error along the pads' plane is the mildest.
+    // With 55 N of grip 20-32 N for the first six seeds; an error along the pads' plane is the mildest.
     let failed = (0..8)
         .filter(|seed| {
             let mut servo = both_hold(spoilt(Jaws::stiff(), 2.0, 2.0, *seed), 55.0, *seed);
