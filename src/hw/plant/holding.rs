@@ -81,35 +81,70 @@ impl Plant {
 
     /// Decides whether the cube is one body or two.
     pub(super) fn regroup(&mut self) {
-        let split = self.find_split();
+        let split = self.splits().max_by(|a, b| {
+            self.puzzle.misalignment(a.axis).total_cmp(&self.puzzle.misalignment(b.axis))
+        });
+        self.split_as(split);
+    }
+
+    fn split_as(&mut self, split: Option<Split>) {
         let before = self.balance.split;
         self.balance.regroup(split, &mut self.puzzle, &mut self.grasps);
         if split != before {
             self.angle_at_split = self.relative_angle();
             self.watch = JamWatch { since: self.period, ..JamWatch::default() };
-            self.verdict.turned = 0.0;
+            if split.is_some() {
+                self.verdict.turned = 0.0;
+            }
         }
     }
 
-    fn find_split(&self) -> Option<Split> {
-        if !self.grasps.iter().all(|g| g.attached) {
-            return None;
+    /// Where the palms stand at right angles the cube can turn about two axes: it turns about the one whose layer
+    /// gives way. The axis that turns now is left only near a quarter, where the others are not blocked by it.
+    pub(super) fn reconsider_axis(&mut self) {
+        let Some(now) = self.balance.split else { return };
+        if self.puzzle.misalignment(now.axis) > self.config.cube.corner_cut {
+            return;
         }
         let core = self.balance.core(&self.puzzle);
-        let held = [self.layers_held(0, &core), self.layers_held(1, &core)];
-        // Among axes that could turn: the one that is turned already, else that under a palm's lone layer.
-        let palms = |axis: usize| {
-            (0..2).any(|i| {
-                let local = self.tool(i).to_local(&core);
-                let along = nearest_alignment(&local.r)[(2, axis)] != 0.0;
-                along && matches!(held[i][axis], 1 | 4)
-            })
+        let tool = self.tool(0);
+        let touch = &self.balance.touches[0];
+        let force = tool.r * touch.force;
+        let torque = tool.r * touch.torque + (tool.p - core.p).cross(&force);
+        let load = |split: &Split| {
+            let about = core.r.column(split.axis).dot(&torque).abs();
+            let side = usize::from(split.layers[0] & 4 != 0 || split.layers[1] & 4 != 0);
+            about / self.puzzle.turning_torque(split.axis, side, 0.0, 0.0, 0.0)
         };
-        (0..3)
-            .filter(|a| held[0][*a] & held[1][*a] == 0 && held[0][*a] != 0 && held[1][*a] != 0)
-            .filter(|a| palms(*a))
-            .max_by(|a, b| self.puzzle.misalignment(*a).total_cmp(&self.puzzle.misalignment(*b)))
-            .map(|axis| Split { axis, layers: [held[0][axis], held[1][axis]] })
+        let loaded_now = load(&now);
+        let other = self
+            .splits()
+            .filter(|s| s.axis != now.axis && load(s) > 1.0 && load(s) > loaded_now)
+            .max_by(|a, b| load(a).total_cmp(&load(b)));
+        if other.is_some() {
+            self.split_as(other);
+        }
+    }
+
+    /// The axes that could turn while both hold: those under a palm's lone layer.
+    fn splits(&self) -> impl Iterator<Item = Split> + use<> {
+        let both = self.grasps.iter().all(|g| g.attached) && self.arms.len() == 2;
+        let core = self.balance.core(&self.puzzle);
+        let mut found = [None; 3];
+        if both {
+            let held = [self.layers_held(0, &core), self.layers_held(1, &core)];
+            for (axis, split) in found.iter_mut().enumerate() {
+                let layers = [held[0][axis], held[1][axis]];
+                let apart = layers[0] & layers[1] == 0 && layers[0] != 0 && layers[1] != 0;
+                let under_a_palm = (0..2).any(|i| {
+                    let local = self.tool(i).to_local(&core);
+                    let along = nearest_alignment(&local.r)[(2, axis)] != 0.0;
+                    along && matches!(layers[i], 1 | 4)
+                });
+                *split = (apart && under_a_palm).then_some(Split { axis, layers });
+            }
+        }
+        found.into_iter().flatten()
     }
 
     /// Layers of each axis that a gripper's pads hold: along the palm's axis by depth, across it by the pads'

@@ -388,6 +388,7 @@ impl Port for Plant {
         for k in 0..substeps {
             self.step(drives, start + f64::from(k + 1) * dt, dt);
         }
+        self.reconsider_axis();
         self.period = period + 1;
         self.verdict.period = self.period;
         for (i, reading) in readings.iter_mut().enumerate() {
