@@ -105,6 +105,7 @@ pub(super) fn create(
         let edge = config.cell.cube.edge;
         let tool_from_cube = start.body.cube_from_tool(start.half_roll, edge).inverse();
         config.start = Start::Held { arm: 1, tool_from_cube };
+        config.start_grip = scenario.controller.control.grip;
     }
     Plant::new(config, scenario.seed).map_err(|e| e.to_string())
 }

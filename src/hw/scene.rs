@@ -16,7 +16,8 @@ pub struct Scene {
     pub arms: [SceneArm; 2],
     /// Number of effectors that are there.
     pub arm_count: usize,
-    /// The operator's hand; `None` when it is out of the cell.
+    /// The operator's hand: origin where it touches the cube's far side, axes as the world's; `None` when it is
+    /// out of the cell.
     pub hand: Option<Pose>,
 }
 

@@ -18,7 +18,7 @@ use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use std::ops::{AddAssign, SubAssign};
 
 /// Newton rounds a substep; what is left over is taken up in the next one.
-const ROUNDS: usize = 4;
+const ROUNDS: usize = 3;
 /// A balance within this is good [N, Nm].
 const TOLERANCE: (f64, f64) = (5e-3, 1e-4);
 /// Elastic stiffness of a layer that is not turning [Nm/rad].
@@ -60,6 +60,18 @@ pub(super) struct Interface {
     slip: f64,
     /// Interface that gives way: which body's layer turns against the core.
     slipping: usize,
+}
+
+/// What acts on the cube.
+pub(super) struct Surroundings<'a> {
+    /// `world_from_tool` of the arms.
+    pub(super) tools: [Frame; 2],
+    /// Grippers that are near.
+    pub(super) hands: [Option<Hands<'a>>; 2],
+    /// The operator's hold.
+    pub(super) hold: Option<HandHold>,
+    /// In the world [N].
+    pub(super) weight: Vector3<f64>,
 }
 
 #[derive(Debug, Clone)]
@@ -150,36 +162,27 @@ impl Balance {
         self.interface = Interface::default();
     }
 
-    /// One substep. `tools` and `hands` describe the grippers; `weight` acts in the world [N].
+    /// One substep.
     pub(super) fn step(
         &mut self,
         puzzle: &mut Puzzle,
         grasps: &mut [Grasp; 2],
-        tools: &[Frame; 2],
-        hands: &[Option<Hands>; 2],
-        hold: Option<&HandHold>,
-        weight: &Vector3<f64>,
+        around: &Surroundings,
         dt: f64,
     ) {
+        let Surroundings { tools, hands, hold, weight } = around;
+        let bodies = if self.split.is_some() { 2 } else { 1 };
         for round in 0..=ROUNDS {
-            let mut system = System::new(self.edge);
+            let mut system = System::new();
             for (i, hands) in hands.iter().enumerate() {
                 self.touches[i] = Touch::NONE;
                 let Some(hands) = hands else { continue };
-                let node = if grasps[i].attached { grasps[i].node } else { 0 };
-                let touch = grasps[i].touch(&tools[i], &self.nodes[node], hands);
-                if touch.any() || grasps[i].attached {
-                    system.add_touch(node, &tools[i], &self.nodes[node], &touch);
-                }
-                self.touches[i] = touch;
+                let body = &self.nodes[self.body_of(&grasps[i])];
+                self.touches[i] = grasps[i].touch(&tools[i], body, hands);
+                system.load(self.body_of(&grasps[i]), &tools[i], body, &self.touches[i]);
             }
-            match self.split {
-                None => system.residual[0].fixed_rows_mut::<3>(0).add_assign(weight),
-                Some(_) => {
-                    for residual in &mut system.residual {
-                        residual.fixed_rows_mut::<3>(0).add_assign(&(weight * 0.5));
-                    }
-                }
+            for residual in system.residual.iter_mut().take(bodies) {
+                residual.fixed_rows_mut::<3>(0).add_assign(&(weight / bodies as f64));
             }
             if let Some(hold) = hold {
                 self.hand_force =
@@ -187,12 +190,25 @@ impl Balance {
                 // The hand carries the cube's weight without sinking.
                 system.residual[0].fixed_rows_mut::<3>(0).sub_assign(weight);
             }
-            if let Some(split) = self.split {
-                self.interface = self.join(split, puzzle, &mut system);
-            }
-            let bodies = if self.split.is_some() { 2 } else { 1 };
+            let joint = self.split.map(|split| {
+                let (interface, joint) = self.join(split, puzzle);
+                self.interface = interface;
+                system.load_joint(&joint, &self.nodes);
+                joint
+            });
             if round == ROUNDS || system.balanced(bodies) {
                 break;
+            }
+            for (i, touch) in self.touches.iter().enumerate() {
+                if touch.any() || grasps[i].attached {
+                    let body = self.body_of(&grasps[i]);
+                    let lever = tools[i].p - self.nodes[body].p;
+                    system.stiffness[body][body] +=
+                        moved(&touch.stiffness, &tools[i].r, &lever, &lever);
+                }
+            }
+            if let Some(joint) = joint {
+                system.stiffen_joint(&joint, &self.nodes);
             }
             let moves = system.solve(bodies);
             for (node, m) in self.nodes.iter_mut().zip(&moves).take(bodies) {
@@ -220,6 +236,11 @@ impl Balance {
         }
     }
 
+    /// Which body a gripper touches.
+    fn body_of(&self, grasp: &Grasp) -> usize {
+        if grasp.attached && self.split.is_some() { grasp.node } else { 0 }
+    }
+
     /// The hand took hold anew.
     pub(super) fn hand_comes(&mut self, hold: &Frame) {
         self.hand_before = *hold;
@@ -232,7 +253,7 @@ impl Balance {
     }
 
     /// The springs between the two bodies.
-    fn join(&self, split: Split, puzzle: &Puzzle, system: &mut System) -> Interface {
+    fn join(&self, split: Split, puzzle: &Puzzle) -> (Interface, Joint) {
         let m = &puzzle.mechanics;
         let unit = Axis::ALL[split.axis].unit();
         let ours = self.unturned(0, split, puzzle);
@@ -243,7 +264,7 @@ impl Balance {
         let outwards = |layers: Layers| f64::from(layers >> 2 & 1) - f64::from(layers & 1);
         let middle = split.layers.iter().position(|l| l & MIDDLE != 0);
         let at = match middle {
-            Some(body) => unit * (outwards(split.layers[1 - body]) * system.edge_sixth),
+            Some(body) => unit * (outwards(split.layers[1 - body]) * self.edge / 6.0),
             None => Vector3::zeros(),
         };
         let shift = e.p + w.cross(&at);
@@ -263,12 +284,12 @@ impl Balance {
                 })
                 .sum()
         };
-        let (slipping, limit) = match middle {
-            Some(body) => (1 - body, limit(1 - body)),
-            None => {
-                let (a, b) = (limit(0), limit(1));
-                if a <= b { (0, a) } else { (1, b) }
-            }
+        let (slipping, limit) = if let Some(body) = middle {
+            (1 - body, limit(1 - body))
+        } else {
+            // The middle layer turns along with whichever neighbour holds it better.
+            let (a, b) = (limit(0), limit(1));
+            if a <= b { (0, a) } else { (1, b) }
         };
         let blocked = puzzle.blocked(split.axis);
         let k = if blocked { CORNER_STIFFNESS } else { LAYER_STIFFNESS };
@@ -286,8 +307,10 @@ impl Balance {
         stiffness.fixed_view_mut::<3, 3>(3, 3).copy_from(&(plane * k_tilt + along * k_twist));
         let force = f_across + f_axial;
         let moment = t_tilt + unit * torque;
-        system.add_joint(&theirs, &at, &self.nodes, &force, &moment, &stiffness);
-        Interface { torque, limit, tilt: load_tilt, axial: unit.dot(&f_axial), slip, slipping }
+        let joint = Joint { frame: theirs, at, force, moment, stiffness };
+        let interface =
+            Interface { torque, limit, tilt: load_tilt, axial: unit.dot(&f_axial), slip, slipping };
+        (interface, joint)
     }
 }
 
@@ -311,30 +334,33 @@ fn with_play(d: &Vector3<f64>, play: f64, k: f64) -> (Vector3<f64>, f64, f64) {
     (d * (-(inside + beyond / size)), k, beyond)
 }
 
+/// A spring between the bodies at a point of a frame, in that frame's axes; what it exerts on the first.
+struct Joint {
+    frame: Frame,
+    at: Vector3<f64>,
+    force: Vector3<f64>,
+    moment: Vector3<f64>,
+    stiffness: Matrix6<f64>,
+}
+
 /// Residual wrenches on the bodies (force, torque about their origins, in the world) and the stiffness.
 struct System {
     residual: [Vector6<f64>; 2],
     stiffness: [[Matrix6<f64>; 2]; 2],
-    edge_sixth: f64,
 }
 
 impl System {
-    fn new(edge: f64) -> Self {
-        Self {
-            residual: [Vector6::zeros(); 2],
-            stiffness: [[Matrix6::zeros(); 2]; 2],
-            edge_sixth: edge / 6.0,
-        }
+    fn new() -> Self {
+        Self { residual: [Vector6::zeros(); 2], stiffness: [[Matrix6::zeros(); 2]; 2] }
     }
 
-    fn add_touch(&mut self, node: usize, tool: &Frame, body: &Frame, touch: &Touch) {
+    fn load(&mut self, node: usize, tool: &Frame, body: &Frame, touch: &Touch) {
         let lever = tool.p - body.p;
         let force = tool.r * touch.force;
         let torque = tool.r * touch.torque + lever.cross(&force);
         let r = &mut self.residual[node];
         r.fixed_rows_mut::<3>(0).add_assign(&force);
         r.fixed_rows_mut::<3>(3).add_assign(&torque);
-        self.stiffness[node][node] += moved(&touch.stiffness, &tool.r, &lever, &lever);
     }
 
     fn add_hold(
@@ -366,26 +392,25 @@ impl System {
         force
     }
 
-    /// A spring between the bodies at a point of the second's frame, in that frame's axes.
-    fn add_joint(
-        &mut self,
-        frame: &Frame,
-        at: &Vector3<f64>,
-        nodes: &[Frame; 2],
-        force: &Vector3<f64>,
-        moment: &Vector3<f64>,
-        stiffness: &Matrix6<f64>,
-    ) {
-        let point = frame.point(at);
-        let levers = nodes.map(|n| point - n.p);
-        let (force, moment) = (frame.r * force, frame.r * moment);
+    fn load_joint(&mut self, joint: &Joint, nodes: &[Frame; 2]) {
+        let point = joint.frame.point(&joint.at);
+        let (force, moment) = (joint.frame.r * joint.force, joint.frame.r * joint.moment);
         for (body, sign) in [(0, 1.0), (1, -1.0)] {
+            let lever = point - nodes[body].p;
             let r = &mut self.residual[body];
             r.fixed_rows_mut::<3>(0).add_assign(&(force * sign));
-            r.fixed_rows_mut::<3>(3).add_assign(&((moment + levers[body].cross(&force)) * sign));
-            self.stiffness[body][body] += moved(stiffness, &frame.r, &levers[body], &levers[body]);
+            r.fixed_rows_mut::<3>(3).add_assign(&((moment + lever.cross(&force)) * sign));
         }
-        let between = moved(stiffness, &frame.r, &levers[0], &levers[1]);
+    }
+
+    fn stiffen_joint(&mut self, joint: &Joint, nodes: &[Frame; 2]) {
+        let point = joint.frame.point(&joint.at);
+        let [a, b] = nodes.map(|n| point - n.p);
+        let spring =
+            |a: &Vector3<f64>, b: &Vector3<f64>| moved(&joint.stiffness, &joint.frame.r, a, b);
+        self.stiffness[0][0] += spring(&a, &a);
+        self.stiffness[1][1] += spring(&b, &b);
+        let between = spring(&a, &b);
         self.stiffness[0][1] -= between;
         self.stiffness[1][0] -= between.transpose();
     }
@@ -445,7 +470,11 @@ pub(super) fn moved(
     let block = |i: usize, j: usize| -> Matrix3<f64> {
         r * k.fixed_view::<3, 3>(i, j).into_owned() * r.transpose()
     };
-    let (ff, fm, mf, mm) = (block(0, 0), block(0, 3), block(3, 0), block(3, 3));
+    let (ff, mm) = (block(0, 0), block(3, 3));
+    // Force and rotation are only coupled where the palm's stops press.
+    let coupled = k.m34 != 0.0 || k.m35 != 0.0;
+    let fm = if coupled { block(0, 3) } else { Matrix3::zeros() };
+    let mf = fm.transpose();
     let (a, bt) = (skew(lever_a), skew(lever_b).transpose());
     let mut out = Matrix6::zeros();
     let top = ff * bt + fm;

@@ -190,8 +190,8 @@ impl Collisions {
                 AXES
             };
             let torques = arms[i].torques(&(force * sign), &Vector3::zeros(), &contact.at);
-            for j in 0..last {
-                self.torques[i][j] += torques[j];
+            for (sum, torque) in self.torques[i].iter_mut().zip(torques).take(last) {
+                *sum += torque;
             }
         }
     }

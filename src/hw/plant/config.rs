@@ -38,7 +38,7 @@ impl PlantConfig {
     /// The defaults around a cell's true values, with a solved cube in the operator's hand.
     #[must_use]
     pub fn new(cell: Cell) -> Self {
-        let arms = cell.arms.iter().map(|a| ArmDynamics::new(a.model.has_track)).collect();
+        let arms = vec![ArmDynamics::irp6(); cell.arms.len()];
         Self {
             cell,
             arms,
@@ -107,7 +107,7 @@ impl ArmDynamics {
     /// The assumptions of an `IRp-6`. Rotor 1e-3 kg m2 (main axes) and 3e-4 (wrist); the stall torque follows
     /// from a mechanical time constant of 40 ms with the reflected load and a no-load speed of 330 rad/s.
     #[must_use]
-    pub fn new(track: bool) -> Self {
+    pub fn irp6() -> Self {
         let motor = |inertia: f64, load: f64, coulomb: f64, trip_current: f64| MotorDynamics {
             inertia,
             stall_torque: (inertia + load) * 330.0 / 0.040,
@@ -116,23 +116,18 @@ impl ArmDynamics {
             viscous: 1e-5,
             trip_current,
         };
-        let trips = if track {
-            [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0]
-        } else {
-            [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0]
-        };
         Self {
             links: LINKS,
             stiffness: [2e7, 60e3, 60e3, 40e3, 12e3, 8e3, 8e3],
             damping: [6.5e3, 90.0, 90.0, 60.0, 8.0, 3.0, 1.5],
             motors: [
-                motor(1e-3, 8.5e-5, 40.0, trips[0]),
-                motor(1e-3, 4.8e-4, 3.0, trips[1]),
-                motor(1e-3, 6.7e-4, 3.0, trips[2]),
-                motor(1e-3, 3.3e-4, 3.0, trips[3]),
-                motor(3e-4, 1.2e-5, 3.0, trips[4]),
-                motor(3e-4, 6.5e-6, 3.0, trips[5]),
-                motor(3e-4, 0.0, 3.0, trips[6]),
+                motor(1e-3, 8.5e-5, 40.0, 25.0),
+                motor(1e-3, 4.8e-4, 3.0, 15.0),
+                motor(1e-3, 6.7e-4, 3.0, 18.0),
+                motor(1e-3, 3.3e-4, 3.0, 10.0),
+                motor(3e-4, 1.2e-5, 3.0, 10.0),
+                motor(3e-4, 6.5e-6, 3.0, 10.0),
+                motor(3e-4, 0.0, 3.0, 10.0),
             ],
             counterbalance: 1.0,
             gravity: 1.0,
@@ -339,7 +334,7 @@ pub struct HandScript {
     pub withdrawals: u32,
     /// How far it draws back [m], towards `start_offset`.
     pub withdrawal: f64,
-    /// Stiffness of its hold [N/m]; a thousandth of it is the stiffness in rotation [Nm/rad].
+    /// Stiffness of its hold [N/m]; a hundredth of it is the stiffness in rotation [Nm/rad].
     pub stiffness: f64,
     /// Damping of the same [Ns/m].
     pub damping: f64,

@@ -179,8 +179,8 @@ impl Placement {
             total = total.plus(&forces[j], 1.0);
             bias[j] = self.screws[j].dot(&total);
             let column = composite.times(&self.screws[j]);
-            for i in 0..=j {
-                mass[i][j] = self.screws[i].dot(&column);
+            for (i, screw) in self.screws.iter().enumerate().take(j + 1) {
+                mass[i][j] = screw.dot(&column);
                 mass[j][i] = mass[i][j];
             }
         }

@@ -5,7 +5,7 @@
 //!   and every sine and root here comes from `libm`, so that a run has the same bits on every machine
 
 use crate::spatial::Pose;
-use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// A rigid transform `to_from`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,10 +59,6 @@ impl Frame {
     /// `w`, and makes the matrix orthonormal again (Gram-Schmidt).
     pub(super) fn nudged(&self, d: &Vector3<f64>, w: &Vector3<f64>) -> Self {
         Self { r: orthonormal(&(rotation(w) * self.r)), p: self.p + d }
-    }
-
-    pub(super) fn origin(&self) -> Point3<f64> {
-        Point3::from(self.p)
     }
 }
 
@@ -146,6 +142,10 @@ pub(super) fn nearest_alignment(r: &Matrix3<f64>) -> Matrix3<f64> {
 
 /// Cholesky solution of `a x = b` for a symmetric positive definite `a`; `a` and `b` are consumed.
 /// A pivot that is not positive is replaced by a tiny one, so that the answer stays finite.
+#[allow(
+    clippy::needless_range_loop,
+    reason = "the recurrences of a factorisation are clearer by index"
+)]
 pub(super) fn solve<const N: usize>(a: &mut [[f64; N]; N], b: &mut [f64; N]) {
     for j in 0..N {
         let mut d = a[j][j];

@@ -193,35 +193,11 @@ impl Grasp {
                 }
             }
         }
-        self.palm(&mut t, hands, &local, face, &w);
+        palm(&mut t, hands, &local, face, &w);
         if self.attached {
             self.friction(&mut t, hands, &e, &w);
         }
         t
-    }
-
-    fn palm(&self, t: &mut Touch, hands: &Hands, local: &Frame, face: f64, w: &Vector3<f64>) {
-        let half = 0.5 * hands.edge;
-        if local.p.x.abs() > half || local.p.y.abs() > half || local.p.z < 0.0 - half {
-            return;
-        }
-        let stop = match hands.stops {
-            Depth::One => -Gripper::FACE_BEHIND_TOOL_ONE,
-            Depth::Two => -Gripper::FACE_BEHIND_TOOL_TWO,
-        };
-        if face > stop + 0.005 {
-            return;
-        }
-        let k = 0.25 * hands.jaws.palm;
-        for (x, y) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
-            let (x, y) = (x * STOP_SPACING, y * STOP_SPACING);
-            let press = stop - (face + w.x * y - w.y * x);
-            if press > 0.0 {
-                let f = (k * press).min(400.0);
-                t.palm += f;
-                point_load(t, x, y, f, k);
-            }
-        }
     }
 
     fn friction(&self, t: &mut Touch, hands: &Hands, e: &Frame, w: &Vector3<f64>) {
@@ -307,6 +283,31 @@ impl Grasp {
         }
         if self.slip.0 > LOST.0 || self.slip.1 > LOST.1 {
             self.lost = true;
+        }
+    }
+}
+
+/// The palm's stops on the face, which lies at `face` and is tilted by `w`.
+fn palm(t: &mut Touch, hands: &Hands, local: &Frame, face: f64, w: &Vector3<f64>) {
+    let half = 0.5 * hands.edge;
+    if local.p.x.abs() > half || local.p.y.abs() > half || local.p.z < 0.0 - half {
+        return;
+    }
+    let stop = match hands.stops {
+        Depth::One => -Gripper::FACE_BEHIND_TOOL_ONE,
+        Depth::Two => -Gripper::FACE_BEHIND_TOOL_TWO,
+    };
+    if face > stop + 0.005 {
+        return;
+    }
+    let k = 0.25 * hands.jaws.palm;
+    for (x, y) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+        let (x, y) = (x * STOP_SPACING, y * STOP_SPACING);
+        let press = stop - (face + w.x * y - w.y * x);
+        if press > 0.0 {
+            let f = (k * press).min(400.0);
+            t.palm += f;
+            point_load(t, x, y, f, k);
         }
     }
 }

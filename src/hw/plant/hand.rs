@@ -171,8 +171,7 @@ impl OperatorHand {
             Phase::Carrying { since, from } => {
                 Some(moved(&from, out * minimum_jerk((t - since) / 2.0)))
             }
-            Phase::Done => None,
-            Phase::Leaving { .. } | Phase::Gone | Phase::Coming { .. } => None,
+            Phase::Leaving { .. } | Phase::Gone | Phase::Coming { .. } | Phase::Done => None,
         }
     }
 
@@ -197,11 +196,6 @@ impl OperatorHand {
     /// Whether it has the cube for good.
     pub(super) fn has_it_back(&self) -> bool {
         self.phase == Phase::Done
-    }
-
-    /// Whether the cube has not been seen yet.
-    pub(super) fn is_outside(&self) -> bool {
-        self.phase == Phase::Outside
     }
 
     /// Looks, feels and decides at the end of a period.

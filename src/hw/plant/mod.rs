@@ -7,6 +7,7 @@
 //!   sines from `libm`: the same bits in every run
 //! - it knows nothing of the task or the controller, and only the true values of the cell
 
+mod account;
 mod arm;
 mod balance;
 mod collision;
@@ -16,6 +17,7 @@ pub mod dynamics;
 mod frame;
 mod grasp;
 mod hand;
+mod holding;
 mod jaw;
 pub mod render;
 mod sensor;
@@ -31,13 +33,14 @@ pub use config::{
 };
 pub use verdict::{Counts, Event, Incident, Part, Verdict, Whereabouts};
 
+use self::account::JamWatch;
 use self::arm::PlantArm;
-use self::balance::{Balance, HandHold, Split, layer_angle, moved};
-use self::collision::{Collisions, HeldCube};
-use self::cube::{Layers, Puzzle};
-use self::frame::{Frame, about, nearest_alignment, rotation_vector};
+use self::balance::{Balance, HandHold, Surroundings, moved};
+use self::collision::Collisions;
+use self::cube::Puzzle;
+use self::frame::{Frame, about};
 use self::grasp::{Grasp, Hands, Touch};
-use self::hand::{OperatorHand, Sight};
+use self::hand::OperatorHand;
 use self::jaw::PlantJaw;
 use self::sensor::WristSensor;
 use super::port::{Port, PortFault};
@@ -50,15 +53,6 @@ use crate::spatial::Twist;
 use nalgebra::{Point3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
-
-/// Pads that press more than this are on the cube [N].
-const CLOSED: f64 = 0.2;
-/// Pads farther from the cube than this have let go [m].
-const OPEN_GAP: f64 = 1e-4;
-/// Overlap of a pad with a layer from which on it holds the layer [m].
-const OVERLAP: f64 = 1e-3;
-/// What is left of a layer's misalignment when pads close over it and its neighbour.
-const FLUSH: f64 = 0.1;
 
 /// Where the cube is, as a state.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,14 +89,6 @@ pub struct Plant {
     /// Relative angle of the two bodies when they were formed [rad].
     angle_at_split: f64,
     verdict: Verdict,
-}
-
-/// Looks for a loaded layer that does not move.
-#[derive(Debug, Clone, Copy, Default)]
-struct JamWatch {
-    angle: f64,
-    since: u64,
-    reported: bool,
 }
 
 impl Plant {
@@ -306,21 +292,17 @@ impl Plant {
     fn step_cube(&mut self, t: f64, dt: f64) {
         let edge = self.config.cell.cube.edge;
         self.balance.touches = [Touch::NONE; 2];
-        match self.state {
-            State::Held => {}
-            State::Falling { mut velocity } => {
-                velocity.z -= 9.81 * dt;
-                let mut cube = self.balance.nodes[0];
-                cube.p += velocity * dt;
-                self.state = State::Falling { velocity };
-                let lowest: f64 = (0..3).map(|i| cube.r[(2, i)].abs() * 0.5 * edge).sum();
-                if cube.p.z - lowest <= self.config.cell.table_height {
-                    self.land(&mut cube);
-                }
-                self.balance.place(cube);
-                return;
+        if let State::Falling { mut velocity } = self.state {
+            velocity.z -= 9.81 * dt;
+            let mut cube = self.balance.nodes[0];
+            cube.p += velocity * dt;
+            self.state = State::Falling { velocity };
+            let lowest: f64 = (0..3).map(|i| cube.r[(2, i)].abs() * 0.5 * edge).sum();
+            if cube.p.z - lowest <= self.config.cell.table_height {
+                self.land(&mut cube);
             }
-            State::Tray { .. } => {}
+            self.balance.place(cube);
+            return;
         }
         let hold = self.hand.hold(t).map(|world_from_cube| HandHold {
             world_from_cube,
@@ -358,15 +340,8 @@ impl Plant {
             return;
         }
         let weight = Vector3::new(0.0, 0.0, -9.81 * self.config.cell.cube.mass);
-        self.balance.step(
-            &mut self.puzzle,
-            &mut self.grasps,
-            &tools,
-            &hands,
-            hold.as_ref(),
-            &weight,
-            dt,
-        );
+        let around = Surroundings { tools, hands, hold, weight };
+        self.balance.step(&mut self.puzzle, &mut self.grasps, &around, dt);
     }
 
     fn tool(&self, i: usize) -> Frame {
@@ -390,281 +365,6 @@ impl Plant {
         self.state = State::Tray { down };
         self.record(Incident::Landed { down });
     }
-
-    /// Pads that met the cube or left it.
-    fn change_grasps(&mut self) {
-        let edge = self.config.cell.cube.edge;
-        for i in 0..self.arms.len() {
-            let touch = self.balance.touches[i];
-            let (attached, grip) = (self.grasps[i].attached, touch.grip());
-            if !attached && grip > CLOSED && !matches!(self.state, State::Falling { .. }) {
-                self.state = State::Held;
-                self.close(i);
-            } else if attached {
-                let gone = touch.pads == [0.0; 2] && self.jaws[i].opening() > edge + OPEN_GAP;
-                if gone {
-                    self.open(i);
-                } else if self.grasps[i].lost && !self.popped {
-                    // A lost grasp has no friction; its pads may still be there.
-                }
-            }
-        }
-    }
-
-    fn close(&mut self, i: usize) {
-        let core = self.balance.core(&self.puzzle);
-        let tool = self.tool(i);
-        let held = self.layers_held(i, &core);
-        for (axis, layers) in held.iter().enumerate() {
-            for side in 0..2 {
-                let outer = 1 << (2 * side);
-                if layers & outer != 0 && layers & cube::MIDDLE != 0 {
-                    // Pads over both layers press them flush, but for what the rubber gives.
-                    self.puzzle.settle(axis);
-                    self.puzzle.angles[axis][side] *= FLUSH;
-                }
-            }
-        }
-        // The layer that the pads touch stands by its misalignment off the core.
-        let mut touched = core;
-        for (axis, layers) in held.iter().enumerate() {
-            let angle = layer_angle(&self.puzzle, axis, *layers);
-            if matches!(layers, 1 | 4) {
-                touched = touched.times(&Frame::rotated(about(&Axis::ALL[axis].unit(), angle)));
-            }
-        }
-        let flat = Grasp::flat(&tool.to_local(&touched));
-        let body = self.balance.nodes[0];
-        let reference = flat.times(&touched.to_local(&body));
-        self.grasps[i].close(0, &tool.to_local(&body), reference);
-        self.last_holder = Some(i);
-        self.verdict.grasps[i] += 1;
-        self.record(Incident::Grasped { arm: i });
-        self.regroup();
-    }
-
-    fn open(&mut self, i: usize) {
-        self.grasps[i].attached = false;
-        self.regroup();
-        self.grasps[i] = Grasp::OPEN;
-        self.record(Incident::Released { arm: i });
-    }
-
-    /// Decides whether the cube is one body or two.
-    fn regroup(&mut self) {
-        let split = self.find_split();
-        let before = self.balance.split;
-        self.balance.regroup(split, &mut self.puzzle, &mut self.grasps);
-        if split != before {
-            self.angle_at_split = self.relative_angle();
-            self.watch = JamWatch { since: self.period, ..JamWatch::default() };
-            self.verdict.turned = 0.0;
-        }
-    }
-
-    fn find_split(&self) -> Option<Split> {
-        if !self.grasps.iter().all(|g| g.attached) {
-            return None;
-        }
-        let core = self.balance.core(&self.puzzle);
-        let held = [self.layers_held(0, &core), self.layers_held(1, &core)];
-        // Among axes that could turn: the one that is turned already, else that under a palm's lone layer.
-        let palms = |axis: usize| {
-            (0..2).any(|i| {
-                let local = self.tool(i).to_local(&core);
-                let along = nearest_alignment(&local.r)[(2, axis)] != 0.0;
-                along && matches!(held[i][axis], 1 | 4)
-            })
-        };
-        (0..3)
-            .filter(|a| held[0][*a] & held[1][*a] == 0 && held[0][*a] != 0 && held[1][*a] != 0)
-            .filter(|a| palms(*a))
-            .max_by(|a, b| self.puzzle.misalignment(*a).total_cmp(&self.puzzle.misalignment(*b)))
-            .map(|axis| Split { axis, layers: [held[0][axis], held[1][axis]] })
-    }
-
-    /// Layers of each axis that a gripper's pads hold: along the palm's axis by depth, across it by the pads'
-    /// width, along the jaws the two outer ones by friction on their faces.
-    fn layers_held(&self, i: usize, core: &Frame) -> [Layers; 3] {
-        let g = &self.config.cell.arms[i].gripper;
-        let third = self.config.cell.cube.edge / 3.0;
-        let local = self.tool(i).to_local(core);
-        let aligned = nearest_alignment(&local.r);
-        let overlapping = |centre: f64, sense: f64, low: f64, high: f64| -> Layers {
-            (0..3).fold(0, |set, layer| {
-                let at = centre + sense * (f64::from(layer) - 1.0) * third;
-                let overlap = (at + 0.5 * third).min(high) - (at - 0.5 * third).max(low);
-                if overlap > OVERLAP { set | 1 << layer } else { set }
-            })
-        };
-        std::array::from_fn(|axis| {
-            let direction: Vector3<f64> = aligned.column(axis).into_owned();
-            if direction.z != 0.0 {
-                overlapping(local.p.z, direction.z, -g.palm, g.finger_tip)
-            } else if direction.y != 0.0 {
-                5
-            } else {
-                let half = 0.5 * g.finger_width;
-                overlapping(local.p.x, direction.x, -half, half)
-            }
-        })
-    }
-
-    /// Angle of the second body's layer against the first's [rad].
-    fn relative_angle(&self) -> f64 {
-        self.balance.split.map_or(0.0, |s| {
-            layer_angle(&self.puzzle, s.axis, s.layers[1])
-                - layer_angle(&self.puzzle, s.axis, s.layers[0])
-        })
-    }
-
-    /// The end of a period: what happened.
-    fn account(&mut self) {
-        let core = self.balance.core(&self.puzzle);
-        let moved = (core.p - self.core.p) / PERIOD;
-        let turned = rotation_vector(&(core.r * self.core.r.transpose())) / PERIOD;
-        self.velocity = Twist { linear: moved, angular: turned };
-        self.core = core;
-        let both = self.both_hold();
-        for i in 0..self.arms.len() {
-            let touch = self.balance.touches[i];
-            let (force, torque) = (touch.force.norm(), touch.torque.norm());
-            let v = &mut self.verdict;
-            v.arm_peak_force[i] = v.arm_peak_force[i].max(force);
-            v.arm_peak_torque[i] = v.arm_peak_torque[i].max(torque);
-            if both {
-                v.peak_force = v.peak_force.max(force);
-                v.peak_torque = v.peak_torque.max(torque);
-            }
-            let grasp = self.grasps[i];
-            let (distance, angle) = grasp.slip;
-            if grasp.attached && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians())
-            {
-                self.grasps[i].reported = true;
-                self.verdict.counts.slips += 1;
-                self.record(Incident::Slip { arm: i, distance, angle });
-            }
-            let squeeze = touch.pads[0].max(touch.pads[1]);
-            if squeeze > 150.0 && !self.crushed[i] {
-                self.crushed[i] = true;
-                self.verdict.counts.crushed += 1;
-                self.record(Incident::Crush { arm: i, squeeze });
-            }
-        }
-        self.look_for_drop();
-        self.look_for_pop_and_jam();
-        let sight = Sight {
-            cube: self.core,
-            speed: self.velocity.linear.norm(),
-            grippers: self.grasps.iter().filter(|g| g.holds()).count(),
-            load: self.balance.touches.iter().map(|t| t.force.norm()).fold(0.0, f64::max),
-            solved: self.looks_solved(),
-        };
-        let t = self.time();
-        self.hand.decide(t, &sight);
-        let has = self.hand.hold(t).is_some() || self.hand.has_it_back();
-        if has != self.operator_has {
-            self.operator_has = has;
-            if has {
-                self.balance.hand_comes(&self.core);
-            }
-            self.record(Incident::Operator { has_cube: has });
-        }
-    }
-
-    fn look_for_collisions(&mut self) {
-        let openings = [self.jaws[0].opening(), self.jaws[self.jaws.len() - 1].opening()];
-        let holds = self.grasps.map(|g| g.holds());
-        let cube = HeldCube {
-            frame: self.balance.nodes[0],
-            edge: self.config.cell.cube.edge,
-            holder: (holds[0] != holds[1]).then(|| usize::from(holds[1])),
-        };
-        let arms = &self.config.cell.arms;
-        let grippers = [&arms[0].gripper, &arms[arms.len() - 1].gripper];
-        let (events, counts) = (&mut self.verdict.events, &mut self.verdict.counts);
-        let period = self.period;
-        let mut found = |what: Incident| {
-            counts.collisions += 1;
-            if events.len() < verdict::MOST_EVENTS {
-                events.push(Event { period, what });
-            }
-        };
-        for (i, was) in self.fronts.iter_mut().enumerate() {
-            let touch = &self.balance.touches[i];
-            let is = touch.front > 0.0;
-            if is && !*was {
-                let (what, with) = (Part::Finger(i), Part::Cube);
-                found(Incident::Collision {
-                    what,
-                    with,
-                    depth: touch.front / grasp::FRONT_STIFFNESS,
-                });
-            }
-            *was = is;
-        }
-        let table = self.config.cell.table_height;
-        self.collisions.look(&self.arms, &openings, grippers, &cube, table, found);
-    }
-
-    fn looks_solved(&self) -> bool {
-        let stickers = self.puzzle.stickers();
-        (0..54).all(|i| stickers[i] == stickers[i / 9 * 9 + 4])
-            && (0..3).all(|a| self.puzzle.misalignment(a) < 0.1)
-    }
-
-    fn look_for_drop(&mut self) {
-        if self.state != State::Held || self.hand.has_it_back() {
-            return;
-        }
-        let carried = self.hand.hold(self.time()).is_some() || self.grasps.iter().any(Grasp::holds);
-        if carried {
-            return;
-        }
-        for i in 0..self.arms.len() {
-            if self.grasps[i].lost {
-                self.record(Incident::GraspLost { arm: i });
-            }
-        }
-        self.grasps = [Grasp::OPEN; 2];
-        self.regroup();
-        self.state = State::Falling { velocity: self.velocity.linear };
-        self.verdict.counts.drops += 1;
-        self.record(Incident::Drop { arm: self.last_holder });
-    }
-
-    fn look_for_pop_and_jam(&mut self) {
-        let Some(split) = self.balance.split else { return };
-        let interface = self.balance.interface;
-        self.verdict.turned = self.relative_angle() - self.angle_at_split;
-        if !self.popped && (interface.tilt > 3.0 || interface.axial.abs() > 50.0) {
-            self.popped = true;
-            self.verdict.counts.pops += 1;
-            self.record(Incident::Pop { tilt: interface.tilt, pull: interface.axial });
-        }
-        let angle = self.relative_angle();
-        let off = self.puzzle.misalignment(split.axis);
-        let loaded = interface.torque.abs() > 0.5 * interface.limit;
-        if (angle - self.watch.angle).abs() > 1_f64.to_radians() {
-            self.watch = JamWatch { angle, since: self.period, reported: false };
-        } else if !loaded || off < 3_f64.to_radians() {
-            self.watch.since = self.period;
-        } else if !self.watch.reported && (self.period - self.watch.since) as f64 * PERIOD > 3.0 {
-            self.watch.reported = true;
-            self.verdict.counts.jams += 1;
-            self.record(Incident::Jam {
-                axis: Axis::ALL[split.axis],
-                angle: off,
-                torque: interface.torque,
-            });
-        }
-    }
-
-    fn record(&mut self, what: Incident) {
-        if self.verdict.events.len() < verdict::MOST_EVENTS {
-            self.verdict.events.push(Event { period: self.period, what });
-        }
-    }
 }
 
 impl Port for Plant {
@@ -682,9 +382,13 @@ impl Port for Plant {
         let substeps = self.config.substeps.max(1);
         let dt = PERIOD / f64::from(substeps);
         let start = self.time();
+        for arm in &mut self.arms {
+            arm.begin_period();
+        }
         for k in 0..substeps {
             self.step(drives, start + f64::from(k + 1) * dt, dt);
         }
+        self.reconsider_axis();
         self.period = period + 1;
         self.verdict.period = self.period;
         for (i, reading) in readings.iter_mut().enumerate() {

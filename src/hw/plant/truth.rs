@@ -110,7 +110,7 @@ impl Default for GraspError {
 #[must_use]
 pub fn draw(belief: &Cell, errors: &ErrorSpreads, seed: u64) -> Cell {
     let mut truth = belief.clone();
-    let mut chance = Chance(Pcg64::new(u128::from(seed), 0x7472_7574_68));
+    let mut chance = Chance(Pcg64::new(u128::from(seed), 0x0074_7275_7468));
     let (base, base_tilt) = (chance.vector(errors.base), chance.vector(errors.base_tilt));
     if let Some(arm) = truth.arms.get_mut(1) {
         let at = Pose::from_parts(errors.pivot.coords.into(), UnitQuaternion::identity());

@@ -1,0 +1,168 @@
+//! The plant's bookkeeping at the end of a period: peaks, slips, drops, pops, jams, collisions.
+//!
+//! - in: the plant's state
+//! - out: its [`Verdict`](super::Verdict), and what the operator sees and feels
+
+use super::collision::HeldCube;
+use super::frame::rotation_vector;
+use super::grasp::{FRONT_STIFFNESS, Grasp};
+use super::hand::Sight;
+use super::verdict::MOST_EVENTS;
+use super::{Event, Incident, Part, Plant, State};
+use crate::cube::Axis;
+use crate::motion::PERIOD;
+use crate::spatial::Twist;
+
+/// Looks for a loaded layer that does not move.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct JamWatch {
+    pub(super) angle: f64,
+    pub(super) since: u64,
+    pub(super) reported: bool,
+}
+
+impl Plant {
+    /// The end of a period: what happened.
+    pub(super) fn account(&mut self) {
+        let core = self.balance.core(&self.puzzle);
+        let moved = (core.p - self.core.p) / PERIOD;
+        let turned = rotation_vector(&(core.r * self.core.r.transpose())) / PERIOD;
+        self.velocity = Twist { linear: moved, angular: turned };
+        self.core = core;
+        let both = self.both_hold();
+        for i in 0..self.arms.len() {
+            let touch = self.balance.touches[i];
+            let (force, torque) = (touch.force.norm(), touch.torque.norm());
+            let v = &mut self.verdict;
+            v.arm_peak_force[i] = v.arm_peak_force[i].max(force);
+            v.arm_peak_torque[i] = v.arm_peak_torque[i].max(torque);
+            if both {
+                v.peak_force = v.peak_force.max(force);
+                v.peak_torque = v.peak_torque.max(torque);
+            }
+            let grasp = self.grasps[i];
+            let (distance, angle) = grasp.slip;
+            if grasp.attached && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians())
+            {
+                self.grasps[i].reported = true;
+                self.verdict.counts.slips += 1;
+                self.record(Incident::Slip { arm: i, distance, angle });
+            }
+            let squeeze = touch.pads[0].max(touch.pads[1]);
+            if squeeze > 150.0 && !self.crushed[i] {
+                self.crushed[i] = true;
+                self.verdict.counts.crushed += 1;
+                self.record(Incident::Crush { arm: i, squeeze });
+            }
+        }
+        self.look_for_drop();
+        self.look_for_pop_and_jam();
+        let sight = Sight {
+            cube: self.core,
+            speed: self.velocity.linear.norm(),
+            grippers: self.grasps.iter().filter(|g| g.holds()).count(),
+            load: self.balance.touches.iter().map(|t| t.force.norm()).fold(0.0, f64::max),
+            solved: self.looks_solved(),
+        };
+        let t = self.time();
+        self.hand.decide(t, &sight);
+        let has = self.hand.hold(t).is_some() || self.hand.has_it_back();
+        if has != self.operator_has {
+            self.operator_has = has;
+            if has {
+                self.balance.hand_comes(&self.core);
+            }
+            self.record(Incident::Operator { has_cube: has });
+        }
+    }
+
+    pub(super) fn look_for_collisions(&mut self) {
+        let openings = [self.jaws[0].opening(), self.jaws[self.jaws.len() - 1].opening()];
+        let holds = self.grasps.map(|g| g.holds());
+        let cube = HeldCube {
+            frame: self.balance.nodes[0],
+            edge: self.config.cell.cube.edge,
+            holder: (holds[0] != holds[1]).then(|| usize::from(holds[1])),
+        };
+        let arms = &self.config.cell.arms;
+        let grippers = [&arms[0].gripper, &arms[arms.len() - 1].gripper];
+        let (events, counts) = (&mut self.verdict.events, &mut self.verdict.counts);
+        let period = self.period;
+        let mut found = |what: Incident| {
+            counts.collisions += 1;
+            if events.len() < MOST_EVENTS {
+                events.push(Event { period, what });
+            }
+        };
+        for (i, was) in self.fronts.iter_mut().enumerate() {
+            let touch = &self.balance.touches[i];
+            let is = touch.front > 0.0;
+            if is && !*was {
+                let (what, with) = (Part::Finger(i), Part::Cube);
+                found(Incident::Collision { what, with, depth: touch.front / FRONT_STIFFNESS });
+            }
+            *was = is;
+        }
+        let table = self.config.cell.table_height;
+        self.collisions.look(&self.arms, &openings, grippers, &cube, table, found);
+    }
+
+    fn looks_solved(&self) -> bool {
+        let stickers = self.puzzle.stickers();
+        (0..54).all(|i| stickers[i] == stickers[i / 9 * 9 + 4])
+            && (0..3).all(|a| self.puzzle.misalignment(a) < 0.1)
+    }
+
+    fn look_for_drop(&mut self) {
+        if self.state != State::Held || self.hand.has_it_back() {
+            return;
+        }
+        let carried = self.hand.hold(self.time()).is_some() || self.grasps.iter().any(Grasp::holds);
+        if carried {
+            return;
+        }
+        for i in 0..self.arms.len() {
+            if self.grasps[i].lost {
+                self.record(Incident::GraspLost { arm: i });
+            }
+        }
+        self.grasps = [Grasp::OPEN; 2];
+        self.regroup();
+        self.state = State::Falling { velocity: self.velocity.linear };
+        self.verdict.counts.drops += 1;
+        self.record(Incident::Drop { arm: self.last_holder });
+    }
+
+    fn look_for_pop_and_jam(&mut self) {
+        let Some(split) = self.balance.split else { return };
+        let interface = self.balance.interface;
+        self.verdict.turned = self.relative_angle() - self.angle_at_split;
+        if !self.popped && (interface.tilt > 3.0 || interface.axial.abs() > 50.0) {
+            self.popped = true;
+            self.verdict.counts.pops += 1;
+            self.record(Incident::Pop { tilt: interface.tilt, pull: interface.axial });
+        }
+        let angle = self.relative_angle();
+        let off = self.puzzle.misalignment(split.axis);
+        let loaded = interface.torque.abs() > 0.5 * interface.limit;
+        if (angle - self.watch.angle).abs() > 1_f64.to_radians() {
+            self.watch = JamWatch { angle, since: self.period, reported: false };
+        } else if !loaded || off < 3_f64.to_radians() {
+            self.watch.since = self.period;
+        } else if !self.watch.reported && (self.period - self.watch.since) as f64 * PERIOD > 3.0 {
+            self.watch.reported = true;
+            self.verdict.counts.jams += 1;
+            self.record(Incident::Jam {
+                axis: Axis::ALL[split.axis],
+                angle: off,
+                torque: interface.torque,
+            });
+        }
+    }
+
+    pub(super) fn record(&mut self, what: Incident) {
+        if self.verdict.events.len() < MOST_EVENTS {
+            self.verdict.events.push(Event { period: self.period, what });
+        }
+    }
+}
