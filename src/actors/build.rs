@@ -12,6 +12,7 @@ use crate::tasks::cube::hold::Hold;
 use crate::tasks::cube::mission::Goal;
 use crate::tasks::cube::plan::Rule;
 use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
+use crate::vision::Method;
 use nalgebra::Vector3;
 
 /// How the generators of all effectors behave.
@@ -30,6 +31,8 @@ pub(super) fn manner(config: &ControllerConfig) -> Manner {
             angular_admittance: c.angular_admittance,
             angular_inertia: c.angular_inertia,
             macrostep: c.macrostep_periods,
+            jaw_close_speed: c.jaw_close_speed,
+            jaw_open_speed: c.jaw_open_speed,
             force_limit: c.force_limit,
             torque_limit: c.torque_limit,
         },
@@ -120,6 +123,14 @@ pub(super) fn cube_settings(
         seconds_per_node: config.planner.node_cost,
         base_learning: 0.3,
     })
+}
+
+/// How the stand-alone camera's sensor finds the cube.
+pub(super) fn method(config: &ControllerConfig) -> Method {
+    match config.vision.detector {
+        keys::Detector::Lattice => Method::Edges,
+        keys::Detector::Paper => Method::Paper2007,
+    }
 }
 
 /// What the kernel is to do. A turn is positive clockwise seen from outside, which is positive about the tool's z.

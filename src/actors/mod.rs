@@ -8,6 +8,7 @@ pub mod clock;
 pub mod control;
 pub mod ecp;
 pub mod edp;
+mod interrupt;
 pub mod move_instruction;
 pub mod mp;
 mod plant;

@@ -4,7 +4,6 @@
 
 use super::build::FaceTurnStart;
 use crate::cell::Cell;
-use crate::cube::{Cube, Facelets};
 use crate::hw::plant::render::{Look, Renderer, Setting};
 use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
 use crate::hw::plant::{CubeMechanics, HandScript, Jaws, Plant, PlantConfig, SensorNoise, Start};
@@ -57,6 +56,12 @@ pub(super) fn create(
         CubeKind::Modern => CubeMechanics::modern(),
         CubeKind::Dry => CubeMechanics::dry(),
     };
+    config.substeps = keys.substeps;
+    for arm in &mut config.arms {
+        for (motor, trip) in arm.motors.iter_mut().zip(keys.trip_current) {
+            motor.trip_current = trip;
+        }
+    }
     config.jaws = match keys.jaws {
         JawsKey::Rubber => Jaws::rubber(),
         JawsKey::Stiff => Jaws::stiff(),
@@ -97,10 +102,7 @@ pub(super) fn create(
         // Nothing happens to the cube in between, so the hand comes back sooner.
         config.hand.return_after = 2.0;
     }
-    config.facelets = match &scenario.plant.cube_state {
-        Some(facelets) => *facelets.colours(),
-        None => *Facelets::from(&Cube::scrambled(scenario.seed)).colours(),
-    };
+    config.facelets = *scenario.cube().colours();
     if let Some(start) = face_turn {
         let edge = config.cell.cube.edge;
         let tool_from_cube = start.body.cube_from_tool(start.half_roll, edge).inverse();

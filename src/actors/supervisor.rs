@@ -6,6 +6,7 @@
 use super::build;
 use super::clock::Clock;
 use super::control::Control;
+use super::interrupt::Interrupt;
 use super::mp::{self, Coordination, Mp};
 use super::ui::{self, Notice};
 use super::vsp::{self, VspHandle};
@@ -27,6 +28,7 @@ use crate::scenario::keys::{self, BridgeKind, Pace};
 use crate::scenario::lists::VspKind;
 use crate::scenario::{CameraSource, Owner, Scenario};
 use crate::servo::{ForceSettings, ServoCommand, ServoConfig};
+use crate::tasks::Effort;
 use crate::tasks::cube::hold::Hand;
 use crate::tasks::cube::mission::{Goal, Mission};
 use std::sync::Arc;
@@ -41,6 +43,8 @@ pub struct RunOptions {
     pub automatic: bool,
     /// Tells nothing on stderr.
     pub quiet: bool,
+    /// Takes the process's SIGINT and SIGTERM as the operator's terminate.
+    pub interruptible: bool,
 }
 
 /// Time after a hand-back in which the operator's hand withdraws [s].
@@ -60,6 +64,13 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
         ));
     }
     let begun = Instant::now();
+    let initial = if options.automatic { Control::Running } else { Control::Waiting };
+    let control = Arc::new(watch::channel(initial).0);
+    let interrupt = options
+        .interruptible
+        .then(|| Interrupt::listen(Arc::clone(&control)))
+        .transpose()
+        .map_err(|e| not_created("interrupt", &e.to_string()))?;
     let meetings = (scenario.controller.cell.arms.len() == 2)
         .then(|| MeetingTable::compute(&scenario.controller.cell, &ReachSettings::default()));
     let face_turn = (scenario.controller.task == keys::Task::FaceTurn)
@@ -70,8 +81,14 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
     let mut builder = tokio::runtime::Builder::new_current_thread();
     builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
     let runtime = builder.build().map_err(|e| not_created("runtime", &e.to_string()))?;
-    let done = runtime.block_on(perform(scenario, options, plant, meetings, face_turn))?;
-    Ok(summary(scenario, &done, begun.elapsed().as_secs_f64()))
+    let done =
+        runtime.block_on(perform(scenario, options, &control, plant, meetings, face_turn))?;
+    let mut summary = summary(scenario, &done, begun.elapsed().as_secs_f64());
+    if summary.ended_by == EndedBy::Operator && interrupt.is_some_and(|i| i.came()) {
+        summary.ended_by = EndedBy::Interrupt;
+        "interrupted".clone_into(&mut summary.reason);
+    }
+    Ok(summary)
 }
 
 fn not_created(who: &str, why: &str) -> Error {
@@ -97,6 +114,7 @@ enum Driver {
 async fn perform(
     scenario: &Scenario,
     options: RunOptions,
+    control: &Arc<watch::Sender<Control>>,
     mut plant: Plant,
     meetings: Option<MeetingTable>,
     face_turn: Option<build::FaceTurnStart>,
@@ -105,9 +123,7 @@ async fn perform(
     let start = Facelets::try_from(plant.verdict().facelets)
         .map_err(|e| not_created("plant", &e.to_string()))?;
     let tape = Tape::default();
-    let (control, will) =
-        watch::channel(if options.automatic { Control::Running } else { Control::Waiting });
-    let control = Arc::new(control);
+    let will = control.subscribe();
 
     // Scenes: one channel for each rendered camera.
     let mut inputs = Vec::new();
@@ -206,7 +222,7 @@ async fn perform(
         }
     };
 
-    let ui = ui::spawn(options.quiet, (!options.automatic).then(|| Arc::clone(&control)));
+    let ui = ui::spawn(options.quiet, (!options.automatic).then(|| Arc::clone(control)));
     let beats = Arc::clone(&switches);
     tokio::spawn(async move {
         loop {
@@ -249,6 +265,9 @@ async fn perform(
                         crate::cell::Mount::Flange { .. } => None,
                     },
                     edge: config.cell.cube.edge,
+                    method: build::method(config),
+                    localisation: Effort(config.vision.localisation),
+                    face: Effort(config.vision.face),
                     frame_periods: periods(wanted.period),
                     clock,
                     work,

@@ -17,15 +17,11 @@ use crate::spatial::Pose;
 use crate::tasks::Effort;
 use crate::vision::sensor::{self, FaceReading};
 use crate::vision::watcher::CubeWatcher;
+use crate::vision::{DetectorSettings, Method};
 use tokio::sync::{mpsc, oneshot, watch};
 
 /// Requests that may wait: one face at a time is asked for.
 const MAILBOX: usize = 2;
-
-/// Declared time of one localisation and of one face reading on the virtual clock [s]: the measured medians,
-/// rounded up (`rubik-robot vision score`).
-const LOCALISATION: Effort = Effort(0.006);
-const FACE: Effort = Effort(0.010);
 
 #[derive(Debug)]
 struct Look {
@@ -80,6 +76,12 @@ pub struct Parts {
     pub world_from_camera: Option<Pose>,
     /// Edge of the cube [m].
     pub edge: f64,
+    /// How the cube is found by the stand-alone camera.
+    pub method: Method,
+    /// Declared time of one localisation, for the virtual clock.
+    pub localisation: Effort,
+    /// Declared time of reading one face, for the virtual clock.
+    pub face: Effort,
     /// Servo periods between two frames while tracking.
     pub frame_periods: u64,
     /// Servo periods and time.
@@ -95,6 +97,8 @@ struct Vsp {
     source: Option<Box<dyn FrameSource>>,
     intrinsics: Intrinsics,
     edge: f64,
+    localisation: Effort,
+    face: Effort,
     frame_periods: u64,
     clock: Clock,
     work: Work,
@@ -112,14 +116,17 @@ pub fn spawn(name: &str, parts: Parts) -> VspHandle {
     let (tracking, tracked) = watch::channel(false);
     let (target, targets) = watch::channel(None);
     let name = format!("vsp {name}");
-    let watcher = parts
-        .world_from_camera
-        .map(|world_from_camera| CubeWatcher::new(world_from_camera, parts.intrinsics, parts.edge));
+    let settings = DetectorSettings { method: parts.method, ..DetectorSettings::default() };
+    let watcher = parts.world_from_camera.map(|world_from_camera| {
+        CubeWatcher::new(world_from_camera, parts.intrinsics, parts.edge, settings)
+    });
     let vsp = Vsp {
         name: name.clone(),
         source: Some(parts.source),
         intrinsics: parts.intrinsics,
         edge: parts.edge,
+        localisation: parts.localisation,
+        face: parts.face,
         frame_periods: parts.frame_periods.max(1),
         clock: parts.clock,
         work: parts.work,
@@ -167,6 +174,7 @@ impl Vsp {
         else {
             return;
         };
+        let effort = self.localisation;
         let result = self
             .work
             .run(move || {
@@ -179,7 +187,7 @@ impl Vsp {
                     }
                     Err(missing) => Err(missing.to_string()),
                 };
-                ((source, watcher, found), LOCALISATION)
+                ((source, watcher, found), effort)
             })
             .await;
         let Some((source, watcher, found)) = result else {
@@ -202,7 +210,7 @@ impl Vsp {
     async fn answer(&mut self, look: Look) {
         let Some(mut source) = self.source.take() else { return };
         let (intrinsics, edge, period) = (self.intrinsics, self.edge, self.clock.period());
-        let expected = look.camera_from_face;
+        let (expected, effort) = (look.camera_from_face, self.face);
         let result = self
             .work
             .run(move || {
@@ -211,7 +219,7 @@ impl Vsp {
                         .map_err(|refusal| refusal.to_string()),
                     Err(missing) => Err(missing.to_string()),
                 };
-                ((source, reading), FACE)
+                ((source, reading), effort)
             })
             .await;
         let answer = match result {

@@ -4,6 +4,7 @@ use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain};
 use crate::actors::{self, RunOptions};
 use crate::error::Error;
+use crate::record::summary::{EndedBy, Summary};
 use crate::scenario::Override;
 use clap::{Args, ValueEnum};
 use std::io::IsTerminal;
@@ -67,10 +68,12 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
             return Ok(WRONG);
         }
     };
-    match actors::run(
-        &scenario,
-        RunOptions { automatic: args.json || !std::io::stdin().is_terminal(), quiet: false },
-    ) {
+    let options = RunOptions {
+        automatic: args.json || !std::io::stdin().is_terminal(),
+        quiet: false,
+        interruptible: true,
+    };
+    match actors::run(&scenario, options) {
         Ok(summary) => {
             if args.json {
                 output.line(&summary.json())?;
@@ -81,15 +84,22 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         }
         Err(error) => {
             complain(&error.to_string());
+            let ended_by = match error {
+                Error::NonFatal { .. } => EndedBy::Task,
+                Error::Fatal { .. } => EndedBy::Fatal,
+                Error::System { .. } => EndedBy::System,
+            };
+            let summary = Summary::not_started(
+                scenario.controller.task.word(),
+                scenario.seed,
+                &scenario.cube().to_string(),
+                &error.to_string(),
+                ended_by,
+            );
             if args.json {
-                let text = serde_json::json!({ "outcome": "aborted", "reason": error.to_string() });
-                output.line(&text.to_string())?;
+                output.line(&summary.json())?;
             }
-            Ok(match error {
-                Error::NonFatal { .. } => 1,
-                Error::Fatal { .. } => 3,
-                Error::System { .. } => 4,
-            })
+            Ok(summary.exit_code())
         }
     }
 }

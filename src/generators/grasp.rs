@@ -2,7 +2,7 @@
 //!
 //! - in: jaw opening and jaw force, wrench
 //! - out: jaw set values that close at constant speed, directions that seek zero force
-//! - source: Zieliński et al. (2007), p. 374; speed after the 2008 sources (0.05 mm in 16 ms)
+//! - source: Zieliński et al. (2007), p. 374; the 2008 sources close by 0.05 mm in 16 ms
 
 use super::{Compliance, Inputs, Next, Outcome, Selector};
 use crate::motion::{ArmState, Depth, JawCommand, PERIOD};
@@ -35,9 +35,6 @@ pub struct Grasp {
 }
 
 impl Grasp {
-    /// Closing speed of the pads' distance [m/s]: the original's 3.1 mm/s, doubled twice for the way before contact.
-    pub const SPEED: f64 = 0.012;
-
     /// Closes on whatever is between the pads.
     #[must_use]
     pub fn new(
@@ -50,7 +47,7 @@ impl Grasp {
         Self::with(Mode::Close { force, least_width, stops }, selector, compliance)
     }
 
-    /// Goes to a set opening in a set time.
+    /// Goes to a set opening in a set time, or as long as the jaws need.
     #[must_use]
     pub fn jaw_only(
         jaw: JawCommand,
@@ -98,6 +95,8 @@ impl Grasp {
 
     fn open(&mut self, _arm: &ArmState, jaw: JawCommand, seconds: f64) -> Next {
         let step = self.macrostep_seconds();
+        let way = (jaw.opening - self.start).abs();
+        let seconds = seconds.max(way / self.compliance.jaw_open_speed);
         let share = f64::from(self.steps) * step / seconds;
         if share >= 1.0 + step / seconds {
             return Next::Done(Outcome::Reached);
@@ -124,7 +123,8 @@ impl Grasp {
         if f64::from(self.steps) * step > 15.0 {
             return Next::Done(Outcome::TimedOut(15.0));
         }
-        self.set = (self.set - Self::SPEED * step).max(arm.jaw_opening - SQUEEZE);
+        self.set =
+            (self.set - self.compliance.jaw_close_speed * step).max(arm.jaw_opening - SQUEEZE);
         self.command(JawCommand { opening: self.set, force_limit: force, stops })
     }
 

@@ -83,7 +83,47 @@ pub enum Outcome {
     TimedOut(f64),
 }
 
-/// How compliant directions behave, and the macrostep: one set for all generators of an arm.
+impl std::fmt::Display for Outcome {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        const DIRECTIONS: [&str; 6] =
+            ["along x", "along y", "along z", "about x", "about y", "about z"];
+        match *self {
+            Self::Reached => f.write_str("the target is reached"),
+            Self::Touched(way) => write!(f, "touched after {:.1} mm", way * 1e3),
+            Self::NotTouched => f.write_str("nothing was touched on the way"),
+            Self::Grasped(width) => write!(f, "the jaws hold {:.1} mm", width * 1e3),
+            Self::Empty(width) => write!(f, "the jaws closed to {:.1} mm on nothing", width * 1e3),
+            Self::Secured => f.write_str("the cube is seated"),
+            Self::Turned(angle) => write!(f, "turned by {:.0} deg", angle.to_degrees()),
+            Self::Stalled(angle, torque) => {
+                write!(f, "stood still after {:.0} deg under {torque:.1} Nm", angle.to_degrees())
+            }
+            Self::OverForce(direction, size) => {
+                let unit = if direction < 3 { "N" } else { "Nm" };
+                write!(
+                    f,
+                    "over-force of {size:.1} {unit}, most of it {}",
+                    DIRECTIONS[direction.min(5)]
+                )
+            }
+            Self::Ended => f.write_str("ended from above"),
+            Self::Pulled => f.write_str("the operator pulls"),
+            Self::LostSight(seconds) => write!(f, "the cube was out of sight for {seconds:.1} s"),
+            Self::TimedOut(seconds) => write!(f, "not done in {seconds:.1} s"),
+        }
+    }
+}
+
+impl Outcome {
+    /// A behaviour's end in words, for the operator.
+    #[must_use]
+    pub fn words(outcome: Option<Self>) -> String {
+        outcome
+            .map_or_else(|| "it did not come to an end".to_owned(), |outcome| outcome.to_string())
+    }
+}
+
+/// How compliant directions behave, the macrostep, jaws and limits: one set for all generators of an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Compliance {
     /// B of the linear directions [m/(s N)].
@@ -96,6 +136,10 @@ pub struct Compliance {
     pub angular_inertia: f64,
     /// Periods of a macrostep.
     pub macrostep: u32,
+    /// Speed of closing jaws, distance of the pads [m/s].
+    pub jaw_close_speed: f64,
+    /// Largest speed of opening jaws [m/s].
+    pub jaw_open_speed: f64,
     /// Force at which a behaviour gives up [N].
     pub force_limit: f64,
     /// Torque at which a behaviour gives up [Nm].
@@ -168,7 +212,7 @@ pub enum Behaviour {
     Jaw {
         /// Set values at the end.
         jaw: JawCommand,
-        /// Duration [s].
+        /// Least duration [s]; longer where the jaws' speed asks for it.
         seconds: f64,
         /// Directions that yield meanwhile.
         selector: Selector,

@@ -317,6 +317,8 @@ mod tests {
 
     fn compliance() -> Compliance {
         Compliance {
+            jaw_close_speed: 0.012,
+            jaw_open_speed: 0.03,
             linear_admittance: 0.001,
             linear_inertia: 20.0,
             angular_admittance: 0.05,

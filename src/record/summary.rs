@@ -108,6 +108,36 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// A run that was broken off before anything moved: the cube is as it was, all figures are 0.
+    #[must_use]
+    pub fn not_started(task: &str, seed: u64, cube: &str, reason: &str, ended_by: EndedBy) -> Self {
+        Self {
+            outcome: Outcome::Aborted,
+            reason: reason.to_owned(),
+            ended_by,
+            task: task.to_owned(),
+            seed,
+            cube_start: cube.to_owned(),
+            cube_end: cube.to_owned(),
+            identified: None,
+            solution: None,
+            executed: String::new(),
+            turns: 0,
+            grasps: 0,
+            sim_time_s: 0.0,
+            wall_time_s: 0.0,
+            peak_force_n: 0.0,
+            peak_torque_nm: 0.0,
+            sensors: Vec::new(),
+            jams: 0,
+            slips: 0,
+            drops: 0,
+            turned_deg: None,
+            phases: Vec::new(),
+            hash: String::new(),
+        }
+    }
+
     /// 0 done, 1 the task failed or was aborted, 3 fatal, 4 system, 130 interrupted.
     #[must_use]
     pub fn exit_code(&self) -> u8 {

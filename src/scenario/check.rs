@@ -519,7 +519,7 @@ mod tests {
             scenario.controller.cell.cameras.iter().map(|c| c.name.as_str()).collect();
         assert_eq!(cameras, ["standalone", "postument_hand"]);
         let vsps: Vec<&str> = scenario.controller.vsps.iter().map(|v| v.name.as_str()).collect();
-        assert_eq!(vsps, ["mpc", "gs2", "mpf"]);
+        assert_eq!(vsps, ["gs2", "mpf"]);
     }
 
     #[test]

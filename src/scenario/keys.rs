@@ -164,12 +164,10 @@ section! {
         approach_force [n]: f64 = 4.0, 0.5..=20.0;
         /// Speed of the last approach of a grasp.
         approach_speed [mm_s]: f64 = 10.0, 0.5..=50.0;
-        /// Speed at which an open gripper draws back from the cube.
-        retreat_speed [mm_s]: f64 = 80.0, 1.0..=300.0;
         /// Speed of closing jaws (original: 0.05 mm per 16 ms).
-        jaw_close_speed [mm_s]: f64 = 6.0, 0.5..=50.0;
-        /// Speed of opening jaws (original: 20 mm in 2 s).
-        jaw_open_speed [mm_s]: f64 = 15.0, 0.5..=50.0;
+        jaw_close_speed [mm_s]: f64 = 12.0, 0.5..=50.0;
+        /// Largest speed of opening jaws (original: 20 mm in 2 s).
+        jaw_open_speed [mm_s]: f64 = 30.0, 0.5..=50.0;
         /// Speed of joints in free motion (original: half of 1.5 rad/s).
         joint_speed [deg_s]: f64 = 43.0, 1.0..=90.0;
         /// Acceleration of joints in free motion (original: a tenth of 7 rad/s2).
@@ -184,14 +182,10 @@ section! {
         linear_acceleration [mm_s2]: f64 = 300.0, 1.0..=5000.0;
         /// Rotation of the tool on straight lines.
         angular_speed [deg_s]: f64 = 40.0, 1.0..=180.0;
-        /// Share of the motors' speed limit that set values may use.
-        velocity_factor: f64 = 1.0, 0.01..=1.0;
         /// 1, or -1 to spoil the controller: the force reading changes its sign.
         force_sign: i32 = 1, -1.0..=1.0;
         /// Servo periods by which force readings are late, to spoil the controller.
         force_delay_periods: u32 = 0, 0.0..=63.0;
-        /// Tries of a step that failed (a jam, a missed grasp, a doubtful face) before the task fails.
-        retries: u32 = 3, 0.0..=20.0;
     }
 }
 
@@ -200,10 +194,6 @@ section! {
     VisualServo {
         /// Distance before the cube at which the gripper waits until the cube stands still.
         stand_off [mm]: f64 = 100.0, 20.0..=400.0;
-        /// Share of the linear error taken back in one macrostep: x, y, z.
-        linear_gain: [f64; 3] = [0.5, 0.5, 0.2], 0.0..=1.0;
-        /// Share of the angular error taken back in one macrostep: x, y, z.
-        angular_gain: [f64; 3] = [0.1, 0.05, 0.07], 0.0..=1.0;
         /// Largest speed while following.
         linear_speed [mm_s]: f64 = 120.0, 1.0..=500.0;
         /// Largest rotation while following.
@@ -224,12 +214,12 @@ section! {
 section! {
     /// The vision of all cameras.
     VisionKeys {
-        /// How the cube is found.
+        /// How the stand-alone camera's sensor finds the cube.
         detector: Detector = Detector::Lattice;
-        /// Declared cost of one frame on the virtual clock.
-        cost [ms]: f64 = 4.0, 0.0..=1000.0;
-        /// A face whose least sure colour is below this is looked at again.
-        least_confidence: f64 = 0.2, 0.0..=1.0;
+        /// Declared time of one localisation on the virtual clock.
+        localisation [ms]: f64 = 6.0, 0.0..=1000.0;
+        /// Declared time of reading one face on the virtual clock.
+        face [ms]: f64 = 10.0, 0.0..=1000.0;
     }
 }
 

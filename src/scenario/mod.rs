@@ -17,7 +17,7 @@ pub mod tree;
 mod check;
 
 use crate::cell::Cell;
-use crate::cube::Facelets;
+use crate::cube::{Cube, Facelets};
 use crate::servo::regulator::ServoGains;
 use fault::{Faults, Source};
 use keys::{
@@ -118,6 +118,17 @@ pub struct VspConfig {
     pub owner: Owner,
     /// Time between two readings [s].
     pub period: f64,
+}
+
+impl Scenario {
+    /// The cube at the beginning, which the plant starts from: the given one, or the seed's.
+    #[must_use]
+    pub fn cube(&self) -> Facelets {
+        match &self.plant.cube_state {
+            Some(facelets) => *facelets,
+            None => Facelets::from(&Cube::scrambled(self.seed)),
+        }
+    }
 }
 
 /// What only the simulated plant may read.

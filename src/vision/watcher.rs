@@ -44,12 +44,17 @@ const RESIDUAL: f64 = 2.0;
 impl CubeWatcher {
     /// A camera at a believed place.
     #[must_use]
-    pub fn new(world_from_camera: Pose, intrinsics: Intrinsics, edge: f64) -> Self {
+    pub fn new(
+        world_from_camera: Pose,
+        intrinsics: Intrinsics,
+        edge: f64,
+        settings: DetectorSettings,
+    ) -> Self {
         Self {
             world_from_camera,
             intrinsics,
             edge,
-            settings: DetectorSettings::default(),
+            settings,
             tracker: Tracker::new(TrackerSettings::default()),
         }
     }

@@ -284,7 +284,9 @@ impl Mission {
                     ]);
                     Ok(())
                 }
-                other => Err(format!("the cube could not be approached: {other:?}")),
+                other => {
+                    Err(format!("the cube could not be approached: {}", Outcome::words(other)))
+                }
             },
             Job::Take { tries } => match of(Hand::Track) {
                 Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
@@ -293,9 +295,10 @@ impl Mission {
                     Ok(())
                 }
                 other if tries < TAKE_TRIES => {
-                    self.log
-                        .notes
-                        .push(format!("the jaws did not hold the cube ({other:?}), try {tries}"));
+                    self.log.notes.push(format!(
+                        "the jaws did not hold the cube ({}), try {tries}",
+                        Outcome::words(other)
+                    ));
                     self.push_front(&[
                         Job::Open { hand: Hand::Track, opening: self.settings.opening },
                         Job::Along(Hand::Track, -self.settings.back),
@@ -305,13 +308,14 @@ impl Mission {
                     ]);
                     Ok(())
                 }
-                other => Err(format!("the jaws do not hold the cube: {other:?}")),
+                other => Err(format!("the jaws do not hold the cube: {}", Outcome::words(other))),
             },
             Job::Approach { hand, .. } => match of(hand) {
                 Some(Outcome::Touched(_) | Outcome::Reached) => Ok(()),
                 other => Err(format!(
-                    "the {} hand did not find the cube where the partner holds it: {other:?}",
-                    name(hand)
+                    "the {} hand did not find the cube where the partner holds it: {}",
+                    name(hand),
+                    Outcome::words(other)
                 )),
             },
             Job::Close { hand, .. } => match of(hand) {
@@ -319,9 +323,11 @@ impl Mission {
                     self.log.grasps += 1;
                     Ok(())
                 }
-                other => {
-                    Err(format!("the {} hand's jaws do not hold the cube: {other:?}", name(hand)))
-                }
+                other => Err(format!(
+                    "the {} hand's jaws do not hold the cube: {}",
+                    name(hand),
+                    Outcome::words(other)
+                )),
             },
             Job::Secure { hand, hold, half_roll } => {
                 let miss = self.belief.secured(hand, hold, half_roll, arms);
@@ -342,7 +348,7 @@ impl Mission {
                     self.push_front(&[Job::Bias([true, false]), Job::Present { tries: tries + 1 }]);
                     Ok(())
                 }
-                other => Err(format!("the cube was not taken back: {other:?}")),
+                other => Err(format!("the cube was not taken back: {}", Outcome::words(other))),
             },
             _ => Ok(()),
         }
@@ -378,7 +384,7 @@ impl Mission {
                 "jam: the face stands still after {:.0} deg under {torque:.1} Nm",
                 (self.turned + turned).to_degrees()
             )),
-            other => Err(format!("the turn ended with {other:?}")),
+            other => Err(format!("the turn ended otherwise: {}", Outcome::words(other))),
         }
     }
 
@@ -396,13 +402,13 @@ impl Mission {
             }
             let missing: Vec<_> = (0..9)
                 .filter(|i| self.seen[face as usize * 9 + i].is_none())
-                .map(|i| i + 1)
+                .map(|i| (i + 1).to_string())
                 .collect();
             // Stickers that something covers are seen from elsewhere, never guessed.
             if missing.is_empty() {
                 Ok(reading)
             } else {
-                Err(format!("stickers {missing:?} are covered"))
+                Err(format!("stickers {} are covered", missing.join(", ")))
             }
         });
         match reading {
