@@ -38,12 +38,22 @@ impl UiHandle {
     }
 }
 
+/// The mailbox alone: whoever takes the receiver is the operator's face.
+#[must_use]
+pub fn mailbox() -> (UiHandle, mpsc::Receiver<Notice>) {
+    let (mailbox, notices) = mpsc::channel(MAILBOX);
+    (UiHandle { mailbox }, notices)
+}
+
 /// Creates the UI. `quiet` writes nothing; `keys` listens on stdin.
 #[must_use]
 pub fn spawn(quiet: bool, keys: Option<Arc<watch::Sender<Control>>>) -> UiHandle {
-    let (mailbox, mut notices) = mpsc::channel(MAILBOX);
+    let (handle, mut notices) = mailbox();
     if let Some(control) = keys {
-        listen(control);
+        let mut err = std::io::stderr().lock();
+        let _ = writeln!(err, "s start, p pause, r resume, t terminate; Enter after each");
+        // A thread of its own: stdin cannot be awaited under paused time.
+        std::thread::spawn(move || obey(std::io::stdin().lock(), &control));
     }
     tokio::spawn(async move {
         while let Some(notice) = notices.recv().await {
@@ -63,35 +73,57 @@ pub fn spawn(quiet: bool, keys: Option<Arc<watch::Sender<Control>>>) -> UiHandle
             }
         }
     });
-    UiHandle { mailbox }
+    handle
 }
 
-/// Reads commands on a thread of its own: stdin cannot be awaited under paused time.
-fn listen(control: Arc<watch::Sender<Control>>) {
-    let mut err = std::io::stderr().lock();
-    let _ = writeln!(err, "s start, p pause, r resume, t terminate; Enter after each");
-    std::thread::spawn(move || {
-        for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-            let next = match line.trim() {
-                "s" | "start" | "r" | "resume" | "" => Control::Running,
-                "p" | "pause" => Control::Paused,
-                "t" | "terminate" | "q" => Control::Terminated,
-                other => {
-                    let _ = writeln!(std::io::stderr(), "'{other}' is none of s, p, r, t");
-                    continue;
-                }
-            };
-            if *control.borrow() == Control::Terminated || control.send(next).is_err() {
-                return;
+/// Obeys the operator's words, a line each, until they end.
+fn obey(words: impl BufRead, control: &watch::Sender<Control>) {
+    for line in words.lines().map_while(Result::ok) {
+        let next = match line.trim() {
+            "s" | "start" | "r" | "resume" | "" => Control::Running,
+            "p" | "pause" => Control::Paused,
+            "t" | "terminate" | "q" => Control::Terminated,
+            other => {
+                let _ = writeln!(std::io::stderr(), "'{other}' is none of s, p, r, t");
+                continue;
             }
+        };
+        if *control.borrow() == Control::Terminated {
+            return;
         }
-        // The end of input never makes the run wait.
-        control.send_if_modified(|now| {
-            let waits = matches!(now, Control::Waiting | Control::Paused);
-            if waits {
-                *now = Control::Running;
-            }
-            waits
-        });
+        control.send_replace(next);
+    }
+    // The end of input never makes the run wait.
+    control.send_if_modified(|now| {
+        let waits = matches!(now, Control::Waiting | Control::Paused);
+        if waits {
+            *now = Control::Running;
+        }
+        waits
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the operator's words come to.
+    fn after(words: &str) -> Control {
+        let (control, _will) = watch::channel(Control::Waiting);
+        obey(words.as_bytes(), &control);
+        *control.borrow()
+    }
+
+    #[test]
+    fn the_end_of_input_makes_nobody_wait() {
+        assert_eq!(after(""), Control::Running);
+        assert_eq!(after("s\np\n"), Control::Running);
+        assert_eq!(after("nonsense\n"), Control::Running);
+    }
+
+    #[test]
+    fn who_terminates_does_not_come_back() {
+        assert_eq!(after("s\nt\n"), Control::Terminated);
+        assert_eq!(after("terminate\nresume\n"), Control::Terminated);
+    }
 }

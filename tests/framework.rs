@@ -1,0 +1,366 @@
+//! The framework by itself: actors around a plant, with a task of a few lines instead of the cube's.
+//!
+//! That such a task needs nothing of the project but its own kernel is what the first test shows.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use rubik_robot::actors::clock::Clock;
+use rubik_robot::actors::control::Control;
+use rubik_robot::actors::edp::EdpHandle;
+use rubik_robot::actors::move_instruction::Manner;
+use rubik_robot::actors::mp::{Coordination, Ending, Mp, Parts};
+use rubik_robot::actors::ui::{self, Notice, UiHandle};
+use rubik_robot::actors::work::Work;
+use rubik_robot::actors::{ecp, edp};
+use rubik_robot::error::{Error, Fatal, NonFatal};
+use rubik_robot::generators::{Behaviour, Compliance, Outcome, position::Speeds};
+use rubik_robot::hw::driver::{self, Core, Switches};
+use rubik_robot::hw::plant::{Plant, PlantConfig};
+use rubik_robot::hw::scene::Scene;
+use rubik_robot::motion::{
+    ArmFault, ArmState, Direction, Frame, JointPositions, Motion, MoveCommand, MoveRefused,
+};
+use rubik_robot::record::tape::Tape;
+use rubik_robot::scenario::{self, keys::Pace};
+use rubik_robot::servo::ServoConfig;
+use rubik_robot::spatial::Pose;
+use rubik_robot::tasks::{Action, Effort, Event, Finish, Task, Until};
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::sync::{mpsc, watch};
+
+/// A new task: moves the joints of the first effector by so much, at half of the full speed.
+struct Shift(JointPositions);
+
+impl Task for Shift {
+    type Thought = ();
+    type Conclusion = ();
+
+    fn next(&mut self, event: Event<()>, arms: &[ArmState]) -> Action<()> {
+        match event {
+            Event::Start => {
+                let at = arms[0].desired_joints;
+                let target = JointPositions(std::array::from_fn(|i| at.0[i] + self.0.0[i]));
+                let order = Behaviour::Joints { target, speed: 0.5 };
+                Action::Behave { orders: [Some(order), None], until: Until::All }
+            }
+            Event::Behaved([outcome, _]) => Action::Finish(Finish {
+                achieved: outcome == Some(Outcome::Reached),
+                reason: Outcome::words(outcome),
+            }),
+            Event::Trouble(reason) => Action::Finish(Finish { achieved: false, reason }),
+            other => Action::Finish(Finish { achieved: false, reason: format!("{other:?}") }),
+        }
+    }
+
+    fn think((): ()) -> ((), Effort) {
+        ((), Effort(0.0))
+    }
+}
+
+/// One effector without sensors, its actors and its plant.
+struct Rig {
+    mp: Mp,
+    edp: EdpHandle,
+    control: watch::Sender<Control>,
+    notices: mpsc::Receiver<Notice>,
+    switches: Arc<Switches>,
+    scene: Arc<Mutex<Scene>>,
+    world_from_base: Pose,
+}
+
+const ONE_ARM: &str = "camera = []\nvsp = []\n[[effector]]\nname = \"track\"\n";
+
+fn rig(coordination: Coordination) -> Rig {
+    let scenario = scenario::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
+    let config = scenario.controller;
+    assert!(config.vsps.is_empty() && config.cell.arms.len() == 1);
+    let arm = config.cell.arms[0].clone();
+    let mut plant = Plant::new(PlantConfig::new(config.cell), 1).unwrap();
+    let tape = Tape::default();
+    let switches = Arc::new(Switches::default());
+    let (link, end) = driver::link();
+    let servo = ServoConfig::new(&arm, config.effectors[0].gains.clone());
+    let records = Box::new(tape.clone());
+    let mut core =
+        Core::new(vec![servo], vec![end], Arc::clone(&switches), records, &mut plant).unwrap();
+    let scene = Arc::new(Mutex::new(plant.scene()));
+    let seen = Arc::clone(&scene);
+    let clock = Clock::new(tokio::time::Instant::now());
+    tokio::spawn(async move {
+        let publish = |_, plant: &mut Plant| *seen.lock().unwrap() = plant.scene();
+        driver::run_virtual(&mut core, &mut plant, publish).await
+    });
+
+    let (control, will) = watch::channel(Control::Running);
+    let (ui, notices) = ui::mailbox();
+    let edp = edp::spawn(&arm.name, link, clock, tape.clone());
+    let parts = ecp::Parts {
+        edp: edp.clone(),
+        tracker: None,
+        hand_camera: None,
+        manner: manner(),
+        control: will.clone(),
+        tape: tape.clone(),
+    };
+    let ecps = vec![ecp::spawn(&arm.name, parts)];
+    let mp = mp(ecps, coordination, will, ui, clock, tape);
+    Rig { mp, edp, control, notices, switches, scene, world_from_base: arm.world_from_base }
+}
+
+fn mp(
+    ecps: Vec<ecp::EcpHandle>,
+    coordination: Coordination,
+    control: watch::Receiver<Control>,
+    ui: UiHandle,
+    clock: Clock,
+    tape: Tape,
+) -> Mp {
+    Mp::new(Parts {
+        ecps,
+        tracker: None,
+        hand_cameras: [None, None],
+        coordination,
+        manners: vec![manner()],
+        control,
+        ui,
+        clock,
+        work: Work(Pace::Virtual),
+        tape,
+    })
+}
+
+fn manner() -> Manner {
+    Manner {
+        compliance: Compliance {
+            linear_admittance: 0.001,
+            linear_inertia: 20.0,
+            angular_admittance: 0.05,
+            angular_inertia: 0.5,
+            macrostep: 8,
+            jaw_close_speed: 0.012,
+            jaw_open_speed: 0.03,
+            force_limit: 20.0,
+            torque_limit: 4.5,
+        },
+        speeds: Speeds {
+            joint: [0.15, 0.75, 0.75, 0.75, 0.75, 0.75, 0.75],
+            joint_acceleration: [0.3, 1.4, 1.4, 1.4, 1.4, 1.4, 1.4],
+            linear: 0.15,
+            linear_acceleration: 0.3,
+            angular: 0.7,
+            angular_acceleration: 1.4,
+        },
+    }
+}
+
+/// Waist and wrist, about a second of motion.
+const WAY: JointPositions = JointPositions([0.05, 0.2, 0.0, 0.0, 0.0, 0.1, -0.3]);
+
+impl Rig {
+    /// Where the plant has the tool.
+    fn world_from_tool(&self) -> Pose {
+        self.scene.lock().unwrap().arms[0].world_from_tool
+    }
+
+    async fn hold(&self, periods: u32) -> ArmState {
+        self.edp.execute(MoveCommand { motion: Motion::Hold, periods, jaw: None }).await.unwrap()
+    }
+}
+
+async fn seconds(seconds: f64) {
+    tokio::time::sleep(Duration::from_secs_f64(seconds)).await;
+}
+
+fn furthest(a: &JointPositions, b: &JointPositions) -> f64 {
+    a.0.iter().zip(b.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// An ending without error, and the arm's last state.
+async fn whole_run(coordination: Coordination) -> (Ending, JointPositions, JointPositions) {
+    let rig = rig(coordination);
+    let from = rig.edp.state().await.unwrap().desired_joints;
+    let ending = rig.mp.run(&mut Shift(WAY)).await;
+    let to = rig.edp.state().await.unwrap();
+    assert!(furthest(&to.joints, &to.desired_joints) < 0.02, "the arm follows its set values");
+    (ending, from, to.desired_joints)
+}
+
+#[tokio::test(start_paused = true)]
+async fn one_effector_without_sensors_carries_out_a_task_of_its_own_under_both_schemes() {
+    for coordination in [Coordination::Sporadic, Coordination::Continuous] {
+        let (ending, from, to) = whole_run(coordination).await;
+
+        assert_eq!(ending.error, None);
+        assert!(ending.finish.unwrap().achieved);
+        let wanted = JointPositions(std::array::from_fn(|i| from.0[i] + WAY.0[i]));
+        assert!(furthest(&to, &wanted) < 1e-9, "{to:?}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_actors_end_when_nobody_needs_them() {
+    let rig = rig(Coordination::Sporadic);
+    let mut states = rig.edp.watch();
+    rig.mp.run(&mut Shift(WAY)).await;
+
+    drop(rig.edp);
+
+    // The EDP's end closes its watch; before, it may still publish.
+    tokio::time::timeout(Duration::from_secs(1), async { while states.changed().await.is_ok() {} })
+        .await
+        .expect("the EDP lives on");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_pause_stops_the_arm_within_a_macrostep_and_a_resume_takes_it_where_it_was_to_go() {
+    let (_, _, wanted) = whole_run(Coordination::Sporadic).await;
+    let Rig { mp, edp, control, .. } = rig(Coordination::Sporadic);
+    let mission = tokio::spawn(async move { mp.run(&mut Shift(WAY)).await });
+    seconds(0.6).await;
+
+    control.send_replace(Control::Paused);
+    // The macrostep under way, and the two periods by which its answer is early.
+    seconds(0.016 + 0.004 + 0.004).await;
+    let stopped = edp.state().await.unwrap().desired_joints;
+    seconds(2.0).await;
+    let later = edp.state().await.unwrap();
+
+    assert_eq!(stopped, later.desired_joints);
+    assert!(furthest(&later.joints, &stopped) < 0.01);
+    assert!(furthest(&stopped, &wanted) > 0.05, "it was in mid-motion");
+    assert!(!mission.is_finished());
+
+    control.send_replace(Control::Running);
+    let ending = mission.await.unwrap();
+
+    assert!(ending.finish.unwrap().achieved);
+    assert!(furthest(&edp.state().await.unwrap().desired_joints, &wanted) < 1e-9);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_terminate_in_mid_motion_ends_the_run_without_a_finish_and_without_an_error() {
+    for coordination in [Coordination::Sporadic, Coordination::Continuous] {
+        let Rig { mp, edp, control, mut notices, .. } = rig(coordination);
+        let mission = tokio::spawn(async move { mp.run(&mut Shift(WAY)).await });
+        seconds(0.6).await;
+
+        control.send_replace(Control::Terminated);
+        let ending = mission.await.unwrap();
+
+        assert_eq!((ending.finish, ending.error), (None, None));
+        assert!(ending.end < 0.65, "ended at {}", ending.end);
+        let stopped = edp.state().await.unwrap().desired_joints;
+        seconds(1.0).await;
+        assert_eq!(edp.state().await.unwrap().desired_joints, stopped);
+        assert!(notices.try_recv().is_err(), "it is the operator's will, not an error");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_refused_command_reaches_the_operator_with_class_actor_and_place_and_the_task_goes_on() {
+    let mut rig = rig(Coordination::Sporadic);
+    let beyond = JointPositions([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0]);
+
+    let ending = rig.mp.run(&mut Shift(beyond)).await;
+
+    let Some(Notice::Error(time, Error::NonFatal { actor, place, cause })) =
+        rig.notices.recv().await
+    else {
+        panic!("no non-fatal error")
+    };
+    assert!(time > 0.0);
+    assert_eq!((actor.as_str(), place), ("edp track", "execute"));
+    let limit = |cause: &NonFatal| {
+        matches!(
+            cause,
+            NonFatal::Refused(MoveRefused::JointLimit { .. } | MoveRefused::MotorLimit { .. })
+        )
+    };
+    assert!(limit(&cause), "{cause}");
+    // The kernel was told and had the last word.
+    let finish = ending.finish.unwrap();
+    assert!(!finish.achieved && finish.reason.contains("edp track"), "{}", finish.reason);
+    assert_eq!(ending.error, None);
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_effector_that_fails_ends_the_run_with_a_fatal_error_that_the_operator_sees() {
+    let Rig { mp, edp, switches, mut notices, control: _control, .. } = rig(Coordination::Sporadic);
+    let mission = tokio::spawn(async move { mp.run(&mut Shift(WAY)).await });
+    seconds(0.6).await;
+
+    switches.emergency.store(true, Ordering::Release);
+    let ending = mission.await.unwrap();
+
+    let wanted = Error::Fatal {
+        actor: "edp track".into(),
+        place: "execute",
+        cause: Fatal::Arm(ArmFault::EmergencyStop),
+    };
+    assert_eq!(ending.error.as_ref(), Some(&wanted));
+    assert_eq!(ending.finish, None);
+    assert!(matches!(notices.recv().await, Some(Notice::Error(_, told)) if told == wanted));
+    assert_eq!(
+        edp.state().await.unwrap_err().to_string(),
+        "fatal, edp track, state: emergency stop"
+    );
+}
+
+/// Moves with a velocity in one direction of a frame for one second and says how the plant's tool has moved.
+async fn moved(rig: &Rig, frame: Frame, direction: usize, velocity: f64) -> (Pose, Pose) {
+    let before = rig.world_from_tool();
+    let mut directions = [Direction::HOLD; 6];
+    directions[direction] = Direction::Unguarded { velocity };
+    let command =
+        MoveCommand { motion: Motion::Task { frame, directions }, periods: 500, jaw: None };
+    rig.edp.execute(command).await.unwrap();
+    rig.hold(250).await;
+    (before, rig.world_from_tool())
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_absolute_mode_moves_along_the_base_and_the_relative_mode_along_the_tool() {
+    let rig = rig(Coordination::Sporadic);
+    rig.hold(100).await;
+    for direction in 0..3 {
+        let unit = nalgebra::Vector3::from_fn(|i, _| if i == direction { 1.0 } else { 0.0 });
+
+        let (before, after) = moved(&rig, Frame::Base, direction, 0.01).await;
+        let way = after.translation.vector - before.translation.vector;
+        assert!((way - rig.world_from_base * unit * 0.01).norm() < 2e-4, "base {direction}: {way}");
+
+        let (before, after) = moved(&rig, Frame::Tool, direction, -0.01).await;
+        let way = after.translation.vector - before.translation.vector;
+        assert!((way + before * unit * 0.01).norm() < 2e-4, "tool {direction}: {way}");
+    }
+    // The two modes are not the same thing at this pose.
+    let z = nalgebra::Vector3::z();
+    assert!((rig.world_from_tool() * z - rig.world_from_base * z).norm() > 0.5);
+}
+
+#[tokio::test(start_paused = true)]
+async fn another_tool_frame_moves_no_arm_and_counts_from_then_on() {
+    let rig = rig(Coordination::Sporadic);
+    let state = rig.hold(200).await;
+    let before = rig.world_from_tool();
+    let old = scenario::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
+    let old = old.controller.cell.arms[0].flange_from_tool;
+    let longer = Pose::translation(0.0, 0.0, 0.1);
+
+    let told = rig.edp.set_tool(old * longer).await.unwrap();
+    seconds(1.0).await;
+
+    let after = rig.world_from_tool();
+    assert!((after.translation.vector - before.translation.vector).norm() < 5e-5);
+    let reported = state.base_from_tool.inverse() * told.base_from_tool;
+    assert!((reported.translation.vector - longer.translation.vector).norm() < 5e-5);
+
+    // A rotation about the new tool's x leaves the new tool point where it is.
+    let (before, after) = moved(&rig, Frame::Tool, 3, 0.1).await;
+    let point = |pose: Pose| (pose * longer).translation.vector;
+    assert!((after.translation.vector - before.translation.vector).norm() > 5e-3);
+    assert!((point(after) - point(before)).norm() < 5e-4);
+}
