@@ -49,7 +49,9 @@ pub struct RunOptions {
 
 /// Time after a hand-back in which the operator's hand withdraws [s].
 const WITHDRAWAL: f64 = 4.0;
-/// The arms are watched at this interval [s].
+/// A force on the cube above this is excessive [N]: a verdict, not a limit of anything.
+const EXCESSIVE: f64 = 20.0;
+/// The arms are watched at this interval.
 const HEART_BEAT: Duration = Duration::from_millis(20);
 
 /// Performs a scenario and returns what it came to.
@@ -510,8 +512,10 @@ fn verdict_of(
         Goal::Acquire => (verdict.returned, verdict_words(true, verdict)),
         Goal::FaceTurn(angle) => {
             let turned = turned_deg.unwrap_or(0.0);
-            let right = (turned - angle.to_degrees()).abs() < 5.0 && verdict.counts.jams == 0;
-            (right, format!("the layer was turned by {turned:.1} deg of {:.0}", angle.to_degrees()))
+            let gentle = verdict.peak_force < EXCESSIVE;
+            let right = (turned - angle.to_degrees()).abs() < 5.0 && verdict.counts.jams == 0 && gentle;
+            let force = if gentle { "" } else { ", with excessive force" };
+            (right, format!("the layer was turned by {turned:.1} deg of {:.0}{force}", angle.to_degrees()))
         }
     };
     match (finish.achieved, right) {

@@ -125,7 +125,7 @@ section! {
     /// Where the operator hands the cube over, as the controller believes.
     HandKeys {
         /// Centre of the place in the world: x away from the arms, y from track to postument, z up.
-        centre_xyz [mm]: [f64; 3] = [1050.0, 0.0, 1200.0], -5000.0..=5000.0;
+        centre_xyz [mm]: [f64; 3] = [950.0, 0.0, 1000.0], -5000.0..=5000.0;
         /// Roll, pitch, yaw of the cube there: with 0 its R faces +x, B +y, U +z.
         cube_rpy [deg]: [f64; 3] = [0.0; 3], -180.0..=180.0;
         /// Half the size of the box in which the hand may hold the cube.
@@ -157,7 +157,7 @@ section! {
         /// Grip force of the jaws on the cube.
         grip [n]: f64 = 40.0, 1.0..=100.0;
         /// Force at which a step with contact is broken off.
-        force_limit [n]: f64 = 20.0, 1.0..=65.0;
+        force_limit [n]: f64 = 30.0, 1.0..=65.0;
         /// Torque at which a step with contact is broken off.
         torque_limit [nm]: f64 = 4.5, 0.1..=5.0;
         /// Force with which the last approach and the hand-over stop at contact.

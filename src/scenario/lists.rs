@@ -47,8 +47,8 @@ section! {
         tool_rpy [deg]: [f64; 3] = [0.0; 3], -180.0..=180.0;
         /// Track position when the run begins.
         start_d0 [mm]: f64 = 0.0, -200.0..=2000.0;
-        /// Joints q1..q6 when the run begins; the default is the original's front position.
-        start_joints [deg]: [f64; 6] = [0.0, -89.954, 0.0, 89.381, 89.954, -89.954], -600.0..=600.0;
+        /// Joints q1..q6 when the run begins; the default stands before the hand-over place.
+        start_joints [deg]: [f64; 6] = [0.0, -101.07, 29.03, 72.04, 90.0, 0.0], -600.0..=600.0;
     } with {
         /// Gripper.
         gripper: GripperKeys,

@@ -498,7 +498,7 @@ impl Mission {
                 ]);
                 return Ok(None);
             }
-            Job::Open { hand, opening } => behave(hand, self.open(opening)),
+            Job::Open { hand, opening } => behave(hand, self.open(hand, opening)),
             Job::LetGo(hand) => {
                 let open = Job::Open { hand, opening: s.opening };
                 let back = Job::Along(hand, -s.back);
@@ -627,11 +627,13 @@ impl Mission {
         Ok(Some(action))
     }
 
-    fn open(&self, opening: f64) -> Behaviour {
+    fn open(&self, hand: Hand, opening: f64) -> Behaviour {
+        // While the partner holds the cube too, what is strained between the hands gives way before the pads do.
+        let chained = self.belief.held[hand.other().index()].is_some() && !self.apart;
         Behaviour::Jaw {
             jaw: JawCommand { opening, force_limit: self.settings.grip, stops: Depth::One },
             seconds: LEAVE_SECONDS,
-            selector: [false; 6],
+            selector: if chained { self.settings.grasp_selector() } else { [false; 6] },
         }
     }
 

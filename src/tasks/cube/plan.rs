@@ -130,6 +130,10 @@ pub struct Reachable<'a> {
     pub table: &'a MeetingTable,
 }
 
+/// Roll that is kept free at both ends: a wrist goes on by the twist of the grips, and stands otherwise than at the
+/// nominal meeting where the cube lies askew in a hand [rad].
+const ROLL_MARGIN: f64 = 0.06;
+
 impl Reach for Reachable<'_> {
     fn grasp(
         &self,
@@ -140,7 +144,11 @@ impl Reach for Reachable<'_> {
         // By what each meeting says of itself, not by its place in the table.
         let meets = |pose: &Pose| pose.rotation.angle_to(&track_from_postument) < 0.5;
         let found = self.table.grasps.iter().flatten().find(|m| meets(&m.track_from_postument));
-        found.map(|m| RollLimits { track: m.track_roll, postument: m.postument_roll })
+        let inside = |(low, high): (f64, f64)| (low + ROLL_MARGIN, high - ROLL_MARGIN);
+        found.map(|m| RollLimits {
+            track: inside(m.track_roll),
+            postument: inside(m.postument_roll),
+        })
     }
 
     fn view(&self, holder: Hand, side: usize) -> bool {
