@@ -183,6 +183,8 @@ async fn whole_run(coordination: Coordination) -> (Ending, JointPositions, Joint
     let rig = rig(coordination);
     let from = rig.edp.state().await.unwrap().desired_joints;
     let ending = rig.mp.run(&mut Shift(WAY)).await;
+    // The answer came two periods early.
+    seconds(0.01).await;
     let to = rig.edp.state().await.unwrap();
     assert!(furthest(&to.joints, &to.desired_joints) < 0.02, "the arm follows its set values");
     (ending, from, to.desired_joints)
@@ -196,7 +198,7 @@ async fn one_effector_without_sensors_carries_out_a_task_of_its_own_under_both_s
         assert_eq!(ending.error, None);
         assert!(ending.finish.unwrap().achieved);
         let wanted = JointPositions(std::array::from_fn(|i| from.0[i] + WAY.0[i]));
-        assert!(furthest(&to, &wanted) < 1e-9, "{to:?}");
+        assert!(furthest(&to, &wanted) < 1e-9, "{to:?} {wanted:?} {from:?}");
     }
 }
 
@@ -215,15 +217,15 @@ async fn the_actors_end_when_nobody_needs_them() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_pause_stops_the_arm_within_a_macrostep_and_a_resume_takes_it_where_it_was_to_go() {
+async fn a_pause_brings_the_arm_to_rest_and_a_resume_takes_it_where_it_was_to_go() {
     let (_, _, wanted) = whole_run(Coordination::Sporadic).await;
     let Rig { mp, edp, control, .. } = rig(Coordination::Sporadic);
     let mission = tokio::spawn(async move { mp.run(&mut Shift(WAY)).await });
     seconds(0.6).await;
 
     control.send_replace(Control::Paused);
-    // The macrostep under way, and the two periods by which its answer is early.
-    seconds(0.016 + 0.004 + 0.004).await;
+    // Not dead, which would trip a power stage, but within 0.4 s and a macrostep.
+    seconds(0.4 + 2.0 * 0.016).await;
     let stopped = edp.state().await.unwrap().desired_joints;
     seconds(2.0).await;
     let later = edp.state().await.unwrap();
@@ -237,7 +239,7 @@ async fn a_pause_stops_the_arm_within_a_macrostep_and_a_resume_takes_it_where_it
     let ending = mission.await.unwrap();
 
     assert!(ending.finish.unwrap().achieved);
-    assert!(furthest(&edp.state().await.unwrap().desired_joints, &wanted) < 1e-9);
+    assert!(furthest(&edp.state().await.unwrap().desired_joints, &wanted) < 1e-5);
 }
 
 #[tokio::test(start_paused = true)]
@@ -251,7 +253,7 @@ async fn a_terminate_in_mid_motion_ends_the_run_without_a_finish_and_without_an_
         let ending = mission.await.unwrap();
 
         assert_eq!((ending.finish, ending.error), (None, None));
-        assert!(ending.end < 0.65, "ended at {}", ending.end);
+        assert!(ending.end < 1.1, "ended at {}", ending.end);
         let stopped = edp.state().await.unwrap().desired_joints;
         seconds(1.0).await;
         assert_eq!(edp.state().await.unwrap().desired_joints, stopped);

@@ -184,9 +184,10 @@ impl Ecp {
         let mut motion = Motion::begin(behaviour, &self.parts.manner);
         let mut state = self.parts.edp.state().await?;
         loop {
-            if permission(&mut self.parts.control).await.is_err() {
+            if motion.rests() && permission(&mut self.parts.control).await.is_err() {
                 return Ok((Outcome::Ended, state));
             }
+            motion.heed(*self.parts.control.borrow());
             if matches!(self.mailbox.try_recv(), Ok(Request::End)) {
                 return Ok((Outcome::Ended, state));
             }

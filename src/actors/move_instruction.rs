@@ -1,18 +1,26 @@
 //! The move instruction: fetches a generator's inputs and dispatches its outputs (Zieliński et al. 2007, p. 370).
 //!
 //! [`Motion`] is one effector's instruction under way; an ECP runs one, MP runs one for each effector in the same
-//! macrostep.
+//! macrostep. When the operator pauses, the motion comes to rest by itself and goes on from there: set values that
+//! stop dead trip the power stages.
 
+use super::control::Control;
 use crate::generators::{
     Behaviour, Compliance, Generator, Inputs, Next, Outcome, Target, position::Speeds,
 };
-use crate::motion::{ArmState, MoveCommand};
+use crate::motion::{ArmState, MoveCommand, PERIOD};
 
 /// A generator with the state that its next call needs.
 #[derive(Debug)]
 pub struct Motion {
     generator: Generator,
+    /// Macrosteps from full pace to rest, and how many of them the motion is away from rest.
+    ramp: u32,
+    pace: u32,
 }
+
+/// Time in which a pause brings a motion to rest, and a resume to its full pace [s].
+const REST: f64 = 0.4;
 
 /// How the generators of an effector behave.
 #[derive(Debug, Clone, Copy)]
@@ -27,7 +35,24 @@ impl Motion {
     /// Begins a behaviour.
     #[must_use]
     pub fn begin(behaviour: &Behaviour, manner: &Manner) -> Self {
-        Self { generator: behaviour.generator(&manner.compliance, &manner.speeds) }
+        let macrostep = f64::from(manner.compliance.macrostep) * PERIOD;
+        let ramp = (REST / macrostep).ceil().max(1.0) as u32;
+        let generator = behaviour.generator(&manner.compliance, &manner.speeds);
+        Self { generator, ramp, pace: ramp }
+    }
+
+    /// Whether it stands still because of [`Motion::heed`].
+    #[must_use]
+    pub fn rests(&self) -> bool {
+        self.pace == 0
+    }
+
+    /// One macrostep nearer to full pace, or to rest.
+    pub fn heed(&mut self, control: Control) {
+        self.pace = match control {
+            Control::Running => (self.pace + 1).min(self.ramp),
+            Control::Waiting | Control::Paused | Control::Terminated => self.pace.saturating_sub(1),
+        };
     }
 
     /// Inputs in, the next command or the outcome out.
@@ -36,7 +61,9 @@ impl Motion {
         arm: &ArmState,
         target: Option<&Target>,
     ) -> Result<MoveCommand, Outcome> {
-        match self.generator.next(&Inputs { arm, target, period: arm.period }) {
+        let pace = f64::from(self.pace) / f64::from(self.ramp);
+        let inputs = Inputs { arm, target, period: arm.period, pace };
+        match self.generator.next(&inputs) {
             Next::Go(command) => Ok(command),
             Next::Done(outcome) => Err(outcome),
         }

@@ -275,9 +275,12 @@ impl Mp {
         }
         let mut outcomes: [Option<Outcome>; 2] = [None, None];
         loop {
-            if permission(&mut self.parts.control).await.is_err() {
+            let rest = motions.iter().flatten().all(Motion::rests);
+            if rest && permission(&mut self.parts.control).await.is_err() {
                 break;
             }
+            let will = *self.parts.control.borrow();
+            motions.iter_mut().flatten().for_each(|motion| motion.heed(will));
             let target = self.parts.tracker.as_ref().and_then(VspHandle::target);
             let mut commands = [None, None];
             for effector in 0..2 {

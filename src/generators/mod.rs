@@ -30,6 +30,8 @@ pub struct Inputs<'a> {
     pub target: Option<&'a Target>,
     /// Number of the present servo period.
     pub period: u64,
+    /// Share of its speed at which the generator may go on, 0..=1: below 1 while a pause brings the arm to rest.
+    pub pace: f64,
 }
 
 /// The cube as the visual sensor saw it.
@@ -347,12 +349,38 @@ impl Generator {
     /// The next macrostep's set values, or the end.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
         match self {
+            // Its set values are a function of time, so its time goes slower.
             Self::Position(g) => g.next(inputs),
-            Self::Grasp(g) => g.next(inputs),
-            Self::Secure(g) => g.next(inputs),
-            Self::Turn(g) => g.next(inputs),
-            Self::Comply(g) => g.next(inputs),
-            Self::VisualServo(g) => g.next(inputs),
+            Self::Grasp(g) => slowed(g.next(inputs), inputs),
+            Self::Secure(g) => slowed(g.next(inputs), inputs),
+            Self::Turn(g) => slowed(g.next(inputs), inputs),
+            Self::Comply(g) => slowed(g.next(inputs), inputs),
+            Self::VisualServo(g) => slowed(g.next(inputs), inputs),
         }
     }
+}
+
+/// The same command at the pace of the inputs: velocities, and steps from the present set value.
+fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
+    let Next::Go(mut command) = next else { return next };
+    match &mut command.motion {
+        Motion::Task { directions, .. } => {
+            for direction in directions {
+                if let Direction::Unguarded { velocity } | Direction::Guarded { velocity, .. } =
+                    direction
+                {
+                    *velocity *= inputs.pace;
+                }
+            }
+        }
+        Motion::Pose(pose) if inputs.pace < 1.0 => {
+            let from = inputs.arm.desired_base_from_tool;
+            *pose = Pose::from_parts(
+                from.translation.vector.lerp(&pose.translation.vector, inputs.pace).into(),
+                from.rotation.slerp(&pose.rotation, inputs.pace),
+            );
+        }
+        Motion::Pose(_) | Motion::Hold | Motion::Motors(_) | Motion::Joints(_) => {}
+    }
+    Next::Go(command)
 }

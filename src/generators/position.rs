@@ -43,9 +43,9 @@ pub struct Position {
     speeds: Speeds,
     fraction: f64,
     macrostep: u32,
-    /// Macrosteps in all; known after the first call.
-    steps: u32,
-    done: u32,
+    /// Macrosteps in all at full pace; known after the first call.
+    steps: f64,
+    done: f64,
 }
 
 impl Position {
@@ -53,26 +53,26 @@ impl Position {
     #[must_use]
     pub fn joints(target: JointPositions, fraction: f64, speeds: &Speeds, macrostep: u32) -> Self {
         let goal = Goal::Joints { start: None, target };
-        Self { goal, speeds: *speeds, fraction, macrostep, steps: 0, done: 0 }
+        Self { goal, speeds: *speeds, fraction, macrostep, steps: 0.0, done: 0.0 }
     }
 
     /// Along a straight line to `base_from_tool`.
     #[must_use]
     pub fn line(target: Pose, fraction: f64, speeds: &Speeds, macrostep: u32) -> Self {
         let goal = Goal::Line { start: None, target };
-        Self { goal, speeds: *speeds, fraction, macrostep, steps: 0, done: 0 }
+        Self { goal, speeds: *speeds, fraction, macrostep, steps: 0.0, done: 0.0 }
     }
 
     /// See [`super::Generator::next`].
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
-        if self.steps == 0 {
+        if self.steps == 0.0 {
             self.begin(inputs);
         }
-        if self.done == self.steps {
+        if self.done >= self.steps {
             return Next::Done(Outcome::Reached);
         }
-        self.done += 1;
-        let s = min_jerk(f64::from(self.done) / f64::from(self.steps));
+        self.done = (self.done + inputs.pace).min(self.steps);
+        let s = min_jerk(self.done / self.steps);
         let motion = match self.goal {
             Goal::Joints { start: Some(start), target } => {
                 Motion::Joints(JointPositions(std::array::from_fn(|i| {
@@ -118,7 +118,7 @@ impl Position {
             }
         }
         let step = f64::from(self.macrostep) * PERIOD;
-        self.steps = (seconds / step).ceil().max(1.0) as u32;
+        self.steps = (seconds / step).ceil().max(1.0);
     }
 }
 
@@ -156,7 +156,7 @@ mod tests {
         let mut last = JointPositions::default();
         let mut fastest = [0.0_f64; AXES];
         loop {
-            match generator.next(&Inputs { arm: &arm, target: None, period: 0 }) {
+            match generator.next(&Inputs { arm: &arm, target: None, period: 0, pace: 1.0 }) {
                 Next::Go(MoveCommand { motion: Motion::Joints(q), .. }) => {
                     for i in 0..AXES {
                         fastest[i] = fastest[i].max((q.0[i] - last.0[i]).abs() / 0.016);
@@ -183,7 +183,7 @@ mod tests {
         let arm = ArmState::default();
 
         while let Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) =
-            generator.next(&Inputs { arm: &arm, target: None, period: 0 })
+            generator.next(&Inputs { arm: &arm, target: None, period: 0, pace: 1.0 })
         {
             let v = pose.translation.vector;
             assert!((v.x * 4.0 - v.z * 3.0).abs() < 1e-12 && v.y == 0.0);

@@ -343,7 +343,8 @@ mod tests {
             if period % 20 < 8 {
                 latest = cube(period).or(latest);
             }
-            match generator.next(&Inputs { arm: &arm, target: latest.as_ref(), period }) {
+            match generator.next(&Inputs { arm: &arm, target: latest.as_ref(), period, pace: 1.0 })
+            {
                 Next::Done(outcome) => return (arm.desired_base_from_tool, outcome),
                 Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) => {
                     let way =
