@@ -494,9 +494,16 @@ fn verdict_of(
         Goal::FaceTurn(angle) => {
             let turned = turned_deg.unwrap_or(0.0);
             let gentle = verdict.peak_force < EXCESSIVE;
-            let right = (turned - angle.to_degrees()).abs() < 5.0 && verdict.counts.jams == 0 && gentle;
+            let right =
+                (turned - angle.to_degrees()).abs() < 5.0 && verdict.counts.jams == 0 && gentle;
             let force = if gentle { "" } else { ", with excessive force" };
-            (right, format!("the layer was turned by {turned:.1} deg of {:.0}{force}", angle.to_degrees()))
+            (
+                right,
+                format!(
+                    "the layer was turned by {turned:.1} deg of {:.0}{force}",
+                    angle.to_degrees()
+                ),
+            )
         }
     };
     match (finish.achieved, right) {
