@@ -13,7 +13,7 @@ use crate::tasks::cube::mission::Goal;
 use crate::tasks::cube::plan::Rule;
 use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
 use crate::vision::Method;
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 /// How the generators of all effectors behave.
 pub(super) fn manner(config: &ControllerConfig) -> Manner {
@@ -67,6 +67,7 @@ pub(super) fn cube_settings(
     meetings: MeetingTable,
     back: f64,
 ) -> Option<CubeSettings> {
+    let calibrated_at = meeting_place(&config.cell, &meetings);
     let c = &config.control;
     let v = &config.visual_servo;
     let arm = config.cell.arms.first()?;
@@ -121,7 +122,7 @@ pub(super) fn cube_settings(
         nodes: config.planner.node_budget,
         candidates: config.planner.candidates as usize,
         seconds_per_node: config.planner.node_cost,
-        base_learning: 0.3,
+        calibrated_at,
     })
 }
 
@@ -131,6 +132,21 @@ pub(super) fn method(config: &ControllerConfig) -> Method {
         keys::Detector::Lattice => Method::Edges,
         keys::Detector::Paper => Method::Paper2007,
     }
+}
+
+/// Where the hands meet on the average: a workshop lets them meet there to find where the bases stand to each other.
+pub(super) fn meeting_place(cell: &Cell, table: &MeetingTable) -> Point3<f64> {
+    let Some(arm) = cell.arms.first() else { return Point3::origin() };
+    let places: Vec<Vector3<f64>> = table
+        .grasps
+        .iter()
+        .flatten()
+        .map(|m| {
+            let flange = arm.world_from_base * arm.model.base_from_flange(&m.track);
+            (flange * arm.flange_from_tool).translation.vector
+        })
+        .collect();
+    Point3::from(places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64)
 }
 
 /// What the kernel is to do. A turn is positive clockwise seen from outside, which is positive about the tool's z.

@@ -2,7 +2,7 @@
 //!
 //! The only file of the actors that reads a `plant.*` key; what it makes goes behind the port and the cameras.
 
-use super::build::FaceTurnStart;
+use super::build::{FaceTurnStart, meeting_place};
 use crate::cell::Cell;
 use crate::hw::plant::render::{Look, Renderer, Setting};
 use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
@@ -10,7 +10,6 @@ use crate::hw::plant::{CubeMechanics, HandScript, Jaws, Plant, PlantConfig, Sens
 use crate::reach::MeetingTable;
 use crate::scenario::plant::{CubeKind, Jaws as JawsKey};
 use crate::scenario::{Scenario, keys};
-use nalgebra::{Point3, Vector3};
 
 /// Creates the plant; a face turn starts with the cube in the postument's hand.
 pub(super) fn create(
@@ -46,7 +45,8 @@ pub(super) fn create(
         weight: e.weight,
         weight_centre: e.weight_centre,
         grasp,
-        pivot: meetings.map_or(ErrorSpreads::default().pivot, |table| pivot(&belief, table)),
+        pivot: meetings
+            .map_or(ErrorSpreads::default().pivot, |table| meeting_place(&belief, table)),
         ..ErrorSpreads::default()
     };
     let truth = truth::draw(&belief, &errors, scenario.seed);
@@ -110,22 +110,6 @@ pub(super) fn create(
         config.start_grip = scenario.controller.control.grip;
     }
     Plant::new(config, scenario.seed).map_err(|e| e.to_string())
-}
-
-/// Where the hands meet on the average: a workshop lets them meet there to find where the bases stand to each other.
-fn pivot(belief: &Cell, table: &MeetingTable) -> Point3<f64> {
-    let arm = &belief.arms[0];
-    let places: Vec<Vector3<f64>> = table
-        .grasps
-        .iter()
-        .flatten()
-        .map(|m| {
-            (arm.world_from_base * arm.model.base_from_flange(&m.track) * arm.flange_from_tool)
-                .translation
-                .vector
-        })
-        .collect();
-    Point3::from(places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64)
 }
 
 /// Both arms stand where the hands meet, the track's drawn back.

@@ -1,18 +1,38 @@
-//! Where the controller believes the cube to be: in which hand, how held, and how far off the nominal hold.
+//! Where the controller believes the cube and the postument's base to be, and how sure it is.
 //!
-//! - in: arm states, what contact and sight tell
-//! - out: poses of the cube in the hands, a slowly corrected place of the postument's base
-//!
-//! Contact is the better witness: closed pads centre the cube across the jaws and align it with them, the stops
-//! of the palm fix its depth. What they leave open (along the finger's width, and the tilt about the jaw axis)
-//! comes from the partner's pose through the kinematics, or from the camera in the other hand.
+//! - in: arm states; what contact shows (closed pads, palm stops) and what the cameras in the hands see
+//! - out: poses of the cube in the hands, of the cube's faces in a camera, of the next grasp
+//! - method: an extended Kalman filter over ten numbers: the error of the postument's base (translation and rotation
+//!   about the place where the arms were calibrated), and for each hand how far the cube lies along the finger's width
+//!   and how it is tilted about the jaw axis. The rest of a hold is known: pads centre the cube across the jaws and
+//!   align it with them, the stops of the palm fix its depth. Jacobians by differences: ten columns, some microseconds.
 
 use super::hold::{Hand, Hold};
 use super::settings::ArmBelief;
 use crate::cube::{Face, Rotation24};
 use crate::motion::ArmState;
 use crate::spatial::{Pose, pose_from_axes};
-use nalgebra::{Point3, UnitQuaternion, Vector3};
+use nalgebra::{Point3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+
+/// Numbers of the filter: base error x, y, z [m], about x, y, z [rad]; then x [m] and tilt [rad] of the cube in the
+/// track's hand and in the postument's.
+const STATES: usize = 10;
+type State = SVector<f64, STATES>;
+type Covariance = SMatrix<f64, STATES, STATES>;
+type Residual = SVector<f64, 6>;
+
+/// Standard deviations of what is believed at first: base [m], [rad].
+const BASE: (f64, f64) = (0.0015, 0.009);
+/// The cube in a hand that has just taken it from the operator: along the finger's width [m], tilt [rad].
+const TAKEN: (f64, f64) = (0.004, 0.03);
+/// A hand that has just closed while the partner held: before the kinematics say more.
+const CLOSED: (f64, f64) = (0.03, 0.2);
+/// What a closed and secured hold tells of the cube in it: x, y, z [m], about x, y, z [rad]. The arms' sag and the
+/// pads' give are in these.
+const CONTACT: [f64; 6] = [0.0007, 0.0005, 0.0007, 0.008, 0.008, 0.008];
+/// What a camera in a hand tells of a face: across, across, along the line of sight [m], about the same axes [rad];
+/// mostly the error of where the camera sits in the hand.
+const SIGHT: [f64; 6] = [0.0013, 0.0013, 0.002, 0.012, 0.012, 0.006];
 
 /// A hold of the cube by one hand.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,45 +41,67 @@ pub struct Held {
     pub hold: Hold,
     /// Which of the two equivalent tool frames.
     pub half_roll: bool,
-    /// As measured.
-    pub tool_from_cube: Pose,
 }
 
 /// The controller's picture of arms and cube.
 #[derive(Debug, Clone)]
 pub struct Belief {
-    /// The two arms; the place of the postument's base is corrected in the course of the task.
-    pub arms: [ArmBelief; 2],
+    /// The two arms as measured by the workshop.
+    arms: [ArmBelief; 2],
     /// Who holds the cube, and how.
     pub held: [Option<Held>; 2],
     edge: f64,
-    learning: f64,
+    pivot: Point3<f64>,
+    state: State,
+    covariance: Covariance,
 }
 
 impl Belief {
-    /// Nothing is held.
+    /// Nothing is held. `pivot` is where the arms were calibrated against each other.
     #[must_use]
-    pub fn new(arms: [ArmBelief; 2], edge: f64, learning: f64) -> Self {
-        Self { arms, held: [None, None], edge, learning }
+    pub fn new(arms: [ArmBelief; 2], edge: f64, pivot: Point3<f64>) -> Self {
+        let mut covariance = Covariance::zeros();
+        for i in 0..3 {
+            covariance[(i, i)] = BASE.0.powi(2);
+            covariance[(3 + i, 3 + i)] = BASE.1.powi(2);
+        }
+        Self { arms, held: [None, None], edge, pivot, state: State::zeros(), covariance }
     }
 
-    /// The nominal pose of the cube in a tool.
+    /// `world_from_base` as believed now.
     #[must_use]
-    pub fn nominal(&self, hold: Hold, half_roll: bool) -> Pose {
-        hold.cube_from_tool(half_roll, self.edge).inverse()
+    pub fn world_from_base(&self, hand: Hand) -> Pose {
+        self.base(&self.state, hand)
+    }
+
+    fn base(&self, state: &State, hand: Hand) -> Pose {
+        let measured = self.arms[hand.index()].world_from_base;
+        if hand == Hand::Track {
+            return measured;
+        }
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(state[3], state[4], state[5]));
+        let shift = Vector3::new(state[0], state[1], state[2]);
+        let about = Translation3::from(self.pivot.coords);
+        about * Translation3::from(shift) * turn * about.inverse() * measured
     }
 
     /// `world_from_tool` as set (not as measured: set values are free of the servo's lag).
-    #[must_use]
-    pub fn world_from_tool(&self, hand: Hand, arms: &[ArmState]) -> Pose {
-        self.arms[hand.index()].world_from_base * arms[hand.index()].desired_base_from_tool
+    fn tool(&self, state: &State, hand: Hand, arms: &[ArmState]) -> Pose {
+        self.base(state, hand) * arms[hand.index()].desired_base_from_tool
     }
 
-    /// `world_from_cube` by the given holder.
-    #[must_use]
-    pub fn world_from_cube(&self, holder: Hand, arms: &[ArmState]) -> Option<Pose> {
-        let held = self.held[holder.index()]?;
-        Some(self.world_from_tool(holder, arms) * held.tool_from_cube)
+    /// `tool_from_cube`, if the hand holds it.
+    fn in_tool(&self, state: &State, hand: Hand) -> Option<Pose> {
+        let held = self.held[hand.index()]?;
+        let nominal = held.hold.cube_from_tool(held.half_roll, self.edge).inverse();
+        let (x, tilt) = (state[6 + 2 * hand.index()], state[7 + 2 * hand.index()]);
+        let tilt = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, tilt, 0.0));
+        let place = nominal.translation.vector + Vector3::new(x, 0.0, 0.0);
+        Some(Pose::from_parts(place.into(), tilt * nominal.rotation))
+    }
+
+    fn cube(&self, state: &State, holder: Hand, arms: &[ArmState]) -> Option<Pose> {
+        Some(self.tool(state, holder, arms) * self.in_tool(state, holder)?)
     }
 
     /// `base_from_tool` at which `hand` has the cube in `hold`, the partner holding it now.
@@ -71,23 +113,23 @@ impl Belief {
         half_roll: bool,
         arms: &[ArmState],
     ) -> Option<Pose> {
-        let world_from_cube = self.world_from_cube(hand.other(), arms)?;
+        let world_from_cube = self.cube(&self.state, hand.other(), arms)?;
         let world_from_tool = world_from_cube * hold.cube_from_tool(half_roll, self.edge);
-        Some(self.arms[hand.index()].world_from_base.inverse() * world_from_tool)
+        Some(self.world_from_base(hand).inverse() * world_from_tool)
     }
 
     /// `camera_from_face` of a face of the held cube in the camera of `viewer`.
     #[must_use]
     pub fn face_in_camera(&self, viewer: Hand, face: Face, arms: &[ArmState]) -> Option<Pose> {
-        let world_from_cube = self.world_from_cube(viewer.other(), arms)?;
-        let world_from_camera = self.world_from_camera(viewer, arms)?;
-        Some(world_from_camera.inverse() * world_from_cube * self.cube_from_face(face))
+        self.face_at(&self.state, viewer, face, arms)
     }
 
-    fn world_from_camera(&self, viewer: Hand, arms: &[ArmState]) -> Option<Pose> {
+    fn face_at(&self, state: &State, viewer: Hand, face: Face, arms: &[ArmState]) -> Option<Pose> {
         let arm = &self.arms[viewer.index()];
         let tool_from_camera = arm.flange_from_tool.inverse() * arm.flange_from_camera?;
-        Some(self.world_from_tool(viewer, arms) * tool_from_camera)
+        let world_from_camera = self.tool(state, viewer, arms) * tool_from_camera;
+        let world_from_cube = self.cube(state, viewer.other(), arms)?;
+        Some(world_from_camera.inverse() * world_from_cube * self.cube_from_face(face))
     }
 
     /// Frame of a face: origin in its centre, x along columns, y along rows, z into the cube.
@@ -97,35 +139,35 @@ impl Belief {
         pose_from_axes(x, y, x.cross(&y), Point3::from(face.normal() * self.edge / 2.0))
     }
 
-    /// `hand` has closed and secured its hold while the partner, if any, went on holding.
-    ///
-    /// Returns the distance between where the kinematics had expected the cube and where contact shows it [m].
-    pub fn secured(&mut self, hand: Hand, hold: Hold, half_roll: bool, arms: &[ArmState]) -> f64 {
-        let nominal = self.nominal(hold, half_roll);
-        let Some(world_from_cube) = self.world_from_cube(hand.other(), arms) else {
-            self.held[hand.index()] = Some(Held { hold, half_roll, tool_from_cube: nominal });
-            return 0.0;
-        };
-        let world_from_tool = self.world_from_tool(hand, arms);
-        let expected = world_from_tool.inverse() * world_from_cube;
-        // In tool axes: only the rest along x and about y is left to the kinematics.
-        let off = nominal.inverse() * expected;
-        let in_tool = nominal.rotation * off.rotation.scaled_axis();
-        let tilt = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, in_tool.y, 0.0));
-        let mut place = nominal.translation.vector;
-        place.x += expected.translation.x - nominal.translation.x;
-        let tool_from_cube = Pose::from_parts(place.into(), tilt * nominal.rotation);
+    /// The rotation of the turner's tool axis in the body's tool frame: 0, 1 or 2 for x, y, z.
+    #[must_use]
+    pub fn turn_axis(&self, turner: Hand) -> Option<usize> {
+        let body = self.in_tool(&self.state, turner.other())?;
+        let turner = self.in_tool(&self.state, turner)?;
+        Some((body.rotation * turner.rotation.inverse() * Vector3::z()).iamax())
+    }
 
-        let miss = tool_from_cube.translation.vector - expected.translation.vector;
-        let correction = world_from_tool.rotation * (miss * self.learning);
-        // Where contact and kinematics disagree, part of the blame goes to the base's place. The cube in the
-        // tool lies `miss` further than thought: the newcomer's tool is that much further back, or the
-        // partner's cube that much further on.
-        let base = &mut self.arms[Hand::Postument.index()].world_from_base;
-        let shift = if hand == Hand::Postument { -correction } else { correction };
-        base.translation.vector += shift;
-        self.held[hand.index()] = Some(Held { hold, half_roll, tool_from_cube });
-        miss.norm()
+    /// `hand` has taken the cube from the operator, or holds it when the run begins.
+    pub fn taken(&mut self, hand: Hand, hold: Hold, half_roll: bool) {
+        self.held[hand.index()] = Some(Held { hold, half_roll });
+        self.forget(hand, TAKEN);
+    }
+
+    /// `hand` has closed and secured its hold while the partner went on holding.
+    ///
+    /// Returns the distance between where the cube had been expected in the hand and where contact shows it [m].
+    pub fn secured(&mut self, hand: Hand, hold: Hold, half_roll: bool, arms: &[ArmState]) -> f64 {
+        self.held[hand.index()] = Some(Held { hold, half_roll });
+        self.forget(hand, CLOSED);
+        // The cube by this hand and the cube by the partner are one.
+        let residual = |belief: &Self, state: &State| {
+            let by_partner = belief.cube(state, hand.other(), arms)?;
+            let by_kinematics = belief.tool(state, hand, arms).inverse() * by_partner;
+            Some(difference(&belief.in_tool(state, hand)?, &by_kinematics))
+        };
+        let miss = residual(self, &self.state).map_or(0.0, |r| r[1].hypot(r[2]));
+        self.update(&residual, &CONTACT);
+        miss
     }
 
     /// `hand` has opened.
@@ -133,50 +175,86 @@ impl Belief {
         self.held[hand.index()] = None;
     }
 
-    /// `hand` has turned the face in its palm by an angle about its tool's z: the tool now stands otherwise to
-    /// the body of the cube.
+    /// `hand` has turned the face in its palm: it now stands otherwise to the body of the cube. Where the cube lies in
+    /// the tool stays the same.
     pub fn turned(&mut self, hand: Hand, hold: Hold, half_roll: bool) {
-        if let Some(held) = self.held[hand.index()] {
-            // The offset stays what it was in the tool; only the nominal part is another.
-            let offset = held.tool_from_cube * self.nominal(held.hold, held.half_roll).inverse();
-            let tool_from_cube = offset * self.nominal(hold, half_roll);
-            self.held[hand.index()] = Some(Held { hold, half_roll, tool_from_cube });
-        }
+        self.held[hand.index()] = Some(Held { hold, half_roll });
     }
 
-    /// The camera of `viewer` has seen `face` at `camera_from_face`: the place across the line of sight and the
-    /// roll about it are taken over, the depth and the tilts are not (they are ten times less certain).
+    /// The camera of `viewer` has seen `face` at `camera_from_face`.
     pub fn seen(&mut self, viewer: Hand, face: Face, camera_from_face: &Pose, arms: &[ArmState]) {
-        let holder = viewer.other();
-        let (Some(expected), Some(held), Some(world_from_camera)) = (
-            self.face_in_camera(viewer, face, arms),
-            self.held[holder.index()],
-            self.world_from_camera(viewer, arms),
-        ) else {
-            return;
+        let residual = |belief: &Self, state: &State| {
+            Some(difference(&belief.face_at(state, viewer, face, arms)?, camera_from_face))
         };
-        // At the expected depth, so that an error of the focal length does not leak into the place.
-        let scale = expected.translation.z / camera_from_face.translation.z;
-        let mut shift = camera_from_face.translation.vector * scale - expected.translation.vector;
-        shift.z = 0.0;
-        let turn = (camera_from_face.rotation * expected.rotation.inverse()).scaled_axis();
-        let roll = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.0, turn.z));
-        let corrected = Pose::from_parts(
-            (expected.translation.vector + shift).into(),
-            roll * expected.rotation,
-        );
-        let world_from_cube = world_from_camera * corrected * self.cube_from_face(face).inverse();
-        let tool_from_cube = self.world_from_tool(holder, arms).inverse() * world_from_cube;
-        self.held[holder.index()] = Some(Held { tool_from_cube, ..held });
+        self.update(&residual, &SIGHT);
     }
 
     /// Renames the faces after the cube's colours are known; `rotation` carries old directions to new ones.
     pub fn renamed(&mut self, rotation: Rotation24) {
         for held in self.held.iter_mut().flatten() {
             let (hold, half_roll) = held.hold.renamed(held.half_roll, rotation);
-            let old_from_new =
-                Pose::from_parts(Vector3::zeros().into(), rotation.quaternion().inverse());
-            *held = Held { hold, half_roll, tool_from_cube: held.tool_from_cube * old_from_new };
+            *held = Held { hold, half_roll };
         }
     }
+
+    /// The place of the cube in a hand is anew known only so well.
+    fn forget(&mut self, hand: Hand, (x, tilt): (f64, f64)) {
+        for (offset, sigma) in [(0, x), (1, tilt)] {
+            let i = 6 + 2 * hand.index() + offset;
+            self.state[i] = 0.0;
+            self.covariance.row_mut(i).fill(0.0);
+            self.covariance.column_mut(i).fill(0.0);
+            self.covariance[(i, i)] = sigma * sigma;
+        }
+    }
+
+    /// One measurement: `residual` is what is measured minus what the state says. An iterated update: two rounds
+    /// suffice, as it is nearly linear.
+    fn update(&mut self, residual: &dyn Fn(&Self, &State) -> Option<Residual>, sigma: &[f64; 6]) {
+        let prior = self.state;
+        let variances = Residual::from_iterator(sigma.iter().map(|s| s * s));
+        let noise = SMatrix::<f64, 6, 6>::from_diagonal(&variances);
+        let mut state = prior;
+        let mut covariance = self.covariance;
+        for _ in 0..2 {
+            let Some((at, slope)) = self.linearised(residual, &state) else { return };
+            let spread = slope * self.covariance * slope.transpose() + noise;
+            let Some(inverse) = spread.try_inverse() else { return };
+            let gain = self.covariance * slope.transpose() * inverse;
+            state = prior + gain * (at - slope * (prior - state));
+            // Joseph's form keeps the covariance symmetric and positive.
+            let left = Covariance::identity() - gain * slope;
+            covariance =
+                left * self.covariance * left.transpose() + gain * noise * gain.transpose();
+        }
+        if state.iter().all(|c| c.is_finite()) {
+            self.state = state;
+            self.covariance = covariance;
+        }
+    }
+
+    /// The residual at a state, and the slope of the prediction there.
+    fn linearised(
+        &self,
+        residual: &dyn Fn(&Self, &State) -> Option<Residual>,
+        state: &State,
+    ) -> Option<(Residual, SMatrix<f64, 6, STATES>)> {
+        const STEP: f64 = 1e-6;
+        let at = residual(self, state)?;
+        let mut slope = SMatrix::<f64, 6, STATES>::zeros();
+        for i in 0..STATES {
+            let mut moved = *state;
+            moved[i] += STEP;
+            // The residual falls where the prediction rises.
+            slope.set_column(i, &((at - residual(self, &moved)?) / STEP));
+        }
+        Some((at, slope))
+    }
+}
+
+/// `measured` against `predicted`: difference of the origins and rotation vector, in the common outer frame.
+fn difference(predicted: &Pose, measured: &Pose) -> Residual {
+    let shift = measured.translation.vector - predicted.translation.vector;
+    let turn = (measured.rotation * predicted.rotation.inverse()).scaled_axis();
+    Residual::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
 }

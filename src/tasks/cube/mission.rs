@@ -20,7 +20,6 @@ use crate::motion::{ArmState, Depth, JawCommand, JointPositions};
 use crate::reach::Meeting;
 use crate::spatial::Pose;
 use crate::tasks::{Action, Event, Finish, Task, Until};
-use nalgebra::Vector3;
 
 /// What the kernel is to do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -164,9 +163,9 @@ impl Mission {
     /// as `start` says (`FaceTurn`).
     #[must_use]
     pub fn new(settings: CubeSettings, goal: Goal, start: Option<(Hand, Hold, bool)>) -> Self {
-        let mut belief = Belief::new(settings.arms, settings.edge, settings.base_learning);
+        let mut belief = Belief::new(settings.arms, settings.edge, settings.calibrated_at);
         if let Some((hand, hold, half_roll)) = start {
-            belief.secured(hand, hold, half_roll, &[]);
+            belief.taken(hand, hold, half_roll);
         }
         Self {
             settings,
@@ -291,7 +290,7 @@ impl Mission {
             Job::Take { tries } => match of(Hand::Track) {
                 Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
                     let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
-                    self.belief.secured(Hand::Track, hold, false, arms);
+                    self.belief.taken(Hand::Track, hold, false);
                     Ok(())
                 }
                 other if tries < TAKE_TRIES => {
@@ -551,7 +550,7 @@ impl Mission {
             }
             Job::VisualServo { .. } => {
                 let order = visual_servo::Order {
-                    world_from_base: self.belief.arms[Hand::Track.index()].world_from_base,
+                    world_from_base: self.belief.world_from_base(Hand::Track),
                     seat: s.edge / 3.0,
                     ..s.visual
                 };
@@ -725,13 +724,8 @@ impl Mission {
     fn turn(&self, turner: Hand, angle: f64) -> Result<Action<Thought>, String> {
         let s = &self.settings;
         let body = turner.other();
-        let held = |hand: Hand| self.belief.held[hand.index()].ok_or("a hand is empty in a turn");
         let stiff = s.compliance == ComplianceChoice::None;
-        // The turn axis in the body's tool frame.
-        let axis = (held(body)?.tool_from_cube.rotation
-            * held(turner)?.tool_from_cube.rotation.inverse()
-            * Vector3::z())
-        .iamax();
+        let axis = self.belief.turn_axis(turner).ok_or("a hand is empty in a turn")?;
         let (turner_selector, body_selector) = match s.compliant_arm {
             CompliantArm::Body => ([false; 6], s.turn_selector(axis)),
             CompliantArm::Turner => (s.turn_selector(2), [false; 6]),

@@ -3,6 +3,7 @@
 use crate::generators::{Selector, visual_servo};
 use crate::reach::MeetingTable;
 use crate::spatial::Pose;
+use nalgebra::Point3;
 
 use super::plan::Rule;
 
@@ -84,8 +85,8 @@ pub struct CubeSettings {
     pub candidates: usize,
     /// Declared time of a search node, for the virtual clock [s].
     pub seconds_per_node: f64,
-    /// Share of a contact's evidence that corrects the believed place of the postument's base, 0..=1.
-    pub base_learning: f64,
+    /// Where the arms were calibrated against each other, in the world.
+    pub calibrated_at: Point3<f64>,
 }
 
 impl CubeSettings {

@@ -1,0 +1,158 @@
+//! Scenarios from one end to the other on the virtual clock: what must succeed, what must fail and say why, and
+//! what must repeat to the bit.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use rubik_robot::actors::{self, RunOptions};
+use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
+use rubik_robot::scenario::{self, Override};
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+fn run(name: &str, keys: &[&str]) -> Summary {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(name);
+    let keys: Vec<Override> = keys.iter().map(|key| Override::parse(key).unwrap()).collect();
+    let scenario = scenario::load(&path, &keys).unwrap();
+    let options = RunOptions { automatic: true, quiet: true, interruptible: false };
+    let summary = actors::run(&scenario, options).unwrap();
+    println!("{name} {keys:?}:\n{}", summary.table());
+    summary
+}
+
+#[test]
+fn a_face_turns_by_90_degrees_and_below_20_newtons() {
+    let summary = run("face_turn.toml", &[]);
+
+    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert!((summary.turned_deg.unwrap() - 90.0).abs() < 5.0);
+    assert!(summary.peak_force_n > 0.0 && summary.peak_force_n < 20.0, "{}", summary.peak_force_n);
+    assert_eq!((summary.jams, summary.slips, summary.drops), (0, 0, 0));
+    assert_eq!((summary.turns, summary.exit_code()), (1, 0));
+    assert_ne!(summary.cube_start, summary.cube_end);
+}
+
+/// A spoilt controller does not get there, or not gently, and what it did stands in the summary.
+fn is_spoilt(keys: &[&str]) -> Summary {
+    let summary = run("face_turn.toml", keys);
+    assert_ne!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert_ne!(summary.exit_code(), 0);
+    let broken = summary.peak_force_n > 20.0
+        || summary.jams > 0
+        || summary.slips > 0
+        || summary.sensors.iter().any(|s| s.force_n > 20.0 || s.torque_nm > 4.5);
+    assert!(broken, "nothing in the plant shows the cause: {}", summary.table());
+    summary
+}
+
+#[test]
+fn position_control_does_not_turn_a_face_gently() {
+    let summary = is_spoilt(&["control.compliance=none"]);
+    let told = summary.reason.contains("over-force") || summary.reason.contains("jam");
+    assert!(told, "{}", summary.reason);
+}
+
+#[test]
+fn a_force_of_the_wrong_sign_runs_away() {
+    let summary = is_spoilt(&["control.force_sign=-1"]);
+    assert!(summary.reason.contains("over-force"), "{}", summary.reason);
+}
+
+#[test]
+fn late_forces_oscillate() {
+    let summary = is_spoilt(&["control.force_delay_periods=30"]);
+    assert!(summary.reason.contains("force"), "{}", summary.reason);
+}
+
+#[test]
+fn a_weak_grip_slips() {
+    let summary = is_spoilt(&["control.grip_n=5"]);
+    assert!(summary.slips > 0);
+}
+
+#[test]
+fn compliance_without_gain_is_none() {
+    let none = ["control.linear_admittance_mm_sn=0", "control.angular_admittance_rad_snm=0"];
+    is_spoilt(&none);
+}
+
+#[test]
+fn one_seed_gives_one_hash_and_another_seed_another() {
+    let [a, b, c] = ["seed=3", "seed=3", "seed=4"].map(|seed| run("face_turn.toml", &[seed]));
+
+    assert_eq!(a.hash, b.hash);
+    assert_eq!(a.cube_end, b.cube_end);
+    assert_ne!(a.hash, c.hash);
+    assert_ne!(a.cube_start, c.cube_start);
+}
+
+#[test]
+fn the_cube_is_taken_from_the_hand_and_given_back() {
+    let summary = run("acquire.toml", &["plant.hand.withdrawals=0"]);
+
+    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert_eq!(summary.drops, 0);
+    assert_eq!(summary.cube_start, summary.cube_end);
+}
+
+#[test]
+fn with_caps_on_the_lenses_nothing_is_seen_and_that_is_the_reason() {
+    for coordination in ["sporadic", "continuous"] {
+        let coordination = format!("coordination={coordination}");
+        let keys = ["plant.lens_cap=true", "visual_servo.patience_s=3", &coordination];
+
+        for scenario in ["acquire.toml", "solve.toml"] {
+            let summary = run(scenario, &keys);
+
+            assert_eq!(summary.outcome, Outcome::Failed);
+            assert_eq!(summary.ended_by, EndedBy::Task);
+            assert!(summary.reason.contains("no cube in sight"), "{}", summary.reason);
+            assert_eq!(summary.identified, None);
+        }
+    }
+}
+
+#[test]
+fn an_interrupt_ends_a_run_with_130_and_a_whole_summary() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        .args(["run", "scenarios/acquire.toml", "--json", "--set", "plant.lens_cap=true"])
+        .args(["--set", "visual_servo.patience_s=3600"])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // It moves as soon as it tells its first phase.
+    let mut told = String::new();
+    BufReader::new(child.stderr.take().unwrap()).read_line(&mut told).unwrap();
+
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    let mut printed = String::new();
+    child.stdout.take().unwrap().read_to_string(&mut printed).unwrap();
+
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{told}{printed}");
+    let summary: Summary = serde_json::from_str(printed.lines().last().unwrap()).unwrap();
+    assert_eq!((summary.outcome, summary.ended_by), (Outcome::Aborted, EndedBy::Interrupt));
+}
+
+#[test]
+fn a_run_that_cannot_start_still_prints_a_whole_summary() {
+    let out = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        .args(["run", "scenarios/face_turn.toml", "--json"])
+        // Bases so far apart that the hands cannot meet.
+        .args(["--set", "effector.postument.base_xyz_mm=[0,9000,0]"])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+
+    assert_eq!(out.status.code(), Some(4));
+    let printed = String::from_utf8(out.stdout).unwrap();
+    let summary: Summary = serde_json::from_str(printed.lines().last().unwrap()).unwrap();
+    assert_eq!(summary.outcome, Outcome::Aborted);
+    assert!(summary.reason.contains("both hands can hold"), "{}", summary.reason);
+    assert_eq!((summary.peak_force_n, summary.peak_torque_nm), (0.0, 0.0));
+    assert_eq!(summary.cube_start.len(), 54);
+}
