@@ -4,14 +4,20 @@
 //!
 //! | layer | modules | what they own |
 //! |---|---|---|
-//! | edge | [`cli`], [`scenario`] | words, files, units of the workshop (mm, degrees, ms) |
-//! | shells | [`actors`], [`record`] | mailboxes, lifecycles, clocks, errors |
+//! | edge | [`cli`] | words and units of the workshop (mm, degrees, ms), exit codes |
+//! | shells | [`actors`] | mailboxes, lifecycles, clocks, errors |
+//! | configuration, results | [`scenario`], [`record`] | files in, data to the actors; hash and summary out |
 //! | hardware | [`hw`] | ports, the servo's drivers of time, cameras, the simulated plant |
 //! | task kernels | [`tasks`] | event -> next action; the regrasp plan |
 //! | pure | [`generators`], [`vision`], [`solver`], [`reach`], [`servo`] | step(inputs) -> output |
 //! | vocabulary | [`cell`], [`kinematics`], [`motion`], [`cube`], [`spatial`], [`error`] | types of the field |
 //!
 //! Nothing below `hw` knows a thread, a clock, a file or a log: time, randomness and configuration are arguments.
+
+#![allow(
+    rustdoc::broken_intra_doc_links,
+    reason = "units stand in brackets, [m] or [N], and rustdoc takes them for links"
+)]
 
 pub mod actors;
 pub mod cell;

@@ -198,8 +198,8 @@ fn every_axis_follows_a_smooth_course_and_settles() {
         }
         let rest = rig.run(500);
 
-        for arm in 0..2 {
-            let (end, last) = (behind(&cell, arm, &rest[499][arm]), rest[499][arm]);
+        for (arm, last) in rest[499].iter().enumerate() {
+            let end = behind(&cell, arm, last);
             assert_eq!((last.refused, last.fault), (None, None), "axis {axis}, arm {arm}");
             let worst = worst(&cell, arm, &way);
             println!(

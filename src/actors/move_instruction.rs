@@ -55,7 +55,10 @@ impl Motion {
         };
     }
 
-    /// Inputs in, the next command or the outcome out.
+    /// Inputs in, the next command out.
+    ///
+    /// # Errors
+    /// The [`Outcome`] with which the motion has come to its end.
     pub fn step(
         &mut self,
         arm: &ArmState,

@@ -179,7 +179,7 @@ impl Mp {
                     let conclusion = self.parts.work.run(move || T::think(thought)).await;
                     match conclusion {
                         Some(conclusion) => Event::Thought(conclusion),
-                        None => return Err(Stop::Error(self.system("think", "the worker"))),
+                        None => return Err(Stop::Error(Self::system("think", "the worker"))),
                     }
                 }
             };
@@ -197,7 +197,7 @@ impl Mp {
         }
     }
 
-    fn system(&self, place: &'static str, who: &str) -> Error {
+    fn system(place: &'static str, who: &str) -> Error {
         Error::System { actor: "mp".into(), place, cause: System::Closed(who.into()) }
     }
 
@@ -269,7 +269,7 @@ impl Mp {
                     .parts
                     .manners
                     .get(effector)
-                    .ok_or_else(|| self.system("move", "an effector"))?;
+                    .ok_or_else(|| Self::system("move", "an effector"))?;
                 motions[effector] = Some(Motion::begin(order, manner));
             }
         }

@@ -47,7 +47,6 @@ pub(super) fn create(
         grasp,
         pivot: meetings
             .map_or(ErrorSpreads::default().pivot, |table| meeting_place(&belief, table)),
-        ..ErrorSpreads::default()
     };
     let truth = truth::draw(&belief, &errors, scenario.seed);
     let mut config = PlantConfig::new(truth);
@@ -96,7 +95,6 @@ pub(super) fn create(
         return_after: h.return_after,
         return_solved_only: h.return_solved_only,
         pull: h.pull,
-        ..HandScript::default()
     };
     if scenario.controller.task == keys::Task::Acquire {
         // Nothing happens to the cube in between, so the hand comes back sooner.

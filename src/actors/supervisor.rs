@@ -382,7 +382,7 @@ fn trace_truth(period: u64, plant: &Plant) {
         let mm = tool_from_cube.translation.vector * 1e3;
         format!("{:.2} {:.2} {:.2} gap {:.2}", mm.x, mm.y, mm.z, scene.arms[arm].opening * 1e3)
     };
-    let angles = verdict.layer_angles.map(|a| a.to_degrees());
+    let angles = verdict.layer_angles.map(f64::to_degrees);
     tracing::trace!(
         target: "rubik_robot::truth",
         "{:.1} s: track {}; postument {}; {:?} layers {:.1} {:.1} deg; {:?}; force {:.1} {:.1}",

@@ -158,8 +158,8 @@ mod tests {
         loop {
             match generator.next(&Inputs { arm: &arm, target: None, period: 0, pace: 1.0 }) {
                 Next::Go(MoveCommand { motion: Motion::Joints(q), .. }) => {
-                    for i in 0..AXES {
-                        fastest[i] = fastest[i].max((q.0[i] - last.0[i]).abs() / 0.016);
+                    for (fastest, (q, last)) in fastest.iter_mut().zip(q.0.iter().zip(last.0)) {
+                        *fastest = fastest.max((q - last).abs() / 0.016);
                     }
                     last = q;
                 }
@@ -174,6 +174,36 @@ mod tests {
         assert_eq!(last, target);
         assert!(fastest[0] <= 0.05 + 1e-9 && fastest[1] <= 0.5 + 1e-9, "{fastest:?}");
         assert!(fastest[0] > 0.03, "the slowest axis uses its speed: {fastest:?}");
+    }
+
+    #[test]
+    fn at_no_pace_the_set_values_stand_still_and_then_go_on() {
+        let mut target = JointPositions::default();
+        target.0[1] = 1.0;
+        let mut generator = Position::joints(target, 0.5, &speeds(), 8);
+        let arm = ArmState::default();
+        let mut at = |pace: f64| match generator.next(&Inputs {
+            arm: &arm,
+            target: None,
+            period: 0,
+            pace,
+        }) {
+            Next::Go(MoveCommand { motion: Motion::Joints(q), .. }) => Some(q.0[1]),
+            _ => None,
+        };
+        for _ in 0..60 {
+            at(1.0);
+        }
+
+        let (slow, stopped, still) = (at(0.5).unwrap(), at(0.0).unwrap(), at(0.0).unwrap());
+
+        assert!(slow > 0.0 && slow < 1.0);
+        assert_eq!((stopped, still), (slow, slow));
+        let mut last = slow;
+        while let Some(q) = at(1.0) {
+            last = q;
+        }
+        assert_eq!(last, 1.0);
     }
 
     #[test]

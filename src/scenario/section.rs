@@ -1,6 +1,6 @@
 //! Sections of keys: one line declares a key's name, unit, type, default, range and meaning.
 //!
-//! A section is written once, with [`section!`]; from that come a struct in SI units, its default, the
+//! A section is written once, with `section!`; from that come a struct in SI units, its default, the
 //! reader with its faults, and the list that `rubik-robot keys` prints. The key is the field's name with
 //! the unit behind it: `edge [mm]: f64 = 57.0` is the key `edge_mm` and the field `edge` in metres.
 

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | segmentation | [`segment`] (edges), [`paper`] (colour tables, run lengths) | image -> tile candidates |
 //! | lattice | [`lattice`] | candidates -> 3x3 lattices |
-//! | detection | [`detect`] | image -> [`FaceSighting`]s or a [`Refusal`] that says why |
+//! | detection | [`mod@detect`] | image -> [`FaceSighting`]s or a [`Refusal`] that says why |
 //! | pose | [`pose`] | sighting, intrinsics -> [`CubeSighting`], [`pose::CubeLocation`] |
 //! | time | [`tracker`] | poses -> position, velocity, window, age |
 //! | colours | [`colours`] | mean colours -> names, with a margin each |

@@ -4,7 +4,7 @@
 //! - out: the next action for the shell
 //! - source: Zieliński et al. (2007), pp. 371-374
 //!
-//! A queue of [`Job`]s is worked off from the front. A job either becomes an action at once, or unfolds into
+//! A queue of jobs is worked off from the front. A job either becomes an action at once, or unfolds into
 //! smaller jobs with what is known by then; what an action brought is digested by the job that asked for it.
 
 use std::collections::VecDeque;
