@@ -16,7 +16,7 @@ const SMALL_MARGIN: f64 = 0.01;
 /// Distance of the motors to their limits, as a part of their range.
 const MOTOR_MARGIN: f64 = 0.01;
 /// What a roll of 90 or 180 deg must leave to the limit [rad].
-const ROLL_MARGIN: f64 = 0.05;
+const ROLL_MARGIN: f64 = 0.15;
 /// Farthest that one joint goes while the arm draws back [rad].
 const BACK_MOST: f64 = 0.9;
 /// Joint speeds by which ways are weighed [m/s or rad/s]: half of what the original's drives allow.

@@ -132,7 +132,7 @@ pub struct Reachable<'a> {
 
 /// Roll that is kept free at both ends: a wrist goes on by the twist of the grips, and stands otherwise than at the
 /// nominal meeting where the cube lies askew in a hand [rad].
-const ROLL_MARGIN: f64 = 0.06;
+const ROLL_MARGIN: f64 = 0.12;
 
 impl Reach for Reachable<'_> {
     fn grasp(
