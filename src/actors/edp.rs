@@ -7,16 +7,19 @@
 use super::clock::Clock;
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::hw::driver::ServoLink;
-use crate::motion::{ArmState, MoveCommand, PERIOD};
+use crate::motion::{ArmState, MoveCommand};
 use crate::record::tape::Tape;
 use crate::servo::ServoCommand;
 use crate::spatial::Pose;
+use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 
 /// How many periods before its end a macrostep is answered.
 const EARLY: u64 = 2;
 /// Periods that taking a bias lasts: ten samples and the filters before them.
 const BIAS_PERIODS: u64 = 16;
+/// How often the servo is asked again whether it is done.
+const POLL: Duration = Duration::from_millis(1);
 /// Time without an answer after which the servo counts as gone [s].
 const SILENCE: f64 = 0.5;
 /// Capacity of the mailbox: an ECP has at most one request under way.
@@ -156,7 +159,7 @@ impl Edp {
             let cause = NonFatal::Arguments("a move command must last at least one period".into());
             return Err(Error::NonFatal { actor: self.name.clone(), place: "execute", cause });
         }
-        let start = self.free.max(self.clock.period() + 1);
+        let start = self.free.max(self.link.state().period + 1);
         let ticket = self.send("execute", ServoCommand::Move { command, start })?;
         self.free = start + u64::from(command.periods);
         self.done("execute", ticket, self.free.saturating_sub(EARLY).max(start)).await?;
@@ -173,15 +176,15 @@ impl Edp {
     /// periods and the runtime's time differ by a little, hence the polling.
     async fn done(&mut self, place: &'static str, ticket: u64, period: u64) -> Result<(), Error> {
         self.clock.until(period).await;
-        let patience = (SILENCE / PERIOD) as u64;
-        for late in 1..patience {
+        let patience = (SILENCE / POLL.as_secs_f64()) as u64;
+        for _ in 0..patience {
             if self.link.is_done(ticket, EARLY) {
                 return Ok(());
             }
             if self.link.is_closed() {
                 break;
             }
-            self.clock.until(period + late).await;
+            tokio::time::sleep(POLL).await;
         }
         Err(self.silent(place))
     }

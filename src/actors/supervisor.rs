@@ -516,10 +516,11 @@ fn verdict_of(
             let right =
                 (turned - angle.to_degrees()).abs() < 5.0 && verdict.counts.jams == 0 && gentle;
             let force = if gentle { "" } else { ", with excessive force" };
+            let slip = if verdict.counts.slips > 0 { ", and a grip slipped" } else { "" };
             (
                 right,
                 format!(
-                    "the layer was turned by {turned:.1} deg of {:.0}{force}",
+                    "the layer was turned by {turned:.1} deg of {:.0}{force}{slip}",
                     angle.to_degrees()
                 ),
             )

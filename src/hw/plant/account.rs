@@ -29,7 +29,10 @@ impl Plant {
         let turned = rotation_vector(&(core.r * self.core.r.transpose())) / PERIOD;
         self.velocity = Twist { linear: moved, angular: turned };
         self.core = core;
-        let both = self.both_hold();
+        // The chain is closed as soon as a second hand touches the cube that one holds.
+        let both = self.arms.len() == 2
+            && self.balance.touches.iter().all(|t| t.any())
+            && self.grasps.iter().any(Grasp::holds);
         for i in 0..self.arms.len() {
             let touch = self.balance.touches[i];
             let (force, torque) = (touch.force.norm(), touch.torque.norm());
