@@ -104,10 +104,7 @@ fn stance(
         return None;
     }
     let half_turn = PI + ROLL_MARGIN;
-    let cost = way(joints, reference)
-        + fine(margin, 0.15)
-        + fine(sine, 0.5)
-        + if need == Roll::Needed && roll.0 > -half_turn && roll.1 < half_turn { 4.0 } else { 0.0 };
+    let cost = way(joints, reference) + fine(margin, 0.15) + fine(sine, 0.5);
     if cost >= limit {
         return None;
     }
@@ -123,6 +120,16 @@ fn stance(
     if back.0.iter().zip(&joints.0).any(|(b, q)| (b - q).abs() > BACK_MOST) {
         return None;
     }
+    // The hand draws back with the roll that a turn has left it in.
+    let roll = [&half, &back].into_iter().fold(roll, |(low, high), there| {
+        let (there_low, there_high) = rolls(arm, there);
+        (low.max(there_low), high.min(there_high))
+    });
+    let halves = |(low, high): (f64, f64)| low <= -half_turn || high >= half_turn;
+    if need == Roll::Needed && (roll.0 > -quarter || roll.1 < quarter) {
+        return None;
+    }
+    let cost = cost + if need == Roll::Needed && !halves(roll) { 4.0 } else { 0.0 };
     for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
         at(settings.shift * axis, joints)?;
         at(-settings.shift * axis, joints)?;

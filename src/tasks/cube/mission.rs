@@ -716,7 +716,7 @@ impl Mission {
         Ok(match quarters {
             1 => quarter,
             3 => -quarter,
-            _ if room.1 >= 2.0 * quarter => 2.0 * quarter,
+            _ if room.1 > -room.0 => 2.0 * quarter,
             _ => -2.0 * quarter,
         })
     }
