@@ -79,6 +79,9 @@ const THERE: (f64, f64) = (0.006, 0.03);
 /// Way beyond the seat at which the approach is given up [m].
 const OVERRUN: f64 = 0.015;
 
+/// A cube that is seen and never stands still is followed for this many times the patience.
+const RESTLESS: f64 = 5.0;
+
 impl VisualServo {
     /// Carries out an order.
     #[must_use]
@@ -112,6 +115,10 @@ impl VisualServo {
         let age = inputs.period.saturating_sub(last_seen) as f64 * PERIOD;
         if !frozen && age > self.order.patience {
             return Next::Done(Outcome::LostSight(age));
+        }
+        let total = inputs.period.saturating_sub(first) as f64 * PERIOD;
+        if !frozen && total > RESTLESS * self.order.patience {
+            return Next::Done(Outcome::TimedOut(total));
         }
         let Some(goal) = self.goal else { return Next::Go(self.hold()) };
         if !frozen && age > self.order.stale {
@@ -329,6 +336,17 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_cube_that_never_stands_still_is_not_followed_for_ever() {
+        let (_, outcome) = run(|period| {
+            let y = 0.1 * (period as f64 * 0.002).sin();
+            let world_from_cube = Pose::translation(1.0, y, 1.2);
+            Some(Target { world_from_cube, speed: 0.1, period })
+        });
+
+        assert!(matches!(outcome, Outcome::TimedOut(seconds) if seconds > 24.0), "{outcome:?}");
+    }
+
     /// Runs the generator against an arm that follows perfectly; returns the final pose and outcome.
     fn run(cube: impl Fn(u64) -> Option<Target>) -> (Pose, Outcome) {
         let rotation = grasp_rotation(&UnitQuaternion::identity(), &Vector3::x(), &Vector3::z());
@@ -386,7 +404,7 @@ mod tests {
         let target = |period: u64| {
             let y = 0.1 * (period as f64 * 0.002).sin();
             let pose = Pose::translation(1.0, y, 1.2);
-            (period < 20_000).then_some(Target { world_from_cube: pose, speed: 0.1, period })
+            (period < 8_000).then_some(Target { world_from_cube: pose, speed: 0.1, period })
         };
         let (pose, outcome) = run(target);
 

@@ -564,7 +564,8 @@ mod tests {
 
     #[test]
     fn a_camera_that_looks_at_a_point_sees_it_in_its_centre_and_upright() {
-        let scenario = read(Path::new("t.toml"), "", &[]).unwrap();
+        let over = Override::parse("camera.standalone.look_at_mm=[1050,0,1200]").unwrap();
+        let scenario = read(Path::new("t.toml"), "", &[over]).unwrap();
         let camera = &scenario.controller.cell.cameras[0];
         let Mount::World { world_from_camera } = camera.mount else { panic!("moves") };
 
