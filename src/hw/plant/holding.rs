@@ -14,8 +14,9 @@ use nalgebra::Vector3;
 
 /// Pads that press more than this are on the cube [N].
 const CLOSED: f64 = 0.2;
-/// Pads farther from the cube than this have let go [m].
-const OPEN_GAP: f64 = 1e-4;
+/// Jaws wider than the cube by this have let go [m]: the layer between them may lie askew by its play, and must be clear
+/// of both pads before it counts as part of the cube again.
+const OPEN_GAP: f64 = 1.5e-3;
 /// Overlap of a pad with a layer from which on it holds the layer [m].
 const OVERLAP: f64 = 1e-3;
 /// What is left of a layer's misalignment when pads close over it and its neighbour.
