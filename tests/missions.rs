@@ -14,7 +14,7 @@ fn run(name: &str, keys: &[&str]) -> Summary {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(name);
     let keys: Vec<Override> = keys.iter().map(|key| Override::parse(key).unwrap()).collect();
     let scenario = scenario::load(&path, &keys).unwrap();
-    let options = RunOptions { automatic: true, quiet: true, interruptible: false };
+    let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
     let summary = actors::run(&scenario, options).unwrap();
     println!("{name} {keys:?}:\n{}", summary.table());
     summary
@@ -30,6 +30,30 @@ fn a_face_turns_by_90_degrees_and_below_20_newtons() {
     assert_eq!((summary.jams, summary.slips, summary.drops), (0, 0, 0));
     assert_eq!(summary.exit_code(), 0);
     assert_ne!(summary.cube_start, summary.cube_end);
+}
+
+/// The whole mission, judged by the plant's cube.
+fn solves(keys: &[&str]) {
+    let summary = run("solve.toml", keys);
+
+    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert_eq!(summary.identified.as_deref(), Some(summary.cube_start.as_str()));
+    assert_eq!(summary.cube_end, "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB");
+    assert_ne!(summary.cube_start, summary.cube_end);
+    assert_eq!((summary.jams, summary.drops), (0, 0));
+    assert!(summary.peak_force_n > 1.0 && summary.peak_force_n < 20.0, "{}", summary.peak_force_n);
+    assert!(summary.turns as usize == summary.executed.split_whitespace().count());
+    assert!(summary.grasps < summary.turns && summary.sim_time_s < 900.0);
+}
+
+#[test]
+fn the_mission_solves_the_cube_under_sporadic_coordination() {
+    solves(&["seed=2"]);
+}
+
+#[test]
+fn the_mission_solves_the_cube_under_continuous_coordination() {
+    solves(&["seed=3", "coordination=continuous"]);
 }
 
 /// A spoilt controller does not get there, or not gently, and what it did stands in the summary.

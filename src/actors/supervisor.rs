@@ -39,8 +39,10 @@ use tokio::sync::watch;
 /// How a run is started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RunOptions {
-    /// Starts by itself and asks nothing; the end of input never makes it wait.
+    /// Asks nothing and listens to no keys; otherwise p, r and t on stdin pause, resume and terminate.
     pub automatic: bool,
+    /// Waits for the operator's start; the end of input is one, too.
+    pub wait: bool,
     /// Tells nothing on stderr.
     pub quiet: bool,
     /// Takes the process's SIGINT and SIGTERM as the operator's terminate.
@@ -66,7 +68,7 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
         ));
     }
     let begun = Instant::now();
-    let initial = if options.automatic { Control::Running } else { Control::Waiting };
+    let initial = if options.wait { Control::Waiting } else { Control::Running };
     let control = Arc::new(watch::channel(initial).0);
     let interrupt = options
         .interruptible
@@ -125,7 +127,12 @@ async fn perform(
     let start = Facelets::try_from(plant.verdict().facelets)
         .map_err(|e| not_created("plant", &e.to_string()))?;
     let tape = Tape::default();
-    let will = control.subscribe();
+    let mut will = control.subscribe();
+    let ui = ui::spawn(options.quiet, (!options.automatic).then(|| Arc::clone(control)));
+    // Before the start there is no time: a run does not depend on when it was started.
+    if will.wait_for(|will| *will != Control::Waiting).await.is_err() {
+        return Err(not_created("control", "nobody is left to start the run"));
+    }
 
     // Scenes: one channel for each rendered camera.
     let mut inputs = Vec::new();
@@ -224,7 +231,6 @@ async fn perform(
         }
     };
 
-    let ui = ui::spawn(options.quiet, (!options.automatic).then(|| Arc::clone(control)));
     let beats = Arc::clone(&switches);
     tokio::spawn(async move {
         loop {
@@ -438,8 +444,8 @@ fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Summary {
     let end = Facelets::try_from(verdict.facelets).unwrap_or(done.start);
     let turned_deg = match build::goal(&scenario.controller) {
         // The turner holds the upper layer: clockwise seen from outside is negative about +z, and `turned` is the
-        // body's part against the turner's.
-        Goal::FaceTurn(_) => Some(verdict.turned.to_degrees()),
+        // body's part against the turner's. Positive is the asked sense.
+        Goal::FaceTurn(angle) => Some(verdict.turned.to_degrees() * angle.signum()),
         Goal::Solve | Goal::Acquire => None,
     };
     let (outcome, reason, ended_by) = verdict_of(scenario, done, &end, turned_deg);
@@ -513,15 +519,16 @@ fn verdict_of(
         Goal::FaceTurn(angle) => {
             let turned = turned_deg.unwrap_or(0.0);
             let gentle = verdict.peak_force < EXCESSIVE;
-            let right =
-                (turned - angle.to_degrees()).abs() < 5.0 && verdict.counts.jams == 0 && gentle;
+            let right = (turned - angle.abs().to_degrees()).abs() < 5.0
+                && verdict.counts.jams == 0
+                && gentle;
             let force = if gentle { "" } else { ", with excessive force" };
             let slip = if verdict.counts.slips > 0 { ", and a grip slipped" } else { "" };
             (
                 right,
                 format!(
                     "the layer was turned by {turned:.1} deg of {:.0}{force}{slip}",
-                    angle.to_degrees()
+                    angle.abs().to_degrees()
                 ),
             )
         }

@@ -51,7 +51,7 @@ pub fn spawn(quiet: bool, keys: Option<Arc<watch::Sender<Control>>>) -> UiHandle
     let (handle, mut notices) = mailbox();
     if let Some(control) = keys {
         let mut err = std::io::stderr().lock();
-        let _ = writeln!(err, "s start, p pause, r resume, t terminate; Enter after each");
+        let _ = writeln!(err, "keys: s start, p pause, r resume, t terminate; Enter after each");
         // A thread of its own: stdin cannot be awaited under paused time.
         std::thread::spawn(move || obey(std::io::stdin().lock(), &control));
     }
@@ -67,7 +67,7 @@ pub fn spawn(quiet: bool, keys: Option<Arc<watch::Sender<Control>>>) -> UiHandle
                 // A closed stderr leaves nobody to tell.
                 let _ = match &notice {
                     Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {name}"),
-                    Notice::Note(t, text) => writeln!(err, "{t:9.2} s    {text}"),
+                    Notice::Note(_, text) => writeln!(err, "       note: {text}"),
                     Notice::Error(t, error) => writeln!(err, "{t:9.2} s  ! {error}"),
                 };
             }

@@ -32,6 +32,9 @@ pub(super) struct RunArgs {
     /// Which clock drives the run
     #[arg(long, value_enum)]
     pace: Option<PaceWord>,
+    /// Wait for the operator's start (s, Enter)
+    #[arg(long)]
+    wait: bool,
     /// Start by itself, ask nothing, and end stdout with one line of JSON
     #[arg(long)]
     json: bool,
@@ -69,7 +72,8 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         }
     };
     let options = RunOptions {
-        automatic: args.json || !std::io::stdin().is_terminal(),
+        automatic: args.json || !(args.wait || std::io::stdin().is_terminal()),
+        wait: args.wait && !args.json,
         quiet: false,
         interruptible: true,
     };

@@ -5,7 +5,7 @@
 
 use super::collision::HeldCube;
 use super::frame::rotation_vector;
-use super::grasp::{FRONT_STIFFNESS, Grasp};
+use super::grasp::{FRONT_STIFFNESS, Grasp, Touch};
 use super::hand::Sight;
 use super::verdict::MOST_EVENTS;
 use super::{Event, Incident, Part, Plant, State};
@@ -29,9 +29,15 @@ impl Plant {
         let turned = rotation_vector(&(core.r * self.core.r.transpose())) / PERIOD;
         self.velocity = Twist { linear: moved, angular: turned };
         self.core = core;
-        // The chain is closed as soon as a second hand touches the cube that one holds.
+        for (gone, touch) in self.let_go.iter_mut().zip(&self.balance.touches) {
+            *gone &= touch.any();
+        }
+        // The chain is closed as soon as a second hand touches the cube that one holds, and open when one has let
+        // go: the layer that it held then falls back by its play at once, which knocks at its stops with up to 25 N
+        // for some periods. That is this model's, not the controller's.
         let both = self.arms.len() == 2
-            && self.balance.touches.iter().all(|t| t.any())
+            && self.balance.touches.iter().all(Touch::any)
+            && self.let_go == [false; 2]
             && self.grasps.iter().any(Grasp::holds);
         for i in 0..self.arms.len() {
             let touch = self.balance.touches[i];

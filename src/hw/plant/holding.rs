@@ -75,6 +75,7 @@ impl Plant {
 
     fn open(&mut self, i: usize) {
         self.grasps[i].attached = false;
+        self.let_go[i] = true;
         self.regroup();
         self.grasps[i] = Grasp::OPEN;
         self.record(Incident::Released { arm: i });

@@ -84,6 +84,8 @@ pub struct Plant {
     fronts: [bool; 2],
     popped: bool,
     crushed: [bool; 2],
+    /// Hands that have let go and still touch.
+    let_go: [bool; 2],
     saturated: [bool; 2],
     operator_has: bool,
     /// Relative angle of the two bodies when they were formed [rad].
@@ -164,6 +166,7 @@ impl Plant {
             fronts: [false; 2],
             popped: false,
             crushed: [false; 2],
+            let_go: [false; 2],
             saturated: [false; 2],
             operator_has: config.start == Start::Hand,
             angle_at_split: 0.0,

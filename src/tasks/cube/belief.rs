@@ -258,3 +258,120 @@ fn difference(predicted: &Pose, measured: &Pose) -> Residual {
     let turn = (measured.rotation * predicted.rotation.inverse()).scaled_axis();
     Residual::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::Axis;
+    use crate::motion::Depth;
+
+    fn arm(y: f64) -> ArmBelief {
+        ArmBelief {
+            world_from_base: Pose::translation(0.0, y, 0.0),
+            flange_from_tool: Pose::translation(0.0, 0.0, 0.25),
+            flange_from_camera: Some(Pose::translation(0.05, 0.0, 0.13)),
+        }
+    }
+
+    fn pivot() -> Point3<f64> {
+        Point3::new(0.0, 1.0, 1.3)
+    }
+
+    fn posed(base_from_tool: Pose) -> ArmState {
+        ArmState { desired_base_from_tool: base_from_tool, ..ArmState::default() }
+    }
+
+    fn look_at(from: Vector3<f64>, at: Vector3<f64>) -> Pose {
+        let z = (at - from).normalize();
+        let x = z.cross(&Vector3::z()).normalize();
+        pose_from_axes(x, z.cross(&x), z, Point3::from(from))
+    }
+
+    /// The truth as another belief, whose base error is known.
+    fn truth(belief: &Belief, base: [f64; 6], x: f64) -> Belief {
+        let mut truth = belief.clone();
+        for (i, error) in base.into_iter().enumerate() {
+            truth.state[i] = error;
+        }
+        truth.state[6] = x;
+        truth
+    }
+
+    #[test]
+    fn looks_find_the_error_of_the_base_and_of_the_first_grasp() {
+        let mut belief = Belief::new([arm(0.0), arm(2.0)], 0.057, pivot());
+        let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+        belief.taken(Hand::Track, hold, false);
+        let truth = truth(&belief, [0.001, -0.002, 0.0015, 0.006, -0.004, 0.008], 0.003);
+        // What counts is how well the next grasp is aimed.
+        let next = Hold { palm: Face::U, jaws: Axis::X, depth: Depth::One };
+        let place = Vector3::new(-0.2, 0.9, 1.4);
+        let waiting = [posed(look_at(place, place + Vector3::y())), posed(Pose::identity())];
+        let off = |belief: &Belief| {
+            let aimed = belief.grasp_pose(Hand::Postument, next, false, &waiting).unwrap();
+            let right = truth.grasp_pose(Hand::Postument, next, false, &waiting).unwrap();
+            (aimed.translation.vector - right.translation.vector).norm()
+        };
+        let before = off(&belief);
+
+        // The track shows faces at three places far from each other, the postument's camera looks.
+        for (face, place) in [
+            (Face::U, Vector3::new(0.3, 0.9, 1.2)),
+            (Face::R, Vector3::new(-0.3, 1.1, 1.5)),
+            (Face::L, Vector3::new(0.1, 1.3, 1.0)),
+        ] {
+            let track = look_at(place, place + Vector3::new(0.2, 0.9, 0.1));
+            let mut arms = [posed(track), posed(Pose::identity())];
+            let cube = truth.cube(&truth.state, Hand::Track, &arms).unwrap();
+            let seen_from = cube * Point3::from(face.normal() * 0.228);
+            let camera = look_at(seen_from.coords, cube.translation.vector);
+            let tool_from_camera = Pose::translation(0.05, 0.0, -0.12);
+            let base = truth.world_from_base(Hand::Postument);
+            arms[1] = posed(base.inverse() * camera * tool_from_camera.inverse());
+            let measured = truth.face_in_camera(Hand::Postument, face, &arms).unwrap();
+            belief.seen(Hand::Postument, face, &measured, &arms);
+        }
+
+        let after = off(&belief);
+        assert!(before > 0.003 && after < 0.001, "{before} m before, {after} m after");
+        for i in 0..STATES {
+            assert!(belief.covariance[(i, i)] >= 0.0, "a variance is never negative");
+        }
+    }
+
+    #[test]
+    fn a_secured_grasp_teaches_where_the_partner_stands() {
+        let mut belief = Belief::new([arm(0.0), arm(2.0)], 0.057, pivot());
+        let first = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+        let second = Hold { palm: Face::U, jaws: Axis::X, depth: Depth::One };
+        belief.taken(Hand::Track, first, false);
+        let truth = truth(&belief, [0.0, 0.004, 0.0, 0.0, 0.0, 0.0], 0.0);
+        let track = look_at(Vector3::new(0.0, 0.8, 1.3), Vector3::new(0.0, 2.0, 1.3));
+        let mut arms = [posed(track), posed(Pose::identity())];
+        let there = truth.grasp_pose(Hand::Postument, second, false, &arms).unwrap();
+        arms[1] = posed(there);
+
+        let miss = belief.secured(Hand::Postument, second, false, &arms);
+        assert!((0.0035..0.0045).contains(&miss), "4 mm off across the jaws or along z: {miss}");
+
+        let again = belief.grasp_pose(Hand::Postument, second, false, &arms).unwrap();
+        let off = (again.translation.vector - there.translation.vector).norm();
+        assert!(off < 0.0015, "the next grasp is aimed better: {off}");
+    }
+
+    #[test]
+    fn a_turn_leaves_the_cube_where_it_lies_in_the_tool() {
+        let mut belief = Belief::new([arm(0.0), arm(2.0)], 0.057, pivot());
+        let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+        belief.taken(Hand::Track, hold, false);
+        let before = belief.in_tool(&belief.state, Hand::Track).unwrap();
+
+        let (turned, half_roll) = hold.after_turn(false, 1);
+        belief.turned(Hand::Track, turned, half_roll);
+
+        let after = belief.in_tool(&belief.state, Hand::Track).unwrap();
+        assert!((after.translation.vector - before.translation.vector).norm() < 1e-12);
+        let turn = before.rotation.angle_to(&after.rotation);
+        assert!((turn - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
+    }
+}

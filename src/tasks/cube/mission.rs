@@ -42,6 +42,8 @@ enum Job {
     Joints([Option<JointPositions>; 2], f64),
     /// Along the tool's own z, relative to the set pose [m].
     Along(Hand, f64),
+    /// Along the tool's axes, relative to the set pose [m].
+    Nudge(Hand, [f64; 3]),
     /// The track draws back from the meeting along -y, so that both arms are free to move.
     Apart,
     /// The track comes up to the meeting.
@@ -127,6 +129,8 @@ pub struct Mission {
     /// Where the track stood when it had taken the cube.
     hand_over: Option<JointPositions>,
     turned: f64,
+    /// The turn of the plan that is being made.
+    turning: Option<crate::cube::Turn>,
     /// Facts for the summary.
     pub log: MissionLog,
 }
@@ -153,7 +157,15 @@ const ARMS_APART: [Option<JointPositions>; 2] = [None, None];
 const LEAVE_SECONDS: f64 = 1.2;
 /// Retries of a stalled turn.
 const TURN_TRIES: u32 = 2;
-const LOOK_TRIES: u32 = 3;
+/// Looks at one face before it counts as unreadable, and the steps between them in the viewer's tool axes [m].
+const LOOK_TRIES: u32 = 6;
+const NUDGES: [[f64; 3]; 5] = [
+    [0.0, 0.0, 0.012],
+    [0.0, 0.014, -0.024],
+    [0.0, -0.028, 0.0],
+    [0.014, 0.014, 0.0],
+    [-0.028, 0.0, 0.0],
+];
 const TAKE_TRIES: u32 = 3;
 /// Least width of a cube between the jaws, as a share of its edge.
 const LEAST_WIDTH: f64 = 0.9;
@@ -178,6 +190,7 @@ impl Mission {
             seen: [None; 54],
             hand_over: None,
             turned: 0.0,
+            turning: None,
             log: MissionLog::default(),
         }
     }
@@ -363,6 +376,10 @@ impl Mission {
         match outcome {
             Some(Outcome::Turned(turned)) => {
                 self.turned += turned;
+                // A turn in several goes, after a stall, is one turn.
+                if !matches!(self.queue.front(), Some(Job::Turn { .. })) {
+                    self.log.executed.extend(self.turning.take());
+                }
                 Ok(())
             }
             Some(Outcome::Stalled(turned, torque)) if tries <= TURN_TRIES => {
@@ -420,8 +437,8 @@ impl Mission {
                     .notes
                     .push(format!("face {} was not read ({reason}), try {tries}", face.letter()));
                 self.push_front(&[
-                    // A little closer or farther: other reflections, other sampling.
-                    Job::Along(viewer, if tries == 1 { 0.012 } else { -0.024 }),
+                    // From elsewhere: other reflections, other sampling, past what hides a sticker.
+                    Job::Nudge(viewer, NUDGES[(tries as usize - 1) % NUDGES.len()]),
                     Job::Look { viewer, face, tries: tries + 1 },
                 ]);
                 Ok(())
@@ -460,6 +477,10 @@ impl Mission {
             Job::Along(hand, way) => {
                 let target =
                     arms[hand.index()].desired_base_from_tool * Pose::translation(0.0, 0.0, way);
+                behave(hand, Behaviour::Line { target, speed: s.speed })
+            }
+            Job::Nudge(hand, [x, y, z]) => {
+                let target = arms[hand.index()].desired_base_from_tool * Pose::translation(x, y, z);
                 behave(hand, Behaviour::Line { target, speed: s.speed })
             }
             Job::Apart => {
@@ -605,6 +626,10 @@ impl Mission {
                     Goal::FaceTurn(angle) => (self.turned - angle).abs() < 0.05,
                     Goal::Solve | Goal::Acquire => true,
                 };
+                let quarters = (self.turned / std::f64::consts::FRAC_PI_2).round() as i32;
+                if let Some(turn) = crate::cube::Turn::new(Face::U, quarters.rem_euclid(4) as u8) {
+                    self.log.executed.push(turn);
+                }
                 Action::Finish(Finish {
                     achieved,
                     reason: format!("the face was turned by {:.1} deg", self.turned.to_degrees()),
@@ -694,7 +719,7 @@ impl Mission {
             }
             Step::Turn { turner, turn } => {
                 let angle = self.turn_angle(turner, turn.quarters)?;
-                self.log.executed.push(turn);
+                self.turning = Some(turn);
                 self.push_front(&[Job::Turn { turner, angle, tries: 1 }]);
                 let held = holds(turner).ok_or("the turner holds nothing")?;
                 let (hold, half_roll) = held.hold.after_turn(held.half_roll, turn.quarters);
