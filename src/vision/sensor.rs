@@ -15,7 +15,7 @@ use super::{DetectorSettings, FaceSighting, Refusal, colours, detect};
 use crate::cell::Intrinsics;
 use crate::spatial::Pose;
 use image::RgbImage;
-use nalgebra::{Matrix3, Point3};
+use nalgebra::{Matrix3, Point3, Translation3};
 
 /// A face read at a predicted place.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,7 +52,7 @@ pub fn read_face(
 ) -> Result<FaceReading, Refusal> {
     let corners =
         project(camera, predicted, edge, &OUTLINE).ok_or(Refusal::NotExpected { matched: 0 })?;
-    let window = window_around(&corners, 0.35)
+    let window = window_around(&corners, 0.6)
         .and_then(|w| w.inside(image.width(), image.height()))
         .filter(|w| w.width >= 16 && w.height >= 16)
         .ok_or(Refusal::NotExpected { matched: 0 })?;
@@ -74,7 +74,7 @@ pub fn read_face(
         } else {
             Refusal::NotExpected { matched: 0 }
         })?;
-    let (pose, face, residual_px) = settle(&tiles, camera, edge, &start)?;
+    let (pose, face, residual_px) = aligned(&tiles, camera, edge, &start)?;
 
     let centres = project(camera, &pose, edge, &GRID).ok_or(Refusal::NotExpected { matched: 0 })?;
     let pairs: Vec<(Point, Point)> =
@@ -184,6 +184,28 @@ fn by_detection(
         .filter(|(apart, _)| *apart < ASTRAY)
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, f)| refine(predicted, |pose, out| residuals(&f, pose, camera, edge, out)).pose)
+}
+
+/// Settles on the lattice at `start`, or on the one a tile beside it when clearly more tiles fit there: a face that is
+/// more than half a tile from its prediction matches it with two of three columns.
+fn aligned(
+    tiles: &[Tile],
+    camera: &Intrinsics,
+    edge: f64,
+    start: &Pose,
+) -> Result<(Pose, FaceSighting, f64), Refusal> {
+    let seen = |settled: &(Pose, FaceSighting, f64)| settled.1.seen.iter().filter(|s| **s).count();
+    let mut best = settle(tiles, camera, edge, start)?;
+    let pitch = edge / 3.0;
+    for (x, y) in [(pitch, 0.0), (-pitch, 0.0), (0.0, pitch), (0.0, -pitch)] {
+        let beside = start * Translation3::new(x, y, 0.0);
+        if let Ok(settled) = settle(tiles, camera, edge, &beside)
+            && seen(&settled) >= seen(&best) + 2
+        {
+            best = settled;
+        }
+    }
+    Ok(best)
 }
 
 /// Matches tiles to the nine cells and fits the pose, three times over.
