@@ -38,6 +38,10 @@ use tokio::sync::watch;
 
 /// How a run is started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[allow(
+    clippy::struct_excessive_bools,
+    reason = "four switches of the command line, independent of each other"
+)]
 pub struct RunOptions {
     /// Asks nothing and listens to no keys; otherwise p, r and t on stdin pause, resume and terminate.
     pub automatic: bool,

@@ -44,7 +44,7 @@ pub struct Phase {
     pub sim_time_s: f64,
 }
 
-/// Largest load on one wrist sensor over the whole run, weight and bias removed.
+/// Largest contact force and torque at one tool over the whole run, as the plant has them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SensorPeak {
     /// Name of the effector.
@@ -91,7 +91,7 @@ pub struct Summary {
     pub peak_force_n: f64,
     /// Largest torque of the same [Nm].
     pub peak_torque_nm: f64,
-    /// Largest load on each wrist sensor.
+    /// Largest contact at each tool.
     pub sensors: Vec<SensorPeak>,
     /// Times that a turn was commanded and unfinished, and the layer moved less than 1 deg in 3 s.
     pub jams: u32,

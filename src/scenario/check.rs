@@ -1,6 +1,6 @@
 //! What no single key can say: that they agree with each other. And the way from keys to the cell.
 
-use super::keys::{BridgeKind, Rule, Servo};
+use super::keys::{BridgeKind, Coordination, Rule, Servo};
 use super::lists::{CameraKeys, Effector, MountKind, Vsp, VspKind};
 use super::section::Reader;
 use super::{
@@ -51,6 +51,19 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         .collect();
     let vsps: Vec<Option<VspConfig>> =
         draft.vsps.iter().map(|v| vsp(v, &draft.effectors, &draft.cameras, reader)).collect();
+    if root.coordination == Coordination::Sporadic {
+        // The visual servo runs in the first effector's ECP: a sensor that delivers elsewhere would leave it blind.
+        for vsp in
+            vsps.iter().flatten().filter(|v| v.kind == VspKind::Cube && v.owner != Owner::Ecp(0))
+        {
+            let at = format!("{}.owner", key("vsp", &vsp.name));
+            let first = draft.effectors.first().map_or("the first effector", |e| e.name.as_str());
+            let reason = format!(
+                "`{at}`: under sporadic coordination {first} follows the cube, so it must be \"{first}\""
+            );
+            fault(reader, &at, reason);
+        }
+    }
     let cube_state = cube_state(&root.cube.state, reader);
     let planner = planner(root.planner, &draft.effectors, reader);
     if root.control.force_sign == 0 {
