@@ -259,9 +259,9 @@ mod tests {
     fn each_hand_can_turn_a_layer_either_way_and_by_half_a_turn() {
         use std::f64::consts::{FRAC_PI_2, PI};
         for grasp in TABLE.grasps.iter().flatten() {
-            for (arm, joints, (down, up)) in [
-                (&CELL.arms[0], grasp.track, grasp.track_roll),
-                (&CELL.arms[1], grasp.postument, grasp.postument_roll),
+            for (arm, places, (down, up)) in [
+                (&CELL.arms[0], [grasp.track, grasp.track_back], grasp.track_roll),
+                (&CELL.arms[1], [grasp.postument, grasp.postument_back], grasp.postument_roll),
             ] {
                 assert!(down < -FRAC_PI_2 && up > FRAC_PI_2, "{down}, {up}");
                 assert!(down < -PI || up > PI, "{down}, {up}");
@@ -271,9 +271,12 @@ mod tests {
                     (down - 1e-3, false),
                     (up + 1e-3, false),
                 ] {
-                    let mut rolled = joints;
-                    rolled.0[6] += roll;
-                    assert_eq!(arm.model.check(&rolled).is_ok(), fits);
+                    // A hand draws back with the roll that a turn has left it in.
+                    let rolls = |mut joints: JointPositions| {
+                        joints.0[6] += roll;
+                        arm.model.check(&joints).is_ok()
+                    };
+                    assert_eq!(places.into_iter().all(rolls), fits);
                 }
             }
         }

@@ -67,7 +67,8 @@ fn a_quarter_turn_turns_one_face_and_nothing_else() {
     assert_eq!(v.facelets[2], 2, "R brings the front's colour up");
     assert_eq!(v.facelets[0], 0);
     assert_eq!(v.counts, Counts::default());
-    assert!(v.peak_force < 2.0 && v.peak_torque > 0.3 && v.peak_torque < 0.7, "{v:?}");
+    // The second hand's closing counts too: 2.2 N.
+    assert!(v.peak_force < 2.5 && v.peak_torque > 0.3 && v.peak_torque < 0.7, "{v:?}");
 
     // Let go on the track's side: the postument holds the turned cube, its angle now a permutation.
     servo.jaws[0] = (0.085, 30.0);
@@ -230,7 +231,7 @@ fn a_spoilt_grasp_under_position_control_costs_force_that_grows_with_the_error()
     for pair in runs.windows(2) {
         assert!(pair[1].peak_force > 1.3 * pair[0].peak_force, "{:?}", runs.map(|v| v.peak_force));
     }
-    assert!(runs[0].peak_force < 2.0 && runs[3].peak_force > 20.0);
+    assert!(runs[0].peak_force < 2.5 && runs[3].peak_force > 20.0);
 }
 
 #[test]
