@@ -11,6 +11,7 @@
 pub mod coordinates;
 pub mod search;
 pub mod symmetry;
+pub mod table;
 pub mod tables;
 
 pub use search::{Budget, Solution, candidates, solve};
