@@ -19,7 +19,7 @@ use crate::generators::{Behaviour, Outcome, visual_servo};
 use crate::motion::{ArmState, Depth, JawCommand, JointPositions};
 use crate::reach::Meeting;
 use crate::spatial::Pose;
-use crate::tasks::{Action, Event, Finish, Task, Until};
+use crate::tasks::{Action, Event, Finish, Readings, Task, Until, View};
 
 /// What the kernel is to do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -148,7 +148,7 @@ pub struct MissionLog {
     pub grasps: u32,
     /// The plan's steps in words.
     pub plan: Vec<String>,
-    /// Notes for the operator: where and why something was tried again.
+    /// Notes for the operator that were not told yet.
     pub notes: Vec<String>,
 }
 
@@ -166,6 +166,8 @@ const NUDGES: [[f64; 3]; 5] = [
     [0.014, 0.014, 0.0],
     [-0.028, 0.0, 0.0],
 ];
+/// Exposures of the looks at one face: glare and shadow each hide stickers at one of them.
+const EXPOSURES: [f64; 3] = [1.0, 0.6, 1.6];
 const TAKE_TRIES: u32 = 3;
 /// Least width of a cube between the jaws, as a share of its edge.
 const LEAST_WIDTH: f64 = 0.9;
@@ -277,8 +279,8 @@ impl Mission {
         arms: &[ArmState],
     ) -> Result<(), String> {
         for (hand, outcome) in [Hand::Track, Hand::Postument].into_iter().zip(outcomes) {
-            if let Some(Outcome::OverForce(direction, size)) = outcome {
-                return Err(over_force(hand, direction, size, &job));
+            if let Some(alarm) = outcome.filter(Outcome::alarms) {
+                return Err(format!("{alarm}, at the {} hand while {}", name(hand), doing(&job)));
             }
         }
         let of = |hand: Hand| outcomes[hand.index()];
@@ -400,6 +402,7 @@ impl Mission {
                 "jam: the face stands still after {:.0} deg under {torque:.1} Nm",
                 (self.turned + turned).to_degrees()
             )),
+            Some(slipped @ Outcome::Slipped(..)) => Err(slipped.to_string()),
             other => Err(format!("the turn ended otherwise: {}", Outcome::words(other))),
         }
     }
@@ -600,12 +603,14 @@ impl Mission {
                 self.unfold_step(step)?;
                 return Ok(None);
             }
-            Job::Look { viewer, face, .. } => {
+            Job::Look { viewer, face, tries } => {
                 let camera_from_face = self
                     .belief
                     .face_in_camera(viewer, face, arms)
                     .ok_or("there is no camera in that hand, or no cube in the other")?;
-                Action::Look { effector: viewer.index(), camera_from_face }
+                let exposure = EXPOSURES[(tries as usize - 1) % EXPOSURES.len()];
+                let view = View { camera_from_face, exposure };
+                Action::Look { effector: viewer.index(), view }
             }
             Job::LooksFrom(hand) => {
                 let held = self.belief.held[hand.index()].ok_or("nothing is held")?;
@@ -741,8 +746,7 @@ impl Mission {
         Ok(match quarters {
             1 => quarter,
             3 => -quarter,
-            _ if room.1 > -room.0 => 2.0 * quarter,
-            _ => -2.0 * quarter,
+            _ => half_turn(room),
         })
     }
 
@@ -760,6 +764,7 @@ impl Mission {
             angle,
             speed: s.turn_speed,
             torque: s.turn_torque,
+            least_torque: s.turn_least_torque,
             selector: turner_selector,
             stiff,
         });
@@ -808,7 +813,8 @@ impl Task for Mission {
     type Thought = Thought;
     type Conclusion = Conclusion;
 
-    fn next(&mut self, event: Event<Conclusion>, arms: &[ArmState]) -> Action<Thought> {
+    fn next(&mut self, event: Event<Conclusion>, readings: &Readings<'_>) -> Action<Thought> {
+        let arms = readings.arms;
         if let Err(reason) = self.digest(event, arms) {
             return self.fail(reason);
         }
@@ -825,9 +831,18 @@ impl Task for Mission {
         self.fail("the task has nothing left to do")
     }
 
+    fn notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.log.notes)
+    }
+
     fn think(thought: Thought) -> (Conclusion, crate::tasks::Effort) {
         super::think::think(&thought)
     }
+}
+
+/// A half turn goes where the wrist has room.
+fn half_turn(room: (f64, f64)) -> f64 {
+    if room.1 > -room.0 { std::f64::consts::PI } else { -std::f64::consts::PI }
 }
 
 fn behave(hand: Hand, behaviour: Behaviour) -> Action<Thought> {
@@ -843,17 +858,12 @@ fn name(hand: Hand) -> &'static str {
     }
 }
 
-fn over_force(hand: Hand, direction: usize, size: f64, job: &Job) -> String {
-    let doing = match job {
+fn doing(job: &Job) -> &'static str {
+    match job {
         Job::Turn { .. } => "turning",
         Job::Approach { .. } | Job::VisualServo { .. } => "approaching",
         Job::Close { .. } | Job::Take { .. } => "closing the jaws",
         Job::Secure { .. } => "securing",
         _ => "moving",
-    };
-    let (unit, axis) = (if direction < 3 { "N" } else { "Nm" }, ["x", "y", "z"][direction % 3]);
-    format!(
-        "over-force: {size:.1} {unit} at the {} hand, mostly about or along {axis}, while {doing}",
-        name(hand)
-    )
+    }
 }

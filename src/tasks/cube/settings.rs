@@ -67,6 +67,8 @@ pub struct CubeSettings {
     pub turn_speed: f64,
     /// Torque at which a turn stands still [Nm].
     pub turn_torque: f64,
+    /// Least mean torque of a face that turns [Nm].
+    pub turn_least_torque: f64,
     /// Force that counts as the operator's pull [N].
     pub pull: f64,
     /// Fraction of the full speeds in free motion.
