@@ -18,6 +18,7 @@ use crate::motion::{ArmState, PERIOD};
 use crate::record::tape::Tape;
 use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
+use std::time::Instant;
 use tokio::sync::watch;
 
 /// Who runs the generators.
@@ -65,8 +66,8 @@ pub struct Ending {
     pub finish: Option<Finish>,
     /// The error that ended it.
     pub error: Option<Error>,
-    /// Phases with the time at which each began [s].
-    pub phases: Vec<(&'static str, f64)>,
+    /// Phases, each with the time at which it began [s], and when that was by the wall clock.
+    pub phases: Vec<(&'static str, f64, Instant)>,
     /// When it ended [s].
     pub end: f64,
     /// What the wrists felt, as their VSP told last.
@@ -77,7 +78,7 @@ pub struct Ending {
 pub struct Mp {
     parts: Parts,
     arms: Vec<ArmState>,
-    phases: Vec<(&'static str, f64)>,
+    phases: Vec<(&'static str, f64, Instant)>,
 }
 
 enum Stop {
@@ -147,7 +148,7 @@ impl Mp {
                 Action::Finish(finish) => return Ok(finish),
                 Action::Phase(name) => {
                     let now = self.now();
-                    self.phases.push((name, now));
+                    self.phases.push((name, now, Instant::now()));
                     self.parts.ui.tell(Notice::Phase(now, name.into()));
                     Event::Done
                 }

@@ -119,6 +119,8 @@ struct Done {
     start: Facelets,
     verdict: Verdict,
     jams: u32,
+    /// When MP's work ended.
+    ended: Instant,
     hash: String,
 }
 
@@ -385,6 +387,7 @@ async fn perform(
             (ending, mission.log.clone())
         }
     };
+    let ended = Instant::now();
     if ending.finish.as_ref().is_some_and(|f| f.achieved) && goal == Some(Goal::Solve) {
         tokio::time::sleep(Duration::from_secs_f64(WITHDRAWAL)).await;
     }
@@ -410,7 +413,7 @@ async fn perform(
         ending.error = Some(Error::Fatal { actor: "supervisor".into(), place: "servo", cause });
     }
     let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
-    Ok(Done { ending, task: log, start, verdict: plant.verdict(), jams, hash: tape.hash() })
+    Ok(Done { ending, task: log, start, verdict: plant.verdict(), jams, ended, hash: tape.hash() })
 }
 
 /// The plant's truth for whoever debugs a controller: `RUST_LOG=rubik_robot::truth=trace`.
@@ -483,12 +486,16 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
         Some(Goal::Solve | Goal::Acquire) | None => None,
     };
     let (outcome, reason, ended_by) = verdict_of(goal, done, &end, turned_deg);
-    let ends = ending.phases.iter().skip(1).map(|p| p.1).chain([ending.end]);
+    let ends = ending.phases.iter().skip(1).map(|p| (p.1, p.2)).chain([(ending.end, done.ended)]);
     let phases = ending
         .phases
         .iter()
         .zip(ends)
-        .map(|((name, begin), end)| Phase { name: (*name).into(), sim_time_s: end - begin })
+        .map(|((name, begin, began), (end, ended))| Phase {
+            name: (*name).into(),
+            sim_time_s: end - begin,
+            wall_time_s: ended.duration_since(*began).as_secs_f64(),
+        })
         .collect();
     Summary {
         outcome,

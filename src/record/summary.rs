@@ -42,6 +42,8 @@ pub struct Phase {
     pub name: String,
     /// Simulated time that it took [s].
     pub sim_time_s: f64,
+    /// Time by the wall clock [s].
+    pub wall_time_s: f64,
 }
 
 /// Largest force and torque at one tool over the whole run: of the contact, as the plant has it, and as the wrist's
@@ -167,7 +169,7 @@ impl Summary {
     /// Simulated over wall-clock time.
     #[must_use]
     pub fn real_time_factor(&self) -> f64 {
-        if self.wall_time_s > 0.0 { self.sim_time_s / self.wall_time_s } else { 0.0 }
+        factor(self.sim_time_s, self.wall_time_s)
     }
 
     /// One line of JSON. A figure that is no number would become `null`; it is written as the largest
@@ -192,9 +194,10 @@ impl Summary {
     #[must_use]
     pub fn table(&self) -> String {
         let mut t = String::new();
-        row(&mut t, "phase", "simulated time");
+        row(&mut t, "phase", "simulated time, times real time");
         for phase in &self.phases {
-            row(&mut t, &phase.name, &format!("{:8.1} s", phase.sim_time_s));
+            let factor = factor(phase.sim_time_s, phase.wall_time_s);
+            row(&mut t, &phase.name, &format!("{:8.1} s {factor:9.1} x", phase.sim_time_s));
         }
         row(&mut t, "whole run", &format!("{:8.1} s", self.sim_time_s));
         t.push('\n');
@@ -249,6 +252,10 @@ impl Summary {
     }
 }
 
+fn factor(sim_time_s: f64, wall_time_s: f64) -> f64 {
+    if wall_time_s > 0.0 { sim_time_s / wall_time_s } else { 0.0 }
+}
+
 fn row(table: &mut String, name: &str, value: &str) {
     // Writing to a string cannot fail.
     let _ = writeln!(table, "{name:<22} {value}");
@@ -284,7 +291,7 @@ mod tests {
             crushed: 0,
             collisions: 0,
             turned_deg: None,
-            phases: vec![Phase { name: "acquire".into(), sim_time_s: 10.0 }],
+            phases: vec![Phase { name: "acquire".into(), sim_time_s: 10.0, wall_time_s: 0.5 }],
             hash: "ab".into(),
         }
     }

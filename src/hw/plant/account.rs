@@ -51,8 +51,8 @@ impl Plant {
             }
             let grasp = self.grasps[i];
             let (distance, angle) = grasp.slip;
-            if grasp.attached && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians())
-            {
+            let held = grasp.attached && !self.jaws[i].opens();
+            if held && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians()) {
                 self.grasps[i].reported = true;
                 self.verdict.counts.slips += 1;
                 self.record(Incident::Slip { arm: i, distance, angle });

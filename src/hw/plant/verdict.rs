@@ -50,7 +50,7 @@ pub struct Verdict {
 pub struct Counts {
     /// A loaded layer stood still for 3 s away from every quarter.
     pub stuck: u32,
-    /// A grip slipped by more than 3 deg or 1 mm.
+    /// A grip slipped by more than 3 deg or 1 mm while its jaws were not opening.
     pub slips: u32,
     /// The cube fell.
     pub drops: u32,

@@ -129,6 +129,8 @@ pub struct Mission {
     /// Where the track stood when it had taken the cube.
     hand_over: Option<JointPositions>,
     turned: f64,
+    /// The operator has been offered the cube.
+    with_operator: bool,
     /// The turn of the plan that is being made.
     turning: Option<crate::cube::Turn>,
     /// Facts for the summary.
@@ -192,6 +194,7 @@ impl Mission {
             seen: [None; 54],
             hand_over: None,
             turned: 0.0,
+            with_operator: false,
             turning: None,
             log: MissionLog::default(),
         }
@@ -645,8 +648,9 @@ impl Mission {
                 return Ok(None);
             }
             Job::Present { .. } => {
-                let order =
-                    Behaviour::Present { pull: s.pull, selector: [false; 6], seconds: 20.0 };
+                self.with_operator = true;
+                let selector = s.grasp_selector();
+                let order = Behaviour::Present { pull: s.pull, selector, seconds: 20.0 };
                 behave(Hand::Track, order)
             }
             Job::Finish { achieved } => {
@@ -657,12 +661,17 @@ impl Mission {
     }
 
     fn open(&self, hand: Hand, opening: f64) -> Behaviour {
-        // While the partner holds the cube too, what is strained between the hands gives way before the pads do.
+        // While the partner or the operator holds the cube too, what is strained between the hands gives way before
+        // the pads do.
         let chained = self.belief.held[hand.other().index()].is_some() && !self.apart;
         Behaviour::Jaw {
             jaw: JawCommand { opening, force_limit: self.settings.grip, stops: Depth::One },
             seconds: LEAVE_SECONDS,
-            selector: if chained { self.settings.grasp_selector() } else { [false; 6] },
+            selector: if chained || self.with_operator {
+                self.settings.grasp_selector()
+            } else {
+                [false; 6]
+            },
         }
     }
 
