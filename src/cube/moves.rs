@@ -131,8 +131,9 @@ pub fn parse_moves(text: &str) -> Result<Vec<Move>, ParseMoves> {
         at += usize::from(quarters != 1);
         // Some write a half turn that goes anticlockwise as 2'.
         at += usize::from(quarters == 2 && letters.get(at).is_some_and(|c| is_prime(*c)));
-        // What follows must begin a move of its own: `R22` and `Mw` are slips, not two moves.
-        if letters.get(at).is_some_and(|c| !c.is_whitespace() && self::layers(*c).is_none()) {
+        // A second suffix is a slip, not a move of its own: `R22`, `Mw`.
+        let doubled = |c: &&char| matches!(c, 'w' | '0'..='9') || is_prime(**c);
+        if letters.get(at).filter(doubled).is_some() {
             return Err(unreadable(&letters, start));
         }
         moves.push(Move { layers, quarters });
