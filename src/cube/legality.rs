@@ -174,6 +174,20 @@ impl TryFrom<Facelets> for Cube {
     }
 }
 
+impl Cube {
+    /// The cube with stickers that are known to be possible.
+    pub(crate) fn from_possible(facelets: &Facelets) -> Self {
+        let corners = pieces(facelets, &CORNERS, &CORNER_FACELETS).unwrap_or_default();
+        let edges = pieces(facelets, &EDGES, &EDGE_FACELETS).unwrap_or_default();
+        Self {
+            corners: corners.map(|(piece, _)| piece as u8),
+            twists: corners.map(|(_, turn)| turn as u8),
+            edges: edges.map(|(piece, _)| piece as u8),
+            flips: edges.map(|(_, turn)| turn as u8),
+        }
+    }
+}
+
 fn check_colours(facelets: &Facelets) -> Result<(), ImpossibleCube> {
     facelets.normalised()?;
     for face in Face::ALL {
