@@ -21,3 +21,9 @@ mod views;
 pub use candidates::candidates;
 pub use search::{Budget, Solution, Watch, solve, solve_watched};
 pub use tables::Tables;
+
+/// Every table that a mode of the solver needs, the quickest to build first.
+#[must_use]
+pub fn all_tables() -> Vec<&'static table::TableSpec> {
+    vec![&phase2::SMALL, &phase1::NEAR, &phase1::WIDE_TABLE]
+}

@@ -52,6 +52,8 @@ pub struct Watch<'a> {
     pub stop: &'a AtomicBool,
     /// Is told each better solution when it is found.
     pub improved: &'a (dyn Fn(&[Turn]) + Sync),
+    /// Nothing longer is of use, so that the search may end without any solution: it is proven that there is none.
+    pub longest: Option<u8>,
 }
 
 /// No first phase is longer than this with no gain.
@@ -66,7 +68,8 @@ const UNCAPPED: u8 = 13;
 /// The shortest solution that the budget finds, alone and unwatched: the same on every machine.
 #[must_use]
 pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
-    let watch = Watch { workers: &InTurn, stop: &AtomicBool::new(false), improved: &|_| () };
+    let watch =
+        Watch { workers: &InTurn, stop: &AtomicBool::new(false), improved: &|_| (), longest: None };
     solve_watched(cube, tables, budget, &watch)
 }
 
@@ -74,10 +77,11 @@ pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
 #[must_use]
 pub fn solve_watched(cube: &Cube, tables: &Tables, budget: &Budget, watch: &Watch<'_>) -> Solution {
     let best = Mutex::new(None::<Vec<Turn>>);
+    let longest = watch.longest.map_or(LONGEST as u8 - 1, |n| n.min(LONGEST as u8 - 1));
     let goal = Goal {
         budget,
         watch,
-        bound: AtomicU8::new(LONGEST as u8 - 1),
+        bound: AtomicU8::new(longest),
         nodes: AtomicU64::new(0),
         over: AtomicBool::new(false),
         missed: AtomicU8::new(u8::MAX),
@@ -101,7 +105,7 @@ pub fn solve_watched(cube: &Cube, tables: &Tables, budget: &Budget, watch: &Watc
     let (over, missed) = (goal.over.load(Relaxed), goal.missed.load(Relaxed));
     let nodes = goal.nodes.load(Relaxed);
     let turns = best.into_inner().unwrap_or_else(PoisonError::into_inner).unwrap_or_default();
-    let proven = turns.is_empty() || !over && turns.len() as u8 <= missed;
+    let proven = cube.is_solved() || !turns.is_empty() && !over && turns.len() as u8 <= missed;
     Solution { turns, nodes, proven }
 }
 
@@ -115,7 +119,8 @@ pub(super) fn each_solution(
     nodes: u64,
     take: &(dyn Fn(Vec<Turn>, usize) -> Take + Sync),
 ) {
-    let watch = Watch { workers: &InTurn, stop: &AtomicBool::new(false), improved: &|_| () };
+    let watch =
+        Watch { workers: &InTurn, stop: &AtomicBool::new(false), improved: &|_| (), longest: None };
     let goal = Goal {
         budget: &Budget { nodes, max_length: 0 },
         watch: &watch,
@@ -409,7 +414,7 @@ mod tests {
             told.lock().unwrap().push(turns.len());
             stop.store(told.lock().unwrap().len() == 2, Relaxed);
         };
-        let watch = Watch { workers: &InTurn, stop: &stop, improved: &improved };
+        let watch = Watch { workers: &InTurn, stop: &stop, improved: &improved, longest: None };
 
         let solution = solve_watched(&Cube::scrambled(1), &TABLES, &Budget::UNTIL_PROVEN, &watch);
 
