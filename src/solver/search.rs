@@ -189,10 +189,11 @@ fn run_with<G: Guide>(guide: &G, views: &[View; 6], tables: &Tables, goal: &Goal
             goal,
             view: &views[0],
             path: [0; LONGEST + 1],
-            corners: [(0, 0); LONGEST + 1],
-            corners_known: 0,
-            edges: [(0, 0); LONGEST + 1],
-            edges_known: 0,
+            first: [(0, 0); LONGEST + 1],
+            first_known: 0,
+            others: [(0, 0); LONGEST + 1],
+            others_known: 0,
+            home: tables.orders.home(),
             siblings: 0,
             nodes: 0,
         };
@@ -223,12 +224,13 @@ struct Walk<'a, G> {
     view: &'a View,
     /// Turns of phase 1, then of phase 2.
     path: [u8; LONGEST + 1],
-    /// Corners and middle edges after each turn of phase 1, for as many turns as are known.
-    corners: [(u16, u16); LONGEST + 1],
-    corners_known: usize,
-    /// The same of the other edges.
-    edges: [(u16, u16); LONGEST + 1],
-    edges_known: usize,
+    /// Corners and upper edges after each turn of phase 1, for as many turns as are known.
+    first: [(u16, u16); LONGEST + 1],
+    first_known: usize,
+    /// The same of the lower and the middle edges, which are seldom asked for.
+    others: [(u16, u16); LONGEST + 1],
+    others_known: usize,
+    home: State,
     /// Solutions with the first phase at hand.
     siblings: usize,
     /// Not yet added to all.
@@ -238,9 +240,9 @@ struct Walk<'a, G> {
 impl<'a, G: Guide> Walk<'a, G> {
     fn begin(&mut self, view: &'a View, place: Place, distance: u8, length: u8, turns: u32) {
         self.view = view;
-        let [corners, up, down, middle]: Quads = view.orders;
-        (self.corners[0], self.edges[0]) = ((corners, middle), (up, down));
-        (self.corners_known, self.edges_known) = (0, 0);
+        let [corners, upper, lower, middle]: Quads = view.orders;
+        (self.first[0], self.others[0]) = ((corners, upper), (lower, middle));
+        (self.first_known, self.others_known) = (0, 0);
         if length == 0 {
             // With parts, the first one is enough.
             if turns & 1 == 1 {
@@ -266,8 +268,8 @@ impl<'a, G: Guide> Walk<'a, G> {
             }
             let turn = turned.back[symmetry][usize::from(child.turn)];
             self.path[depth] = turn;
-            self.corners_known = self.corners_known.min(depth);
-            self.edges_known = self.edges_known.min(depth);
+            self.first_known = self.first_known.min(depth);
+            self.others_known = self.others_known.min(depth);
             if left == 1 {
                 self.end_phase1(depth + 1);
                 continue;
@@ -306,24 +308,31 @@ impl<'a, G: Guide> Walk<'a, G> {
         }
         left = left.min(LONGEST_PHASE2);
         let orders = self.bounds.orders;
-        while self.corners_known < depth {
-            let k = self.corners_known;
-            self.corners[k + 1] = orders.corners_middle(self.corners[k], self.path[k]);
-            self.corners_known += 1;
+        while self.first_known < depth {
+            let (k, turn) = (self.first_known, self.path[self.first_known]);
+            let (corners, upper) = self.first[k];
+            self.first[k + 1] = (orders.corners(corners, turn), orders.quad(upper, turn));
+            self.first_known += 1;
         }
-        let (corners, middle) = self.corners[depth];
-        let middle = middle as u8;
-        let least = self.bounds.of_corners(corners, middle);
+        let (corners, upper) = self.first[depth];
+        let upper = orders.four(upper);
+        let least = self.bounds.of_four(corners, 0, upper);
         if least > left {
             return;
         }
-        while self.edges_known < depth {
-            let k = self.edges_known;
-            self.edges[k + 1] = orders.up_down(self.edges[k], self.path[k]);
-            self.edges_known += 1;
+        while self.others_known < depth {
+            let (k, turn) = (self.others_known, self.path[self.others_known]);
+            self.others[k + 1] = {
+                let (lower, middle) = self.others[k];
+                (orders.quad(lower, turn), orders.quad(middle, turn))
+            };
+            self.others_known += 1;
         }
-        let state = State { corners, edges: orders.eight(self.edges[depth]), middle };
-        let least = self.bounds.of_edges(state).max(least);
+        let (lower, middle) = self.others[depth];
+        let state = State { corners, upper, lower: orders.four(lower), middle: middle as u8 };
+        let least = least
+            .max(self.bounds.of_four(corners, 1, state.lower))
+            .max(self.bounds.of_middle(corners, state.middle));
         self.siblings = 0;
         for length in least..=left {
             if !self.phase2(state, depth, length) {
@@ -335,7 +344,7 @@ impl<'a, G: Guide> Walk<'a, G> {
     /// Finds what solves the state in exactly `left` turns of phase 2; tells whether more is wanted.
     fn phase2(&mut self, state: State, depth: usize, left: u8) -> bool {
         if left == 0 {
-            if state != State::default() {
+            if state != self.home {
                 return true;
             }
             self.siblings += 1;

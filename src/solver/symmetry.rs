@@ -212,6 +212,12 @@ impl Turned {
     }
 }
 
+/// Where each symmetry carries the places of corners and of edges.
+#[must_use]
+pub fn places() -> ([[u8; 8]; SYMMETRIES], [[u8; 12]; SYMMETRIES]) {
+    (ALL.each_ref().map(|s| s.corners), ALL.each_ref().map(|s| s.edges))
+}
+
 /// Slices and flips as bits by place: (number of bits, bits of number), each for (slice, flip).
 type EdgeBits = ((Vec<u16>, Vec<u16>), (Vec<u16>, Vec<u16>));
 

@@ -34,9 +34,9 @@ pub(super) enum Guides<'a> {
 
 impl Tables {
     /// The tables of the default set.
-    pub const DEFAULT: [&'static TableSpec; 2] = [&phase1::NEAR, &phase2::SMALL];
+    pub const DEFAULT: [&'static TableSpec; 2] = [&phase1::NEAR, &phase2::BOUNDS];
     /// The tables of the large set.
-    pub const LARGE: [&'static TableSpec; 2] = [&phase1::WIDE_TABLE, &phase2::SMALL];
+    pub const LARGE: [&'static TableSpec; 2] = [&phase1::WIDE_TABLE, &phase2::BOUNDS];
 
     /// Builds the default set.
     #[must_use]
@@ -68,7 +68,7 @@ impl Tables {
             assert_eq!(size, phase1::NEAR.bytes, "no table of phase 1");
             Phase1::Near { small: Small::build(&frames), table: first }
         };
-        assert_eq!((*second).as_ref().len(), phase2::SMALL.bytes, "no table of phase 2");
+        assert_eq!((*second).as_ref().len(), phase2::BOUNDS.bytes, "no table of phase 2");
         let (faces, orders) = (FaceCases::build(), Orders::build());
         Self { frames, faces, orders, phase1, phase2: second }
     }
@@ -94,7 +94,7 @@ impl Tables {
     }
 
     pub(super) fn bounds(&self) -> Bounds<'_> {
-        Bounds { orders: &self.orders, small: (*self.phase2).as_ref() }
+        Bounds { orders: &self.orders, table: (*self.phase2).as_ref() }
     }
 }
 
@@ -118,7 +118,7 @@ pub(super) mod tests {
         let Guides::Near(near) = guides else { panic!("not the default set") };
 
         assert!((phase1::NEAR.verify)(near.table, &InTurn).is_ok());
-        assert!((phase2::SMALL.verify)(TABLES.bounds().small, &InTurn).is_ok());
+        assert!((phase2::BOUNDS.verify)(TABLES.bounds().table, &InTurn).is_ok());
         let mut broken = near.table.to_vec();
         broken[1_000_000] ^= 1;
         assert!((phase1::NEAR.verify)(&broken, &InTurn).is_err());
