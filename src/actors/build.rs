@@ -5,12 +5,12 @@ use crate::cell::{Cell, Mount};
 use crate::cube::{Axis, Face};
 use crate::generators::{Compliance, position::Speeds, visual_servo};
 use crate::motion::{AXES, Depth};
-use crate::reach::{Meeting, MeetingTable};
+use crate::reach::{Meeting, MeetingTable, ReachSettings};
 use crate::scenario::{ControllerConfig, keys};
 use crate::spatial::Pose;
 use crate::tasks::cube::hold::Hold;
 use crate::tasks::cube::mission::Goal;
-use crate::tasks::cube::plan::Rule;
+use crate::tasks::cube::plan::{Planner, Rule};
 use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
 use crate::vision::Method;
 use nalgebra::{Point3, Vector3};
@@ -128,6 +128,18 @@ pub(super) fn cube_settings(
         seconds_per_node: config.planner.node_cost,
         calibrated_at,
     })
+}
+
+/// The planner of a cell: searches its meetings, which takes about a second, unless they are known.
+///
+/// # Errors
+/// When the cell has no two arms.
+pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
+    let reach = ReachSettings::default();
+    let meetings = super::meetings::of(&config.cell, &reach);
+    cube_settings(config, meetings, reach.back)
+        .map(|settings| Planner::new(&settings))
+        .ok_or_else(|| "a plan is for two effectors".to_owned())
 }
 
 /// How the stand-alone camera's sensor finds the cube.

@@ -4,11 +4,9 @@
 //! - out: the cube as read, the plan, or why there is none
 
 use super::hold::{Grip, Hand, Step};
+use super::plan::Planner;
 use super::plan::explain::Line;
-use super::plan::{self, Reachable, Terms};
 use crate::cube::{Cube, Facelets, Rotation24, Turn};
-use crate::generators::position::Speeds;
-use crate::reach::MeetingTable;
 use crate::solver::{self, Budget, Tables};
 use crate::tasks::Effort;
 use crate::vision::colours;
@@ -24,18 +22,14 @@ pub struct Thought {
     pub rgb: [[f64; 3]; 54],
     /// Who holds the cube, and how, in the same frame.
     pub start: (Hand, Grip),
-    /// Rule of the plan, and what motions cost.
-    pub terms: Terms,
-    /// Full speeds of the arms.
-    pub speeds: Speeds,
+    /// What the arms may do, and what it costs them.
+    pub planner: Planner,
     /// Nodes that the solver may visit.
     pub nodes: u64,
     /// Declared time of a node [s].
     pub seconds_per_node: f64,
     /// Solutions among which the regrasps choose.
     pub candidates: usize,
-    /// Where the arms can meet.
-    pub meetings: MeetingTable,
 }
 
 /// The result, or the reason why there is none.
@@ -61,15 +55,16 @@ pub struct Answer {
 #[must_use]
 pub fn think(thought: &Thought) -> (Conclusion, Effort) {
     match reason(thought) {
-        Ok((answer, nodes)) => {
-            let effort = Effort(0.2 + nodes as f64 * thought.seconds_per_node);
-            (Conclusion(Ok(answer)), effort)
-        }
+        Ok((answer, seconds)) => (Conclusion(Ok(answer)), Effort(0.2 + seconds)),
         Err(refusal) => (Conclusion(Err(refusal)), Effort(0.2)),
     }
 }
 
-fn reason(thought: &Thought) -> Result<(Answer, u64), String> {
+/// Declared time in which the grasps of one solution are tried [s].
+const SECONDS_PER_CANDIDATE: f64 = 4e-4;
+
+/// The plan and the declared time of finding it [s].
+fn reason(thought: &Thought) -> Result<(Answer, f64), String> {
     let decision =
         colours::decide_cube(&thought.rgb, &Cube::is_possible).map_err(|e| e.to_string())?;
     // Named by the colours themselves, so that the words do not depend on how the cube is held.
@@ -80,13 +75,10 @@ fn reason(thought: &Thought) -> Result<(Answer, u64), String> {
     let (hand, grip) = thought.start;
     let budget = Budget { nodes: thought.nodes, max_length: 0 };
     let candidates = solver::candidates(&cube, &TABLES, &budget, thought.candidates);
-    let plan = plan::plan(
-        &candidates,
-        (hand, grip.renamed(rotation)),
-        &thought.terms,
-        &Reachable::new(&thought.meetings, &thought.speeds),
-    )
-    .map_err(|e| e.to_string())?;
+    let plan = thought
+        .planner
+        .of(&candidates, (hand, grip.renamed(rotation)))
+        .map_err(|e| e.to_string())?;
     let answer = Answer {
         identified: named.to_string(),
         rotation,
@@ -94,5 +86,7 @@ fn reason(thought: &Thought) -> Result<(Answer, u64), String> {
         steps: plan.steps,
         lines: plan.lines,
     };
-    Ok((answer, thought.nodes))
+    let seconds = thought.nodes as f64 * thought.seconds_per_node
+        + candidates.len() as f64 * SECONDS_PER_CANDIDATE;
+    Ok((answer, seconds))
 }
