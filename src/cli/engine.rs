@@ -137,13 +137,12 @@ fn within<T>(time: Option<Duration>, stop: &AtomicBool, work: impl FnOnce() -> T
 
 /// The large tables where they are there, else the default ones.
 fn two_phase_tables(store: &Store, workers: Threads) -> (Tables, bool) {
-    let open = |specs: [&'static TableSpec; 2]| -> Option<[Bytes; 2]> {
-        Some([store.open(specs[0], &workers).ok()?, store.open(specs[1], &workers).ok()?])
-    };
-    if let Some(large) = open(Tables::LARGE) {
-        return (Tables::with(large), true);
+    let open = |spec: &&TableSpec| store.open(spec, &workers).ok();
+    let large: Option<Vec<Bytes>> = Tables::LARGE.iter().map(open).collect();
+    if let Some(large) = large {
+        return (Tables::with(&large), true);
     }
-    (Tables::with(Tables::DEFAULT.map(|spec| obtain(store, spec, workers))), false)
+    (Tables::with(&Tables::DEFAULT.map(|spec| obtain(store, spec, workers))), false)
 }
 
 /// A table from the store, with a bar if it has to be built.

@@ -25,5 +25,5 @@ pub use tables::Tables;
 /// Every table that a mode of the solver needs, the quickest to build first.
 #[must_use]
 pub fn all_tables() -> Vec<&'static table::TableSpec> {
-    vec![&phase2::BOUNDS, &phase1::NEAR, &phase1::WIDE_TABLE]
+    vec![&phase2::BOUNDS, &phase1::NEAR, &phase2::EIGHT, &phase1::WIDE_TABLE]
 }
