@@ -9,6 +9,7 @@
 //! state is from its goal, [`search`] walks.
 
 pub mod coordinates;
+pub mod optimal;
 pub mod search;
 pub mod symmetry;
 pub mod table;
