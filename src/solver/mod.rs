@@ -10,6 +10,7 @@
 
 mod candidates;
 pub mod coordinates;
+pub mod optimal;
 pub mod phase1;
 pub mod phase2;
 pub mod search;
@@ -25,5 +26,6 @@ pub use tables::Tables;
 /// Every table that a mode of the solver needs, the quickest to build first.
 #[must_use]
 pub fn all_tables() -> Vec<&'static table::TableSpec> {
-    vec![&phase2::BOUNDS, &phase1::NEAR, &phase2::EIGHT, &phase1::WIDE_TABLE]
+    let two_phase = [&phase2::BOUNDS, &phase1::NEAR, &phase2::EIGHT, &phase1::WIDE_TABLE];
+    two_phase.into_iter().chain(&optimal::TABLES).collect()
 }
