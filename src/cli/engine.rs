@@ -3,6 +3,7 @@
 use super::progress::{Bar, tell};
 use crate::cube::{Axis, Cube, Face, Turn};
 use crate::motion::Depth;
+use crate::solver::optimal::{self, Optimal};
 use crate::solver::table::{InTurn, TableSpec, Workers};
 use crate::solver::tables::Bytes;
 use crate::solver::{self, Budget, Tables, Watch};
@@ -22,6 +23,8 @@ pub(super) enum Mode {
     First,
     /// The shortest solution that two-phase finds within the budget
     TwoPhase,
+    /// A shortest solution, proven
+    Optimal,
     /// The solution that two arms carry out in the least time, of many that two-phase finds
     Robot,
 }
@@ -55,7 +58,9 @@ pub(super) struct Engine {
     /// For one cube.
     threads: usize,
     tables: Tables,
-    pub(super) large: bool,
+    optimal: Option<Optimal<'static>>,
+    /// What it works with, for people.
+    pub(super) with: &'static str,
 }
 
 impl Engine {
@@ -63,20 +68,32 @@ impl Engine {
     pub(super) fn new(mode: Mode, limits: Limits, threads: usize, store: &Store) -> Self {
         let workers = Threads::new(threads);
         let (tables, large) = two_phase_tables(store, workers);
-        Self { mode, limits, threads, tables, large }
+        let optimal = (mode == Mode::Optimal).then(|| optimal_table(store, workers));
+        let with = match (&optimal, large) {
+            (Some(spec_and_table), _) => spec_and_table.0.name,
+            (None, true) => "the large tables",
+            (None, false) => "the default tables",
+        };
+        let optimal = optimal.and_then(|(_, table)| Optimal::new(table).ok());
+        Self { mode, limits, threads, tables, optimal, with }
     }
 
-    /// Whether several threads search for one cube; else they are better used for a cube each.
+    /// Whether all threads search for one cube; else they are better used for a cube each.
     pub(super) fn shares_cubes(&self) -> bool {
-        self.limits.time.is_some() && self.mode == Mode::TwoPhase
+        match self.mode {
+            Mode::TwoPhase => self.limits.time.is_some(),
+            Mode::Optimal => true,
+            Mode::First | Mode::Robot => false,
+        }
     }
 
-    /// Solves a cube; `None` when it has no solution as short as is asked for.
+    /// Solves a cube, or says why there is no such solution.
     pub(super) fn solve(&self, cube: &Cube) -> Result<Answer, String> {
         let begun = Instant::now();
         let found = match self.mode {
             Mode::First => solver::solve(cube, &self.tables, &Budget::FIRST),
             Mode::TwoPhase => self.two_phase(cube),
+            Mode::Optimal => self.shortest(cube)?,
             Mode::Robot => self.for_arms(cube)?,
         };
         let solver::Solution { turns, nodes, proven } = found;
@@ -103,6 +120,31 @@ impl Engine {
             longest: max_length.filter(|_| time.is_none() && nodes.is_none()),
         };
         within(time, &stop, || solver::solve_watched(cube, &self.tables, &budget, &watch))
+    }
+
+    fn shortest(&self, cube: &Cube) -> Result<solver::Solution, String> {
+        let optimal = self.optimal.as_ref().ok_or("the table is none of the optimal search's")?;
+        let stop = AtomicBool::new(false);
+        let threads = Threads::new(self.threads);
+        let watch = Watch { workers: &threads, stop: &stop, improved: &|_| (), longest: None };
+        let limits = optimal::Limits {
+            max_length: self.limits.max_length.unwrap_or(optimal::Limits::NONE.max_length),
+            max_nodes: self.limits.nodes.unwrap_or(u64::MAX),
+        };
+        let found = within(self.limits.time, &stop, || {
+            solver::shortest::shortest(cube, &self.tables, optimal, limits, &watch)
+        });
+        let proven = found.is_proven();
+        match found.turns {
+            Some(turns) => Ok(solver::Solution { turns, nodes: found.nodes, proven }),
+            None if found.at_least > limits.max_length => {
+                Err(format!("there is no solution of {} turns or fewer: proven", limits.max_length))
+            }
+            None => Err(format!(
+                "no solution of {} turns or fewer was found in the budget; at least {} are needed",
+                limits.max_length, found.at_least
+            )),
+        }
     }
 
     /// Where the planner says which solution is the best: the cube stands in the track arm's jaws, and both arms
@@ -150,4 +192,28 @@ fn obtain(store: &Store, spec: &TableSpec, workers: Threads) -> Bytes {
     let bar = Bar::new(spec.name);
     let listener = |spec: &TableSpec, news: crate::tables::News<'_>| tell(spec, &news);
     store.obtain(spec, &workers, &listener, &|share| bar.show(share))
+}
+
+/// The best table for shortest solutions: the largest that is there, else one that is built and leaves half of the
+/// memory free. It lies in memory until the process ends.
+fn optimal_table(store: &Store, workers: Threads) -> (&'static TableSpec, &'static [u8]) {
+    let there = optimal::TABLES
+        .iter()
+        .rev()
+        .find_map(|spec| Some((spec, store.open(spec, &workers).ok()?)));
+    let (spec, bytes) = there.unwrap_or_else(|| {
+        let [small, standard] = &optimal::TABLES;
+        let spec = if memory() / 2 > standard.bytes { standard } else { small };
+        (spec, obtain(store, spec, workers))
+    });
+    let bytes: &'static Bytes = Box::leak(Box::new(bytes));
+    (spec, (**bytes).as_ref())
+}
+
+/// Memory that may be had [bytes]; 0 where the system does not say.
+fn memory() -> usize {
+    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"));
+    let kilobytes = line.and_then(|l| l.trim().trim_end_matches("kB").trim().parse::<usize>().ok());
+    kilobytes.unwrap_or(0) * 1024
 }

@@ -1,4 +1,4 @@
-//! From a cube to the turns that solve it: Kociemba's two-phase algorithm.
+//! From a cube to the turns that solve it: Kociemba's two-phase algorithm, and shortest solutions.
 //!
 //! - in: a [`Cube`](crate::cube::Cube), which can always be solved, [`Tables`], a [`Budget`] in nodes
 //! - out: turns, the same on every machine: the budget counts nodes, not time
@@ -6,7 +6,8 @@
 //!   phase 2 solves within it
 //!
 //! [`coordinates`] numbers what each phase looks at, [`symmetry`] folds it by 16, [`phase1`] and [`phase2`] know how
-//! far each state is from its goal, [`tables`] keeps them together, [`search`] walks, [`candidates`] gathers.
+//! far each state is from its goal, [`tables`] keeps them together, [`search`] walks, [`candidates`] gathers. [`optimal`]
+//! proves, and [`shortest`] has both work together.
 
 mod candidates;
 pub mod coordinates;
@@ -14,6 +15,7 @@ pub mod optimal;
 pub mod phase1;
 pub mod phase2;
 pub mod search;
+pub mod shortest;
 pub mod symmetry;
 pub mod table;
 pub mod tables;
