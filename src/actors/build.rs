@@ -14,6 +14,7 @@ use crate::tasks::cube::plan::Rule;
 use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
 use crate::vision::Method;
 use nalgebra::{Point3, Vector3};
+use std::f64::consts::PI;
 
 /// How the generators of all effectors behave.
 pub(super) fn manner(config: &ControllerConfig) -> Manner {
@@ -22,8 +23,7 @@ pub(super) fn manner(config: &ControllerConfig) -> Manner {
     let mut joint_acceleration = [c.joint_acceleration; AXES];
     joint[0] = c.track_speed;
     joint_acceleration[0] = c.track_acceleration;
-    // The tool roll's gear allows half of what the other axes can do.
-    joint[6] = joint[6].min(0.8);
+    joint[6] = joint[6].min(c.roll_speed);
     Manner {
         compliance: Compliance {
             linear_admittance: c.linear_admittance,
@@ -84,8 +84,11 @@ pub(super) fn cube_settings(
         press: 2.0 * c.approach_force,
         turn_speed: c.turn_speed,
         turn_torque: c.turn_torque,
+        turn_least_torque: c.turn_least_torque,
         pull: c.approach_force,
         speed: 1.0,
+        speeds: manner(config).speeds,
+        jaw_speeds: (c.jaw_close_speed, c.jaw_open_speed),
         compliant_arm: match c.compliant_arm {
             keys::CompliantArm::Body => CompliantArm::Body,
             keys::CompliantArm::Turner => CompliantArm::Turner,
@@ -150,13 +153,15 @@ pub(super) fn meeting_place(cell: &Cell, table: &MeetingTable) -> Point3<f64> {
     Point3::from(places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64)
 }
 
-/// What the kernel is to do. A turn is positive clockwise seen from outside, which is positive about the tool's z.
-pub(super) fn goal(config: &ControllerConfig) -> Goal {
-    match config.task {
+/// What the cube's kernel is to do; `None` when the task is another one. A face turn by `angle` [rad] is positive
+/// clockwise seen from outside, which is positive about the tool's z.
+pub(super) fn goal(config: &ControllerConfig, angle: f64) -> Option<Goal> {
+    Some(match config.task {
         keys::Task::Solve => Goal::Solve,
         keys::Task::Acquire => Goal::Acquire,
-        keys::Task::FaceTurn => Goal::FaceTurn(config.face_turn.angle),
-    }
+        keys::Task::FaceTurn => Goal::FaceTurn(angle),
+        keys::Task::Idle => return None,
+    })
 }
 
 /// How a face turn begins: the postument's hand holds two layers, the track's is drawn back from the opposite face.
@@ -169,15 +174,41 @@ pub(super) struct FaceTurnStart {
     pub(super) meeting: Meeting,
 }
 
-/// The hold of the turning hand opposite the body hand's.
-#[must_use]
-pub(super) fn face_turn_start(table: &MeetingTable) -> Option<FaceTurnStart> {
+/// Where the wrist's room ends before its limits [rad].
+const ROLL_MARGIN: f64 = 0.12;
+
+/// How a face turn begins whose `angle` the track's wrist has room for, about its tool's z; a half turn may go either
+/// way.
+///
+/// # Errors
+/// Why there is none, for people.
+pub(super) fn face_turn_start(
+    table: &MeetingTable,
+    angle: f64,
+) -> Result<(FaceTurnStart, f64), String> {
     let body = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::Two };
     let turner = Hold { palm: Face::U, jaws: Axis::Y, depth: Depth::One };
     let track = turner.cube_from_tool(false, 0.0).rotation;
-    [false, true].into_iter().find_map(|half_roll| {
+    let mut rooms = Vec::new();
+    for half_roll in [false, true] {
         let postument = body.cube_from_tool(half_roll, 0.0).rotation;
         let index = crate::cube::rotation_index(&(track.inverse() * postument));
-        table.grasps[index].map(|meeting| FaceTurnStart { body, half_roll, meeting })
-    })
+        let Some(meeting) = table.grasps[index] else { continue };
+        let room = (meeting.track_roll.0 + ROLL_MARGIN, meeting.track_roll.1 - ROLL_MARGIN);
+        let same = (angle.abs() - PI).abs() < 1e-9;
+        for asked in [angle, if same { -angle } else { angle }] {
+            if (room.0..=room.1).contains(&asked) {
+                return Ok((FaceTurnStart { body, half_roll, meeting }, asked));
+            }
+        }
+        rooms.push(format!("{:.0}..{:.0} deg", room.0.to_degrees(), room.1.to_degrees()));
+    }
+    if rooms.is_empty() {
+        return Err("the cell has no place where both hands can hold the cube".to_owned());
+    }
+    Err(format!(
+        "face_turn.angle_deg = {:.0}: where the hands meet, the track's wrist can turn by {}",
+        angle.to_degrees(),
+        rooms.join(" or ")
+    ))
 }

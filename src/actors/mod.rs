@@ -15,6 +15,7 @@ mod plant;
 pub mod supervisor;
 pub mod ui;
 pub mod vsp;
+pub mod witness;
 pub mod work;
 
 pub use supervisor::{RunOptions, run};

@@ -14,6 +14,8 @@ words! {
         FaceTurn = "face_turn",
         /// Take the cube from the hand, and nothing else.
         Acquire = "acquire",
+        /// Hold the arms where they are: to try an arm, a bridge or the servo's timing.
+        Idle = "idle",
     }
 }
 
@@ -152,12 +154,14 @@ section! {
         angular_inertia [kgm2]: f64 = 0.5, 0.0..=100.0;
         /// Torque with which a layer is turned.
         turn_torque [nm]: f64 = 2.5, 0.1..=10.0;
+        /// Least mean torque that a turning layer must show: below it a grip slips instead.
+        turn_least_torque [nm]: f64 = 0.04, 0.0..=1.0;
         /// Speed of a turn in free motion.
         turn_speed [deg_s]: f64 = 25.0, 1.0..=180.0;
         /// Grip force of the jaws on the cube.
         grip [n]: f64 = 40.0, 1.0..=100.0;
         /// Force at which a step with contact is broken off.
-        force_limit [n]: f64 = 30.0, 1.0..=65.0;
+        force_limit [n]: f64 = 20.0, 1.0..=65.0;
         /// Torque at which a step with contact is broken off.
         torque_limit [nm]: f64 = 4.5, 0.1..=5.0;
         /// Force with which the last approach and the hand-over stop at contact.
@@ -170,6 +174,8 @@ section! {
         jaw_open_speed [mm_s]: f64 = 30.0, 0.5..=50.0;
         /// Speed of joints in free motion (original: half of 1.5 rad/s).
         joint_speed [deg_s]: f64 = 43.0, 1.0..=90.0;
+        /// Most of it for the tool's roll, whose gear allows half of what the other axes can do.
+        roll_speed [deg_s]: f64 = 45.0, 1.0..=90.0;
         /// Acceleration of joints in free motion (original: a tenth of 7 rad/s2).
         joint_acceleration [deg_s2]: f64 = 80.0, 1.0..=400.0;
         /// Speed of the prismatic track.
@@ -234,6 +240,14 @@ section! {
         candidates: u32 = 24, 1.0..=10000.0;
         /// Declared cost of one node on the virtual clock.
         node_cost [us]: f64 = 0.1, 0.0..=1000.0;
+    }
+}
+
+section! {
+    /// What `task = "idle"` does.
+    Idle {
+        /// How long the arms are held.
+        time [s]: f64 = 10.0, 0.01..=86400.0;
     }
 }
 

@@ -5,13 +5,14 @@
 //! - method: the face detector, inside the window that the track predicts when there is one; pose from all visible
 //!   faces; constant-velocity Kalman filter with gating
 
+use super::detect::window_around;
 use super::pose::locate_cube;
 use super::tracker::{Tracker, TrackerSettings, Update};
-use super::{DetectorSettings, Refusal, detect};
+use super::{DetectorSettings, Rect, Refusal, detect};
 use crate::cell::Intrinsics;
 use crate::spatial::Pose;
 use image::RgbImage;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Point3, Vector3};
 
 /// Where the cube is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,16 +60,27 @@ impl CubeWatcher {
         }
     }
 
-    /// Takes a frame exposed at `time` [s].
+    /// Takes a frame exposed at `time` [s]. Searched first is the window that the track predicts, or else the
+    /// surroundings of `near` (centre in the world and reach [m]); `elsewhere` says whether the whole picture is
+    /// searched when nothing is there.
     ///
     /// # Errors
     /// Why no cube was found, or why what was found is not believed.
-    pub fn observe(&mut self, image: &RgbImage, time: f64) -> Result<Watched, Refusal> {
+    pub fn observe(
+        &mut self,
+        image: &RgbImage,
+        time: f64,
+        near: Option<(Vector3<f64>, f64)>,
+        elsewhere: bool,
+    ) -> Result<Watched, Refusal> {
         let camera_from_world = self.world_from_camera.inverse();
-        let window = self.tracker.window(time, &camera_from_world, &self.intrinsics, self.edge);
+        let window = self
+            .tracker
+            .window(time, &camera_from_world, &self.intrinsics, self.edge)
+            .or_else(|| near.and_then(|(centre, reach)| self.around(&centre, reach)));
         let found = detect(image, window, &self.settings);
         let faces = match (found, window) {
-            (Err(_), Some(_)) => detect(image, None, &self.settings)?,
+            (Err(_), Some(_)) if elsewhere => detect(image, None, &self.settings)?,
             (found, _) => found?,
         };
         let hint = self.tracker.predict(time).map(|p| camera_from_world * p.pose);
@@ -88,5 +100,19 @@ impl CubeWatcher {
         }
         let now = self.tracker.predict(time).ok_or(Refusal::NotExpected { matched: 0 })?;
         Ok(Watched { world_from_cube: now.pose, speed: now.speed() })
+    }
+
+    /// The part of the picture that shows a cube whose centre is within `reach` of a place [m].
+    fn around(&self, centre: &Vector3<f64>, reach: f64) -> Option<Rect> {
+        let seen = self.world_from_camera.inverse() * Point3::from(*centre);
+        if seen.z < 0.1 {
+            return None;
+        }
+        let half_diagonal = 0.5 * 3.0_f64.sqrt() * self.edge;
+        let radius =
+            (half_diagonal + reach) * self.intrinsics.focal.0.max(self.intrinsics.focal.1) / seen.z;
+        let (x, y) = self.intrinsics.project(&seen);
+        let corners = [(x - radius, y - radius), (x + radius, y + radius)];
+        window_around(&corners, 0.0)?.inside(self.intrinsics.width, self.intrinsics.height)
     }
 }
