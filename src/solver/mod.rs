@@ -10,6 +10,7 @@
 
 mod candidates;
 pub mod coordinates;
+pub mod korf;
 pub mod optimal;
 pub mod phase1;
 pub mod phase2;
