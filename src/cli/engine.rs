@@ -3,7 +3,9 @@
 use super::progress::{Bar, tell};
 use crate::cube::{Axis, Cube, Face, Turn};
 use crate::motion::Depth;
+use crate::solver::korf::{self, Korf};
 use crate::solver::optimal::{self, Optimal};
+use crate::solver::shortest::{Shortest, shortest};
 use crate::solver::table::{InTurn, TableSpec, Workers};
 use crate::solver::tables::Bytes;
 use crate::solver::{self, Budget, Tables, Watch};
@@ -23,6 +25,8 @@ pub(super) enum Mode {
     First,
     /// The shortest solution that two-phase finds within the budget
     TwoPhase,
+    /// A shortest solution by Korf's pattern databases, as in the paper: quick to 14 turns, slow from 17 on
+    Korf,
     /// A shortest solution, proven
     Optimal,
     /// The solution that two arms carry out in the least time, of many that two-phase finds
@@ -58,9 +62,15 @@ pub(super) struct Engine {
     /// For one cube.
     threads: usize,
     tables: Tables,
-    optimal: Option<Optimal<'static>>,
+    exact: Option<Exact>,
     /// What it works with, for people.
     pub(super) with: &'static str,
+}
+
+/// Who proves that nothing is shorter.
+enum Exact {
+    Korf(Korf<'static>),
+    Optimal(Optimal<'static>),
 }
 
 impl Engine {
@@ -68,21 +78,19 @@ impl Engine {
     pub(super) fn new(mode: Mode, limits: Limits, threads: usize, store: &Store) -> Self {
         let workers = Threads::new(threads);
         let (tables, large) = two_phase_tables(store, workers);
-        let optimal = (mode == Mode::Optimal).then(|| optimal_table(store, workers));
-        let with = match (&optimal, large) {
-            (Some(spec_and_table), _) => spec_and_table.0.name,
-            (None, true) => "the large tables",
-            (None, false) => "the default tables",
+        let (exact, with) = match mode {
+            Mode::Korf => (korf(store, workers), "Korf's tables"),
+            Mode::Optimal => optimal_table(store, workers),
+            _ => (None, if large { "the large tables" } else { "the default tables" }),
         };
-        let optimal = optimal.and_then(|(_, table)| Optimal::new(table).ok());
-        Self { mode, limits, threads, tables, optimal, with }
+        Self { mode, limits, threads, tables, exact, with }
     }
 
     /// Whether all threads search for one cube; else they are better used for a cube each.
     pub(super) fn shares_cubes(&self) -> bool {
         match self.mode {
             Mode::TwoPhase => self.limits.time.is_some(),
-            Mode::Optimal => true,
+            Mode::Korf | Mode::Optimal => true,
             Mode::First | Mode::Robot => false,
         }
     }
@@ -93,7 +101,7 @@ impl Engine {
         let found = match self.mode {
             Mode::First => solver::solve(cube, &self.tables, &Budget::FIRST),
             Mode::TwoPhase => self.two_phase(cube),
-            Mode::Optimal => self.shortest(cube)?,
+            Mode::Korf | Mode::Optimal => self.shortest(cube)?,
             Mode::Robot => self.for_arms(cube)?,
         };
         let solver::Solution { turns, nodes, proven } = found;
@@ -123,7 +131,7 @@ impl Engine {
     }
 
     fn shortest(&self, cube: &Cube) -> Result<solver::Solution, String> {
-        let optimal = self.optimal.as_ref().ok_or("the table is none of the optimal search's")?;
+        let exact = self.exact.as_ref().ok_or("the tables are not as they should be")?;
         let stop = AtomicBool::new(false);
         let threads = Threads::new(self.threads);
         let watch = Watch { workers: &threads, stop: &stop, improved: &|_| (), longest: None };
@@ -131,8 +139,14 @@ impl Engine {
             max_length: self.limits.max_length.unwrap_or(optimal::Limits::NONE.max_length),
             max_nodes: self.limits.nodes.unwrap_or(u64::MAX),
         };
-        let found = within(self.limits.time, &stop, || {
-            solver::shortest::shortest(cube, &self.tables, optimal, limits, &watch)
+        let found = within(self.limits.time, &stop, || match exact {
+            Exact::Korf(korf) => {
+                let optimal::Answer { turns, at_least, nodes } =
+                    korf.solve(cube, limits, &threads, &stop);
+                let at_least = turns.as_ref().map_or(at_least, |t| t.len() as u8);
+                Shortest { turns, at_least, nodes }
+            }
+            Exact::Optimal(optimal) => shortest(cube, &self.tables, optimal, limits, &watch),
         });
         let proven = found.is_proven();
         match found.turns {
@@ -195,19 +209,27 @@ fn obtain(store: &Store, spec: &TableSpec, workers: Threads) -> Bytes {
 }
 
 /// The best table for shortest solutions: the largest that is there, else one that is built and leaves half of the
-/// memory free. It lies in memory until the process ends.
-fn optimal_table(store: &Store, workers: Threads) -> (&'static TableSpec, &'static [u8]) {
-    let there = optimal::TABLES
-        .iter()
-        .rev()
-        .find_map(|spec| Some((spec, store.open(spec, &workers).ok()?)));
-    let (spec, bytes) = there.unwrap_or_else(|| {
-        let [small, standard] = &optimal::TABLES;
+/// memory free.
+fn optimal_table(store: &Store, workers: Threads) -> (Option<Exact>, &'static str) {
+    let [small, standard] = &optimal::TABLES;
+    let there = |spec: &'static TableSpec| Some((spec, store.open(spec, &workers).ok()?));
+    let (spec, bytes) = there(standard).or_else(|| there(small)).unwrap_or_else(|| {
         let spec = if memory() / 2 > standard.bytes { standard } else { small };
         (spec, obtain(store, spec, workers))
     });
+    let exact = Optimal::new(for_ever(bytes)).ok().map(Exact::Optimal);
+    (exact, if spec.name == small.name { "the small table" } else { "the standard table" })
+}
+
+fn korf(store: &Store, workers: Threads) -> Option<Exact> {
+    let tables = [0, 1, 2].map(|i| for_ever(obtain(store, &korf::TABLES[i], workers)));
+    Korf::new(tables).ok().map(Exact::Korf)
+}
+
+/// Keeps a table until the process ends, which is when the engine does.
+fn for_ever(bytes: Bytes) -> &'static [u8] {
     let bytes: &'static Bytes = Box::leak(Box::new(bytes));
-    (spec, (**bytes).as_ref())
+    (**bytes).as_ref()
 }
 
 /// Memory that may be had [bytes]; 0 where the system does not say.

@@ -254,7 +254,9 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
         Some((given, cube))
     };
     // A copy pays for whoever stays longer.
-    let long = stream || args.mode == Mode::Optimal || args.budget_ms.is_some_and(|ms| ms > 2000);
+    let long = stream
+        || matches!(args.mode, Mode::Korf | Mode::Optimal)
+        || args.budget_ms.is_some_and(|ms| ms > 2000);
     let residence = if long { Residence::Copied } else { Residence::Mapped };
     let engine = Engine::new(args.mode, limits, threads, &args.folder.store().with(residence));
     let desk = Desk { engine, goal, json: args.json, mode: args.mode };

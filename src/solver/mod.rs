@@ -7,10 +7,11 @@
 //!
 //! [`coordinates`] numbers what each phase looks at, [`symmetry`] folds it by 16, [`phase1`] and [`phase2`] know how
 //! far each state is from its goal, [`tables`] keeps them together, [`search`] walks, [`candidates`] gathers. [`optimal`]
-//! proves, and [`shortest`] has both work together.
+//! proves, and [`shortest`] has both work together; [`korf`] is how it was done in 2007.
 
 mod candidates;
 pub mod coordinates;
+pub mod korf;
 pub mod optimal;
 pub mod phase1;
 pub mod phase2;
@@ -29,5 +30,5 @@ pub use tables::Tables;
 #[must_use]
 pub fn all_tables() -> Vec<&'static table::TableSpec> {
     let two_phase = [&phase2::BOUNDS, &phase1::NEAR, &phase2::EIGHT, &phase1::WIDE_TABLE];
-    two_phase.into_iter().chain(&optimal::TABLES).collect()
+    two_phase.into_iter().chain(&korf::TABLES).chain(&optimal::TABLES).collect()
 }
