@@ -9,6 +9,7 @@ use crate::cube::{
     parse_moves,
 };
 use crate::solver::{Budget, solve};
+use crate::tables::Residence;
 use clap::Args;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -199,12 +200,12 @@ impl Desk {
             (false, Mode::Robot) => "chosen for two arms, not for its length",
             (false, _) => "not proven to be the shortest",
         };
-        let tables = if self.engine.large { "large tables" } else { "default tables" };
         format!(
-            "{}\n{turns} of faces, half turns count one; {proof}\n{} states looked at in {:.3} s with the {tables}",
+            "{}\n{turns} of faces, half turns count one; {proof}\n{} states looked at in {:.3} s with {}",
             format_turns(&answer.turns),
             answer.nodes,
             answer.time.as_secs_f64(),
+            self.engine.with,
         )
     }
 }
@@ -252,7 +253,12 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
         }
         Some((given, cube))
     };
-    let engine = Engine::new(args.mode, limits, threads, &args.folder.store());
+    // A copy pays for whoever stays longer.
+    let long = stream
+        || matches!(args.mode, Mode::Korf | Mode::Optimal)
+        || args.budget_ms.is_some_and(|ms| ms > 2000);
+    let residence = if long { Residence::Copied } else { Residence::Mapped };
+    let engine = Engine::new(args.mode, limits, threads, &args.folder.store().with(residence));
     let desk = Desk { engine, goal, json: args.json, mode: args.mode };
     let Some((given, cube)) = alone else {
         let workers = if desk.engine.shares_cubes() { 1 } else { threads };
