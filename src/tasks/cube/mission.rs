@@ -790,6 +790,7 @@ impl Mission {
         Ok(Action::Think(Thought {
             rgb,
             start: (holder, Grip { hold: held.hold, half_roll: held.half_roll }),
+            strategy: self.settings.strategy.clone(),
             planner: Planner::new(&self.settings),
             nodes: self.settings.nodes,
             candidates: self.settings.candidates,

@@ -7,13 +7,44 @@ use super::hold::{Grip, Hand, Step};
 use super::plan::Planner;
 use super::plan::explain::Line;
 use crate::cube::{Cube, Facelets, Rotation24, Turn};
+use crate::solver::korf::Korf;
+use crate::solver::optimal::Limits;
+use crate::solver::table::InTurn;
+use crate::solver::tables::Bytes;
 use crate::solver::{self, Budget, Tables};
 use crate::tasks::Effort;
 use crate::vision::colours;
 use std::sync::LazyLock;
+use std::sync::atomic::AtomicBool;
 
 /// Built once in a process: the same for every cube.
 static TABLES: LazyLock<Tables> = LazyLock::new(Tables::build);
+
+/// Which solution of the cube is carried out.
+#[derive(Clone)]
+pub enum Strategy {
+    /// Of many that two-phase finds, the one that takes two arms the least time.
+    Robot,
+    /// The paper's (p. 374): Korf's search up to 16 turns, and two-phase where that takes too long.
+    Paper {
+        /// Korf's tables, in the order of [`korf::TABLES`].
+        tables: [Bytes; 3],
+        /// Nodes that Korf's search may visit.
+        nodes: u64,
+    },
+}
+
+impl std::fmt::Debug for Strategy {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Robot => f.write_str("Robot"),
+            Self::Paper { nodes, .. } => write!(f, "Paper {{ nodes: {nodes} }}"),
+        }
+    }
+}
+
+/// The longest solution that Korf's search is asked for.
+const KORF_LENGTH: u8 = 16;
 
 /// What to think about.
 #[derive(Debug, Clone)]
@@ -22,6 +53,8 @@ pub struct Thought {
     pub rgb: [[f64; 3]; 54],
     /// Who holds the cube, and how, in the same frame.
     pub start: (Hand, Grip),
+    /// Which solution is carried out.
+    pub strategy: Strategy,
     /// What the arms may do, and what it costs them.
     pub planner: Planner,
     /// Nodes that the solver may visit.
@@ -73,8 +106,16 @@ fn reason(thought: &Thought) -> Result<(Answer, f64), String> {
     let cube = Cube::try_from(named).map_err(|e| e.to_string())?;
 
     let (hand, grip) = thought.start;
-    let budget = Budget { nodes: thought.nodes, max_length: 0 };
-    let candidates = solver::candidates(&cube, &TABLES, &budget, thought.candidates);
+    let (candidates, nodes) = match &thought.strategy {
+        Strategy::Robot => {
+            let budget = Budget { nodes: thought.nodes, max_length: 0 };
+            (solver::candidates(&cube, &TABLES, &budget, thought.candidates), thought.nodes)
+        }
+        Strategy::Paper { tables, nodes } => {
+            let (turns, nodes) = papers_rule(&cube, tables, *nodes, thought.nodes)?;
+            (vec![turns], nodes)
+        }
+    };
     let plan = thought
         .planner
         .of(&candidates, (hand, grip.renamed(rotation)))
@@ -86,7 +127,49 @@ fn reason(thought: &Thought) -> Result<(Answer, f64), String> {
         steps: plan.steps,
         lines: plan.lines,
     };
-    let seconds = thought.nodes as f64 * thought.seconds_per_node
-        + candidates.len() as f64 * SECONDS_PER_CANDIDATE;
+    let seconds =
+        nodes as f64 * thought.seconds_per_node + candidates.len() as f64 * SECONDS_PER_CANDIDATE;
     Ok((answer, seconds))
+}
+
+/// The paper's choice of turns, and the nodes that it took.
+fn papers_rule(
+    cube: &Cube,
+    tables: &[Bytes; 3],
+    korf_nodes: u64,
+    nodes: u64,
+) -> Result<(Vec<Turn>, u64), String> {
+    let tables = [0, 1, 2].map(|i| (*tables[i]).as_ref());
+    let korf = Korf::new(tables).map_err(|e| e.to_string())?;
+    let limits = Limits { max_length: KORF_LENGTH, max_nodes: korf_nodes };
+    let exact = korf.solve(cube, limits, &InTurn, &AtomicBool::new(false));
+    if let Some(turns) = exact.turns {
+        return Ok((turns, exact.nodes));
+    }
+    let found = solver::solve(cube, &TABLES, &Budget { nodes, max_length: 0 });
+    Ok((found.turns, exact.nodes + found.nodes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::parse_turns;
+    use crate::solver::korf;
+    use std::sync::Arc;
+
+    /// Zeros bound nothing and are no lie: then Korf's search is plain iterative deepening.
+    #[test]
+    fn the_paper_asks_korf_first_and_two_phase_when_that_takes_too_long() {
+        let tables: [Bytes; 3] = korf::TABLES.map(|spec| Arc::new(vec![0_u8; spec.bytes]) as Bytes);
+        let undo = parse_turns("R U2 F").unwrap();
+        let near = Cube::SOLVED.apply_all(&undo);
+        let far = Cube::scrambled(3);
+
+        let (short, nodes) = papers_rule(&near, &tables, 200_000, 100_000).unwrap();
+        let (long, more) = papers_rule(&far, &tables, 200_000, 100_000).unwrap();
+
+        assert_eq!(short, parse_turns("F' U2 R'").unwrap());
+        assert!(nodes < 200_000, "{nodes}");
+        assert!(far.apply_all(&long).is_solved() && more >= 200_000, "{more}");
+    }
 }
