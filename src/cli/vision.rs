@@ -4,16 +4,13 @@
 
 use crate::cube::{Cube, Facelets};
 use crate::vision::colours::{self, LETTERS, decide_cube, face_letter};
-use crate::vision::homography::{distance, smallest_pitch};
 use crate::vision::{DetectorSettings, FaceSighting, detect};
 use anyhow::{Context, Result, anyhow, bail};
 use image::{ImageReader, RgbImage};
-use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
-use std::time::Instant;
 
 /// A picture file as RGB; the format is judged by its bytes, and its size is bounded.
 ///
@@ -38,7 +35,8 @@ fn rounded(points: &[(f64, f64)]) -> Value {
     points.iter().map(|p| json!([two(p.0), two(p.1)])).collect()
 }
 
-fn letters(face: &FaceSighting) -> String {
+/// Nine letters in reading order.
+pub(super) fn letters(face: &FaceSighting) -> String {
     face.colours.iter().map(|&c| LETTERS[usize::from(c)]).collect()
 }
 
@@ -173,129 +171,6 @@ pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
         };
     }
     (text, all)
-}
-
-/// One face of a `manifest.jsonl`.
-#[derive(Debug, Clone, Deserialize)]
-struct Truth {
-    image: String,
-    face: String,
-    all_centres: [(f64, f64); 9],
-    #[serde(default)]
-    tier: String,
-    #[serde(default)]
-    source: String,
-}
-
-/// Counts of one group of faces.
-#[derive(Debug, Clone, Default, Serialize)]
-struct Tally {
-    faces: usize,
-    /// All nine centres within a quarter of the tile pitch.
-    found: usize,
-    /// Found, and all nine colours right.
-    read: usize,
-    tiles: usize,
-    /// Tiles of found faces with the right colour.
-    tiles_right: usize,
-}
-
-/// `vision score DIR`: the detector on a folder of photographs with a `manifest.jsonl`: which share of the
-/// faces is found, and read right, by tier and folder, and how long a picture takes.
-///
-/// # Errors
-/// A manifest or picture that cannot be read.
-pub fn score(dir: &Path, json: bool) -> Result<String> {
-    let manifest = dir.join("manifest.jsonl");
-    let text =
-        std::fs::read_to_string(&manifest).with_context(|| format!("{}", manifest.display()))?;
-    let mut by_image: BTreeMap<String, Vec<Truth>> = BTreeMap::new();
-    for (number, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
-        let truth: Truth = serde_json::from_str(line)
-            .with_context(|| format!("{}:{}", manifest.display(), number + 1))?;
-        by_image.entry(truth.image.clone()).or_default().push(truth);
-    }
-
-    let mut tallies: BTreeMap<(String, String), Tally> = BTreeMap::new();
-    let mut times: Vec<f64> = Vec::new();
-    let (mut reports, mut strays) = (0, 0);
-    let mut misses = Vec::new();
-    for (name, truths) in &by_image {
-        let image = load(&dir.join(name))?;
-        let start = Instant::now();
-        let sightings = detect(&image, None, &DetectorSettings::default()).unwrap_or_default();
-        times.push(start.elapsed().as_secs_f64() * 1e3);
-        reports += sightings.iter().filter(|s| s.confidence >= 0.8).count();
-        let fits = |s: &FaceSighting, t: &Truth| {
-            let reach = 0.25 * smallest_pitch(&t.all_centres);
-            (0..4)
-                .map(|k| s.turned(k))
-                .find(|s| (0..9).all(|i| distance(s.centres[i], t.all_centres[i]) <= reach))
-        };
-        strays += sightings
-            .iter()
-            .filter(|s| s.confidence >= 0.8 && !truths.iter().any(|t| fits(s, t).is_some()))
-            .count();
-        for truth in truths {
-            let source = if truth.source.is_empty() {
-                name.split('/').next().unwrap_or_default().to_owned()
-            } else {
-                truth.source.clone()
-            };
-            let tally = tallies.entry((truth.tier.clone(), source)).or_default();
-            tally.faces += 1;
-            tally.tiles += 9;
-            let Some(found) = sightings.iter().find_map(|s| fits(s, truth)) else {
-                misses.push(format!("{name}: {} not found", truth.face));
-                continue;
-            };
-            tally.found += 1;
-            let read = letters(&found);
-            let right = read.chars().zip(truth.face.chars()).filter(|(a, b)| a == b).count();
-            tally.tiles_right += right;
-            if right == 9 {
-                tally.read += 1;
-            } else {
-                misses.push(format!("{name}: {} read as {read}", truth.face));
-            }
-        }
-    }
-    times.sort_by(f64::total_cmp);
-    let median = times.get(times.len() / 2).copied().unwrap_or(0.0);
-    let slowest = times.last().copied().unwrap_or(0.0);
-    if json {
-        let groups: Vec<Value> = tallies
-            .iter()
-            .map(|((tier, source), t)| json!({ "tier": tier, "source": source, "tally": t }))
-            .collect();
-        let all = json!({ "images": by_image.len(), "groups": groups, "reports": reports,
-            "strays": strays, "median_ms": median, "slowest_ms": slowest, "misses": misses });
-        return Ok(format!("{all}\n"));
-    }
-    let mut out = String::from(
-        "tier  folder              faces   found            read right       tiles right of found\n",
-    );
-    for ((tier, source), t) in &tallies {
-        let share =
-            |n: usize, of: usize| format!("{n:4} ({:5.1} %)", 100.0 * n as f64 / of.max(1) as f64);
-        writeln!(
-            out,
-            "{tier:<5} {source:<18} {:6} {:>16} {:>16} {:>16}",
-            t.faces,
-            share(t.found, t.faces),
-            share(t.read, t.faces),
-            share(t.tiles_right, 9 * t.found)
-        )?;
-    }
-    writeln!(
-        out,
-        "{} pictures, median {median:.1} ms, slowest {slowest:.1} ms a picture; {reports} reports at confidence >= 0.8, {strays} of them on no annotated face",
-        by_image.len()
-    )?;
-    for miss in misses {
-        writeln!(out, "  {miss}")?;
-    }
-    Ok(out)
 }
 
 /// The names of the six colours, for help texts.

@@ -316,6 +316,13 @@ impl TileSample {
     }
 }
 
+/// Tile candidates of a whole picture in its own pixels, as the default method makes them.
+#[must_use]
+pub fn candidates(image: &RgbImage) -> Vec<Tile> {
+    let whole = Rect { x: 0, y: 0, width: image.width(), height: image.height() };
+    Patch::new(image, whole, 1).candidates().0
+}
+
 /// A window around a face predicted by its outline, with a margin in widths of the face.
 #[must_use]
 pub fn window_around(corners: &[Point], margin: f64) -> Option<Rect> {
