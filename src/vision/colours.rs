@@ -74,13 +74,13 @@ fn fit_light(linear: &[[f64; 3]], judge: impl Fn(&[[f64; 6]]) -> f64) -> (Light,
             .fold(1e-4, f64::max);
         let even = Light(gains.map(|g| g / brightest));
         for (tone, tile) in tones.iter_mut().zip(linear) {
-            *tone = Tone::new(even.undo(*tile));
+            *tone = Tone::new(even.undo(*tile), &[0.0; 6], 1.0);
         }
         let prior = (gains[0].ln() / 0.25).powi(2) + (gains[2].ln() / 0.25).powi(2);
         for exposure in EXPOSURES {
             let light = Light(even.0.map(|g| g * exposure));
             for (d, tone) in distances.iter_mut().zip(&tones) {
-                *d = tone.distances(exposure.ln());
+                *d = tone.distances(exposure);
             }
             let cost = judge(&distances) + prior;
             if cost < best.2 {
@@ -143,43 +143,55 @@ impl Shade {
 /// A tile against each prototype, but for the exposure.
 #[derive(Debug, Clone, Copy, Default)]
 struct Tone {
-    /// Squared distances of hue and saturation.
+    /// Squared distances of hue, and of saturation for white.
     chroma: [f64; 6],
     /// Logarithm of the value: as white, and of the coloured part alone.
     value: [f64; 2],
+    /// Light that is common to the channels.
+    grey: f64,
 }
 
+/// Mean share of white light that lies on a coloured tile (haze, glare), of what white reflects.
+const GLARE: f64 = 0.12;
+
+/// Saturation that a tint of the light which was not undone gives to white.
+const TINT: f64 = 0.15;
+
 impl Tone {
-    fn new(linear: [f64; 3]) -> Self {
+    fn new(linear: [f64; 3], shift: &[f64; 6], sharpness: f64) -> Self {
         let shade = Shade::new(linear);
         // The paler a tile, the more an error of the light turns its hue.
         let blur = 12.0 * (1.0 / shade.saturation.max(0.05) - 1.0);
-        let pale = (0.92 - shade.saturation).max(0.0) / 0.25;
-        let chroma = PROTOTYPES.map(|p| match p.hue {
-            None => (shade.saturation / 0.15).powi(2),
+        let chroma = std::array::from_fn(|c| match PROTOTYPES[c].hue {
+            None => (shade.saturation / TINT).powi(2),
             Some((hue, spread)) => {
-                let turn = (shade.hue - hue + 180.0).rem_euclid(360.0) - 180.0;
-                turn * turn / (spread * spread + blur * blur) + pale * pale
+                let turn = (shade.hue - hue - shift[c] + 180.0).rem_euclid(360.0) - 180.0;
+                turn * turn / ((spread * sharpness).powi(2) + blur * blur)
             }
         });
         // Of a coloured tile only the coloured light counts: the rest is glare.
         let value = [1.0, shade.saturation].map(|own| (shade.value * own).max(1e-4).ln());
-        Self { chroma, value }
+        Self { chroma, value, grey: shade.value * (1.0 - shade.saturation) }
     }
 
-    /// Squared distance to each prototype in units of its spread, after an exposure (its logarithm).
+    /// Squared distance to each prototype in units of its spread, after an exposure.
     fn distances(&self, exposure: f64) -> [f64; 6] {
+        let log_exposure = exposure.ln();
+        // Glare has an exponential distribution: what is nearly as bright as white all over is white.
+        let glare = 2.0 * (self.grey * exposure / 0.8) / GLARE;
         std::array::from_fn(|c| {
             let p = &PROTOTYPES[c];
-            let value = self.value[usize::from(p.hue.is_some())] + exposure;
-            self.chroma[c] + ((value - p.log_value) / 0.6).powi(2).min(9.0)
+            let coloured = p.hue.is_some();
+            let value = self.value[usize::from(coloured)] + log_exposure;
+            let pale = if coloured { glare } else { 0.0 };
+            self.chroma[c] + pale + ((value - p.log_value) / 0.6).powi(2).min(9.0)
         })
     }
 }
 
 /// Squared distance to each prototype in units of its spread.
 fn prototype_distances(linear: [f64; 3]) -> [f64; 6] {
-    Tone::new(linear).distances(0.0)
+    Tone::new(linear, &[0.0; 6], 1.0).distances(1.0)
 }
 
 /// Linear light 0..=1 of an sRGB level 0..=255.
