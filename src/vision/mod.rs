@@ -17,6 +17,7 @@ pub mod colours;
 pub mod detect;
 pub mod homography;
 pub mod lattice;
+pub mod likeliest;
 pub mod paper;
 mod patch;
 pub mod pose;
