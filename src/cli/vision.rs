@@ -139,7 +139,7 @@ pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
         let decided = std::fs::read_to_string(path.as_ref())
             .map_err(anyhow::Error::from)
             .and_then(|text| measured_squares(&text))
-            .and_then(|rgb| decide_cube(&rgb, &can_exist).map_err(anyhow::Error::from));
+            .and_then(|rgb| decide_cube(&rgb).map_err(anyhow::Error::from));
         all &= decided.is_ok();
         let _ = match decided {
             Ok(decision) => {

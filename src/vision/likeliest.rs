@@ -10,6 +10,7 @@
 //! - out: [`Likeliest`]: facelets, cost, and the margin of each facelet in the same unit
 //! - source: Held and Karp (1962) for the sets; forward and backward sums after Viterbi (1967)
 
+use super::assignment::assign;
 use crate::cube::{CORNERS, EDGES, Face, facelet_at};
 use std::sync::LazyLock;
 
@@ -43,8 +44,12 @@ fn facelets_of<const K: usize>(faces: [Face; K]) -> [usize; K] {
 /// The cheapest of all cubes that can be reached from the solved one.
 #[must_use]
 pub fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
-    let corners = Layout::new(&CORNER_FACELETS, &CORNERS, costs);
-    let edges = Layout::new(&EDGE_FACELETS, &EDGES, costs);
+    let mut corners = Layout::new(&CORNER_FACELETS, &CORNERS, costs);
+    let mut edges = Layout::new(&EDGE_FACELETS, &EDGES, costs);
+    corners.run_forward();
+    corners.run_backward();
+    edges.run_forward();
+    edges.run_backward();
     let best = [0, 1].map(|parity| corners.best(parity) + edges.best(parity));
     let parity = usize::from(best[1] < best[0]);
 
@@ -62,15 +67,30 @@ pub fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
     Likeliest { facelets, cost: floor + centres, margins: margins.map(|m| m.max(0.0)) }
 }
 
+/// The cheapest way to have each piece once, whether or not the sums of twists, flips and parities agree: for
+/// rounds of an iteration, a hundred times as fast.
+#[must_use]
+pub(super) fn cheapest_pieces(costs: &[[f64; 6]; 54]) -> [u8; 54] {
+    let mut facelets = [0u8; 54];
+    for (face, &centre) in CENTRES.iter().enumerate() {
+        facelets[centre] = face as u8;
+    }
+    Layout::new(&CORNER_FACELETS, &CORNERS, costs).assign(&mut facelets);
+    Layout::new(&EDGE_FACELETS, &EDGES, costs).assign(&mut facelets);
+    facelets
+}
+
 /// All ways to lay `N` pieces with `K` orientations each on `N` positions.
 struct Layout<'a, const N: usize, const K: usize> {
     places: &'a [[usize; K]; N],
     pieces: &'a [[Face; K]; N],
     /// Cost of a piece at a position in an orientation.
     cost: [[[f64; K]; N]; N],
-    /// Cheapest way to lay the pieces of a set on the first positions, by sum of orientations and parity.
+    /// Cheapest way to lay the pieces of a set on the first positions, by sum of orientations and parity; empty
+    /// before [`Self::run_forward`].
     forward: Vec<[[f64; 2]; K]>,
-    /// Cheapest way to lay the others on the remaining positions with this sum and parity.
+    /// Cheapest way to lay the others on the remaining positions with this sum and parity; empty before
+    /// [`Self::run_backward`].
     backward: Vec<[[f64; 2]; K]>,
 }
 
@@ -90,52 +110,56 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
                 })
             })
         });
+        Self { places, pieces, cost, forward: Vec::new(), backward: Vec::new() }
+    }
+
+    fn run_forward(&mut self) {
         let none = [[f64::INFINITY; 2]; K];
-        let mut layout = Self {
-            places,
-            pieces,
-            cost,
-            forward: vec![none; 1 << N],
-            backward: vec![none; 1 << N],
-        };
-        layout.forward[0][0][0] = 0.0;
-        layout.backward[(1 << N) - 1][0][0] = 0.0;
+        self.forward = vec![none; 1 << N];
+        self.forward[0][0][0] = 0.0;
         for set in 0..(1usize << N) - 1 {
-            let from = layout.forward[set];
+            let from = self.forward[set];
+            let prices = &self.cost[set.count_ones() as usize];
             for piece in (0..N).filter(|p| set >> p & 1 == 0) {
-                let (position, odd) = (set.count_ones() as usize, inversions(set, piece));
-                let to = &mut layout.forward[set | 1 << piece];
-                for turn in 0..K {
-                    let price = layout.cost[position][piece][turn];
-                    for sum in 0..K {
-                        for parity in 0..2 {
-                            let value = from[sum][parity] + price;
-                            let slot = &mut to[(sum + turn) % K][parity ^ odd];
-                            *slot = slot.min(value);
-                        }
-                    }
-                }
+                let to = &mut self.forward[set | 1 << piece];
+                lay(&from, to, &prices[piece], inversions(set, piece));
             }
         }
+    }
+
+    fn run_backward(&mut self) {
+        let none = [[f64::INFINITY; 2]; K];
+        self.backward = vec![none; 1 << N];
+        self.backward[(1 << N) - 1][0][0] = 0.0;
         for set in (0..(1usize << N) - 1).rev() {
             let mut to = none;
+            let prices = &self.cost[set.count_ones() as usize];
             for piece in (0..N).filter(|p| set >> p & 1 == 0) {
-                let (position, odd) = (set.count_ones() as usize, inversions(set, piece));
-                let from = &layout.backward[set | 1 << piece];
-                for turn in 0..K {
-                    let price = layout.cost[position][piece][turn];
-                    for sum in 0..K {
-                        for parity in 0..2 {
-                            let value = from[sum][parity] + price;
-                            let slot = &mut to[(sum + turn) % K][parity ^ odd];
-                            *slot = slot.min(value);
-                        }
-                    }
-                }
+                let from = &self.backward[set | 1 << piece];
+                lay(from, &mut to, &prices[piece], inversions(set, piece));
             }
-            layout.backward[set] = to;
+            self.backward[set] = to;
         }
-        layout
+    }
+
+    /// Writes the cheapest layout without regard to sums.
+    fn assign(&self, facelets: &mut [u8; 54]) {
+        let turn = |position: usize, piece: usize| {
+            let prices = &self.cost[position][piece];
+            (0..K).fold(0, |best, t| if prices[t] < prices[best] { t } else { best })
+        };
+        let matrix: Vec<f64> =
+            (0..N * N).map(|i| self.cost[i / N][i % N][turn(i / N, i % N)]).collect();
+        for (position, piece) in assign(&matrix, N).into_iter().enumerate() {
+            self.write(position, piece, turn(position, piece), facelets);
+        }
+    }
+
+    fn write(&self, position: usize, piece: usize, turn: usize, facelets: &mut [u8; 54]) {
+        for k in 0..K {
+            let facelet = self.places[position][(k + turn) % K];
+            facelets[facelet] = self.pieces[piece][k].index() as u8;
+        }
     }
 
     /// Cost of the cheapest layout of this parity whose orientations cancel.
@@ -159,10 +183,7 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
                 }
             }
             let (_, piece, turn) = best;
-            for k in 0..K {
-                facelets[self.places[position][(k + turn) % K]] =
-                    self.pieces[piece][k].index() as u8;
-            }
+            self.write(position, piece, turn, facelets);
             parity ^= inversions(set, piece);
             sum = (sum + K - turn) % K;
             set |= 1 << piece;
@@ -206,6 +227,22 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
                     }
                 }
             }
+        }
+    }
+}
+
+/// Lowers `to` to what `from` costs with one more piece, in each of its orientations.
+fn lay<const K: usize>(
+    from: &[[f64; 2]; K],
+    to: &mut [[f64; 2]; K],
+    prices: &[f64; K],
+    odd: usize,
+) {
+    for (turn, price) in prices.iter().enumerate() {
+        for (sum, values) in from.iter().enumerate() {
+            let slot = &mut to[(sum + turn) % K];
+            slot[odd] = slot[odd].min(values[0] + price);
+            slot[odd ^ 1] = slot[odd ^ 1].min(values[1] + price);
         }
     }
 }

@@ -27,6 +27,7 @@ pub mod sensor;
 pub(crate) mod testing;
 pub mod tracker;
 pub mod watcher;
+pub mod whole;
 
 use crate::spatial::Pose;
 

@@ -66,8 +66,7 @@ pub fn think(thought: &Thought) -> (Conclusion, Effort) {
 }
 
 fn reason(thought: &Thought) -> Result<(Answer, u64), String> {
-    let decision =
-        colours::decide_cube(&thought.rgb, &Cube::is_possible).map_err(|e| e.to_string())?;
+    let decision = colours::decide_cube(&thought.rgb).map_err(|e| e.to_string())?;
     // Named by the colours themselves, so that the words do not depend on how the cube is held.
     let read = Facelets::try_from(decision.colours).map_err(|e| e.to_string())?;
     let (named, rotation) = read.normalised().map_err(|e| e.to_string())?;
