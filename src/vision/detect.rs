@@ -175,9 +175,25 @@ impl Patch {
             rgb,
             colours,
             confidences,
-            confidence: support * fit * regular,
+            confidence: support * fit * regular * variety(&rgb),
         }
     }
+}
+
+/// What the colours say for a cube, 0..=1: nine greys alike are a floor, a keyboard, a window more often than a
+/// face that is all white.
+fn variety(rgb: &[[f64; 3]; 9]) -> f64 {
+    let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    let saturation = most(&mut rgb.iter().map(|c| {
+        let (high, low) = (c[0].max(c[1]).max(c[2]), c[0].min(c[1]).min(c[2]));
+        (high - low) / high.max(1.0)
+    }));
+    let spread = most(&mut (0..3).map(|k| {
+        let level = |c: &[f64; 3]| c[k];
+        let high = rgb.iter().map(level).fold(0.0, f64::max);
+        high - rgb.iter().map(level).fold(255.0, f64::min)
+    }));
+    0.6 + 0.4 * (saturation / 0.4).max(spread / 100.0).min(1.0)
 }
 
 /// Adds tiles, each once: of two at one place the larger stays unless it is ragged.

@@ -165,7 +165,7 @@ static SCHEMES: LazyLock<Vec<[u8; 6]>> = LazyLock::new(|| {
 });
 
 /// By so much another scheme must explain the colours better than the common one.
-const UNCOMMON: f64 = 30.0;
+const UNCOMMON: f64 = 15.0;
 
 /// Colour 0..=5 of each class: the way to lay a cube of the common scheme, and the light, under which the classes
 /// look most like their colours.
