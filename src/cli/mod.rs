@@ -3,9 +3,12 @@
 //! Exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
+pub mod cubes;
+pub mod evaluate;
 pub mod kinematics;
 mod look;
 pub mod output;
+pub mod rig;
 mod run;
 pub mod vision;
 

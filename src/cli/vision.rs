@@ -1,14 +1,10 @@
-//! The vision commands as functions: files in, text or JSON lines out.
-//!
-//! `vision face`, `vision colours`, `vision score`: what the operator sees of [`crate::vision`].
+//! `rubik-robot vision face`: picture files in, faces as text or JSON lines out.
 
-use crate::cube::{Cube, Facelets};
-use crate::vision::colours::{self, LETTERS, decide_cube, face_letter};
+use crate::vision::colours::LETTERS;
 use crate::vision::{DetectorSettings, FaceSighting, detect};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow};
 use image::{ImageReader, RgbImage};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -98,113 +94,9 @@ pub fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     (text, all)
 }
 
-/// Where the first square of each face is in the files of measured squares: faces U, L, F, R, B, D there,
-/// URFDLB here.
-const FIRST_SQUARE: [usize; 6] = [1, 28, 19, 46, 10, 37];
-
-/// The 54 triples of a file, in the order URFDLB.
-///
-/// # Errors
-/// What is missing.
-pub fn measured_squares(text: &str) -> Result<[[f64; 3]; 54]> {
-    let squares: BTreeMap<String, [f64; 3]> =
-        serde_json::from_str(text).context("expected {\"1\": [r, g, b], ... \"54\": [r, g, b]}")?;
-    if squares.len() != 54 {
-        bail!("expected 54 squares, found {}", squares.len());
-    }
-    let mut rgb = [[0.0; 3]; 54];
-    for (i, value) in rgb.iter_mut().enumerate() {
-        let key = (FIRST_SQUARE[i / 9] + i % 9).to_string();
-        *value = *squares.get(&key).ok_or_else(|| anyhow!("square {key} is missing"))?;
-        if value.iter().any(|v| !(0.0..=255.0).contains(v)) {
-            bail!("square {key}: {value:?} is not within 0..=255");
-        }
-    }
-    Ok(rgb)
-}
-
-/// Whether a cube of these facelets (face 0..=5 = URFDLB each) can exist.
-#[must_use]
-pub fn can_exist(facelets: &[u8; 54]) -> bool {
-    Facelets::try_from(*facelets).is_ok_and(|f| Cube::try_from(f).is_ok())
-}
-
-/// `vision colours FILE...`: the facelets (URFDLB) of each file of 54 measured squares. The flag is false when
-/// a cube could not be decided.
-#[must_use]
-pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
-    let (mut text, mut all) = (String::new(), true);
-    for path in files {
-        let name = path.as_ref().display().to_string();
-        let decided = std::fs::read_to_string(path.as_ref())
-            .map_err(anyhow::Error::from)
-            .and_then(|text| measured_squares(&text))
-            .and_then(|rgb| decide_cube(&rgb).map_err(anyhow::Error::from));
-        all &= decided.is_ok();
-        let _ = match decided {
-            Ok(decision) => {
-                let facelets: String =
-                    decision.facelets.iter().map(|&f| face_letter(usize::from(f))).collect();
-                let weakest = decision.margins.iter().copied().fold(1.0, f64::min);
-                if json {
-                    let names: String =
-                        decision.colours.iter().map(|&c| LETTERS[usize::from(c)]).collect();
-                    let margins = decision.margins.map(|m| (m * 1000.0).round() / 1000.0);
-                    writeln!(
-                        text,
-                        "{}",
-                        json!({ "file": name, "facelets": facelets, "colours": names,
-                            "margins": margins.to_vec(), "doubtful": decision.doubtful })
-                    )
-                } else {
-                    writeln!(
-                        text,
-                        "{name}: {facelets}  least margin {weakest:.2}, doubtful: {}",
-                        decision.doubtful.len()
-                    )
-                }
-            }
-            Err(reason) if json => {
-                writeln!(text, "{}", json!({ "file": name, "reason": format!("{reason:#}") }))
-            }
-            Err(reason) => writeln!(text, "{name}: {reason:#}"),
-        };
-    }
-    (text, all)
-}
-
-/// The names of the six colours, for help texts.
-pub const COLOUR_LETTERS: [char; 6] = colours::LETTERS;
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn squares_are_taken_in_the_order_of_their_faces() {
-        let text = serde_json::to_string(
-            &(1..=54)
-                .map(|k| (k.to_string(), [f64::from(k), 0.0, 0.0]))
-                .collect::<BTreeMap<_, _>>(),
-        )
-        .unwrap();
-
-        let rgb = measured_squares(&text).unwrap();
-
-        // URFDLB: U is 1.., R is 28.., F is 19.., D is 46.., L is 10.., B is 37...
-        assert_eq!([0, 9, 18, 27, 36, 45].map(|i| rgb[i][0]), [1.0, 28.0, 19.0, 46.0, 10.0, 37.0]);
-    }
-
-    #[test]
-    fn a_missing_square_is_named() {
-        let mut squares: BTreeMap<String, [f64; 3]> =
-            (1..=53).map(|k| (k.to_string(), [0.0; 3])).collect();
-        squares.insert("x".into(), [0.0; 3]);
-
-        let error = measured_squares(&serde_json::to_string(&squares).unwrap()).unwrap_err();
-
-        assert_eq!(error.to_string(), "square 54 is missing");
-    }
 
     #[test]
     fn a_file_that_is_no_picture_gets_a_line_with_the_reason() {

@@ -215,14 +215,13 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
                 }
             }
         }
-        for position in 0..N {
-            for piece in 0..N {
-                for turn in 0..K {
-                    for k in 0..K {
-                        let facelet = self.places[position][(k + turn) % K];
-                        if self.pieces[piece][k].index() as u8 != facelets[facelet] {
-                            let price = cheapest[position][piece][turn];
-                            margins[facelet] = margins[facelet].min(price);
+        for (places, by_piece) in self.places.iter().zip(&cheapest) {
+            for (colours, prices) in self.pieces.iter().zip(by_piece) {
+                for (turn, price) in prices.iter().enumerate() {
+                    for (k, colour) in colours.iter().enumerate() {
+                        let facelet = places[(k + turn) % K];
+                        if colour.index() as u8 != facelets[facelet] {
+                            margins[facelet] = margins[facelet].min(*price);
                         }
                     }
                 }

@@ -23,6 +23,7 @@ mod patch;
 pub mod pose;
 pub mod segment;
 pub mod sensor;
+pub mod table;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod tracker;

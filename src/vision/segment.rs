@@ -367,15 +367,13 @@ mod tests {
     #[test]
     fn runs_are_those_of_a_plain_scan() {
         let values: Vec<u8> =
-            (0..333u32).map(|i| (i * i * 2654 >> 7) as u8 / (1 + (i / 100) as u8)).collect();
+            (0..333u32).map(|i| ((i * i * 2654) >> 7) as u8 / (1 + (i / 100) as u8)).collect();
         for length in [0, 1, 63, 64, 65, 128, 200, 333] {
             let mut plain = Vec::new();
-            for i in 0..length {
-                if values[i] < 90 {
-                    match plain.last_mut() {
-                        Some((_, end)) if *end == i => *end = i + 1,
-                        _ => plain.push((i, i + 1)),
-                    }
+            for (i, _) in values[..length].iter().enumerate().filter(|(_, v)| **v < 90) {
+                match plain.last_mut() {
+                    Some((_, end)) if *end == i => *end = i + 1,
+                    _ => plain.push((i, i + 1)),
                 }
             }
             let mut runs = Vec::new();

@@ -99,13 +99,21 @@ pub fn decide_cube(rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
     }
     let model = Model::settle(&points);
     let costs = model.costs(&points);
-    let best = likeliest(&costs);
+    conclude(rgb, &costs)
+}
+
+/// The decision that costs of each colour for each facelet lead to.
+pub(super) fn conclude(
+    rgb: &[[f64; 3]; 54],
+    costs: &[[f64; 6]; 54],
+) -> Result<Decision, Undecided> {
+    let best = likeliest(costs);
 
     let own = |i: usize| costs[i][usize::from(best.facelets[i])];
-    let alone = one_by_one(&costs);
+    let alone = one_by_one(costs);
     let clear: f64 = (0..54).map(|i| own(i) - costs[i][usize::from(alone[i])]).sum();
     if clear > IMPLAUSIBLE {
-        let read = as_counted(&costs, alone);
+        let read = as_counted(costs, alone);
         if let Some(reason) = impossible(&read) {
             let doubtful = (0..54).filter(|&i| read[i] != best.facelets[i]).collect();
             return Err(Undecided::Impossible { reason, facelets: Box::new(read), doubtful });
@@ -120,7 +128,7 @@ pub fn decide_cube(rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
     });
     let mut doubtful: Vec<usize> = (0..54).filter(|&i| margins[i] < DOUBTFUL).collect();
     doubtful.sort_by(|&a, &b| margins[a].total_cmp(&margins[b]));
-    let names = name(&linear, &best.facelets);
+    let names = name(&rgb.map(|c| c.map(to_linear)), &best.facelets);
     Ok(Decision {
         colours: best.facelets.map(|c| names[usize::from(c)]),
         facelets: best.facelets,
@@ -270,8 +278,8 @@ impl Model {
         }
         let mut scatter = Matrix3::identity() * (SPREAD_PRIOR * SPREAD * SPREAD);
         let mut total = SPREAD_PRIOR;
-        for i in 0..54 {
-            let d = points[i] - self.means[class(i)] - self.shifts[i / 9];
+        for (i, point) in points.iter().enumerate() {
+            let d = point - self.means[class(i)] - self.shifts[i / 9];
             let weight = self.weight(&d);
             scatter += weight * d * d.transpose();
             total += weight;
@@ -286,16 +294,20 @@ impl Model {
         1.0 / (1.0 + d.dot(&(self.precision * d)) / 9.0)
     }
 
-    /// Cost of each colour for each facelet: its squared distance, bent so that it never exceeds [`OUTLIER`].
+    /// Cost of each colour for each facelet: its squared distance, [`bent`].
     fn costs(&self, points: &Points) -> [[f64; 6]; 54] {
         std::array::from_fn(|i| {
             std::array::from_fn(|c| {
                 let d = points[i] - self.shifts[i / 9] - self.means[c];
-                let square = d.dot(&(self.precision * d));
-                square / (1.0 + square / OUTLIER)
+                bent(d.dot(&(self.precision * d)))
             })
         })
     }
+}
+
+/// A squared distance, bent so that it never exceeds [`OUTLIER`].
+pub(super) fn bent(square: f64) -> f64 {
+    square / (1.0 + square / OUTLIER)
 }
 
 /// Median in each coordinate: one glaring facelet does not move it.
