@@ -1,22 +1,25 @@
 //! A colour table of a rig that never moves, learned from cubes of known state.
 //!
-//! In a rig each face has its own light and its own reflections, always the same ones; so each face has its own
-//! mean of each colour, drawn towards that colour's mean over all faces as long as few samples are known.
+//! In a rig the reflections are always at the same places: so each facelet has its own mean shift from what its
+//! colour looks like, and its own spread, both drawn towards none as long as few samples are known.
 //!
 //! - in: mean RGB of 54 facelets with their true colours, several times
 //! - out: [`ColourTable`]; with it, 54 mean colours -> [`Decision`]
 //! - source: own work; shrinkage of means after Stein (1956)
 
-use super::colours::{lab, to_linear};
-use super::whole::{Decision, Undecided, bent, conclude};
+use super::whole::{Decision, Expected, Undecided, coordinates, decide_cube, decide_expected};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// What each colour looks like on each face of a rig.
+/// What the colours look like in a rig.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ColourTable {
-    /// Mean L*a*b* by face of the rig and by colour, both 0..=5 = URFDLB.
-    means: [[[f64; 3]; 6]; 6],
+    /// Mean place in the colour space (lightness weighted down, a*, b*) of each colour, 0..=5 = URFDLB.
+    means: [[f64; 3]; 6],
+    /// Mean shift of each facelet from that, in the order URFDLB.
+    shifts: Vec<[f64; 3]>,
+    /// Variance of each facelet against the common one.
+    variances: Vec<f64>,
     /// Covariance that all of them have in common, row by row.
     covariance: [[f64; 3]; 3],
     /// How many cubes it was learned from.
@@ -26,8 +29,9 @@ pub struct ColourTable {
 /// A cube whose state is known: mean RGB of each facelet, 0..=255, and its colour, 0..=5 = URFDLB.
 pub type KnownCube = ([[f64; 3]; 54], [u8; 54]);
 
-/// Samples' worth of belief that a colour looks on one face as it does on all.
-const SHARED: f64 = 2.0;
+/// Samples' worth of belief that a facelet is not shifted, and that its spread is the common one.
+const UNSHIFTED: f64 = 2.0;
+const COMMON: f64 = 6.0;
 
 /// Samples' worth of belief in a standard deviation of [`SPREAD`] units.
 const SPREAD_PRIOR: f64 = 18.0;
@@ -44,10 +48,6 @@ pub enum Unlearned {
     NoSpread,
 }
 
-fn point(rgb: &[f64; 3]) -> Vector3<f64> {
-    Vector3::from(lab(rgb.map(to_linear)))
-}
-
 impl ColourTable {
     /// Learns from cubes of known state.
     ///
@@ -57,34 +57,47 @@ impl ColourTable {
         let samples: Vec<(usize, usize, Vector3<f64>)> = cubes
             .iter()
             .flat_map(|(rgb, truth)| {
-                (0..54).map(move |i| (i / 9, usize::from(truth[i]), point(&rgb[i])))
+                let points = coordinates(rgb);
+                (0..54).map(move |i| (i, usize::from(truth[i]), points[i]))
             })
             .collect();
-        let sum = |keep: &dyn Fn(usize, usize) -> bool| {
-            samples
-                .iter()
-                .filter(|(face, colour, _)| keep(*face, *colour))
-                .fold((0.0, Vector3::zeros()), |(n, s), (_, _, p)| (n + 1.0, s + p))
-        };
-        let mut means = [[[0.0; 3]; 6]; 6];
-        for colour in 0..6 {
-            let (n, total) = sum(&|_, c| c == colour);
-            if n == 0.0 {
-                return Err(Unlearned::Unseen(super::colours::face_letter(colour)));
+        let each = cubes.len() as f64;
+        let mut means = [Vector3::zeros(); 6];
+        let mut shifts = [Vector3::zeros(); 54];
+        for _ in 0..10 {
+            for (colour, mean) in means.iter_mut().enumerate() {
+                let own = samples.iter().filter(|(_, c, _)| *c == colour);
+                let (n, sum) = own.fold((0.0, Vector3::zeros()), |(n, sum), (i, _, p)| {
+                    (n + 1.0, sum + (p - shifts[*i]))
+                });
+                if n == 0.0 {
+                    return Err(Unlearned::Unseen(super::colours::face_letter(colour)));
+                }
+                *mean = sum / n;
             }
-            let shared = total / n;
-            for (face, row) in means.iter_mut().enumerate() {
-                let (n, total) = sum(&|f, c| f == face && c == colour);
-                row[colour] = ((total + shared * SHARED) / (n + SHARED)).into();
+            let mut sums = [Vector3::zeros(); 54];
+            for (i, colour, p) in &samples {
+                sums[*i] += p - means[*colour];
             }
+            shifts = sums.map(|sum| sum / (each + UNSHIFTED));
         }
         let mut scatter = Matrix3::identity() * (SPREAD_PRIOR * SPREAD * SPREAD);
-        for (face, colour, p) in &samples {
-            let d = p - Vector3::from(means[*face][*colour]);
+        let mut squares = [0.0; 54];
+        for (i, colour, p) in &samples {
+            let d = p - means[*colour] - shifts[*i];
             scatter += d * d.transpose();
+            squares[*i] += d.norm_squared();
         }
-        let covariance = scatter / (SPREAD_PRIOR + samples.len() as f64);
-        Ok(Self { means, covariance: covariance.transpose().into(), cubes: cubes.len() })
+        let covariance: Matrix3<f64> = scatter / (SPREAD_PRIOR + samples.len() as f64);
+        let variances = squares
+            .map(|sum| (sum + COMMON * covariance.trace()) / (each + COMMON) / covariance.trace());
+        Ok(Self {
+            means: means.map(Into::into),
+            shifts: shifts.map(Into::into).to_vec(),
+            variances: variances.to_vec(),
+            covariance: covariance.transpose().into(),
+            cubes: cubes.len(),
+        })
     }
 
     /// Decides the 54 facelets of a cube in the rig.
@@ -92,17 +105,11 @@ impl ColourTable {
     /// # Errors
     /// [`Undecided`] as for a cube without a table.
     pub fn decide(&self, rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
-        if let Some(i) = rgb.iter().position(|c| c.iter().any(|v| !v.is_finite())) {
-            return Err(Undecided::NotANumber(i));
+        match self.expected() {
+            Ok(expected) => decide_expected(rgb, expected),
+            // A table without a spread knows nothing.
+            Err(_) => decide_cube(rgb),
         }
-        let precision = self.precision().unwrap_or_else(|_| Matrix3::identity());
-        let costs = std::array::from_fn(|i| {
-            std::array::from_fn(|c| {
-                let d = point(&rgb[i]) - Vector3::from(self.means[i / 9][c]);
-                bent(d.dot(&(precision * d)))
-            })
-        });
-        conclude(rgb, &costs)
     }
 
     /// Whether the table can be used: for one that was read from a file.
@@ -110,15 +117,27 @@ impl ColourTable {
     /// # Errors
     /// [`Unlearned::NoSpread`].
     pub fn check(&self) -> Result<(), Unlearned> {
-        let finite = self.means.iter().flatten().flatten().all(|v| v.is_finite());
-        if finite { self.precision().map(|_| ()) } else { Err(Unlearned::NoSpread) }
+        self.expected().map(|_| ())
     }
 
-    fn precision(&self) -> Result<Matrix3<f64>, Unlearned> {
-        Matrix3::from(self.covariance)
-            .cholesky()
-            .map(|factor| factor.inverse())
-            .ok_or(Unlearned::NoSpread)
+    fn expected(&self) -> Result<Expected, Unlearned> {
+        let covariance = Matrix3::from(self.covariance);
+        let precision = covariance.cholesky().map(|f| f.inverse()).ok_or(Unlearned::NoSpread)?;
+        let shifts: [[f64; 3]; 54] =
+            self.shifts.as_slice().try_into().map_err(|_| Unlearned::NoSpread)?;
+        let variances: [f64; 54] =
+            self.variances.as_slice().try_into().map_err(|_| Unlearned::NoSpread)?;
+        let numbers = self.means.iter().chain(&shifts).flatten().all(|v| v.is_finite());
+        let positive = variances.iter().all(|v| v.is_finite() && *v > 0.0);
+        if !numbers || !positive {
+            return Err(Unlearned::NoSpread);
+        }
+        Ok(Expected {
+            means: self.means.map(Vector3::from),
+            shifts: shifts.map(Vector3::from),
+            variances,
+            precision,
+        })
     }
 }
 

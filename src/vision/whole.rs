@@ -73,11 +73,14 @@ const IMPLAUSIBLE: f64 = 40.0;
 /// How strongly a face's own shift is held to nought, in facelets.
 const SHIFT_PRIOR: f64 = 4.0;
 
+/// How far a learned table is believed against the cube at hand, in facelets of a colour.
+const BELIEF: f64 = 4.0;
+
 /// Facelets' worth of belief in a spread of [`SPREAD`] units.
 const SPREAD_PRIOR: f64 = 8.0;
 const SPREAD: f64 = 3.0;
 
-type Points = [Vector3<f64>; 54];
+pub(super) type Points = [Vector3<f64>; 54];
 
 /// Decides all 54 facelets (order URFDLB, reading order) from their mean RGB, 0..=255.
 ///
@@ -87,8 +90,7 @@ pub fn decide_cube(rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
     if let Some(i) = rgb.iter().position(|c| c.iter().any(|v| !v.is_finite())) {
         return Err(Undecided::NotANumber(i));
     }
-    let linear: [[f64; 3]; 54] = rgb.map(|c| c.map(to_linear));
-    let points = coordinates(&linear);
+    let points = coordinates(rgb);
     for first in Face::ALL {
         for second in Face::ALL.into_iter().filter(|s| s.index() > first.index()) {
             let apart = points[CENTRES[first.index()]] - points[CENTRES[second.index()]];
@@ -97,16 +99,24 @@ pub fn decide_cube(rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
             }
         }
     }
-    let model = Model::settle(&points);
-    let costs = model.costs(&points);
-    conclude(rgb, &costs)
+    let model = Model::of_centres(&points).settle(&points);
+    conclude(rgb, &model.costs(&points))
+}
+
+/// Decides them in a rig of which something is known.
+pub(super) fn decide_expected(
+    rgb: &[[f64; 3]; 54],
+    expected: Expected,
+) -> Result<Decision, Undecided> {
+    if let Some(i) = rgb.iter().position(|c| c.iter().any(|v| !v.is_finite())) {
+        return Err(Undecided::NotANumber(i));
+    }
+    let points = coordinates(rgb);
+    conclude(rgb, &Model::of(expected, BELIEF).settle(&points).costs(&points))
 }
 
 /// The decision that costs of each colour for each facelet lead to.
-pub(super) fn conclude(
-    rgb: &[[f64; 3]; 54],
-    costs: &[[f64; 6]; 54],
-) -> Result<Decision, Undecided> {
+fn conclude(rgb: &[[f64; 3]; 54], costs: &[[f64; 6]; 54]) -> Result<Decision, Undecided> {
     let best = likeliest(costs);
 
     let own = |i: usize| costs[i][usize::from(best.facelets[i])];
@@ -212,7 +222,8 @@ fn impossible(facelets: &[u8; 54]) -> Option<ImpossibleCube> {
 }
 
 /// Lab with lightness weighted down, after the brightest channel is brought to 1.
-fn coordinates(linear: &[[f64; 3]; 54]) -> Points {
+pub(super) fn coordinates(rgb: &[[f64; 3]; 54]) -> Points {
+    let linear = rgb.map(|c| c.map(to_linear));
     let brightest = linear.iter().flatten().copied().fold(1e-4, f64::max);
     let light = Light([1.0 / brightest; 3]);
     linear.map(|t| {
@@ -225,9 +236,25 @@ fn least(values: &[f64; 6]) -> usize {
     (0..6).fold(0, |best, i| if values[i] < values[best] { i } else { best })
 }
 
+/// What a rig is known to do to its facelets.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Expected {
+    /// Mean of each class.
+    pub(super) means: [Vector3<f64>; 6],
+    /// What its reflections add to each facelet.
+    pub(super) shifts: [Vector3<f64>; 54],
+    /// Variance of each facelet against the common one.
+    pub(super) variances: [f64; 54],
+    /// Inverse of the common covariance.
+    pub(super) precision: Matrix3<f64>,
+}
+
 /// Six classes with one spread, and what the light adds on each face.
 #[derive(Debug, Clone)]
 struct Model {
+    /// What was learned before, and how far it is believed, in facelets of a colour.
+    expected: Expected,
+    belief: f64,
     means: [Vector3<f64>; 6],
     /// Inverse of the common covariance.
     precision: Matrix3<f64>,
@@ -236,13 +263,25 @@ struct Model {
 }
 
 impl Model {
-    /// Starts with the centres and lets means, shifts, spread and facelets take turns.
-    fn settle(points: &Points) -> Self {
-        let mut model = Self {
+    /// Nothing known but the centres.
+    fn of_centres(points: &Points) -> Self {
+        let expected = Expected {
             means: CENTRES.map(|c| points[c]),
+            shifts: [Vector3::zeros(); 54],
+            variances: [1.0; 54],
             precision: Matrix3::identity() / 100.0,
-            shifts: [Vector3::zeros(); 6],
         };
+        Self::of(expected, 0.0)
+    }
+
+    fn of(expected: Expected, belief: f64) -> Self {
+        let (means, precision) = (expected.means, expected.precision);
+        Self { expected, belief, means, precision, shifts: [Vector3::zeros(); 6] }
+    }
+
+    /// Lets means, shifts, spread and facelets take turns.
+    fn settle(self, points: &Points) -> Self {
+        let mut model = self;
         let mut facelets = [0u8; 54];
         for round in 0..8 {
             let sorted = cheapest_pieces(&model.costs(points));
@@ -262,15 +301,17 @@ impl Model {
             for c in 0..6 {
                 let members: Vec<Vector3<f64>> = (0..54)
                     .filter(|&i| class(i) == c)
-                    .map(|i| points[i] - self.shifts[i / 9])
+                    .map(|i| points[i] - self.shifts[i / 9] - self.expected.shifts[i])
                     .collect();
-                self.means[c] = middle(&members);
+                let n = members.len() as f64;
+                let total = middle(&members) * n + self.expected.means[c] * self.belief;
+                self.means[c] = total / (n + self.belief);
             }
             for face in 0..6 {
                 let sum: Vector3<f64> = (9 * face..9 * face + 9)
                     .map(|i| {
-                        let d = points[i] - self.means[class(i)];
-                        d * self.weight(&(d - self.shifts[face]))
+                        let d = self.apart(points, i, class(i));
+                        (d + self.shifts[face]) * self.weight(&d)
                     })
                     .sum();
                 self.shifts[face] = sum / (9.0 + SHIFT_PRIOR);
@@ -278,8 +319,8 @@ impl Model {
         }
         let mut scatter = Matrix3::identity() * (SPREAD_PRIOR * SPREAD * SPREAD);
         let mut total = SPREAD_PRIOR;
-        for (i, point) in points.iter().enumerate() {
-            let d = point - self.means[class(i)] - self.shifts[i / 9];
+        for i in 0..54 {
+            let d = self.apart(points, i, class(i));
             let weight = self.weight(&d);
             scatter += weight * d * d.transpose();
             total += weight;
@@ -287,6 +328,12 @@ impl Model {
         if let Some(inverse) = (scatter / total).try_inverse() {
             self.precision = inverse;
         }
+    }
+
+    /// A facelet from the mean of a class, in units of the common spread.
+    fn apart(&self, points: &Points, i: usize, class: usize) -> Vector3<f64> {
+        let d = points[i] - self.expected.shifts[i] - self.shifts[i / 9] - self.means[class];
+        d / self.expected.variances[i].sqrt()
     }
 
     /// A facelet far off is a reflection or in the wrong class: it must not shape the model.
@@ -298,7 +345,7 @@ impl Model {
     fn costs(&self, points: &Points) -> [[f64; 6]; 54] {
         std::array::from_fn(|i| {
             std::array::from_fn(|c| {
-                let d = points[i] - self.shifts[i / 9] - self.means[c];
+                let d = self.apart(points, i, c);
                 bent(d.dot(&(self.precision * d)))
             })
         })
@@ -306,7 +353,7 @@ impl Model {
 }
 
 /// A squared distance, bent so that it never exceeds [`OUTLIER`].
-pub(super) fn bent(square: f64) -> f64 {
+fn bent(square: f64) -> f64 {
     square / (1.0 + square / OUTLIER)
 }
 
