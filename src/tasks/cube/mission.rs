@@ -522,7 +522,16 @@ impl Mission {
                 if targets == ARMS_APART {
                     return Ok(None);
                 }
-                let orders = targets.map(|t| t.map(|target| Behaviour::Joints { target, speed }));
+                // The ways between meetings are free of collisions when both arms go evenly: the quicker one waits
+                // for the other at every point.
+                let seconds = targets
+                    .iter()
+                    .zip(arms)
+                    .filter_map(|(t, arm)| t.map(|t| (arm.desired_joints, t)))
+                    .map(|(from, to)| s.speeds.joints_seconds(&from, &to, speed))
+                    .fold(0.0, f64::max);
+                let orders =
+                    targets.map(|t| t.map(|target| Behaviour::Joints { target, speed, seconds }));
                 Action::Behave { orders, until: Until::All }
             }
             Job::Along(hand, way) => {
@@ -541,11 +550,11 @@ impl Mission {
                 self.apart = true;
                 let mut target = arms[Hand::Track.index()].desired_joints;
                 target.0[0] -= s.meetings.separation;
-                behave(Hand::Track, Behaviour::Joints { target, speed: s.speed })
+                behave(Hand::Track, Behaviour::Joints { target, speed: s.speed, seconds: 0.0 })
             }
             Job::Together(target) => {
                 self.apart = false;
-                behave(Hand::Track, Behaviour::Joints { target, speed: s.speed })
+                behave(Hand::Track, Behaviour::Joints { target, speed: s.speed, seconds: 0.0 })
             }
             Job::Meet { newcomer, meeting, back } => {
                 let track = if newcomer == Hand::Track && back {
