@@ -44,6 +44,9 @@ const IMPURE: &[&str] = &[
 /// The only file of the shells that may hand the plant's half of a scenario on.
 const MAY_NAME_THE_PLANT: &[&str] = &["actors/plant.rs"];
 
+/// The only files above `hw` that may use the plant itself: whoever makes it, judges by it, or draws it.
+const MAY_USE_THE_PLANT: &[&str] = &["actors/plant.rs", "actors/supervisor.rs", "cli/look.rs"];
+
 #[test]
 fn arrows_point_down_and_pure_code_is_pure() {
     let mut files = Vec::new();
@@ -92,7 +95,8 @@ fn violations(files: &[File]) -> Vec<String> {
         };
         for path in paths(&code, file) {
             let wrong = match path.first().map(String::as_str) {
-                Some("crate") => crate_arrow(module, from, &path, &mut arrows),
+                Some("crate") => plant_arrow(file, module, &path)
+                    .or_else(|| crate_arrow(module, from, &path, &mut arrows)),
                 _ => foreign(module, from, &path),
             };
             found.extend(wrong.map(|reason| format!("{file}: {reason}")));
@@ -110,6 +114,14 @@ fn violations(files: &[File]) -> Vec<String> {
     found.sort();
     found.dedup();
     found
+}
+
+/// A controller that looks at the plant.
+fn plant_arrow(file: &str, module: &str, path: &[String]) -> Option<String> {
+    let plant = path.iter().skip(1).take(2).eq(["hw", "plant"]);
+    let allowed = matches!(module, "hw" | "scenario") || MAY_USE_THE_PLANT.contains(&file);
+    (plant && !allowed)
+        .then(|| format!("`{}`: only who makes or judges the plant", path.join("::")))
 }
 
 /// An arrow within the crate: remembered, and told when it must not be.
@@ -483,6 +495,10 @@ mod the_checker_catches {
         assert!(
             one("actors/ecp.rs", "use crate::scenario::PlantSection;").contains("only the plant")
         );
+        for text in ["use crate::hw::plant::{Plant, Verdict};", "use crate::{hw::plant, cube};"] {
+            assert!(one("actors/mp.rs", text).contains("makes or judges"), "{text}");
+            assert_eq!(one("actors/supervisor.rs", text), "");
+        }
     }
 
     #[test]

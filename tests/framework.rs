@@ -370,3 +370,23 @@ async fn another_tool_frame_moves_no_arm_and_counts_from_then_on() {
     assert!((after.translation.vector - before.translation.vector).norm() > 5e-3);
     assert!((point(after) - point(before)).norm() < 5e-4);
 }
+
+/// Nobody asks the arm for anything in a pause, and yet its stop is told at once, and outranks a later end.
+#[tokio::test(start_paused = true)]
+async fn an_emergency_stop_in_a_pause_is_told_and_outranks_the_operators_end() {
+    for coordination in [Coordination::Sporadic, Coordination::Continuous] {
+        let Rig { mp, control, switches, mut notices, .. } = rig(coordination);
+        let mission = tokio::spawn(async move { mp.run(&mut Shift(WAY)).await });
+        tokio::time::sleep(Duration::from_millis(500)).await;
+        control.send_replace(Control::Paused);
+        tokio::time::sleep(Duration::from_secs(2)).await;
+        switches.emergency.store(true, Ordering::Release);
+        tokio::time::sleep(Duration::from_millis(200)).await;
+
+        assert!(mission.is_finished(), "the stop is not noticed before the pause ends");
+        let ending = mission.await.unwrap();
+        assert!(matches!(ending.error, Some(Error::Fatal { .. })), "{ending:?}");
+        let told = std::iter::from_fn(|| notices.try_recv().ok());
+        assert_eq!(told.filter(|n| matches!(n, Notice::Error(_, Error::Fatal { .. }))).count(), 1);
+    }
+}

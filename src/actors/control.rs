@@ -35,3 +35,13 @@ pub async fn permission(control: &mut watch::Receiver<Control>) -> Result<(), Te
         }
     }
 }
+
+/// How often whoever waits for permission looks at its arms: a stop or a fault must not wait for the operator.
+const LOOK: std::time::Duration = std::time::Duration::from_millis(20);
+
+/// Waits as [`permission`] does, but not for long: `None` when it is time to look at the arms.
+pub async fn permission_soon(
+    control: &mut watch::Receiver<Control>,
+) -> Option<Result<(), Terminated>> {
+    tokio::time::timeout(LOOK, permission(control)).await.ok()
+}

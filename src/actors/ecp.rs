@@ -3,7 +3,7 @@
 //! Under continuous coordination it transmits what MP computes; under sporadic coordination it runs the generators
 //! of the behaviours that MP invokes, with the readings of the VSPs that belong to it.
 
-use super::control::{Control, permission};
+use super::control::{Control, permission_soon};
 use super::edp::EdpHandle;
 use super::move_instruction::{Manner, Motion};
 use super::vsp::VspHandle;
@@ -188,8 +188,12 @@ impl Ecp {
         let mut motion = Motion::begin(behaviour, &self.parts.manner);
         let mut state = self.parts.edp.state().await?;
         loop {
-            if motion.rests() && permission(&mut self.parts.control).await.is_err() {
-                return Ok((Outcome::Ended, state));
+            while motion.rests() {
+                match permission_soon(&mut self.parts.control).await {
+                    Some(Ok(())) => break,
+                    Some(Err(_)) => return Ok((Outcome::Ended, state)),
+                    None => state = self.parts.edp.state().await?,
+                }
             }
             motion.heed(*self.parts.control.borrow());
             if matches!(self.mailbox.try_recv(), Ok(Request::End)) {

@@ -5,7 +5,7 @@
 //! behaviours and the ECPs run the generators.
 
 use super::clock::Clock;
-use super::control::{Control, permission};
+use super::control::{Control, Terminated, permission_soon};
 use super::ecp::EcpHandle;
 use super::move_instruction::{Manner, Motion};
 use super::ui::{Notice, UiHandle};
@@ -107,7 +107,7 @@ impl Mp {
         self.parts.clock.period() as f64 * PERIOD
     }
 
-    /// Runs a task to its end; `done` looks at the kernel before it is dropped.
+    /// Runs a task to its end.
     pub async fn run<T: Task>(mut self, task: &mut T) -> Ending {
         let mut ending = Ending {
             finish: None,
@@ -118,11 +118,12 @@ impl Mp {
         };
         match self.perform(task).await {
             Ok(finish) => ending.finish = Some(finish),
-            Err(Stop::Terminated) => {}
-            Err(Stop::Error(error)) => {
-                self.parts.ui.tell(Notice::Error(self.now(), error.clone()));
-                ending.error = Some(error);
-            }
+            // What an arm has to say outranks the operator's end.
+            Err(Stop::Terminated) => ending.error = self.refresh().await.err(),
+            Err(Stop::Error(error)) => ending.error = Some(error),
+        }
+        if let Some(error) = &ending.error {
+            self.parts.ui.tell(Notice::Error(self.now(), error.clone()));
         }
         ending.end = self.now();
         ending.felt = self.felt();
@@ -131,11 +132,11 @@ impl Mp {
     }
 
     async fn perform<T: Task>(&mut self, task: &mut T) -> Result<Finish, Stop> {
-        permission(&mut self.parts.control).await.map_err(|_| Stop::Terminated)?;
+        self.permitted().await?.map_err(|_| Stop::Terminated)?;
         self.refresh().await?;
         let mut event = Event::Start;
         loop {
-            permission(&mut self.parts.control).await.map_err(|_| Stop::Terminated)?;
+            self.permitted().await?.map_err(|_| Stop::Terminated)?;
             let forces = self.felt();
             self.parts.tape.message("mp", "kernel", &(&event, &forces));
             let action = task.next(event, &Readings { arms: &self.arms, forces });
@@ -236,6 +237,18 @@ impl Mp {
         })
     }
 
+    /// Waits for the operator's will; a fault of an arm comes first.
+    async fn permitted(&mut self) -> Result<Result<(), Terminated>, Error> {
+        loop {
+            if let Some(will) = permission_soon(&mut self.parts.control).await {
+                return Ok(will);
+            }
+            for ecp in &self.parts.ecps {
+                ecp.state().await?;
+            }
+        }
+    }
+
     async fn refresh(&mut self) -> Result<(), Error> {
         let mut arms = Vec::with_capacity(self.parts.ecps.len());
         for ecp in &self.parts.ecps {
@@ -303,7 +316,7 @@ impl Mp {
         let mut outcomes: [Option<Outcome>; 2] = [None, None];
         loop {
             let rest = motions.iter().flatten().all(Motion::rests);
-            if rest && permission(&mut self.parts.control).await.is_err() {
+            if rest && self.permitted().await?.is_err() {
                 break;
             }
             let will = *self.parts.control.borrow();

@@ -96,10 +96,6 @@ pub(super) fn create(
         return_solved_only: h.return_solved_only,
         pull: h.pull,
     };
-    if scenario.controller.task == keys::Task::Acquire {
-        // Nothing happens to the cube in between, so the hand comes back sooner.
-        config.hand.return_after = 2.0;
-    }
     config.facelets = *scenario.cube().colours();
     if let Some(start) = face_turn {
         let edge = config.cell.cube.edge;

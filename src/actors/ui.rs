@@ -96,7 +96,10 @@ fn obey(words: impl BufRead, keys: &Keys) {
     let control = &keys.control;
     for line in words.lines().map_while(Result::ok) {
         let next = match line.trim() {
-            "s" | "start" | "r" | "resume" | "" => Control::Running,
+            "s" | "start" | "r" | "resume" => Control::Running,
+            // A bare Enter starts, but moves no arm that was paused.
+            "" if *control.borrow() == Control::Waiting => Control::Running,
+            "" => continue,
             "p" | "pause" => Control::Paused,
             "t" | "terminate" | "q" => Control::Terminated,
             "e" | "stop" => {

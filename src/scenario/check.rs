@@ -62,6 +62,24 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         );
         help(reader, "task", reason, Some("task = \"idle\" takes any number".to_owned()));
     }
+    let sees = |kind| draft.vsps.iter().filter(|v| v.kind == kind).count();
+    let at = |list: &str| if draft.vsps.is_empty() { "task".to_owned() } else { list.to_owned() };
+    if matches!(root.task, Task::Solve | Task::Acquire) && sees(VspKind::Cube) == 0 {
+        let reason = format!(
+            "task \"{}\" needs a [[vsp]] with kind = \"cube\" and a camera that stands",
+            root.task.word()
+        );
+        fault(reader, &at("vsp"), reason);
+    }
+    if root.task == Task::Solve && sees(VspKind::Face) < 2 && draft.effectors.len() > 1 {
+        let reason =
+            "task \"solve\" needs a [[vsp]] with kind = \"face\" for the camera in each hand";
+        fault(reader, &at("vsp"), reason.to_owned());
+    }
+    if root.task == Task::FaceTurn && root.face_turn.angle.abs() < 1_f64.to_radians() {
+        let reason = "`face_turn.angle_deg`: less than 1 deg is no turn".to_owned();
+        fault(reader, "face_turn.angle_deg", reason);
+    }
     if root.coordination == Coordination::Sporadic {
         // The visual servo runs in the first effector's ECP: a sensor that delivers elsewhere would leave it blind.
         for vsp in

@@ -39,7 +39,7 @@ pub fn looks(start: (Hand, Grip), terms: &Terms, reach: &impl Reach) -> Result<V
     loop {
         let open = (0..best.len()).filter(|&n| !settled[n] && best[n].is_finite());
         let Some(at) = open.min_by(|&a, &b| best[a].total_cmp(&best[b])) else {
-            return Err(NoPlan::OutOfReach(0));
+            return Err(NoPlan::Unseen);
         };
         if at % SETS == SETS - 1 {
             return Ok(written(at, &from, &grips, reach));
@@ -180,6 +180,6 @@ mod tests {
 
         let answer = looks(start(Depth::One), &Terms::of(Rule::Clearance), &blind);
 
-        assert_eq!(answer, Err(NoPlan::OutOfReach(0)));
+        assert_eq!(answer, Err(NoPlan::Unseen));
     }
 }

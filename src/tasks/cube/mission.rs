@@ -403,7 +403,8 @@ impl Mission {
                 self.turned += turned;
                 let ease = -angle.signum() * 0.09_f64.min(turned.abs());
                 self.push_front(&[
-                    Job::Turn { turner, angle: ease, tries: TURN_TRIES + 1 },
+                    // A stall on the way back is one more try of the same turn.
+                    Job::Turn { turner, angle: ease, tries: tries + 1 },
                     Job::Turn { turner, angle: angle - turned - ease, tries: tries + 1 },
                 ]);
                 Ok(())
@@ -473,6 +474,7 @@ impl Mission {
     /// The task cannot be done: the cube goes back to the operator as it is, with the reason.
     fn give_back(&mut self, reason: String) -> Result<(), String> {
         self.log.notes.push(format!("{reason}: the cube is handed back"));
+        self.log.grasps = 0;
         let holder = self.holder()?;
         let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
         let start = (holder, Grip { hold: held.hold, half_roll: held.half_roll });
@@ -790,6 +792,7 @@ impl Mission {
             Step::Turn { turner, turn } => {
                 let angle = self.turn_angle(turner, turn.quarters)?;
                 self.turning = Some(turn);
+                self.turned = 0.0;
                 self.push_front(&[Job::Turn { turner, angle, tries: 1 }]);
                 let held = holds(turner).ok_or("the turner holds nothing")?;
                 let (hold, half_roll) = held.hold.after_turn(held.half_roll, turn.quarters);

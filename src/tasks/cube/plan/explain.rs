@@ -3,7 +3,7 @@
 use super::super::hold::{Grip, Hand, Hands, Hold, Step, hands_after};
 use super::search::Episode;
 use super::travel::Reach;
-use super::{Costs, Plan, Terms, turnable};
+use super::{Costs, Plan, Terms, compatible, turnable};
 use crate::cube::{Turn, format_turns};
 use crate::motion::Depth;
 use serde::Serialize;
@@ -34,11 +34,13 @@ pub(super) fn written(
     hands[start.0.index()] = Some(start.1);
     let (mut steps, mut lines) = (Vec::new(), Vec::new());
     let (mut rolled, mut holder, mut made) = ([false; 2], start.0, 0);
+    // As the hands met last: their wrists' room counts from there.
+    let mut met = hands;
     for episode in episodes {
         let (hand, grip) = episode.newcomer;
         let partner = hands[holder.index()].unwrap_or(start.1);
         let why = match turns.get(made) {
-            Some(next) => needed(hands, rolled, *next, episode, terms, reach),
+            Some(next) => needed((hands, met), rolled, *next, episode, terms, reach),
             None => format!("{} is to hold the cube in the end", name(episode.stays.0)),
         };
         let turning = episode.turns.iter().flatten().map(|(_, t)| seconds_of(*t, &terms.costs));
@@ -57,6 +59,7 @@ pub(super) fn written(
         // The hand that does not stay has let go before it grasps again.
         hands[holder.index()] = Some(partner);
         hands[hand.index()] = Some(grip);
+        met = hands;
         rolled = [false; 2];
         for (turner, turn) in episode.turns.iter().flatten() {
             let step = Step::Turn { turner: *turner, turn: *turn };
@@ -103,7 +106,7 @@ fn seconds_of(turn: Turn, costs: &Costs) -> f64 {
 
 /// Why the next turn cannot be made as the hands hold, and what the new grasp is for.
 fn needed(
-    hands: Hands,
+    (hands, met): (Hands, Hands),
     rolled: [bool; 2],
     next: Turn,
     episode: &Episode,
@@ -111,8 +114,9 @@ fn needed(
     reach: &impl Reach,
 ) -> String {
     let turn = format_turns(&[next]);
-    let obstacle = obstacle(hands, rolled, next, terms, reach)
-        .unwrap_or_else(|| "both hands could make it, but this way takes less time".to_owned());
+    let obstacle = obstacle((hands, met), rolled, next, terms, reach).unwrap_or_else(|| {
+        "the hands could make it as they are; grasped anew it costs less in the end".to_owned()
+    });
     let purpose = match episode.turns[0] {
         Some((turner, _)) if turner == episode.newcomer.0 => String::new(),
         Some(_) => ", and now the body is held for it".to_owned(),
@@ -123,7 +127,7 @@ fn needed(
 
 /// What is in the way of a turn.
 fn obstacle(
-    hands: Hands,
+    (hands, met): (Hands, Hands),
     rolled: [bool; 2],
     turn: Turn,
     terms: &Terms,
@@ -152,6 +156,11 @@ fn obstacle(
     if !turnable(own.hold, body.hold, terms.rule) {
         return Some(format!("{body_name}'s fingers are not on the middle layer of that axis"));
     }
+    let after = own.after_turn(turn.quarters);
+    if !compatible(after.hold, body.hold, terms.rule) {
+        return Some(format!("{turner_name}'s fingers would run into {body_name}'s"));
+    }
+    let [Some(track), Some(postument)] = met else { return None };
     let limits = reach.grasp(track.rotation().quaternion(), postument.rotation().quaternion())?;
     let (low, high) = if turner == Hand::Track { limits.track } else { limits.postument };
     let angle = match turn.quarters {
