@@ -29,6 +29,7 @@ const ENTRIES: usize = 256;
 const HALF: usize = ENTRIES / 64;
 
 /// A table, as it is made.
+#[derive(Debug)]
 pub(super) struct Filled {
     /// Its bytes.
     pub(super) table: Vec<u8>,

@@ -252,3 +252,82 @@ pub(super) fn turned_edges((slice, flips): Edges, turn: &Cube) -> Edges {
         (bits.0 | (slice >> from & 1) << i, bits.1 | flip << i)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    fn shapes() -> [Shape; 3] {
+        let all = [Tetrads::Ignored, Tetrads::Unnamed, Tetrads::Named];
+        all.map(|tetrads| Shape { tetrads, full: true })
+    }
+
+    #[test]
+    fn classes_share_out_all_states_of_the_corners() {
+        for shape in shapes() {
+            let cosets = Cosets::new(shape);
+
+            assert_eq!(cosets.representatives.len(), shape.rows());
+            assert_eq!(
+                cosets.sizes.iter().map(|&n| usize::from(n)).sum::<usize>(),
+                cosets.rows.len()
+            );
+        }
+    }
+
+    #[test]
+    fn symmetric_states_of_the_corners_share_a_row() {
+        for shape in shapes() {
+            let cosets = Cosets::new(shape);
+            for seed in 0..20 {
+                let corners = corners_of(&Cube::scrambled(seed));
+                let (row, symmetry) = cosets.row(&corners);
+                let image = cosets.corners_image(&corners, symmetry);
+                assert_eq!(cosets.number(&image), cosets.number(&cosets.representatives[row]));
+                for s in 0..UPRIGHT {
+                    assert_eq!(cosets.row(&cosets.corners_image(&corners, s)).0, row);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn flips_are_read_back_from_their_number() {
+        for full in [false, true] {
+            let cosets = Cosets::new(Shape { tetrads: Tetrads::Unnamed, full });
+            for number in 0..cosets.shape.words() as u16 * 64 {
+                for slice in [cosets.slices[0], cosets.slices[100], 0b1111_0000_0000] {
+                    assert_eq!(cosets.flip_number(cosets.edges(slice, number)), number);
+                }
+            }
+        }
+    }
+
+    /// The cosets reached by so many turns, counted without rows, symmetries and tables.
+    fn reached(shape: Shape) -> Vec<usize> {
+        let cosets = Cosets::new(shape);
+        let key = |cube: &Cube| {
+            let edges = edges_of(cube);
+            (cosets.number(&corners_of(cube)), edges.0, cosets.flip_number(edges))
+        };
+        let mut last = HashSet::from([Cube::SOLVED]);
+        let mut seen = HashSet::from([key(&Cube::SOLVED)]);
+        let mut counts = vec![1];
+        for _ in 1..=4 {
+            last = last.iter().flat_map(|c| Turn::all().map(|t| c.apply(t))).collect();
+            let before = seen.len();
+            seen.extend(last.iter().map(key));
+            counts.push(seen.len() - before);
+        }
+        counts
+    }
+
+    #[test]
+    fn distances_begin_as_turns_of_whole_cubes_give_them() {
+        for design in [crate::solver::optimal::SMALL, crate::solver::optimal::STANDARD] {
+            let known: Vec<usize> = design.distances[..=4].iter().map(|&n| n as usize).collect();
+            assert_eq!(reached(design.shape), known);
+        }
+    }
+}

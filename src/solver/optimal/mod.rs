@@ -181,6 +181,10 @@ impl<'a> Optimal<'a> {
         Self { prober: Prober::new(&Cosets::new(design.shape)), table, base: design.base }
     }
 
+    fn searcher(&self) -> Searcher<'_> {
+        Searcher { prober: &self.prober, table: self.table, base: self.base }
+    }
+
     /// Finds a shortest solution. Its length is the same whatever the number of workers; with one worker, so are the
     /// turns.
     #[must_use]
@@ -191,7 +195,7 @@ impl<'a> Optimal<'a> {
         workers: &dyn Workers,
         stop: &AtomicBool,
     ) -> Answer {
-        let searcher = Searcher { prober: &self.prober, table: self.table, base: self.base };
+        let searcher = self.searcher();
         let root = searcher.root::<Plain>(cube);
         let mut tasks = Tasks { nodes: vec![root], order: vec![0] };
         let least = root.bounds.iter().copied().max().unwrap_or(0);
@@ -326,6 +330,194 @@ fn work_with<L: Lanes>(searcher: &Searcher<'_>, round: &Round<'_>) {
         }
         if round.ended.load(Ordering::Relaxed) {
             return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::parse_turns;
+    use crate::solver::table::InTurn;
+    use std::sync::LazyLock;
+
+    /// Tables of the same making that do not look at the tetrads: 168 rows, which is quick.
+    const FEW_FLIPS: Design = Design {
+        shape: Shape { tetrads: Tetrads::Ignored, full: false },
+        base: 6,
+        distances: &[],
+        counts: [0; 4],
+    };
+    /// This one is phase 1 of Kociemba's algorithm.
+    const PHASE_1: Design =
+        Design { shape: Shape { full: true, ..FEW_FLIPS.shape }, base: 8, ..FEW_FLIPS };
+
+    static TABLES_OF_TEST: LazyLock<[(Design, build::Filled); 2]> = LazyLock::new(|| {
+        [FEW_FLIPS, PHASE_1]
+            .map(|design| (design, fill(&Cosets::new(design.shape), design.base, &InTurn, &|_| ())))
+    });
+
+    fn solvers() -> [Optimal<'static>; 2] {
+        TABLES_OF_TEST.each_ref().map(|(design, filled)| Optimal::with(*design, &filled.table))
+    }
+
+    /// Two threads.
+    struct Two;
+
+    impl Workers for Two {
+        fn count(&self) -> usize {
+            2
+        }
+
+        fn run(&self, tasks: usize, task: &(dyn Fn(usize) + Sync)) {
+            std::thread::scope(|scope| {
+                for first in 0..2 {
+                    scope.spawn(move || (first..tasks).step_by(2).for_each(task));
+                }
+            });
+        }
+    }
+
+    fn after(text: &str) -> Cube {
+        Cube::SOLVED.apply_all(&parse_turns(text).unwrap())
+    }
+
+    static RUN: AtomicBool = AtomicBool::new(false);
+
+    /// A watch that lets go on.
+    struct Patient;
+
+    impl Watch for Patient {
+        fn goes_on(&mut self, _: &[(u16, u32)]) -> bool {
+            true
+        }
+    }
+
+    impl Optimal<'_> {
+        /// A solution of this length, found without vectors.
+        fn plainly(&self, cube: &Cube, length: u8) -> Option<Vec<Turn>> {
+            let mut root = self.searcher().root::<Plain>(cube);
+            root.left = length;
+            let mut stack =
+                if root.bounds.iter().all(|&b| b <= length) { vec![root] } else { vec![] };
+            self.searcher().search::<Plain>(&mut stack, &mut Patient)
+        }
+    }
+
+    /// Kociemba's page; Scherphuis.
+    #[test]
+    fn without_tetrads_it_is_phase_1_with_its_known_distances() {
+        let known =
+            [1, 4, 50, 592, 7156, 87236, 1043817, 12070278, 124946368, 821605960, 1199128738];
+        let (design, filled) = &TABLES_OF_TEST[1];
+
+        assert_eq!(filled.counts, known);
+        let counts = count(&Cosets::new(design.shape), &filled.table, &InTurn);
+        let all = 495 * 2048 * 2187;
+        let without_room = all / 128;
+        assert_eq!(counts.iter().sum::<u64>(), all - without_room);
+        assert!(counts[0].abs_diff(known[..9].iter().sum()) < without_room);
+    }
+
+    #[test]
+    fn no_bound_is_above_the_turns_that_lead_to_a_cube() {
+        for solver in solvers() {
+            let searcher = solver.searcher();
+            for seed in 0..200 {
+                let random = Cube::scrambled(seed);
+                let turns =
+                    random.corners.iter().zip(&random.edges).map(|(c, e)| (c * 12 + e) % 18);
+                let mut cube = Cube::SOLVED;
+                for (done, turn) in turns.enumerate() {
+                    cube = cube.apply(Turn::from_index(usize::from(turn)));
+                    let bounds = searcher.root::<Plain>(&cube).bounds;
+                    assert!(bounds.iter().all(|&b| usize::from(b) <= done + 1), "{bounds:?}");
+                }
+            }
+        }
+    }
+
+    /// Lengths by a search without bounds, from both sides.
+    #[test]
+    fn solutions_are_shortest_with_any_lanes_and_workers() {
+        for (text, length) in [
+            ("", 0),
+            ("R", 1),
+            ("U2 D", 2),
+            ("R2 U2 R2 U2 R2 U2", 6),
+            ("R' D R U R' D' R U'", 8),
+            ("R U2 F' D L B2 U' F", 8),
+            ("L D' B2 R F U2 L' B R D2", 10),
+        ] {
+            let cube = after(text);
+            for solver in solvers() {
+                for workers in [&InTurn as &dyn Workers, &Two] {
+                    let answer = solver.solve(&cube, Limits::NONE, workers, &RUN);
+                    let turns = answer.turns.unwrap();
+                    assert_eq!((turns.len(), answer.at_least), (length, length as u8), "{text}");
+                    assert!(cube.apply_all(&turns).is_solved());
+                }
+                let plain = solver.plainly(&cube, length as u8);
+                assert!(cube.apply_all(&plain.unwrap()).is_solved());
+                assert!(length == 0 || solver.plainly(&cube, length as u8 - 1).is_none());
+            }
+        }
+    }
+
+    #[test]
+    fn divided_searches_find_as_short_solutions() {
+        let cube = after("L D' B2 R F U2 L' B R D2 F L' U");
+        let solver = &solvers()[1];
+
+        let alone = solver.solve(&cube, Limits::NONE, &InTurn, &RUN);
+        let again = solver.solve(&cube, Limits::NONE, &InTurn, &RUN);
+        let both = solver.solve(&cube, Limits::NONE, &Two, &RUN);
+
+        assert_eq!(alone, again);
+        assert_eq!(alone.turns.as_ref().map(Vec::len), Some(13));
+        assert_eq!(both.at_least, alone.at_least);
+        assert!(cube.apply_all(&both.turns.unwrap()).is_solved());
+    }
+
+    #[test]
+    fn a_limit_or_a_flag_ends_the_search_with_what_is_proven() {
+        let solver = &solvers()[1];
+        let cube = after("R' D R U R' D' R U'");
+
+        let short = solver.solve(&cube, Limits { max_length: 7, ..Limits::NONE }, &InTurn, &RUN);
+        assert_eq!((short.turns, short.at_least), (None, 8));
+
+        let far = Cube::scrambled(1);
+        let limits = Limits { max_nodes: 100_000, ..Limits::NONE };
+        let few = solver.solve(&far, limits, &InTurn, &RUN);
+        assert_eq!(few.turns, None);
+        assert!((100_000..110_000).contains(&few.nodes), "{} nodes", few.nodes);
+
+        let stopped = solver.solve(&far, Limits::NONE, &Two, &AtomicBool::new(true));
+        assert_eq!(stopped.turns, None);
+    }
+
+    #[test]
+    fn tables_of_no_known_size_are_refused() {
+        assert_eq!(Optimal::new(&[0; 64]).unwrap_err(), NoSuchTable { bytes: 64 });
+        assert!(SMALL.verify(&[0; 64], &InTurn).is_err());
+    }
+
+    /// A minute and 3 GB: `cargo test --release --lib optimal -- --ignored`.
+    #[test]
+    #[ignore = "makes both tables"]
+    fn whole_tables_hold_the_known_numbers_and_solve() {
+        for spec in &TABLES {
+            let table = (spec.build)(&InTurn, &|_| ());
+            (spec.verify)(&table, &InTurn).unwrap();
+            let solver = Optimal::new(&table).unwrap();
+            for (text, length) in [
+                ("U' D F2 U2 R F' R' U' D2 F' U B R D F R'", 16),
+                ("B' D' R' D F' R' F2 R2 D2 B2 D' B L U R D' B2", 17),
+            ] {
+                let answer = solver.solve(&after(text), Limits::NONE, &InTurn, &RUN);
+                assert_eq!(answer.turns.map(|turns| turns.len()), Some(length));
+            }
         }
     }
 }
