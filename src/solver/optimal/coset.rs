@@ -25,6 +25,10 @@ pub(super) const SLICES: usize = 495;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Tetrads {
     /// Nothing: with all flips that is Kociemba's phase 1, whose distances are known.
+    #[cfg_attr(
+        not(test),
+        allow(dead_code, reason = "small enough for tests, too weak for solving")
+    )]
     Ignored,
     /// Which corners are of one tetrad: 35 splits.
     Unnamed,
@@ -162,9 +166,8 @@ impl Cosets {
         let symmetry = &self.upright[s];
         let exchanges = of_first_tetrad(symmetry.corners[0]) != of_first_tetrad(0);
         let (mut image, mut bits) = ([0; 8], 0);
-        for i in 0..8 {
-            let to = usize::from(symmetry.corners[i]);
-            image[to] = if symmetry.mirrors { (3 - twists[i]) % 3 } else { twists[i] };
+        for (i, (&to, twist)) in symmetry.corners.iter().zip(twists).enumerate() {
+            image[usize::from(to)] = if symmetry.mirrors { (3 - twist) % 3 } else { *twist };
             bits |= (mask >> i & 1) << to;
         }
         (image, if exchanges { !bits } else { bits })

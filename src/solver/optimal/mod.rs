@@ -223,8 +223,8 @@ impl<'a> Optimal<'a> {
                 return answer;
             }
             answer.at_least = length + 1;
-            let shares = round.shares.into_iter().map(AtomicU32::into_inner).collect();
-            tasks.sort(shares);
+            let shares: Vec<u32> = round.shares.into_iter().map(AtomicU32::into_inner).collect();
+            tasks.sort(&shares);
         }
         answer
     }
@@ -251,7 +251,7 @@ impl Tasks {
 
     /// Where the last search found most to look at, the next is most likely to find a solution (S. Tronto: a gain of
     /// 40 %). After U, R and F more may follow than after D, L and B: there, more is less of a sign.
-    fn sort(&mut self, shares: Vec<u32>) {
+    fn sort(&mut self, shares: &[u32]) {
         let promise = |task: u16| {
             let weight = if self.nodes[usize::from(task)].last_face() < 3 { 9 } else { 11 };
             u64::from(shares[usize::from(task)]) * weight
@@ -309,6 +309,7 @@ fn work_with_avx2(searcher: &Searcher<'_>, round: &Round<'_>) {
     work_with::<lanes::Vector>(searcher, round);
 }
 
+#[allow(clippy::inline_always, reason = "compiled once for each kind of lanes")]
 #[inline(always)]
 fn work_with<L: Lanes>(searcher: &Searcher<'_>, round: &Round<'_>) {
     let mut stack = Vec::new();

@@ -4,6 +4,11 @@
 //! - out: the cube turned; the line and the bit of its entry
 //! - source: a cube in two vectors, turned by one look-up each: A. Skalski, vcube
 
+#![allow(
+    clippy::inline_always,
+    reason = "vector instructions are usable only where all is compiled into one function for that processor"
+)]
+
 use super::build::{LINE, row_bytes};
 use super::coset::{Cosets, turns};
 use super::geometry::{UPRIGHT, tilts};
@@ -92,7 +97,7 @@ impl Prober {
                 let mut image = Image { pieces: [0; 16], from: NONE, add: [0; 16] };
                 for i in 0..8 {
                     let (to, turn) = (tilt.corners[i], tilt.corner_turns[i]);
-                    image.pieces[i] = to | (3 - turn) % 3 << 4;
+                    image.pieces[i] = to | ((3 - turn) % 3) << 4;
                     image.from[usize::from(to)] = i as u8;
                     image.add[usize::from(to)] = turn << 4;
                 }
