@@ -7,7 +7,7 @@
 //!
 //! [`geometry`] knows the cube's symmetries, [`coset`] numbers what a table looks at, [`flips`] moves whole sets of
 //! states, [`build`] fills tables with them, [`lanes`] are the processor's vectors, [`probe`] finds a cube's entry,
-//! [`search`] walks.
+//! [`search`] walks, [`rounds`] shares the walk out.
 
 mod build;
 mod coset;
@@ -15,17 +15,18 @@ mod flips;
 mod geometry;
 mod lanes;
 mod probe;
+mod rounds;
 mod search;
 
 use super::table::{Progress, TableSpec, Workers};
 use crate::cube::{Cube, Turn};
 use build::{count, fill, row_bytes};
 use coset::{Cosets, Shape, Tetrads};
-use lanes::{Lanes, Plain};
+use lanes::Plain;
 use probe::Prober;
-use search::{Node, Searcher, Watch};
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use rounds::{Ends, Tasks};
+use search::Searcher;
+use std::sync::atomic::AtomicBool;
 
 /// A table's design: what it looks at, and the distance up to which it does not tell states apart.
 #[derive(Debug, Clone, Copy)]
@@ -152,13 +153,6 @@ pub struct Answer {
     pub nodes: u64,
 }
 
-/// Turns at which the search is divided into tasks.
-const TASK_DEPTH: u8 = 3;
-/// Searches of fewer turns are not worth dividing.
-const UNDIVIDED: u8 = 12;
-/// Tasks that a worker takes at once.
-const SHARE: usize = 16;
-
 /// Finds shortest solutions with one table.
 #[derive(Debug)]
 pub struct Optimal<'a> {
@@ -197,146 +191,25 @@ impl<'a> Optimal<'a> {
     ) -> Answer {
         let searcher = self.searcher();
         let root = searcher.root::<Plain>(cube);
-        let mut tasks = Tasks { nodes: vec![root], order: vec![0] };
         let least = root.bounds.iter().copied().max().unwrap_or(0);
         let mut answer = Answer { turns: None, at_least: least, nodes: 0 };
+        let mut tasks = Tasks::new(root);
+        let ends = Ends { max_nodes: limits.max_nodes, stop };
         for length in least..=limits.max_length {
-            if length >= UNDIVIDED && tasks.nodes.len() == 1 {
-                tasks = Tasks::divide(&searcher, root);
-            }
-            let depth = if tasks.nodes.len() == 1 { 0 } else { TASK_DEPTH };
-            let round = Round {
-                tasks: &tasks,
-                left: length - depth,
-                taken: AtomicUsize::new(0),
-                shares: tasks.nodes.iter().map(|_| AtomicU32::new(0)).collect(),
-                nodes: AtomicU64::new(answer.nodes),
-                max_nodes: limits.max_nodes,
-                stop,
-                ended: AtomicBool::new(false),
-                found: Mutex::new(None),
-            };
-            workers.run(workers.count().max(1), &|_| work(&searcher, &round));
-            answer.nodes = round.nodes.into_inner();
-            answer.turns = round.found.into_inner().unwrap_or_else(PoisonError::into_inner);
-            if round.ended.into_inner() {
+            let ended = tasks.search(&searcher, length, workers, ends, &mut answer.nodes);
+            if let Some(turns) = ended {
+                answer.turns = turns;
                 return answer;
             }
             answer.at_least = length + 1;
-            let shares: Vec<u32> = round.shares.into_iter().map(AtomicU32::into_inner).collect();
-            tasks.sort(&shares);
         }
         answer
     }
 }
 
-/// Where a search is divided, and in which order its parts are searched.
-struct Tasks {
-    nodes: Vec<Node>,
-    order: Vec<u16>,
-}
-
-impl Tasks {
-    fn divide(searcher: &Searcher<'_>, root: Node) -> Self {
-        let mut nodes = vec![root];
-        for _ in 0..TASK_DEPTH {
-            nodes = nodes.iter().flat_map(|node| searcher.children::<Plain>(node)).collect();
-        }
-        for (number, node) in nodes.iter_mut().enumerate() {
-            node.task = number as u16;
-        }
-        let order = (0..nodes.len() as u16).collect();
-        Self { nodes, order }
-    }
-
-    /// Where the last search found most to look at, the next is most likely to find a solution (S. Tronto: a gain of
-    /// 40 %). After U, R and F more may follow than after D, L and B: there, more is less of a sign.
-    fn sort(&mut self, shares: &[u32]) {
-        let promise = |task: u16| {
-            let weight = if self.nodes[usize::from(task)].last_face() < 3 { 9 } else { 11 };
-            u64::from(shares[usize::from(task)]) * weight
-        };
-        self.order.sort_by_key(|&task| std::cmp::Reverse(promise(task)));
-    }
-}
-
-/// One search to one number of turns, by all workers.
-struct Round<'a> {
-    tasks: &'a Tasks,
-    /// Turns left at the start of a task.
-    left: u8,
-    /// How many tasks have been taken.
-    taken: AtomicUsize,
-    /// States looked at for each task.
-    shares: Vec<AtomicU32>,
-    nodes: AtomicU64,
-    max_nodes: u64,
-    stop: &'a AtomicBool,
-    /// Solved, stopped, or at the end of the nodes.
-    ended: AtomicBool,
-    found: Mutex<Option<Vec<Turn>>>,
-}
-
-impl Watch for &Round<'_> {
-    fn goes_on(&mut self, shares: &[(u16, u32)]) -> bool {
-        let mut sum = 0;
-        for &(task, nodes) in shares {
-            self.shares[usize::from(task)].fetch_add(nodes, Ordering::Relaxed);
-            sum += u64::from(nodes);
-        }
-        let nodes = self.nodes.fetch_add(sum, Ordering::Relaxed) + sum;
-        if nodes >= self.max_nodes || self.stop.load(Ordering::Relaxed) {
-            self.ended.store(true, Ordering::Relaxed);
-        }
-        !self.ended.load(Ordering::Relaxed)
-    }
-}
-
-/// Takes tasks until there are none.
-fn work(searcher: &Searcher<'_>, round: &Round<'_>) {
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
-        #[allow(unsafe_code, reason = "the processor has what the function needs")]
-        // SAFETY: checked the line before.
-        return unsafe { work_with_avx2(searcher, round) };
-    }
-    work_with::<Plain>(searcher, round);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
-fn work_with_avx2(searcher: &Searcher<'_>, round: &Round<'_>) {
-    work_with::<lanes::Vector>(searcher, round);
-}
-
-#[allow(clippy::inline_always, reason = "compiled once for each kind of lanes")]
-#[inline(always)]
-fn work_with<L: Lanes>(searcher: &Searcher<'_>, round: &Round<'_>) {
-    let mut stack = Vec::new();
-    loop {
-        let taken = round.taken.fetch_add(SHARE, Ordering::Relaxed);
-        let Some(tasks @ [_, ..]) = round.tasks.order.get(taken..) else { return };
-        stack.clear();
-        for &task in tasks[..SHARE.min(tasks.len())].iter().rev() {
-            let mut node = round.tasks.nodes[usize::from(task)];
-            node.left = round.left;
-            if node.bounds.iter().all(|&b| b <= node.left) {
-                stack.push(node);
-            }
-        }
-        let mut watch = round;
-        if let Some(turns) = searcher.search::<L>(&mut stack, &mut watch) {
-            *round.found.lock().unwrap_or_else(PoisonError::into_inner) = Some(turns);
-            round.ended.store(true, Ordering::Relaxed);
-        }
-        if round.ended.load(Ordering::Relaxed) {
-            return;
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::search::Watch;
     use super::*;
     use crate::cube::parse_turns;
     use crate::solver::table::InTurn;

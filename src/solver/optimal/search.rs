@@ -11,8 +11,8 @@
 //! - where a bound of one end is as great as what is left, no half turn is tried at the other;
 //! - the two quarters of a face are looked up, and rejected, together.
 //!
-//! Reading a bound takes a hundred times longer than computing where it stands. So a batch of states is taken from the
-//! stack, and all of its continuations are looked up in rounds: all places first, then all reads.
+//! A bound that is in no cache takes 200 to 300 ns to arrive (measured), but many can be under way. So a batch of states
+//! is taken from the stack, and all of its continuations are looked up in rounds: all places first, then all reads.
 
 #![allow(
     clippy::inline_always,
