@@ -77,7 +77,7 @@ const STANDARD: Design = Design {
     counts: [2_502_714_296, 19_862_003_756, 49_257_371_894, 5_369_932_854],
 };
 /// The tables that can be had, from the smallest; one is enough, and the largest that the memory holds is the best.
-pub const TABLES: [TableSpec; 2] = [
+pub static TABLES: [TableSpec; 2] = [
     TableSpec {
         name: "optimal-small",
         version: 1,
