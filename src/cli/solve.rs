@@ -262,7 +262,7 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
     let desk = Desk { engine, goal, json: args.json, mode: args.mode };
     let Some((given, cube)) = alone else {
         let workers = if desk.engine.shares_cubes() { 1 } else { threads };
-        return answer_stream(Arc::new(desk), workers, output);
+        return answer_stream(&Arc::new(desk), workers, output);
     };
     let line = desk.answer(given, cube, true);
     if line.refused && !args.json {
@@ -288,7 +288,7 @@ fn refuse(given: &str, refusal: &Refusal, json: bool, output: &mut Output) -> an
 /// Answers each line of stdin in its order, several at once.
 ///
 /// The threads are not waited for: one of them may stand in a read of stdin when nobody wants the answers any more.
-fn answer_stream(desk: Arc<Desk>, workers: usize, output: &mut Output) -> anyhow::Result<u8> {
+fn answer_stream(desk: &Arc<Desk>, workers: usize, output: &mut Output) -> anyhow::Result<u8> {
     let (lines, todo) = sync_channel::<(usize, std::io::Result<String>)>(workers * 4);
     let (answers, done) = sync_channel::<(usize, std::io::Result<Line>)>(workers * 4);
     std::thread::spawn(move || {
@@ -303,7 +303,7 @@ fn answer_stream(desk: Arc<Desk>, workers: usize, output: &mut Output) -> anyhow
     });
     let todo = Arc::new(Mutex::new(todo));
     for _ in 0..workers {
-        let (desk, todo, answers) = (Arc::clone(&desk), Arc::clone(&todo), answers.clone());
+        let (desk, todo, answers) = (Arc::clone(desk), Arc::clone(&todo), answers.clone());
         std::thread::spawn(move || {
             loop {
                 let next = todo.lock().unwrap_or_else(PoisonError::into_inner).recv();

@@ -151,6 +151,8 @@ pub(super) trait Guide: Sync {
     /// The neighbours by `turns` that are at most `left` from the goal, and how many.
     fn children(&self, at: (Place, u32, u8), turns: u32, left: u8, into: &mut [Child; 18])
     -> usize;
+    /// Those of `turns` that lead from a place one turn away to the goal.
+    fn last(&self, at: (Place, u32, u8), turns: u32) -> u32;
     /// The distance of a place.
     fn distance(&self, place: Place) -> u8;
 }
@@ -201,6 +203,11 @@ impl Guide for Wide<'_> {
         count
     }
 
+    #[inline]
+    fn last(&self, (_, entry, _): (Place, u32, u8), turns: u32) -> u32 {
+        turns & self.faces.masks(entry).0
+    }
+
     fn distance(&self, mut place: Place) -> u8 {
         let mut distance = 0;
         while (place.class, place.twist) != (0, 0) {
@@ -222,6 +229,18 @@ pub(super) struct Near<'a> {
 }
 
 impl Near<'_> {
+    /// Turns after which a place may be at most `left` away, for all that the small tables know.
+    #[inline]
+    fn near_enough(&self, place: Place, left: u8) -> u32 {
+        // So far away, they know nothing: neither has a distance above 9, and few of 8.
+        if left > 7 {
+            return ALL_TURNS;
+        }
+        let slice = usize::from(self.frames.slice_of_class[place.class as usize]);
+        self.faces.within(self.small.flips[place.class as usize], left)
+            & self.faces.within(self.small.twists[slice * TWISTS + usize::from(place.twist)], left)
+    }
+
     /// The distance modulo 3, or 3 for [`FAR`] and more.
     #[inline]
     fn code(&self, class: u32, twist: u16) -> u8 {
@@ -248,10 +267,7 @@ impl Guide for Near<'_> {
         left: u8,
         into: &mut [Child; 18],
     ) -> usize {
-        let slice = usize::from(self.frames.slice_of_class[place.class as usize]);
-        let mut mask = turns
-            & self.faces.within(self.small.flips[place.class as usize], left)
-            & self.faces.within(self.small.twists[slice * TWISTS + usize::from(place.twist)], left);
+        let mut mask = turns & self.near_enough(place, left);
         let (mut count, mut read) = (0, [(Place::default(), 0_u8, 0_u8); 18]);
         while mask != 0 {
             let turn = mask.trailing_zeros();
@@ -268,6 +284,12 @@ impl Guide for Near<'_> {
             kept += usize::from(distance <= left);
         }
         kept
+    }
+
+    #[inline]
+    fn last(&self, (place, _, _): (Place, u32, u8), turns: u32) -> u32 {
+        // No flips and no twists, and the slice in its place: that is the goal.
+        turns & self.near_enough(place, 0)
     }
 
     fn distance(&self, mut place: Place) -> u8 {
@@ -325,7 +347,7 @@ impl FaceCases {
         for (at, mask) in masks.iter_mut().enumerate() {
             for half in 0..2 {
                 let face = CASE_FACES[at / 256 * 2 + half];
-                let case = at % 256 >> (half * 4) & 15;
+                let case = ((at % 256) >> (half * 4)) & 15;
                 let (nearer, not_farther) = if case < 8 { (0, 7 & !case) } else { (case - 7, 7) };
                 *mask |= (nearer as u64) << (face * 3) | (not_farther as u64) << (face * 3 + 32);
             }
@@ -511,7 +533,7 @@ fn pull(
     row: &mut [u8],
     found: &mut Vec<u16>,
 ) {
-    let filled = 3 ^ depth % 3;
+    let filled = 3 ^ (depth % 3);
     // No branch on what is filled already: it would be guessed wrongly every third time.
     let (mut marked, mut count) = ([0_u16; TWISTS + 1], 0);
     for turn in 0..18 {
@@ -581,7 +603,7 @@ impl<'a> Packer<'a> {
     fn row(&self, class: usize, out: &mut [u8]) {
         let own = &self.distances[class * NEAR_ROW..][..NEAR_ROW];
         // Two bits a turn; modulo 3 is enough, as neighbours differ by one at most.
-        let mut changes = [0_u64; TWISTS];
+        let mut changes = vec![0_u64; TWISTS];
         for turn in 0..18 {
             let entry = self.frames.class_moves[class * 18 + turn] as usize;
             let other = &self.distances[(entry >> 4) * NEAR_ROW..][..NEAR_ROW];
@@ -609,7 +631,7 @@ static LESS: LazyLock<[[usize; 64]; 3]> = LazyLock::new(|| {
         std::array::from_fn(|three| {
             (0..3).fold(0, |all, q| {
                 let code = three >> (2 * q) & 3;
-                all | (code % 3 + 3 - own) % 3 << (2 * q)
+                all | ((code % 3 + 3 - own) % 3) << (2 * q)
             })
         })
     })
