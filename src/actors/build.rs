@@ -5,13 +5,17 @@ use crate::cell::{Cell, Mount};
 use crate::cube::{Axis, Face};
 use crate::generators::{Compliance, position::Speeds, visual_servo};
 use crate::motion::{AXES, Depth};
-use crate::reach::{Meeting, MeetingTable};
+use crate::reach::{Meeting, MeetingTable, ReachSettings};
 use crate::scenario::{ControllerConfig, keys};
+use crate::solver::korf;
+use crate::solver::table::TableSpec;
 use crate::spatial::Pose;
+use crate::tables::{News, Store, Threads};
 use crate::tasks::cube::hold::Hold;
 use crate::tasks::cube::mission::Goal;
-use crate::tasks::cube::plan::Rule;
+use crate::tasks::cube::plan::{Planner, Rule};
 use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
+use crate::tasks::cube::think::Strategy;
 use crate::vision::Method;
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
@@ -123,11 +127,43 @@ pub(super) fn cube_settings(
             keys::Rule::Strict => Rule::Strict,
             keys::Rule::Original => Rule::Original,
         },
+        strategy: strategy(config),
         nodes: config.planner.node_budget,
         candidates: config.planner.candidates as usize,
         seconds_per_node: config.planner.node_cost,
         calibrated_at,
     })
+}
+
+/// Which solution is carried out. Korf's tables are built when the paper's rule first needs them: 10 s.
+fn strategy(config: &ControllerConfig) -> Strategy {
+    match config.planner.strategy {
+        keys::Strategy::Robot => Strategy::Robot,
+        keys::Strategy::Paper => {
+            let store = Store::of_user();
+            let told = |spec: &TableSpec, news: News<'_>| match news {
+                News::Building(_) => tracing::warn!("building table {}", spec.name),
+                News::Waiting => tracing::warn!("another process builds table {}", spec.name),
+                News::NotKept(e) => tracing::warn!("table {} is not kept: {e}", spec.name),
+            };
+            let tables = korf::TABLES
+                .each_ref()
+                .map(|spec| store.obtain(spec, &Threads::all(), &told, &|_| ()));
+            Strategy::Paper { tables, nodes: config.planner.korf_node_budget }
+        }
+    }
+}
+
+/// The planner of a cell: searches its meetings, which takes about a second, unless they are known.
+///
+/// # Errors
+/// When the cell has no two arms.
+pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
+    let reach = ReachSettings::default();
+    let meetings = super::meetings::of(&config.cell, &reach);
+    cube_settings(config, meetings, reach.back)
+        .map(|settings| Planner::new(&settings))
+        .ok_or_else(|| "a plan is for two effectors".to_owned())
 }
 
 /// How the stand-alone camera's sensor finds the cube.

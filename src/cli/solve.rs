@@ -73,7 +73,7 @@ pub(super) struct ScrambleArgs {
 
 /// Why a cube is not solved.
 #[derive(Debug)]
-enum Refusal {
+pub(super) enum Refusal {
     Facelets(ParseFacelets),
     Impossible(ImpossibleCube, Option<Repair>),
     Moves(ParseMoves),
@@ -95,7 +95,7 @@ impl Refusal {
         }
     }
 
-    fn message(&self) -> String {
+    pub(super) fn message(&self) -> String {
         match self {
             Self::Facelets(reason) => reason.to_string(),
             Self::Impossible(reason, _) => reason.to_string(),
@@ -113,14 +113,14 @@ impl Refusal {
         }
     }
 
-    fn repair(&self) -> Option<&Repair> {
+    pub(super) fn repair(&self) -> Option<&Repair> {
         match self {
             Self::Impossible(_, repair) => repair.as_ref(),
             _ => None,
         }
     }
 
-    fn json(&self, cube: &str) -> Value {
+    pub(super) fn json(&self, cube: &str) -> Value {
         let mut error =
             json!({"kind": self.kind(), "message": self.message(), "where": self.places()});
         if let Some(repair) = self.repair() {
@@ -131,7 +131,7 @@ impl Refusal {
 }
 
 /// A cube, and the stickers by which it is named in answers.
-fn read(text: &str) -> Result<(Cube, Facelets), Refusal> {
+pub(super) fn read(text: &str) -> Result<(Cube, Facelets), Refusal> {
     let facelets: Facelets = text.parse().map_err(Refusal::Facelets)?;
     let cube = Cube::try_from(facelets).map_err(|e| Refusal::impossible(&facelets, e))?;
     Ok((cube, facelets))

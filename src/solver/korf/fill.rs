@@ -101,7 +101,9 @@ pub(super) fn count(table: &[u8], workers: &dyn Workers) -> [u64; 16] {
     workers.run(table.len().div_ceil(PART), &|part| {
         let mut bytes = [0_u64; 256];
         let part = &table[part * PART..table.len().min((part + 1) * PART)];
-        part.iter().for_each(|&byte| bytes[usize::from(byte)] += 1);
+        for &byte in part {
+            bytes[usize::from(byte)] += 1;
+        }
         for (byte, n) in bytes.into_iter().enumerate() {
             counts[byte & 15].fetch_add(n, Ordering::Relaxed);
             counts[byte >> 4].fetch_add(n, Ordering::Relaxed);

@@ -11,6 +11,11 @@
 //! for one more, (1, 0) for two more, (0, 0) for all above. Its first two entries give their room to four bits that
 //! tell the least distance in the line.
 
+#![allow(
+    clippy::inline_always,
+    reason = "vector instructions are usable only where all is compiled into one function for that processor"
+)]
+
 use super::coset::{
     Cosets, SLICES, Shape, corners_of, edges_of, turned_corners, turned_edges, turns,
 };
@@ -29,6 +34,7 @@ const ENTRIES: usize = 256;
 const HALF: usize = ENTRIES / 64;
 
 /// A table, as it is made.
+#[derive(Debug)]
 pub(super) struct Filled {
     /// Its bytes.
     pub(super) table: Vec<u8>,

@@ -7,6 +7,11 @@
 //! is a permutation of bits, but for one bit that may be the sum of all. Flips number `64 w + b` are bit `b` of word
 //! `w`. Treating 2048 states with some hundred instructions is what makes the tables cheap to build.
 
+#![allow(
+    clippy::inline_always,
+    reason = "vector instructions are usable only where all is compiled into one function for that processor"
+)]
+
 /// Bits of the longest numbers.
 pub(super) const BITS: usize = 11;
 

@@ -3,6 +3,11 @@
 //! The search is written once, for any [`Lanes`]. `Vector` must be used only where the processor has AVX2 and BMI2, and
 //! within a function compiled for them, into which everything here is inlined.
 
+#![allow(
+    clippy::inline_always,
+    reason = "vector instructions are usable only where all is compiled into one function for that processor"
+)]
+
 /// Sixteen bytes that are looked up, added and compared at once.
 pub(super) trait Lanes: Copy {
     /// Reads sixteen bytes.
@@ -105,7 +110,12 @@ mod x86 {
     )]
 
     use super::Lanes;
-    use std::arch::x86_64::*;
+    use std::arch::x86_64::{
+        __m128i, _MM_HINT_NTA, _mm_add_epi8, _mm_and_si128, _mm_cvtsi128_si64, _mm_loadu_si128,
+        _mm_madd_epi16, _mm_maddubs_epi16, _mm_min_epu8, _mm_movemask_epi8, _mm_prefetch,
+        _mm_set1_epi8, _mm_setr_epi8, _mm_setr_epi16, _mm_shuffle_epi8, _mm_slli_epi16,
+        _mm_storeu_si128, _mm_sub_epi8, _mm_xor_si128, _pext_u32,
+    };
 
     /// For x86-64 with AVX2.
     #[derive(Clone, Copy)]

@@ -7,7 +7,7 @@
 //!
 //! [`geometry`] knows the cube's symmetries, [`coset`] numbers what a table looks at, [`flips`] moves whole sets of
 //! states, [`build`] fills tables with them, [`lanes`] are the processor's vectors, [`probe`] finds a cube's entry,
-//! [`search`] walks.
+//! [`search`] walks, [`rounds`] shares the walk out.
 
 mod build;
 mod coset;
@@ -15,17 +15,18 @@ mod flips;
 mod geometry;
 mod lanes;
 mod probe;
+mod rounds;
 mod search;
 
 use super::table::{Progress, TableSpec, Workers};
 use crate::cube::{Cube, Turn};
 use build::{count, fill, row_bytes};
 use coset::{Cosets, Shape, Tetrads};
-use lanes::{Lanes, Plain};
+use lanes::Plain;
 use probe::Prober;
-use search::{Node, Searcher, Watch};
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use rounds::{Ends, Tasks};
+use search::Searcher;
+use std::sync::atomic::AtomicBool;
 
 /// A table's design: what it looks at, and the distance up to which it does not tell states apart.
 #[derive(Debug, Clone, Copy)]
@@ -152,13 +153,6 @@ pub struct Answer {
     pub nodes: u64,
 }
 
-/// Turns at which the search is divided into tasks.
-const TASK_DEPTH: u8 = 3;
-/// Searches of fewer turns are not worth dividing.
-const UNDIVIDED: u8 = 12;
-/// Tasks that a worker takes at once.
-const SHARE: usize = 16;
-
 /// Finds shortest solutions with one table.
 #[derive(Debug)]
 pub struct Optimal<'a> {
@@ -181,6 +175,10 @@ impl<'a> Optimal<'a> {
         Self { prober: Prober::new(&Cosets::new(design.shape)), table, base: design.base }
     }
 
+    fn searcher(&self) -> Searcher<'_> {
+        Searcher { prober: &self.prober, table: self.table, base: self.base }
+    }
+
     /// Finds a shortest solution. Its length is the same whatever the number of workers; with one worker, so are the
     /// turns.
     #[must_use]
@@ -191,141 +189,209 @@ impl<'a> Optimal<'a> {
         workers: &dyn Workers,
         stop: &AtomicBool,
     ) -> Answer {
-        let searcher = Searcher { prober: &self.prober, table: self.table, base: self.base };
+        let searcher = self.searcher();
         let root = searcher.root::<Plain>(cube);
-        let mut tasks = Tasks { nodes: vec![root], order: vec![0] };
         let least = root.bounds.iter().copied().max().unwrap_or(0);
         let mut answer = Answer { turns: None, at_least: least, nodes: 0 };
+        let mut tasks = Tasks::new(root);
+        let ends = Ends { max_nodes: limits.max_nodes, stop };
         for length in least..=limits.max_length {
-            if length >= UNDIVIDED && tasks.nodes.len() == 1 {
-                tasks = Tasks::divide(&searcher, root);
-            }
-            let depth = if tasks.nodes.len() == 1 { 0 } else { TASK_DEPTH };
-            let round = Round {
-                tasks: &tasks,
-                left: length - depth,
-                taken: AtomicUsize::new(0),
-                shares: tasks.nodes.iter().map(|_| AtomicU32::new(0)).collect(),
-                nodes: AtomicU64::new(answer.nodes),
-                max_nodes: limits.max_nodes,
-                stop,
-                ended: AtomicBool::new(false),
-                found: Mutex::new(None),
-            };
-            workers.run(workers.count().max(1), &|_| work(&searcher, &round));
-            answer.nodes = round.nodes.into_inner();
-            answer.turns = round.found.into_inner().unwrap_or_else(PoisonError::into_inner);
-            if round.ended.into_inner() {
+            let ended = tasks.search(&searcher, length, workers, ends, &mut answer.nodes);
+            if let Some(turns) = ended {
+                answer.turns = turns;
                 return answer;
             }
             answer.at_least = length + 1;
-            let shares = round.shares.into_iter().map(AtomicU32::into_inner).collect();
-            tasks.sort(shares);
         }
         answer
     }
 }
 
-/// Where a search is divided, and in which order its parts are searched.
-struct Tasks {
-    nodes: Vec<Node>,
-    order: Vec<u16>,
-}
+#[cfg(test)]
+mod tests {
+    use super::search::Watch;
+    use super::*;
+    use crate::cube::parse_turns;
+    use crate::solver::table::InTurn;
+    use std::sync::LazyLock;
 
-impl Tasks {
-    fn divide(searcher: &Searcher<'_>, root: Node) -> Self {
-        let mut nodes = vec![root];
-        for _ in 0..TASK_DEPTH {
-            nodes = nodes.iter().flat_map(|node| searcher.children::<Plain>(node)).collect();
-        }
-        for (number, node) in nodes.iter_mut().enumerate() {
-            node.task = number as u16;
-        }
-        let order = (0..nodes.len() as u16).collect();
-        Self { nodes, order }
+    /// Tables of the same making that do not look at the tetrads: 168 rows, which is quick.
+    const FEW_FLIPS: Design = Design {
+        shape: Shape { tetrads: Tetrads::Ignored, full: false },
+        base: 6,
+        distances: &[],
+        counts: [0; 4],
+    };
+    /// This one is phase 1 of Kociemba's algorithm.
+    const PHASE_1: Design =
+        Design { shape: Shape { full: true, ..FEW_FLIPS.shape }, base: 8, ..FEW_FLIPS };
+
+    static TABLES_OF_TEST: LazyLock<[(Design, build::Filled); 2]> = LazyLock::new(|| {
+        [FEW_FLIPS, PHASE_1]
+            .map(|design| (design, fill(&Cosets::new(design.shape), design.base, &InTurn, &|_| ())))
+    });
+
+    fn solvers() -> [Optimal<'static>; 2] {
+        TABLES_OF_TEST.each_ref().map(|(design, filled)| Optimal::with(*design, &filled.table))
     }
 
-    /// Where the last search found most to look at, the next is most likely to find a solution (S. Tronto: a gain of
-    /// 40 %). After U, R and F more may follow than after D, L and B: there, more is less of a sign.
-    fn sort(&mut self, shares: Vec<u32>) {
-        let promise = |task: u16| {
-            let weight = if self.nodes[usize::from(task)].last_face() < 3 { 9 } else { 11 };
-            u64::from(shares[usize::from(task)]) * weight
-        };
-        self.order.sort_by_key(|&task| std::cmp::Reverse(promise(task)));
-    }
-}
+    /// Two threads.
+    struct Two;
 
-/// One search to one number of turns, by all workers.
-struct Round<'a> {
-    tasks: &'a Tasks,
-    /// Turns left at the start of a task.
-    left: u8,
-    /// How many tasks have been taken.
-    taken: AtomicUsize,
-    /// States looked at for each task.
-    shares: Vec<AtomicU32>,
-    nodes: AtomicU64,
-    max_nodes: u64,
-    stop: &'a AtomicBool,
-    /// Solved, stopped, or at the end of the nodes.
-    ended: AtomicBool,
-    found: Mutex<Option<Vec<Turn>>>,
-}
-
-impl Watch for &Round<'_> {
-    fn goes_on(&mut self, shares: &[(u16, u32)]) -> bool {
-        let mut sum = 0;
-        for &(task, nodes) in shares {
-            self.shares[usize::from(task)].fetch_add(nodes, Ordering::Relaxed);
-            sum += u64::from(nodes);
+    impl Workers for Two {
+        fn count(&self) -> usize {
+            2
         }
-        let nodes = self.nodes.fetch_add(sum, Ordering::Relaxed) + sum;
-        if nodes >= self.max_nodes || self.stop.load(Ordering::Relaxed) {
-            self.ended.store(true, Ordering::Relaxed);
+
+        fn run(&self, tasks: usize, task: &(dyn Fn(usize) + Sync)) {
+            std::thread::scope(|scope| {
+                for first in 0..2 {
+                    scope.spawn(move || (first..tasks).step_by(2).for_each(task));
+                }
+            });
         }
-        !self.ended.load(Ordering::Relaxed)
     }
-}
 
-/// Takes tasks until there are none.
-fn work(searcher: &Searcher<'_>, round: &Round<'_>) {
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
-        #[allow(unsafe_code, reason = "the processor has what the function needs")]
-        // SAFETY: checked the line before.
-        return unsafe { work_with_avx2(searcher, round) };
+    fn after(text: &str) -> Cube {
+        Cube::SOLVED.apply_all(&parse_turns(text).unwrap())
     }
-    work_with::<Plain>(searcher, round);
-}
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
-fn work_with_avx2(searcher: &Searcher<'_>, round: &Round<'_>) {
-    work_with::<lanes::Vector>(searcher, round);
-}
+    static RUN: AtomicBool = AtomicBool::new(false);
 
-#[inline(always)]
-fn work_with<L: Lanes>(searcher: &Searcher<'_>, round: &Round<'_>) {
-    let mut stack = Vec::new();
-    loop {
-        let taken = round.taken.fetch_add(SHARE, Ordering::Relaxed);
-        let Some(tasks @ [_, ..]) = round.tasks.order.get(taken..) else { return };
-        stack.clear();
-        for &task in tasks[..SHARE.min(tasks.len())].iter().rev() {
-            let mut node = round.tasks.nodes[usize::from(task)];
-            node.left = round.left;
-            if node.bounds.iter().all(|&b| b <= node.left) {
-                stack.push(node);
+    /// A watch that lets go on.
+    struct Patient;
+
+    impl Watch for Patient {
+        fn goes_on(&mut self, _: &[(u16, u32)]) -> bool {
+            true
+        }
+    }
+
+    impl Optimal<'_> {
+        /// A solution of this length, found without vectors.
+        fn plainly(&self, cube: &Cube, length: u8) -> Option<Vec<Turn>> {
+            let mut root = self.searcher().root::<Plain>(cube);
+            root.left = length;
+            let mut stack =
+                if root.bounds.iter().all(|&b| b <= length) { vec![root] } else { vec![] };
+            self.searcher().search::<Plain>(&mut stack, &mut Patient)
+        }
+    }
+
+    /// Kociemba's page; Scherphuis.
+    #[test]
+    fn without_tetrads_it_is_phase_1_with_its_known_distances() {
+        let known =
+            [1, 4, 50, 592, 7156, 87236, 1043817, 12070278, 124946368, 821605960, 1199128738];
+        let (design, filled) = &TABLES_OF_TEST[1];
+
+        assert_eq!(filled.counts, known);
+        let counts = count(&Cosets::new(design.shape), &filled.table, &InTurn);
+        let all = 495 * 2048 * 2187;
+        let without_room = all / 128;
+        assert_eq!(counts.iter().sum::<u64>(), all - without_room);
+        assert!(counts[0].abs_diff(known[..9].iter().sum()) < without_room);
+    }
+
+    #[test]
+    fn no_bound_is_above_the_turns_that_lead_to_a_cube() {
+        for solver in solvers() {
+            let searcher = solver.searcher();
+            for seed in 0..200 {
+                let random = Cube::scrambled(seed);
+                let turns =
+                    random.corners.iter().zip(&random.edges).map(|(c, e)| (c * 12 + e) % 18);
+                let mut cube = Cube::SOLVED;
+                for (done, turn) in turns.enumerate() {
+                    cube = cube.apply(Turn::from_index(usize::from(turn)));
+                    let bounds = searcher.root::<Plain>(&cube).bounds;
+                    assert!(bounds.iter().all(|&b| usize::from(b) <= done + 1), "{bounds:?}");
+                }
             }
         }
-        let mut watch = round;
-        if let Some(turns) = searcher.search::<L>(&mut stack, &mut watch) {
-            *round.found.lock().unwrap_or_else(PoisonError::into_inner) = Some(turns);
-            round.ended.store(true, Ordering::Relaxed);
+    }
+
+    /// Lengths by a search without bounds, from both sides.
+    #[test]
+    fn solutions_are_shortest_with_any_lanes_and_workers() {
+        for (text, length) in [
+            ("", 0),
+            ("R", 1),
+            ("U2 D", 2),
+            ("R2 U2 R2 U2 R2 U2", 6),
+            ("R' D R U R' D' R U'", 8),
+            ("R U2 F' D L B2 U' F", 8),
+            ("L D' B2 R F U2 L' B R D2", 10),
+        ] {
+            let cube = after(text);
+            for solver in solvers() {
+                for workers in [&InTurn as &dyn Workers, &Two] {
+                    let answer = solver.solve(&cube, Limits::NONE, workers, &RUN);
+                    let turns = answer.turns.unwrap();
+                    assert_eq!((turns.len(), answer.at_least), (length, length as u8), "{text}");
+                    assert!(cube.apply_all(&turns).is_solved());
+                }
+                let plain = solver.plainly(&cube, length as u8);
+                assert!(cube.apply_all(&plain.unwrap()).is_solved());
+                assert!(length == 0 || solver.plainly(&cube, length as u8 - 1).is_none());
+            }
         }
-        if round.ended.load(Ordering::Relaxed) {
-            return;
+    }
+
+    #[test]
+    fn divided_searches_find_as_short_solutions() {
+        let cube = after("L D' B2 R F U2 L' B R D2 F L' U");
+        let solver = &solvers()[1];
+
+        let alone = solver.solve(&cube, Limits::NONE, &InTurn, &RUN);
+        let again = solver.solve(&cube, Limits::NONE, &InTurn, &RUN);
+        let both = solver.solve(&cube, Limits::NONE, &Two, &RUN);
+
+        assert_eq!(alone, again);
+        assert_eq!(alone.turns.as_ref().map(Vec::len), Some(13));
+        assert_eq!(both.at_least, alone.at_least);
+        assert!(cube.apply_all(&both.turns.unwrap()).is_solved());
+    }
+
+    #[test]
+    fn a_limit_or_a_flag_ends_the_search_with_what_is_proven() {
+        let solver = &solvers()[1];
+        let cube = after("R' D R U R' D' R U'");
+
+        let short = solver.solve(&cube, Limits { max_length: 7, ..Limits::NONE }, &InTurn, &RUN);
+        assert_eq!((short.turns, short.at_least), (None, 8));
+
+        let far = Cube::scrambled(1);
+        let limits = Limits { max_nodes: 100_000, ..Limits::NONE };
+        let few = solver.solve(&far, limits, &InTurn, &RUN);
+        assert_eq!(few.turns, None);
+        assert!((100_000..110_000).contains(&few.nodes), "{} nodes", few.nodes);
+
+        let stopped = solver.solve(&far, Limits::NONE, &Two, &AtomicBool::new(true));
+        assert_eq!(stopped.turns, None);
+    }
+
+    #[test]
+    fn tables_of_no_known_size_are_refused() {
+        assert_eq!(Optimal::new(&[0; 64]).unwrap_err(), NoSuchTable { bytes: 64 });
+        assert!(SMALL.verify(&[0; 64], &InTurn).is_err());
+    }
+
+    /// A minute and 3 GB: `cargo test --release --lib optimal -- --ignored`.
+    #[test]
+    #[ignore = "makes both tables"]
+    fn whole_tables_hold_the_known_numbers_and_solve() {
+        for spec in &TABLES {
+            let table = (spec.build)(&InTurn, &|_| ());
+            (spec.verify)(&table, &InTurn).unwrap();
+            let solver = Optimal::new(&table).unwrap();
+            for (text, length) in [
+                ("U' D F2 U2 R F' R' U' D2 F' U B R D F R'", 16),
+                ("B' D' R' D F' R' F2 R2 D2 B2 D' B L U R D' B2", 17),
+            ] {
+                let answer = solver.solve(&after(text), Limits::NONE, &InTurn, &RUN);
+                assert_eq!(answer.turns.map(|turns| turns.len()), Some(length));
+            }
         }
     }
 }

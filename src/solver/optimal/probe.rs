@@ -4,6 +4,11 @@
 //! - out: the cube turned; the line and the bit of its entry
 //! - source: a cube in two vectors, turned by one look-up each: A. Skalski, vcube
 
+#![allow(
+    clippy::inline_always,
+    reason = "vector instructions are usable only where all is compiled into one function for that processor"
+)]
+
 use super::build::{LINE, row_bytes};
 use super::coset::{Cosets, turns};
 use super::geometry::{UPRIGHT, tilts};
@@ -92,7 +97,7 @@ impl Prober {
                 let mut image = Image { pieces: [0; 16], from: NONE, add: [0; 16] };
                 for i in 0..8 {
                     let (to, turn) = (tilt.corners[i], tilt.corner_turns[i]);
-                    image.pieces[i] = to | (3 - turn) % 3 << 4;
+                    image.pieces[i] = to | ((3 - turn) % 3) << 4;
                     image.from[usize::from(to)] = i as u8;
                     image.add[usize::from(to)] = turn << 4;
                 }
@@ -197,5 +202,80 @@ pub(super) fn bound(table: &[u8], base: u8, entry: Entry) -> u8 {
     } else {
         // (0, 1): one above the base, (1, 0): two, (0, 0): three and more.
         base + 3 - first - 2 * second
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::coset::{Shape, Tetrads};
+    use super::super::lanes::Plain;
+    use super::*;
+    use crate::cube::Turn;
+
+    fn probers() -> [Prober; 2] {
+        [false, true]
+            .map(|full| Prober::new(&Cosets::new(Shape { tetrads: Tetrads::Unnamed, full })))
+    }
+
+    #[test]
+    fn bytes_turn_as_cubes_do_at_either_end() {
+        let prober = &probers()[0];
+        for seed in 0..20 {
+            let cube = Cube::scrambled(seed);
+            for (number, turn) in Turn::all().enumerate() {
+                let turned = prober.turned::<Plain>(&Bytes::new(&cube), number);
+                assert_eq!(turned, Bytes::new(&cube.apply(turn)));
+
+                let begun = prober.begun::<Plain>(&Bytes::new(&cube), number);
+                assert_eq!(begun, Bytes::new(&Cube::SOLVED.apply(turn).then(&cube)));
+            }
+        }
+    }
+
+    /// Half turns before all others, and the sense of a quarter, change no entry.
+    #[test]
+    fn cosets_do_not_see_half_turns_at_the_other_end() {
+        for prober in probers() {
+            for seed in 0..20 {
+                let cube = Bytes::new(&Cube::scrambled(seed));
+                for axis in 0..3 {
+                    let entry = |cube: &Bytes| {
+                        let entry = prober.entry::<Plain>(cube, axis);
+                        (entry.line, entry.bit)
+                    };
+                    for face in 0..6 {
+                        let after =
+                            |turn: usize| entry(&prober.begun::<Plain>(&cube, face * 3 + turn));
+                        assert_eq!(after(1), entry(&cube));
+                        assert_eq!(after(0), after(2));
+                    }
+                }
+            }
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn vectors_find_what_plain_bytes_find() {
+        use super::super::lanes::Vector;
+        if !is_x86_feature_detected!("avx2") || !is_x86_feature_detected!("bmi2") {
+            return;
+        }
+        for prober in probers() {
+            for seed in 0..100 {
+                let cube = Bytes::new(&Cube::scrambled(seed));
+                for turn in 0..18 {
+                    let turned = prober.turned::<Vector>(&cube, turn);
+                    assert_eq!(turned, prober.turned::<Plain>(&cube, turn));
+                    let begun = prober.begun::<Vector>(&cube, turn);
+                    assert_eq!(begun, prober.begun::<Plain>(&cube, turn));
+                }
+                for axis in 0..3 {
+                    let fast = prober.entry::<Vector>(&cube, axis);
+                    let plain = prober.entry::<Plain>(&cube, axis);
+                    assert_eq!((fast.line, fast.bit), (plain.line, plain.bit));
+                }
+            }
+        }
     }
 }

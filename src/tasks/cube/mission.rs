@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 
 use super::belief::Belief;
 use super::hold::{Grip, Hand, Hold, Step};
-use super::plan::Reachable;
+use super::plan::Planner;
 use super::plan::explain::Line;
 use super::settings::{ComplianceChoice, CompliantArm, CubeSettings, LEAVE_SECONDS};
 use super::think::{Conclusion, Thought};
@@ -616,12 +616,9 @@ impl Mission {
             }
             Job::LooksFrom(hand) => {
                 let held = self.belief.held[hand.index()].ok_or("nothing is held")?;
-                let steps = super::identify::looks(
-                    (hand, Grip { hold: held.hold, half_roll: held.half_roll }),
-                    &self.settings.terms(),
-                    &Reachable::new(&self.settings.meetings, &self.settings.speeds),
-                )
-                .map_err(|e| e.to_string())?;
+                let start = (hand, Grip { hold: held.hold, half_roll: held.half_roll });
+                let (steps, _) =
+                    Planner::new(&self.settings).looks(start).map_err(|e| e.to_string())?;
                 self.queue.extend(steps.into_iter().map(Job::Step));
                 self.queue.extend([Job::Phase("plan"), Job::Plan]);
                 return Ok(None);
@@ -793,12 +790,11 @@ impl Mission {
         Ok(Action::Think(Thought {
             rgb,
             start: (holder, Grip { hold: held.hold, half_roll: held.half_roll }),
-            terms: self.settings.terms(),
-            speeds: self.settings.speeds,
+            strategy: self.settings.strategy.clone(),
+            planner: Planner::new(&self.settings),
             nodes: self.settings.nodes,
             candidates: self.settings.candidates,
             seconds_per_node: self.settings.seconds_per_node,
-            meetings: self.settings.meetings.clone(),
         }))
     }
 
