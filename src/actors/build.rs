@@ -248,3 +248,95 @@ pub(super) fn face_turn_start(
         rooms.join(" or ")
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generators::{Behaviour, Outcome};
+    use crate::motion::ArmState;
+    use crate::tasks::cube::mission::Mission;
+    use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
+    use crate::vision::sensor::FaceReading;
+
+    /// Performs the mission's actions in words only: every motion ends well, looks bring what `look` says. Returns the
+    /// phases, what was told, how often a face was looked at, and the end.
+    fn perform(
+        look: impl Fn(&Pose) -> Result<FaceReading, String>,
+    ) -> (Vec<&'static str>, Vec<String>, usize, Finish) {
+        let text = "[planner]\nnode_budget = 1000\ncandidates = 1\n";
+        let scenario = crate::scenario::read(std::path::Path::new("t.toml"), text, &[]).unwrap();
+        let reach = ReachSettings::default();
+        let meetings = super::super::meetings::of(&scenario.controller.cell, &reach);
+        let settings = cube_settings(&scenario.controller, meetings, reach.back).unwrap();
+        let mut mission = Mission::new(settings, Goal::Solve, None);
+        let arms = [ArmState::default(); 2];
+        let (mut phases, mut notes, mut looks, mut event) = (vec![], vec![], 0, Event::Start);
+        for _ in 0..2000 {
+            let action = mission.next(event, &Readings { arms: &arms, forces: Forces::default() });
+            notes.extend(mission.notes());
+            event = match action {
+                Action::Finish(finish) => return (phases, notes, looks, finish),
+                Action::Phase(name) => {
+                    phases.push(name);
+                    Event::Done
+                }
+                Action::Behave { orders, .. } => {
+                    Event::Behaved(orders.map(|o| o.map(|order| ends_well(&order))))
+                }
+                Action::Look { view, .. } => {
+                    looks += 1;
+                    Event::Looked(look(&view.camera_from_face))
+                }
+                Action::Think(thought) => Event::Thought(Mission::think(thought).0),
+                Action::Bias(_) | Action::Watch(_) => Event::Done,
+            };
+        }
+        panic!("the mission never ends: {phases:?} {notes:?}");
+    }
+
+    fn ends_well(order: &Behaviour) -> Outcome {
+        match order {
+            Behaviour::Joints { .. } | Behaviour::Line { .. } | Behaviour::Jaw { .. } => {
+                Outcome::Reached
+            }
+            Behaviour::Approach { .. } | Behaviour::VisualServo(_) => Outcome::Touched(0.0),
+            Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
+            Behaviour::Secure { .. } => Outcome::Secured,
+            Behaviour::Turn { angle, .. } => Outcome::Turned(*angle),
+            Behaviour::Comply { .. } => Outcome::Ended,
+            Behaviour::Present { .. } => Outcome::Pulled,
+        }
+    }
+
+    #[test]
+    fn a_face_that_cannot_be_read_sends_the_cube_back_with_the_reason() {
+        let (phases, _, looks, finish) = perform(|_| Err("glare".to_owned()));
+
+        assert_eq!(looks, 6, "each try from another place");
+        assert!(!finish.achieved);
+        assert!(finish.reason.contains("cannot be read: glare"), "{}", finish.reason);
+        assert!(finish.reason.ends_with("handed back as it is"), "{}", finish.reason);
+        assert_eq!(phases.last(), Some(&"hand back"));
+    }
+
+    #[test]
+    fn what_is_no_cube_is_looked_at_once_more_and_then_handed_back() {
+        let grey = |camera_from_face: &Pose| {
+            Ok(FaceReading {
+                camera_from_face: *camera_from_face,
+                rgb: [[90.0, 90.0, 90.0]; 9],
+                occluded: [false; 9],
+                colours: [0; 9],
+                confidences: [1.0; 9],
+                residual_px: 0.1,
+                confidence: 1.0,
+            })
+        };
+        let (phases, notes, looks, finish) = perform(grey);
+
+        assert_eq!(looks, 12, "two rounds of six faces");
+        assert!(notes.iter().any(|n| n.contains("looked at again")), "{notes:?}");
+        assert!(!finish.achieved && finish.reason.contains("handed back"), "{}", finish.reason);
+        assert_eq!(phases.iter().filter(|p| **p == "identify again").count(), 1);
+    }
+}

@@ -3,12 +3,15 @@
 //! Exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
+pub mod cubes;
 mod engine;
+pub mod evaluate;
 pub mod kinematics;
 mod look;
 pub mod output;
 mod plan;
 mod progress;
+pub mod rig;
 mod run;
 mod solve;
 mod tables;

@@ -6,7 +6,7 @@
 use super::hold::{Grip, Hand, Step};
 use super::plan::Planner;
 use super::plan::explain::Line;
-use crate::cube::{Cube, Facelets, Rotation24, Turn};
+use crate::cube::{Cube, Face, Facelets, Rotation24, Turn};
 use crate::solver::korf::Korf;
 use crate::solver::optimal::{Answer as Exact, Limits};
 use crate::solver::table::InTurn;
@@ -51,6 +51,8 @@ const KORF_LENGTH: u8 = 16;
 pub struct Thought {
     /// Measured colours, by facelet of the cube frame at acquisition.
     pub rgb: [[f64; 3]; 54],
+    /// Whether stickers that are not certain should be looked at again, rather than decided by the whole cube.
+    pub particular: bool,
     /// Who holds the cube, and how, in the same frame.
     pub start: (Hand, Grip),
     /// Which solution is carried out.
@@ -67,7 +69,19 @@ pub struct Thought {
 
 /// The result, or the reason why there is none.
 #[derive(Debug)]
-pub struct Conclusion(pub Result<Answer, String>);
+pub struct Conclusion(pub Result<Answer, NoAnswer>);
+
+/// Why there is no plan.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NoAnswer {
+    /// What was seen is no cube, or not for certain: another look may help.
+    Unread(String),
+    /// The cube is clear, and yet there is no plan.
+    Unplanned(String),
+}
+
+/// A facelet with less margin than this is looked at again.
+const LEAST_MARGIN: f64 = 0.05;
 
 /// A plan.
 #[derive(Debug, Clone)]
@@ -96,12 +110,29 @@ pub fn think(thought: &Thought) -> (Conclusion, Effort) {
 /// Declared time in which the grasps of one solution are tried [s].
 const SECONDS_PER_CANDIDATE: f64 = 4e-4;
 
-/// The plan and the declared time of finding it [s].
-fn reason(thought: &Thought) -> Result<(Answer, f64), String> {
+/// The plan, if what was seen is certain enough.
+fn reason(thought: &Thought) -> Result<(Answer, f64), NoAnswer> {
     let decision =
-        colours::decide_cube(&thought.rgb, &Cube::is_possible).map_err(|e| e.to_string())?;
+        colours::decide_cube(&thought.rgb).map_err(|e| NoAnswer::Unread(e.to_string()))?;
+    if let Some(doubt) = doubt(&decision.margins).filter(|_| thought.particular) {
+        return Err(NoAnswer::Unread(doubt));
+    }
+    named(thought, decision.colours).map_err(NoAnswer::Unplanned)
+}
+
+/// The facelets that might have another colour, in words.
+fn doubt(margins: &[f64; 54]) -> Option<String> {
+    let unsure: Vec<String> = (0..54)
+        .filter(|&i| margins[i] < LEAST_MARGIN)
+        .map(|i| format!("{}{}", Face::ALL[i / 9].letter(), i % 9 + 1))
+        .collect();
+    (!unsure.is_empty()).then(|| format!("stickers {} are not certain", unsure.join(", ")))
+}
+
+/// The plan for a cube of these colours, and the declared time of finding it [s].
+fn named(thought: &Thought, colours: [u8; 54]) -> Result<(Answer, f64), String> {
     // Named by the colours themselves, so that the words do not depend on how the cube is held.
-    let read = Facelets::try_from(decision.colours).map_err(|e| e.to_string())?;
+    let read = Facelets::try_from(colours).map_err(|e| e.to_string())?;
     let (named, rotation) = read.normalised().map_err(|e| e.to_string())?;
     let cube = Cube::try_from(named).map_err(|e| e.to_string())?;
 
