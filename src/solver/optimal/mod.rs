@@ -26,6 +26,7 @@ use lanes::Plain;
 use probe::Prober;
 use rounds::{Ends, Tasks};
 use search::Searcher;
+use std::ops::ControlFlow;
 use std::sync::atomic::AtomicBool;
 
 /// A table's design: what it looks at, and the distance up to which it does not tell states apart.
@@ -197,7 +198,7 @@ impl<'a> Optimal<'a> {
         let ends = Ends { max_nodes: limits.max_nodes, stop };
         for length in least..=limits.max_length {
             let ended = tasks.search(&searcher, length, workers, ends, &mut answer.nodes);
-            if let Some(turns) = ended {
+            if let ControlFlow::Break(turns) = ended {
                 answer.turns = turns;
                 return answer;
             }

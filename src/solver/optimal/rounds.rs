@@ -8,6 +8,7 @@ use super::lanes::{Lanes, Plain};
 use super::search::{Node, Searcher, Watch};
 use crate::cube::Turn;
 use crate::solver::table::Workers;
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -39,8 +40,8 @@ impl Tasks {
         Self { nodes: vec![root], order: vec![0], depth: 0 }
     }
 
-    /// Searches all tasks to a number of turns, and says whether that was ended early: with a solution or without.
-    /// `nodes` counts on.
+    /// Searches all tasks to a number of turns. Breaks where that was ended early, with a solution or without. `nodes`
+    /// counts on.
     pub(super) fn search(
         &mut self,
         searcher: &Searcher<'_>,
@@ -48,7 +49,7 @@ impl Tasks {
         workers: &dyn Workers,
         ends: Ends<'_>,
         nodes: &mut u64,
-    ) -> Option<Option<Vec<Turn>>> {
+    ) -> ControlFlow<Option<Vec<Turn>>> {
         if length >= UNDIVIDED && self.depth == 0 {
             *self = Self::divide(searcher, self.nodes[0]);
         }
@@ -66,11 +67,12 @@ impl Tasks {
         let Round { shares, nodes: counted, ended, found, .. } = round;
         *nodes = counted.into_inner();
         if ended.into_inner() {
-            return Some(found.into_inner().unwrap_or_else(PoisonError::into_inner));
+            let found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+            return ControlFlow::Break(found);
         }
         let shares: Vec<u32> = shares.into_iter().map(AtomicU32::into_inner).collect();
         self.sort(&shares);
-        None
+        ControlFlow::Continue(())
     }
 
     fn divide(searcher: &Searcher<'_>, root: Node) -> Self {
