@@ -86,6 +86,8 @@ pub(super) struct Balance {
     pub(super) hand_force: Vector3<f64>,
     before: Frame,
     hand_before: Frame,
+    /// Tools of the last substep.
+    tools_before: Option<[Frame; 2]>,
     edge: f64,
 }
 
@@ -100,6 +102,7 @@ impl Balance {
             hand_force: Vector3::zeros(),
             before: world_from_cube,
             hand_before: world_from_cube,
+            tools_before: None,
         }
     }
 
@@ -172,6 +175,10 @@ impl Balance {
     ) {
         let Surroundings { tools, hands, hold, weight } = around;
         let bodies = if self.split.is_some() { 2 } else { 1 };
+        if hold.is_none() {
+            self.carry(grasps, tools);
+        }
+        self.tools_before = Some(*tools);
         for round in 0..=ROUNDS {
             let mut system = System::new();
             for (i, hands) in hands.iter().enumerate() {
@@ -233,6 +240,21 @@ impl Balance {
         self.before = self.nodes[0];
         if let Some(hold) = hold {
             self.hand_before = hold.world_from_cube;
+        }
+    }
+
+    /// First guess: a cube that one gripper alone holds goes with its tool. From where it was, a tool at 0.5 m/s would
+    /// seem to strain the pads beyond their friction, and the cube would slip by the solver's fault.
+    fn carry(&mut self, grasps: &[Grasp; 2], tools: &[Frame; 2]) {
+        let alone = match (grasps[0].attached, grasps[1].attached) {
+            (true, false) => 0,
+            (false, true) => 1,
+            _ => return,
+        };
+        let Some(before) = self.tools_before else { return };
+        let moved = tools[alone].times(&before[alone].inverse());
+        for node in &mut self.nodes {
+            *node = moved.times(node);
         }
     }
 

@@ -341,6 +341,42 @@ fn motors_follow_at_120_rad_s_with_a_lag_of_some_ten_milliseconds() {
     assert_eq!(servo.readings[1].limit_switches, 0);
 }
 
+/// The cube weighs 1 N: only an acceleration of hundreds of m/s2 could tear it out of a grip of 40 N.
+#[test]
+fn a_cube_is_carried_at_a_metre_a_second_without_a_strain() {
+    let mut servo =
+        TestServo::new(Plant::new(held(Jaws::rubber(), CubeMechanics::of_2007()), 1).unwrap());
+    servo.jaws[0].1 = 40.0;
+    servo.run(0.5);
+    // Away from the other hand first.
+    let mut from = servo.joints(0);
+    for _ in 0..1000 {
+        from.0[0] -= 0.35e-3;
+        servo.aim(0, &from);
+        servo.tick();
+    }
+    servo.run(0.5);
+    let (mut fastest, mut strain) = (0.0_f64, 0.0_f64);
+    for k in 0..700_u32 {
+        // Trunk, upper arm and wrist turn at up to 1.2 rad/s, the trunk a metre from the cube.
+        let t = f64::from(k) * PERIOD;
+        let angle = if t < 0.8 { 0.75 * t * t } else { 0.48 + 1.2 * (t - 0.8) };
+        let mut q = from;
+        for axis in [1, 2, 5] {
+            q.0[axis] += angle;
+        }
+        servo.aim(0, &q);
+        servo.tick();
+        fastest = fastest.max(servo.plant.scene().cube.velocity.linear.norm());
+        strain = strain.max(servo.plant.balance.touches[0].force.norm());
+    }
+    let v = servo.plant.verdict();
+
+    assert!(fastest > 0.9, "{fastest} m/s");
+    assert_eq!((v.counts.slips, v.counts.drops), (0, 0), "{:?}", v.events);
+    assert!(strain < 1.5, "{strain} N");
+}
+
 #[test]
 fn hands_that_run_into_each_other_are_reported_once_and_push_back() {
     let mut config = quiet(cell());
