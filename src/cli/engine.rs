@@ -192,7 +192,7 @@ fn within<T>(time: Option<Duration>, stop: &AtomicBool, work: impl FnOnce() -> T
 }
 
 /// The large tables where they are there, else the default ones.
-fn two_phase_tables(store: &Store, workers: Threads) -> (Tables, bool) {
+pub(super) fn two_phase_tables(store: &Store, workers: Threads) -> (Tables, bool) {
     let open = |spec: &&TableSpec| store.open(spec, &workers).ok();
     let large: Option<Vec<Bytes>> = Tables::LARGE.iter().map(open).collect();
     if let Some(large) = large {

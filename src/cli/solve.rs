@@ -1,6 +1,6 @@
 //! `rubik-robot solve` and `rubik-robot scramble`: cubes in, turns out.
 
-use super::engine::{Answer, Engine, Limits, Mode};
+use super::engine::{Answer, Engine, Limits, Mode, two_phase_tables};
 use super::output::Output;
 use super::tables::Folder;
 use super::{WRONG, complain};
@@ -9,7 +9,7 @@ use crate::cube::{
     parse_moves,
 };
 use crate::solver::{Budget, solve};
-use crate::tables::Residence;
+use crate::tables::{Residence, Threads};
 use clap::Args;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -67,6 +67,8 @@ pub(super) struct ScrambleArgs {
     /// One line of JSON for each: cube, scramble, length, seed
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    folder: Folder,
 }
 
 /// Why a cube is not solved.
@@ -262,7 +264,7 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
     let desk = Desk { engine, goal, json: args.json, mode: args.mode };
     let Some((given, cube)) = alone else {
         let workers = if desk.engine.shares_cubes() { 1 } else { threads };
-        return answer_stream(Arc::new(desk), workers, output);
+        return answer_stream(&Arc::new(desk), workers, output);
     };
     let line = desk.answer(given, cube, true);
     if line.refused && !args.json {
@@ -288,7 +290,7 @@ fn refuse(given: &str, refusal: &Refusal, json: bool, output: &mut Output) -> an
 /// Answers each line of stdin in its order, several at once.
 ///
 /// The threads are not waited for: one of them may stand in a read of stdin when nobody wants the answers any more.
-fn answer_stream(desk: Arc<Desk>, workers: usize, output: &mut Output) -> anyhow::Result<u8> {
+fn answer_stream(desk: &Arc<Desk>, workers: usize, output: &mut Output) -> anyhow::Result<u8> {
     let (lines, todo) = sync_channel::<(usize, std::io::Result<String>)>(workers * 4);
     let (answers, done) = sync_channel::<(usize, std::io::Result<Line>)>(workers * 4);
     std::thread::spawn(move || {
@@ -303,7 +305,7 @@ fn answer_stream(desk: Arc<Desk>, workers: usize, output: &mut Output) -> anyhow
     });
     let todo = Arc::new(Mutex::new(todo));
     for _ in 0..workers {
-        let (desk, todo, answers) = (Arc::clone(&desk), Arc::clone(&todo), answers.clone());
+        let (desk, todo, answers) = (Arc::clone(desk), Arc::clone(&todo), answers.clone());
         std::thread::spawn(move || {
             loop {
                 let next = todo.lock().unwrap_or_else(PoisonError::into_inner).recv();
@@ -356,16 +358,21 @@ fn write_in_order(
 pub(super) fn scramble(args: &ScrambleArgs, output: &mut Output) -> anyhow::Result<u8> {
     let now = || SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let first = args.seed.unwrap_or_else(|| now().as_nanos() as u64 & 0xffff_ffff_ffff);
-    let tables = crate::solver::Tables::build();
+    // Facelets alone need no solver.
+    let needs_tables = args.json || !args.facelets;
+    let tables = needs_tables.then(|| two_phase_tables(&args.folder.store(), Threads::all()).0);
     for seed in first..first.saturating_add(args.count) {
         let cube = Cube::scrambled(seed);
         let facelets = Facelets::from(&cube);
-        if args.facelets && !args.json {
+        let Some(tables) = &tables else {
             output.line(&facelets.to_string())?;
+            if output.is_closed() {
+                break;
+            }
             continue;
-        }
-        // What solves the inverse, turned round, makes the cube.
-        let solution = solve(&cube, &tables, &Budget { nodes: 20_000, max_length: 20 });
+        };
+        // What solves the cube, backwards, makes it.
+        let solution = solve(&cube, tables, &Budget { nodes: 20_000, max_length: 20 });
         let turns: Vec<_> = solution.turns.iter().rev().map(|t| t.inverse()).collect();
         let text = format_turns(&turns);
         output.line(&if args.json {

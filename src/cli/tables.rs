@@ -58,14 +58,12 @@ pub(super) fn run(args: &TablesArgs, output: &mut Output) -> anyhow::Result<u8> 
     let all = solver::all_tables();
     let mut chosen: Vec<&TableSpec> = Vec::new();
     for name in &args.names {
-        match all.iter().find(|spec| spec.name == name) {
-            Some(spec) => chosen.push(spec),
-            None => {
-                let names: Vec<&str> = all.iter().map(|spec| spec.name).collect();
-                complain(&format!("there is no table `{name}`; there are {}", names.join(", ")));
-                return Ok(WRONG);
-            }
-        }
+        let Some(spec) = all.iter().find(|spec| spec.name == name) else {
+            let names: Vec<&str> = all.iter().map(|spec| spec.name).collect();
+            complain(&format!("there is no table `{name}`; there are {}", names.join(", ")));
+            return Ok(WRONG);
+        };
+        chosen.push(spec);
     }
     if chosen.is_empty() {
         chosen = all;
@@ -110,10 +108,7 @@ pub(super) fn run(args: &TablesArgs, output: &mut Output) -> anyhow::Result<u8> 
 }
 
 fn build(store: &Store, spec: &TableSpec, workers: Threads) -> Result<String, String> {
-    let reason = match store.open(spec, &workers) {
-        Ok(_) => return Ok("there already".to_owned()),
-        Err(reason) => reason,
-    };
+    let Err(reason) = store.open(spec, &workers) else { return Ok("there already".to_owned()) };
     let bar = Bar::new(spec.name);
     let listener = |spec: &TableSpec, news: crate::tables::News<'_>| tell(spec, &news);
     match store.build(spec, &workers, &reason, &listener, &|share| bar.show(share)) {

@@ -132,8 +132,8 @@ pub fn parse_moves(text: &str) -> Result<Vec<Move>, ParseMoves> {
         // Some write a half turn that goes anticlockwise as 2'.
         at += usize::from(quarters == 2 && letters.get(at).is_some_and(|c| is_prime(*c)));
         // A second suffix is a slip, not a move of its own: `R22`, `Mw`.
-        let doubled = |c: &&char| matches!(c, 'w' | '0'..='9') || is_prime(**c);
-        if letters.get(at).filter(doubled).is_some() {
+        let doubled = |c: &char| matches!(c, 'w' | '0'..='9') || is_prime(*c);
+        if letters.get(at).is_some_and(doubled) {
             return Err(unreadable(&letters, start));
         }
         moves.push(Move { layers, quarters });

@@ -91,7 +91,9 @@ impl Repair {
     #[must_use]
     pub fn applied(&self, facelets: &Facelets) -> Facelets {
         let mut colours: [Face; 54] = std::array::from_fn(|i| facelets.colour(i));
-        self.changes.iter().for_each(|c| colours[c.sticker] = c.to);
+        for change in &self.changes {
+            colours[change.sticker] = change.to;
+        }
         Facelets::from_faces(colours)
     }
 }
@@ -175,7 +177,9 @@ mod tests {
 
     fn with(facelets: &Facelets, colours: &[(usize, u8)]) -> Facelets {
         let mut all = *facelets.colours();
-        colours.iter().for_each(|&(i, c)| all[i] = c);
+        for &(i, c) in colours {
+            all[i] = c;
+        }
         Facelets::try_from(all).unwrap()
     }
 

@@ -6,7 +6,7 @@
 //! of a phase 1) does not depend on which tables lead the walk, so neither does the answer to a number of nodes.
 
 use super::coordinates::PHASE2_TURNS;
-use super::phase1::{ALL_TURNS, Child, Guide, Place};
+use super::phase1::{ALL_TURNS, Child, FAR, Guide, Place};
 use super::phase2::{Bounds, Quads, State};
 use super::table::{InTurn, Workers};
 use super::tables::{Guides, Tables};
@@ -64,6 +64,10 @@ const FIRST_PHASE2: u8 = 12;
 const LONGEST_PHASE2: u8 = 18;
 /// From this first phase on, second phases may be as long as they like.
 const UNCAPPED: u8 = 13;
+
+/// A worker looks up whether the search is over when it has searched all that follows so many turns before the end of
+/// a phase 1.
+const CHECKED: u8 = 4;
 
 /// The shortest solution that the budget finds, alone and unwatched: the same on every machine.
 #[must_use]
@@ -194,6 +198,7 @@ fn run_with<G: Guide>(guide: &G, views: &[View; 6], tables: &Tables, goal: &Goal
             others: [(0, 0); LONGEST + 1],
             others_known: 0,
             home: tables.orders.home(),
+            children: vec![[Child::default(); 18]; LONGEST],
             siblings: 0,
             nodes: 0,
         };
@@ -231,6 +236,8 @@ struct Walk<'a, G> {
     others: [(u16, u16); LONGEST + 1],
     others_known: usize,
     home: State,
+    /// Neighbours of the state at each depth of phase 1.
+    children: Vec<[Child; 18]>,
     /// Solutions with the first phase at hand.
     siblings: usize,
     /// Not yet added to all.
@@ -256,24 +263,30 @@ impl<'a, G: Guide> Walk<'a, G> {
 
     /// Walks all first phases that take `left` more turns, the next of which is one of `turns`.
     fn phase1(&mut self, at: (Place, u32, u8), depth: usize, left: u8, turns: u32) {
-        self.nodes += 1;
-        let mut children = [Child::default(); 18];
-        let count = self.guide.children(at, turns, left - 1, &mut children);
+        // Where only FAR is known, some states are looked at in vain: they do not count, so that the count is the same
+        // with either table.
+        self.nodes += u64::from(left < FAR);
+        let guide = self.guide;
         let symmetry = usize::from(at.0.symmetry);
         let turned = &self.tables.frames.turned;
-        for child in &children[..count] {
+        if left == 1 {
+            let mut last = guide.last(at, turns);
+            while last != 0 {
+                self.step(depth, turned.back[symmetry][last.trailing_zeros() as usize]);
+                last &= last - 1;
+                self.end_phase1(depth + 1);
+            }
+            return;
+        }
+        let count = guide.children(at, turns, left - 1, &mut self.children[depth]);
+        for i in 0..count {
+            let child = self.children[depth][i];
             // A first phase that is over early is walked at its own length.
-            if child.distance == 0 && left > 1 {
+            if child.distance == 0 {
                 continue;
             }
             let turn = turned.back[symmetry][usize::from(child.turn)];
-            self.path[depth] = turn;
-            self.first_known = self.first_known.min(depth);
-            self.others_known = self.others_known.min(depth);
-            if left == 1 {
-                self.end_phase1(depth + 1);
-                continue;
-            }
+            self.step(depth, turn);
             let symmetry = turned.after[usize::from(child.place.symmetry)][symmetry];
             let turns = turned.may_follow[usize::from(symmetry)][usize::from(turn)];
             let place = Place { symmetry, ..child.place };
@@ -282,9 +295,17 @@ impl<'a, G: Guide> Walk<'a, G> {
                 return;
             }
         }
-        if left > 2 {
+        if left > CHECKED {
             self.check();
         }
+    }
+
+    /// Takes a turn of phase 1.
+    #[inline]
+    fn step(&mut self, depth: usize, turn: u8) {
+        self.path[depth] = turn;
+        self.first_known = self.first_known.min(depth);
+        self.others_known = self.others_known.min(depth);
     }
 
     /// Whether the search is over.

@@ -256,7 +256,9 @@ fn sum(bytes: &[u8], workers: &dyn Workers) -> u32 {
     });
     let sums = sums.into_inner().unwrap_or_else(PoisonError::into_inner);
     let mut whole = Hasher::new();
-    sums.iter().for_each(|piece| whole.combine(piece));
+    for piece in &sums {
+        whole.combine(piece);
+    }
     whole.finalize()
 }
 

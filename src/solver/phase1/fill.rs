@@ -1,0 +1,260 @@
+//! How the tables of phase 1 are made and checked.
+
+use super::super::coordinates::{TWISTS, twist_moves};
+use super::super::symmetry::{CLASSES, Classes, SYMMETRIES};
+use super::super::table::{Progress, Workers};
+use super::faces::CASE_FACES;
+use super::{FAR, Frames, KNOWN, NEAR_ROW, WIDE, near_code};
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::{LazyLock, Mutex, PoisonError};
+
+pub(super) fn build_near(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
+    near(&Frames::build(), workers, progress)
+}
+
+/// Builds [`NEAR`]: breadth first from the goal, up to the last level that is told apart.
+pub(in crate::solver) fn near(
+    frames: &Frames,
+    workers: &dyn Workers,
+    progress: Progress<'_>,
+) -> Vec<u8> {
+    levels(frames, FAR - 1, workers, progress)
+}
+
+/// Distances modulo 3 up to a deepest one, [`NEAR_ROW`] bytes a class, breadth first from the goal.
+///
+/// Each row is written by one worker, which looks at the newest entries of its class's 18 neighbours: so no worker
+/// waits for another, and classes with symmetries of their own need no care.
+fn levels(frames: &Frames, deepest: u8, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
+    let back = Backwards::new(frames);
+    let mut table = vec![u8::MAX; CLASSES * NEAR_ROW];
+    table[0] = !3;
+    // For each class the twists of the last level.
+    let mut newest: Vec<Vec<u16>> = vec![Vec::new(); CLASSES];
+    newest[0].push(0);
+    for depth in 1..=deepest {
+        let mut next: Vec<Vec<u16>> = vec![Vec::new(); CLASSES];
+        let chunks: Vec<Mutex<Chunk<'_>>> = table
+            .chunks_mut(NEAR_ROW * CHUNK)
+            .zip(next.chunks_mut(CHUNK))
+            .map(|(rows, found)| Mutex::new(Chunk { rows, found }))
+            .collect();
+        workers.run(chunks.len(), &|number| {
+            // Each task has a chunk of its own; the lock only says so.
+            let mut chunk = chunks[number].lock().unwrap_or_else(PoisonError::into_inner);
+            let Chunk { rows, found } = &mut *chunk;
+            for (k, row) in rows.chunks_mut(NEAR_ROW).enumerate() {
+                pull(&back, number * CHUNK + k, depth, &newest, row, &mut found[k]);
+            }
+        });
+        drop(chunks);
+        newest = next;
+        let done: u64 = KNOWN[..=usize::from(depth)].iter().sum();
+        let all: u64 = KNOWN[..=usize::from(deepest)].iter().sum();
+        progress(done as f64 / all as f64);
+    }
+    table
+}
+
+/// Classes that one task takes.
+const CHUNK: usize = 64;
+
+/// Rows of some classes, and the twists that are found for each.
+struct Chunk<'a> {
+    rows: &'a mut [u8],
+    found: &'a mut [Vec<u16>],
+}
+
+/// What leads from a neighbour's twist back to one's own.
+struct Backwards<'a> {
+    frames: &'a Frames,
+    /// `[turn * TWISTS + twist]`: the twist before that turn.
+    before: Vec<u16>,
+    /// `[symmetry * TWISTS + twist]`: the twist whose image it is.
+    origin: Vec<u16>,
+}
+
+impl<'a> Backwards<'a> {
+    fn new(frames: &'a Frames) -> Self {
+        let (mut before, mut origin) = (vec![0; 18 * TWISTS], vec![0; SYMMETRIES * TWISTS]);
+        for twist in 0..TWISTS {
+            for turn in 0..18 {
+                let after = usize::from(frames.twist_moves[twist * 18 + turn]);
+                before[turn * TWISTS + after] = twist as u16;
+            }
+            for s in 0..SYMMETRIES {
+                let image = usize::from(frames.twist_images[s * TWISTS + twist]);
+                origin[s * TWISTS + image] = twist as u16;
+            }
+        }
+        Self { frames, before, origin }
+    }
+}
+
+/// Gives `depth` to all unfilled entries of a class with a neighbour that is one nearer.
+fn pull(
+    back: &Backwards<'_>,
+    class: usize,
+    depth: u8,
+    newest: &[Vec<u16>],
+    row: &mut [u8],
+    found: &mut Vec<u16>,
+) {
+    let filled = 3 ^ (depth % 3);
+    // No branch on what is filled already: it would be guessed wrongly every third time.
+    let (mut marked, mut count) = ([0_u16; TWISTS + 1], 0);
+    for turn in 0..18 {
+        let entry = back.frames.class_moves[class * 18 + turn] as usize;
+        let before: &[u16; TWISTS] = rows(&back.before, turn);
+        let origin: &[u16; TWISTS] = rows(&back.origin, entry & 15);
+        for &twist in &newest[entry >> 4] {
+            let twist = before[usize::from(origin[usize::from(twist)])];
+            let (byte, shift) = (&mut row[usize::from(twist / 4)], twist % 4 * 2);
+            let unfilled = u8::from(*byte >> shift & 3 == 3);
+            *byte &= !((filled * unfilled) << shift);
+            marked[count] = twist;
+            count += usize::from(unfilled);
+        }
+    }
+    found.extend_from_slice(&marked[..count]);
+}
+
+/// The row with this number.
+fn rows(table: &[u16], number: usize) -> &[u16; TWISTS] {
+    table.as_chunks().0.get(number).unwrap_or(&[0; TWISTS])
+}
+
+/// Builds [`WIDE_TABLE`]: all distances modulo 3 first, then what each turn does to each.
+pub(super) fn build_wide(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
+    let frames = Frames::build();
+    let distances = levels(&frames, 12, workers, &|done| progress(done * 0.5));
+    let packer = Packer::new(&frames, &distances);
+    let row = TWISTS * WIDE;
+    let mut table = vec![0; CLASSES * row];
+    let rows: Vec<Mutex<&mut [u8]>> = table.chunks_mut(row * CHUNK).map(Mutex::new).collect();
+    let done = AtomicUsize::new(0);
+    workers.run(rows.len(), &|chunk| {
+        // Each task has a chunk of its own; the lock only says so.
+        let mut out = rows[chunk].lock().unwrap_or_else(PoisonError::into_inner);
+        for (k, out) in out.chunks_mut(row).enumerate() {
+            packer.row(chunk * CHUNK + k, out);
+        }
+        let done = done.fetch_add(1, Relaxed) + 1;
+        progress(0.5 + 0.5 * done as f64 / rows.len() as f64);
+    });
+    drop(rows);
+    table
+}
+
+/// What turns do to the states of one class.
+struct Packer<'a> {
+    frames: &'a Frames,
+    distances: &'a [u8],
+    /// `[turn * TWISTS + twist]`.
+    twist_moves: Vec<u16>,
+    /// What three turns of a face do, two bits each (0 nothing, 1 farther, 2 nearer), as its case.
+    cases: [u8; 64],
+}
+
+impl<'a> Packer<'a> {
+    fn new(frames: &'a Frames, distances: &'a [u8]) -> Self {
+        let cases = std::array::from_fn(|changes| {
+            let bits = |wanted: usize| {
+                (0..3).fold(0, |b, q| b | u8::from(changes >> (2 * q) & 3 == wanted) << q)
+            };
+            if bits(2) > 0 { 7 + bits(2) } else { bits(1) }
+        });
+        Self { frames, distances, twist_moves: twist_moves(), cases }
+    }
+
+    fn row(&self, class: usize, out: &mut [u8]) {
+        let own = &self.distances[class * NEAR_ROW..][..NEAR_ROW];
+        // Two bits a turn; modulo 3 is enough, as neighbours differ by one at most.
+        let mut changes = vec![0_u64; TWISTS];
+        for turn in 0..18 {
+            let entry = self.frames.class_moves[class * 18 + turn] as usize;
+            let other = &self.distances[(entry >> 4) * NEAR_ROW..][..NEAR_ROW];
+            let moves: &[u16; TWISTS] = rows(&self.twist_moves, turn);
+            let images: &[u16; TWISTS] = rows(&self.frames.twist_images, entry & 15);
+            for (twist, changes) in changes.iter_mut().enumerate() {
+                let code = near_code(other, images[usize::from(moves[twist])]);
+                *changes |= u64::from(code) << (turn * 2);
+            }
+        }
+        for (twist, (changes, out)) in changes.iter().zip(out.chunks_mut(WIDE)).enumerate() {
+            let code = near_code(own, twist as u16);
+            let entry = CASE_FACES.iter().enumerate().fold(0, |entry, (i, face)| {
+                let three = (changes >> (face * 6) & 63) as usize;
+                entry | u32::from(self.cases[LESS[usize::from(code)][three]]) << (i * 4)
+            });
+            out.copy_from_slice(&entry.to_le_bytes()[..WIDE]);
+        }
+    }
+}
+
+/// Three codes of two bits, each less a fourth, modulo 3: `[the fourth][three]`.
+static LESS: LazyLock<[[usize; 64]; 3]> = LazyLock::new(|| {
+    std::array::from_fn(|own| {
+        std::array::from_fn(|three| {
+            (0..3).fold(0, |all, q| {
+                let code = three >> (2 * q) & 3;
+                all | ((code % 3 + 3 - own) % 3) << (2 * q)
+            })
+        })
+    })
+});
+
+/// How many raw states an entry of a class stands for.
+fn class_size(classes: &Classes, class: usize) -> u64 {
+    16 / u64::from(classes.stabilisers[class].count_ones())
+}
+
+/// Counts by distance modulo 3, and 3 for far: four numbers.
+pub(super) fn verify_near(table: &[u8], _: &dyn Workers) -> Result<Vec<u64>, String> {
+    let classes = Classes::build();
+    let mut found = [0_u64; 4];
+    for class in 0..CLASSES {
+        let row = &table[class * NEAR_ROW..];
+        let size = class_size(&classes, class);
+        (0..TWISTS as u16).for_each(|twist| found[usize::from(near_code(row, twist))] += size);
+    }
+    let sum = |r: usize| KNOWN[..usize::from(FAR)].iter().skip(r).step_by(3).sum::<u64>();
+    let known = [sum(0), sum(1), sum(2), KNOWN[usize::from(FAR)..].iter().sum()];
+    compare(&found, &known)
+}
+
+/// Finds the distances again, counts them by what they are modulo 3, and compares what each turn does.
+pub(super) fn verify_wide(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
+    let frames = Frames::build();
+    let distances = levels(&frames, 12, workers, &|_| ());
+    let mut sizes = [0_u64; 4];
+    for class in 0..CLASSES {
+        let size = class_size(&frames.classes, class);
+        let row = &distances[class * NEAR_ROW..];
+        (0..TWISTS as u16).for_each(|t| sizes[usize::from(near_code(row, t))] += size);
+    }
+    let packer = Packer::new(&frames, &distances);
+    let wrong = AtomicUsize::new(0);
+    workers.run(CLASSES.div_ceil(64), &|chunk| {
+        let mut out = vec![0; TWISTS * WIDE];
+        for class in chunk * 64..CLASSES.min(chunk * 64 + 64) {
+            packer.row(class, &mut out);
+            let same = out == table[class * TWISTS * WIDE..][..TWISTS * WIDE];
+            wrong.fetch_add(usize::from(!same), Relaxed);
+        }
+    });
+    let wrong = wrong.into_inner();
+    if wrong > 0 {
+        return Err(format!("{wrong} of {CLASSES} rows differ from the distances"));
+    }
+    let sum = |r: usize| KNOWN.iter().skip(r).step_by(3).sum::<u64>();
+    compare(&sizes[..3], &[sum(0), sum(1), sum(2)])
+}
+
+/// The counts, if they are as known.
+pub(in crate::solver) fn compare(found: &[u64], known: &[u64]) -> Result<Vec<u64>, String> {
+    if found == known {
+        return Ok(found.to_vec());
+    }
+    Err(format!("counts by distance are {found:?} instead of {known:?}"))
+}

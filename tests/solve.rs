@@ -1,0 +1,248 @@
+//! `rubik-robot solve`, `scramble` and `tables` as their user meets them.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use rubik_robot::cube::{Cube, Facelets, after_moves, format_turns, parse_moves, parse_turns};
+use rubik_robot::solver::table::InTurn;
+use rubik_robot::solver::{Budget, Tables, Watch, solve_watched};
+use rubik_robot::tables::Threads;
+use serde_json::Value;
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
+use std::sync::atomic::AtomicBool;
+
+/// The tables of all these tests, kept from run to run.
+fn folder() -> PathBuf {
+    PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("tables")
+}
+
+fn command(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
+    command.args(args).env("RUBIK_ROBOT_TABLES", folder());
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn robot(args: &[&str], input: &str) -> Output {
+    let mut child = command(args).spawn().unwrap();
+    // A program that does not read its input may have closed it.
+    let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
+    child.wait_with_output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).unwrap()
+}
+
+fn lines(out: &Output) -> Vec<Value> {
+    text(&out.stdout).lines().map(|l| serde_json::from_str(l).unwrap()).collect()
+}
+
+fn facelets(seed: u64) -> String {
+    Facelets::from(&Cube::scrambled(seed)).to_string()
+}
+
+/// A solved cube with other stickers in some places.
+fn with(stickers: &[(usize, char)]) -> String {
+    let mut letters: Vec<char> = Facelets::solved().to_string().chars().collect();
+    for &(at, letter) in stickers {
+        letters[at] = letter;
+    }
+    letters.into_iter().collect()
+}
+
+/// The cube that a line of JSON tells of after the solution that it tells of.
+fn solved(line: &Value) -> Cube {
+    let cube = Cube::try_from(line["cube"].as_str().unwrap().parse::<Facelets>().unwrap()).unwrap();
+    let turns = parse_turns(line["solution"].as_str().unwrap()).unwrap();
+    assert_eq!(line["length"], turns.len());
+    cube.apply_all(&turns)
+}
+
+#[test]
+fn cubes_of_a_stream_are_answered_in_their_order_and_the_refused_in_their_place() {
+    let twisted = with(&[(8, 'R'), (9, 'F'), (20, 'U')]);
+    let input = format!("{}\n{twisted}\n\nUUU\n{}\n", facelets(1), facelets(2));
+    for threads in ["1", "3"] {
+        let out = robot(&["solve", "--mode", "first", "--json", "--threads", threads, "-"], &input);
+
+        assert_eq!(out.status.code(), Some(2), "{}", text(&out.stderr));
+        let lines = lines(&out);
+        assert_eq!(lines.len(), 4);
+        assert_eq!(
+            [lines[0]["cube"].as_str(), lines[3]["cube"].as_str()],
+            [Some(&*facelets(1)), Some(&*facelets(2))]
+        );
+        assert!(solved(&lines[0]).is_solved() && solved(&lines[3]).is_solved());
+        for field in ["optimal", "nodes", "time_s"] {
+            assert!(!lines[0][field].is_null(), "{field}");
+        }
+        assert_eq!(lines[1]["error"]["kind"], "corner-twisted");
+        assert_eq!(lines[2]["error"]["kind"], "length");
+        assert_eq!(lines[2]["cube"], "UUU");
+    }
+}
+
+#[test]
+fn each_impossible_cube_is_refused_at_once_with_its_kind_and_place() {
+    for (cube, kind, place) in [
+        (with(&[(7, 'F'), (19, 'U')]), "edge-flipped", "UF"),
+        (with(&[(8, 'R'), (9, 'F'), (20, 'U')]), "corner-twisted", "URF"),
+        (with(&[(10, 'F'), (19, 'R')]), "swapped", "UR"),
+        (with(&[(0, 'R')]), "colour-count", "U"),
+        (with(&[(4, 'R'), (9, 'U')]), "centre-twice", "U5"),
+        (with(&[(8, 'F'), (20, 'U')]), "no-such-piece", "URF"),
+        (with(&[(19, 'R'), (12, 'F')]), "piece-twice", "UF"),
+        (with(&[(3, 'x')]), "letter", "U4"),
+    ] {
+        let out = robot(&["solve", "--json", &cube], "");
+
+        assert_eq!(out.status.code(), Some(2), "{cube}");
+        let line = &lines(&out)[0];
+        assert_eq!(line["error"]["kind"], kind, "{line}");
+        assert!(line["error"]["where"].to_string().contains(place), "{line}");
+        assert!(line["error"]["message"].is_string());
+
+        let out = robot(&["solve", &cube], "");
+        assert_eq!((out.status.code(), text(&out.stdout)), (Some(2), ""));
+        assert!(!out.stderr.is_empty());
+    }
+}
+
+#[test]
+fn a_scramble_with_slices_and_rotations_is_undone_as_the_cube_is_held() {
+    let scramble = "R U2 M' y Fw E2 x' d";
+    let out = robot(&["solve", "--json", "--scramble", scramble], "");
+
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    let line = &lines(&out)[0];
+    let moves = format!("{scramble} {}", line["solution"].as_str().unwrap());
+    assert!(after_moves(&Facelets::solved(), &parse_moves(&moves).unwrap()).is_solved());
+    // So short a scramble has a short solution, and the search ends by itself: it is proven.
+    assert_eq!(line["optimal"], true);
+
+    let out = robot(&["solve", "--scramble", "R U Q2"], "");
+    assert_eq!(out.status.code(), Some(2));
+    assert!(text(&out.stderr).contains("`Q2` at position 5"), "{}", text(&out.stderr));
+}
+
+#[test]
+fn a_solved_cube_needs_nothing_and_any_cube_can_be_the_goal() {
+    let out = robot(&["solve", "--json", &Facelets::solved().to_string()], "");
+    let line = &lines(&out)[0];
+    assert_eq!((&line["solution"], &line["length"]), (&Value::from(""), &Value::from(0)));
+    assert_eq!(line["optimal"], true);
+
+    let goal = Cube::SOLVED.apply_all(&parse_turns("U2 D2 F2 B2 L2 R2").unwrap());
+    let to = Facelets::from(&goal).to_string();
+    let out = robot(&["solve", "--json", "--mode", "first", "--to", &to, &facelets(3)], "");
+    assert_eq!(solved(&lines(&out)[0]), goal);
+}
+
+#[test]
+fn the_same_nodes_give_the_same_answer_whatever_the_threads() {
+    let input: String = (0..6).map(|seed| facelets(seed) + "\n").collect();
+    let answer = |threads| {
+        let args = ["solve", "--json", "--budget-nodes", "5000", "--threads", threads, "-"];
+        let out = robot(&args, &input);
+        lines(&out).iter().map(|l| (l["solution"].clone(), l["nodes"].clone())).collect::<Vec<_>>()
+    };
+
+    assert_eq!(answer("1"), answer("4"));
+}
+
+#[test]
+fn a_length_is_kept_to_and_one_that_cannot_be_is_refused() {
+    let out = robot(&["solve", "--json", "--max-length", "20", &facelets(4)], "");
+    assert!(lines(&out)[0]["length"].as_u64().unwrap() <= 20);
+
+    let out = robot(&["solve", "--max-length", "3", "--scramble", "R U F D"], "");
+    assert_eq!(out.status.code(), Some(2));
+    assert!(text(&out.stderr).contains("no solution of 3 turns"), "{}", text(&out.stderr));
+}
+
+#[test]
+fn nobody_reads_and_nothing_panics() {
+    let mut child = command(&["solve", "--mode", "first", "-"]).spawn().unwrap();
+    drop(child.stdout.take());
+    // The input stays open: the program ends because its output is closed, not because it has read everything.
+    let mut input = child.stdin.take().unwrap();
+    for seed in 0..50 {
+        let _ = writeln!(input, "{}", facelets(seed));
+    }
+
+    let out = child.wait_with_output().unwrap();
+    drop(input);
+
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    assert!(!text(&out.stderr).contains("panick"), "{}", text(&out.stderr));
+}
+
+#[test]
+fn a_scramble_makes_the_cube_that_it_names() {
+    let out = robot(&["scramble", "--seed", "11", "--count", "2", "--json"], "");
+
+    for line in lines(&out) {
+        let moves = parse_moves(line["scramble"].as_str().unwrap()).unwrap();
+        let made = after_moves(&Facelets::solved(), &moves);
+        assert_eq!(made.to_string(), line["cube"].as_str().unwrap());
+    }
+    assert_eq!(lines(&out)[0]["cube"], Value::from(facelets(11)));
+}
+
+#[test]
+fn tables_are_built_listed_repaired_and_removed() {
+    let folder = std::env::temp_dir().join(format!("rubik-robot-{}-tables", std::process::id()));
+    let place = folder.to_str().unwrap();
+    let tables = |action: &str| robot(&["tables", action, "phase2", "--tables", place], "");
+
+    assert!(text(&tables("list").stdout).contains("not built"));
+    assert!(text(&tables("build").stdout).contains("built"));
+    assert!(text(&tables("verify").stdout).contains("sound"));
+    // A byte in the middle goes wrong.
+    let file = folder.join("phase2.table");
+    let mut bytes = std::fs::read(&file).unwrap();
+    bytes[5_000_000] ^= 4;
+    std::fs::write(&file, bytes).unwrap();
+    let broken = tables("verify");
+    assert_eq!(broken.status.code(), Some(1));
+    assert!(text(&broken.stdout).contains("checksum"), "{}", text(&broken.stdout));
+    let again = tables("build");
+    assert!(text(&again.stderr).contains("building it"), "{}", text(&again.stderr));
+    assert!(text(&tables("verify").stdout).contains("sound"));
+    assert!(text(&tables("remove").stdout).contains("removed"));
+    assert_eq!(robot(&["tables", "list", "nosuch"], "").status.code(), Some(2));
+
+    std::fs::remove_dir_all(&folder).unwrap();
+    // A file in the folder's place: what is built is used, and said not to be kept.
+    std::fs::write(&folder, "").unwrap();
+    let out = robot(&["solve", "--mode", "first", "--tables", place, &facelets(1)], "");
+    assert_eq!(out.status.code(), Some(0));
+    assert!(text(&out.stderr).contains("cannot be kept"), "{}", text(&out.stderr));
+    assert_eq!(tables("build").status.code(), Some(1));
+    std::fs::remove_file(&folder).unwrap();
+}
+
+#[test]
+fn several_threads_find_what_one_finds() {
+    let tables = Tables::build_with(&Threads::new(2));
+    for seed in 0..10 {
+        let cube = Cube::scrambled(seed);
+        let stop = AtomicBool::new(false);
+        let budget = Budget { nodes: u64::MAX, max_length: 20 };
+        let one = Watch { workers: &InTurn, stop: &stop, improved: &|_| (), longest: Some(20) };
+        let three = Watch { workers: &Threads::new(3), ..one };
+
+        for watch in [one, three] {
+            let solution = solve_watched(&cube, &tables, &budget, &watch);
+
+            assert!(solution.turns.len() <= 20);
+            assert!(
+                cube.apply_all(&solution.turns).is_solved(),
+                "{}",
+                format_turns(&solution.turns)
+            );
+        }
+    }
+}
