@@ -147,6 +147,20 @@ fn the_cube_is_taken_from_the_hand_and_given_back() {
     assert_eq!(summary.cube_start, summary.cube_end);
 }
 
+/// When the operator lets go is felt, not timed.
+#[test]
+fn a_hand_that_holds_on_is_waited_for_and_not_pulled_at() {
+    for seconds in ["0.5", "6"] {
+        let time = format!("plant.hand.release_time_s={seconds}");
+        let keys = ["plant.hand.withdrawals=0", "plant.hand.release_n=100", &time];
+        let summary = run("acquire.toml", &keys);
+
+        assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+        let felt = summary.sensors[0].force_n;
+        assert!(felt < 12.0, "{felt} N at the operator's hand");
+    }
+}
+
 #[test]
 fn with_caps_on_the_lenses_nothing_is_seen_and_that_is_the_reason() {
     for coordination in ["sporadic", "continuous"] {

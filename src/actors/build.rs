@@ -300,6 +300,7 @@ mod tests {
                 Outcome::Reached
             }
             Behaviour::Approach { .. } | Behaviour::VisualServo(_) => Outcome::Touched(0.0),
+            Behaviour::Withdraw { .. } => Outcome::NotTouched,
             Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
             Behaviour::Secure { .. } => Outcome::Secured,
             Behaviour::Turn { angle, .. } => Outcome::Turned(*angle),

@@ -8,8 +8,8 @@ use crate::hw::plant::render::{Look, Renderer, Setting};
 use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
 use crate::hw::plant::{CubeMechanics, HandScript, Jaws, Plant, PlantConfig, SensorNoise, Start};
 use crate::reach::MeetingTable;
+use crate::scenario::Scenario;
 use crate::scenario::plant::{CubeKind, Jaws as JawsKey};
-use crate::scenario::{Scenario, keys};
 
 /// Creates the plant; a face turn starts with the cube in the postument's hand.
 pub(super) fn create(

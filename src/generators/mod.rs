@@ -298,6 +298,17 @@ pub enum Behaviour {
         /// Directions that yield besides z.
         selector: Selector,
     },
+    /// Draws back along the tool's z, unless somebody holds on.
+    Withdraw {
+        /// Speed in free motion [m/s].
+        speed: f64,
+        /// How far [m].
+        distance: f64,
+        /// Force at which it gives up [N].
+        force: f64,
+        /// Directions that yield besides z.
+        selector: Selector,
+    },
     /// Closes the jaws while the arm accommodates.
     Grasp {
         /// Grip force [N].
@@ -392,6 +403,9 @@ impl Behaviour {
             }
             Self::Approach { speed, distance, force, selector } => Kind::Secure(
                 secure::Secure::approach(speed, distance, force, selector, *compliance),
+            ),
+            Self::Withdraw { speed, distance, force, selector } => Kind::Secure(
+                secure::Secure::withdraw(speed, distance, force, selector, *compliance),
             ),
             Self::Grasp { force, least_width, selector, stops } => {
                 Kind::Grasp(grasp::Grasp::new(force, least_width, selector, stops, *compliance))

@@ -2,7 +2,7 @@
 //!
 //! - in: the wrench along the tool's z
 //! - out: a guarded velocity along z until the palm's stops touch (approach), or a pressing force and then the
-//!   clenched jaws (secure)
+//!   clenched jaws (secure); or the same backwards, to feel whether somebody else still holds the cube (withdraw)
 //! - source: Zieliński et al. (2007), p. 374: the cube is slightly forced into the palm, finally the jaws clench
 
 use super::{Compliance, Inputs, Next, Outcome, Selector};
@@ -18,6 +18,7 @@ const CLENCH: f64 = 0.5;
 #[derive(Debug, Clone, Copy)]
 enum Mode {
     Approach { speed: f64, distance: f64, force: f64 },
+    Withdraw { speed: f64, distance: f64, force: f64 },
     Press { press: f64, force: f64, stops: Depth },
 }
 
@@ -44,6 +45,18 @@ impl Secure {
         compliance: Compliance,
     ) -> Self {
         Self::with(Mode::Approach { speed, distance, force }, selector, compliance)
+    }
+
+    /// Draws back along z until `distance` is covered, or until something holds on to it with `force`.
+    #[must_use]
+    pub fn withdraw(
+        speed: f64,
+        distance: f64,
+        force: f64,
+        selector: Selector,
+        compliance: Compliance,
+    ) -> Self {
+        Self::with(Mode::Withdraw { speed, distance, force }, selector, compliance)
     }
 
     /// Presses, then clenches.
@@ -76,10 +89,12 @@ impl Secure {
         let seconds = f64::from(self.steps) * f64::from(self.compliance.macrostep) * PERIOD;
         let mut directions = self.compliance.yielding(&self.selector);
         match self.mode {
-            Mode::Approach { speed, distance, force } => {
+            Mode::Approach { speed, distance, force }
+            | Mode::Withdraw { speed, distance, force } => {
+                let sense = if matches!(self.mode, Mode::Approach { .. }) { 1.0 } else { -1.0 };
                 let way = (arm.desired_base_from_tool.translation.vector - start).norm();
-                self.confirmed =
-                    if arm.wrench_in_tool.force.z > force { self.confirmed + 1 } else { 0 };
+                let felt = sense * arm.wrench_in_tool.force.z;
+                self.confirmed = if felt > force { self.confirmed + 1 } else { 0 };
                 if self.confirmed >= CONFIRM {
                     return Next::Done(Outcome::Touched(way));
                 }
@@ -88,7 +103,7 @@ impl Secure {
                 }
                 // In contact the guarded direction settles at velocity / admittance: twice the force looked for.
                 directions[2] = Direction::Guarded {
-                    velocity: speed,
+                    velocity: sense * speed,
                     admittance: speed / (2.0 * force),
                     inertia: 0.0,
                 };

@@ -87,8 +87,12 @@ enum Job {
     Take {
         tries: u32,
     },
-    /// The operator lets go.
+    /// Gives way to whatever pulls, for a while.
     Wait(Hand, f64),
+    /// A small pull tells whether the operator has let go.
+    Release {
+        tries: u32,
+    },
     Remember,
     Step(Step),
     Look {
@@ -176,6 +180,10 @@ const NUDGES: [[f64; 3]; 5] = [
 /// Exposures of the looks at one face: glare and shadow each hide stickers at one of them.
 const EXPOSURES: [f64; 3] = [1.0, 0.6, 1.6];
 const TAKE_TRIES: u32 = 3;
+/// Between two small pulls that ask whether the operator has let go [s], how far they go [m], and how many there are.
+const RELEASE_WAIT: f64 = 1.2;
+const RELEASE_WAY: f64 = 0.02;
+const RELEASE_TRIES: u32 = 20;
 /// Least width of a cube between the jaws, as a share of its edge.
 const LEAST_WIDTH: f64 = 0.9;
 
@@ -221,7 +229,8 @@ impl Mission {
             Job::Bias([true, true]),
             Job::VisualServo { tries: 1 },
             Job::Take { tries: 1 },
-            Job::Wait(Hand::Track, 2.6),
+            Job::Wait(Hand::Track, RELEASE_WAIT),
+            Job::Release { tries: 1 },
             Job::Watch(false),
             Job::Along(Hand::Track, -self.settings.back),
             Job::Remember,
@@ -333,6 +342,23 @@ impl Mission {
                     Ok(())
                 }
                 other => Err(format!("the jaws do not hold the cube: {}", Outcome::words(other))),
+            },
+            Job::Release { tries } => match of(Hand::Track) {
+                Some(Outcome::NotTouched) => Ok(()),
+                Some(Outcome::Touched(_)) if tries < RELEASE_TRIES => {
+                    if tries == 1 {
+                        self.log.notes.push("the operator still holds the cube".to_owned());
+                    }
+                    self.push_front(&[
+                        Job::Wait(Hand::Track, RELEASE_WAIT),
+                        Job::Release { tries: tries + 1 },
+                    ]);
+                    Ok(())
+                }
+                Some(Outcome::Touched(_)) => Err("the operator does not let go of the cube".into()),
+                other => {
+                    Err(format!("the cube could not be taken away: {}", Outcome::words(other)))
+                }
             },
             Job::Approach { hand, .. } => match of(hand) {
                 Some(Outcome::Touched(_) | Outcome::Reached) => Ok(()),
@@ -649,10 +675,20 @@ impl Mission {
                 behave(Hand::Track, order)
             }
             Job::Wait(hand, seconds) => {
-                // The jaws stay as they are: an order of their present set values.
-                let order =
-                    Behaviour::Present { pull: f64::INFINITY, selector: [false; 6], seconds };
+                let selector = s.grasp_selector();
+                let order = Behaviour::Present { pull: f64::INFINITY, selector, seconds };
                 behave(hand, order)
+            }
+            Job::Release { .. } => {
+                let mut selector = s.grasp_selector();
+                selector[2] = false;
+                let order = Behaviour::Withdraw {
+                    speed: s.approach_speed,
+                    distance: RELEASE_WAY,
+                    force: 0.5 * s.pull,
+                    selector,
+                };
+                behave(Hand::Track, order)
             }
             Job::Remember => {
                 self.hand_over = Some(arms[Hand::Track.index()].desired_joints);
