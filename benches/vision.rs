@@ -18,6 +18,16 @@ use rubik_robot::vision::{DetectorSettings, FaceSighting, Method, detect};
 use std::hint::black_box;
 use std::path::Path;
 
+/// Stickers in ordinary light, sRGB.
+const STICKERS: [[f64; 3]; 6] = [
+    [222.0, 224.0, 219.0],
+    [171.0, 30.0, 41.0],
+    [28.0, 139.0, 77.0],
+    [226.0, 199.0, 39.0],
+    [224.0, 96.0, 32.0],
+    [27.0, 70.0, 158.0],
+];
+
 const SIZES: [(u32, u32); 2] = [(640, 480), (1280, 960)];
 
 /// Frames of a cube at 100 px to 200 px, each in another light, at other poses.
@@ -110,14 +120,6 @@ fn colours(c: &mut Criterion) {
         b.iter(|| next.next().map(|face| decide_face(black_box(&face.rgb))));
     });
     // Every cube of these has its own colours, from the tiles of a rendered face and their shading.
-    const STICKERS: [[f64; 3]; 6] = [
-        [222.0, 224.0, 219.0],
-        [171.0, 30.0, 41.0],
-        [28.0, 139.0, 77.0],
-        [226.0, 199.0, 39.0],
-        [224.0, 96.0, 32.0],
-        [27.0, 70.0, 158.0],
-    ];
     let cubes: Vec<[[f64; 3]; 54]> = (0..50u64)
         .map(|seed| {
             let facelets = *Facelets::from(&Cube::scrambled(seed)).colours();

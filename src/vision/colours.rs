@@ -222,12 +222,12 @@ impl Tone {
     fn new(linear: [f64; 3], shades: &Shades) -> Self {
         let shade = Shade::new(linear);
         let blur = shade.blur();
-        let chroma = std::array::from_fn(|c| match PROTOTYPES[c].hue {
-            None => (shade.saturation / TINT).powi(2),
-            Some(_) => {
-                let (hue, spread) = shades.0[c];
-                turn(shade.hue, hue).powi(2) / (spread * spread + blur * blur)
+        let chroma = std::array::from_fn(|c| {
+            if PROTOTYPES[c].hue.is_none() {
+                return (shade.saturation / TINT).powi(2);
             }
+            let (hue, spread) = shades.0[c];
+            turn(shade.hue, hue).powi(2) / (spread * spread + blur * blur)
         });
         // Of a coloured tile only the coloured light counts: the rest is glare.
         let value = [1.0, shade.saturation].map(|own| (shade.value * own).max(1e-4).ln());
