@@ -1,16 +1,14 @@
 //! `rubik-robot vision` and `rubik-robot picture`: pictures in, and pictures out.
 
 use super::output::Output;
-use super::{ScenarioArgs, WRONG, complain, cubes, evaluate, rig, vision};
+use super::{ScenarioArgs, WRONG, complain, cubes, evaluate, rig, stages, vision};
 use crate::cube::{Axis, Facelets};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
 use crate::hw::scene::{Scene, SceneArm, SceneCube};
 use crate::scenario::ControllerConfig;
 use crate::spatial::Twist;
-use crate::vision::paper;
 use anyhow::Context;
 use clap::{Args, Subcommand};
-use std::fmt::Write;
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
@@ -108,11 +106,18 @@ enum What {
         #[arg(long)]
         misses: bool,
     },
-    /// Count the regions that each stage of the paper's segmentation leaves
+    /// Show what each stage of the paper's method leaves of a picture: its regions, and the square they make
+    ///
+    /// With -o, a picture of each stage (regions, area, boundary, circularity, quadrilaterals, neighbours) and one of
+    /// the result: the paper's square in magenta, the default detector's faces in yellow with the colours read.
+    #[command(verbatim_doc_comment)]
     Stages {
         /// Picture files (PNG, JPEG)
         #[arg(required = true)]
         images: Vec<PathBuf>,
+        /// Folder for the pictures
+        #[arg(short, long)]
+        out: Option<PathBuf>,
         /// One line of JSON a picture
         #[arg(long)]
         json: bool,
@@ -134,7 +139,7 @@ pub(super) fn look_at(args: &VisionArgs, output: &mut Output) -> anyhow::Result<
         What::Eval { manifest, json, misses } => {
             evaluate::evaluate(manifest, *json, *misses).map(|text| (text, true))
         }
-        What::Stages { images, json } => Ok(stages(images, *json)),
+        What::Stages { images, out, json } => stages::stages(images, out.as_deref(), *json),
     };
     match done {
         Ok((text, all)) => {
@@ -146,40 +151,6 @@ pub(super) fn look_at(args: &VisionArgs, output: &mut Output) -> anyhow::Result<
             Ok(WRONG)
         }
     }
-}
-
-fn stages(images: &[PathBuf], json: bool) -> (String, bool) {
-    let (mut text, mut all) = (String::new(), true);
-    for path in images {
-        let name = path.display();
-        let counted = vision::load(path).map(|image| {
-            let (width, height) = image.dimensions();
-            let (tiles, counts) = paper::tiles(image.as_raw(), width as usize, height as usize);
-            (tiles.len(), counts)
-        });
-        // Writing to a string cannot fail.
-        let _ = match counted {
-            Ok((tiles, counts)) if json => {
-                let line = serde_json::json!({
-                    "image": name.to_string(), "regions": counts.regions, "shaped": counts.shaped,
-                    "neighboured": counts.neighboured, "tiles": tiles,
-                });
-                writeln!(text, "{line}")
-            }
-            Ok((tiles, counts)) => writeln!(
-                text,
-                "{name}: {} regions, {} shaped like a tile, {} with neighbours, {tiles} tiles",
-                counts.regions, counts.shaped, counts.neighboured
-            ),
-            Err(error) => {
-                all = false;
-                let reason = format!("{error:#}");
-                let object = serde_json::json!({ "image": name.to_string(), "reason": reason });
-                if json { writeln!(text, "{object}") } else { writeln!(text, "{name}: {reason}") }
-            }
-        };
-    }
-    (text, all)
 }
 
 #[derive(Debug, Args)]

@@ -14,6 +14,7 @@ mod progress;
 pub mod rig;
 mod run;
 mod solve;
+pub mod stages;
 mod tables;
 pub mod vision;
 

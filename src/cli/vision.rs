@@ -2,27 +2,55 @@
 
 use crate::vision::colours::LETTERS;
 use crate::vision::{DetectorSettings, FaceSighting, detect};
-use anyhow::{Context, Result, anyhow};
-use image::{ImageReader, RgbImage};
+use anyhow::{Context, Result, anyhow, bail};
+use image::{ImageFormat, ImageReader, Rgb, RgbImage};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::Path;
 
-/// A picture file as RGB; the format is judged by its bytes, and its size is bounded.
+/// Largest picture that is taken [px]: more than a still camera has, less than fills a small machine's memory.
+const MOST_PIXELS: u64 = 50_000_000;
+
+/// A picture file as RGB; the format is judged by its bytes, not by its name. Sixteen bits become eight, grey becomes
+/// three equal channels, and what is transparent is shown on black. Size and memory are bounded before decoding.
 ///
 /// # Errors
 /// What is wrong with the file.
 pub fn load(path: &Path) -> Result<RgbImage> {
-    let mut reader = ImageReader::open(path)
-        .and_then(ImageReader::with_guessed_format)
-        .with_context(|| format!("{}", path.display()))?;
+    read(path).with_context(|| path.display().to_string())
+}
+
+fn read(path: &Path) -> Result<RgbImage> {
+    // Without the path, so that a misleading ending has no say.
+    let open = || -> Result<_> {
+        Ok(ImageReader::new(BufReader::new(File::open(path)?)).with_guessed_format()?)
+    };
+    let format = open()?.format().filter(ImageFormat::reading_enabled);
+    if format.is_none() {
+        bail!("not a picture: neither PNG nor JPEG by its first bytes");
+    }
+    let (width, height) = open()?.into_dimensions().context("damaged picture")?;
+    if width == 0 || height == 0 {
+        bail!("a picture of {width} x {height} px is empty");
+    }
+    if u64::from(width) * u64::from(height) > MOST_PIXELS {
+        bail!("{width} x {height} px is more than {} million", MOST_PIXELS / 1_000_000);
+    }
+    let mut reader = open()?;
     let mut limits = image::Limits::default();
-    limits.max_image_width = Some(10_000);
-    limits.max_image_height = Some(10_000);
-    limits.max_alloc = Some(400 << 20);
+    limits.max_alloc = Some(8 * MOST_PIXELS + (64 << 20));
     reader.limits(limits);
-    let picture = reader.decode().with_context(|| format!("{}", path.display()))?;
-    Ok(picture.into_rgb8())
+    let picture = reader.decode().context("damaged picture")?;
+    if !picture.color().has_alpha() {
+        return Ok(picture.into_rgb8());
+    }
+    let transparent = picture.into_rgba8();
+    Ok(RgbImage::from_fn(width, height, |x, y| {
+        let [r, g, b, a] = transparent.get_pixel(x, y).0;
+        Rgb([r, g, b].map(|v| (u16::from(v) * u16::from(a) / 255) as u8))
+    }))
 }
 
 /// Two decimals are finer than any detector.
@@ -106,5 +134,123 @@ mod tests {
         assert!(!all);
         assert_eq!(lines.len(), 2);
         assert!(lines.iter().all(|l| l["reason"].is_string()), "{text}");
+    }
+
+    /// A file that goes away with the test.
+    struct Written(std::path::PathBuf);
+
+    impl Written {
+        fn new(name: &str, bytes: &[u8]) -> Self {
+            let path = std::env::temp_dir().join(format!("rubik-{}-{name}", std::process::id()));
+            std::fs::write(&path, bytes).unwrap();
+            Self(path)
+        }
+    }
+
+    impl Drop for Written {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_file(&self.0);
+        }
+    }
+
+    fn bytes(picture: &image::DynamicImage, format: ImageFormat) -> Vec<u8> {
+        let mut out = std::io::Cursor::new(Vec::new());
+        picture.write_to(&mut out, format).unwrap();
+        out.into_inner()
+    }
+
+    fn reason(name: &str, bytes: &[u8]) -> String {
+        format!("{:#}", load(&Written::new(name, bytes).0).unwrap_err())
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_file_is_said() {
+        let good = bytes(&image::DynamicImage::new_rgb8(60, 40), ImageFormat::Png);
+
+        assert!(reason("text.png", b"not a picture at all").contains("not a picture"));
+        assert!(reason("empty.png", b"").contains("not a picture"));
+        assert!(reason("short.png", &good[..good.len() / 2]).contains("damaged"));
+        assert!(reason("head.jpg", &[0xFF, 0xD8, 0xFF, 0xE0]).contains("damaged"));
+        // A header that promises more than any machine has; the checksum is not what is wrong.
+        let mut vast = good.clone();
+        vast[16..24].copy_from_slice(&[0, 0, 0x4E, 0x20, 0, 0, 0x4E, 0x20]);
+        assert!(!reason("vast.png", &vast).is_empty());
+        let mut none = good;
+        none[16..24].fill(0);
+        assert!(!reason("none.png", &none).is_empty());
+    }
+
+    #[test]
+    fn a_picture_of_400_million_pixels_is_refused_before_it_is_decoded() {
+        // A whole PNG of 20000 x 20000 px in one bit, which packs well.
+        let mut out = Vec::new();
+        let mut chunk = |name: &[u8; 4], data: &[u8]| {
+            out.extend((data.len() as u32).to_be_bytes());
+            let start = out.len();
+            out.extend(name);
+            out.extend(data);
+            let mut crc = u32::MAX;
+            for byte in &out[start..] {
+                crc ^= u32::from(*byte);
+                for _ in 0..8 {
+                    crc = if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 };
+                }
+            }
+            out.extend((!crc).to_be_bytes());
+        };
+        chunk(b"IHDR", &[0, 0, 0x4E, 0x20, 0, 0, 0x4E, 0x20, 1, 0, 0, 0, 0]);
+        chunk(b"IDAT", &[0x78, 0x9C, 3, 0, 0, 0, 0, 1]);
+        chunk(b"IEND", &[]);
+        let mut file = b"\x89PNG\r\n\x1a\n".to_vec();
+        file.extend(out);
+
+        let said = reason("large.png", &file);
+
+        assert!(said.contains("20000 x 20000 px is more than 50 million"), "{said}");
+    }
+
+    #[test]
+    fn grey_sixteen_bits_and_alpha_are_taken() {
+        use image::DynamicImage as D;
+        for (i, picture) in [
+            D::new_luma8(9, 7),
+            D::new_luma16(9, 7),
+            D::new_luma_a8(9, 7),
+            D::new_rgba8(9, 7),
+            D::new_rgb16(9, 7),
+            D::new_rgba16(9, 7),
+            D::new_rgb8(1, 1),
+        ]
+        .iter()
+        .enumerate()
+        {
+            let file = Written::new(&format!("kind-{i}.png"), &bytes(picture, ImageFormat::Png));
+
+            assert_eq!(load(&file.0).unwrap().width(), picture.width());
+        }
+        let (line, found) =
+            face(&[&Written::new("one.png", &bytes(&D::new_rgb8(1, 1), ImageFormat::Png)).0], true);
+        assert!(!found && line.contains("only 1x1 px"), "{line}");
+    }
+
+    proptest::proptest! {
+        #![proptest_config(proptest::prelude::ProptestConfig::with_cases(48))]
+        #[test]
+        fn no_bytes_make_it_panic(
+            noise in proptest::collection::vec(proptest::prelude::any::<u8>(), 0..200),
+            at in 0usize..400, keep in 0usize..800, jpeg in proptest::prelude::any::<bool>(),
+        ) {
+            let picture = RgbImage::from_fn(24, 20, |x, y| Rgb([(x * 9) as u8, (y * 11) as u8, 90]));
+            let format = if jpeg { ImageFormat::Jpeg } else { ImageFormat::Png };
+            let mut bytes = bytes(&picture.into(), format);
+            let at = at.min(bytes.len());
+            let end = (at + noise.len()).min(bytes.len());
+            bytes[at..end].copy_from_slice(&noise[..end - at]);
+            bytes.truncate(keep);
+
+            let (line, _) = face(&[&Written::new("noise", &bytes).0], true);
+
+            proptest::prop_assert_eq!(line.lines().count(), 1);
+        }
     }
 }

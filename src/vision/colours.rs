@@ -47,10 +47,12 @@ pub fn decide_face(rgb: &[[f64; 3]; 9]) -> ([u8; 9], [f64; 9]) {
     let (light, _) = fit_light(&linear, |distances| {
         distances.iter().map(|d| d.iter().copied().fold(16.0, f64::min)).sum()
     });
+    let tiles: [[f64; 3]; 9] = std::array::from_fn(|i| light.undo(linear[i]));
+    let shades = Shades::of(&tiles);
     let mut colours = [0; 9];
     let mut confidences = [0.0; 9];
-    for (i, tile) in linear.iter().enumerate() {
-        let d = prototype_distances(light.undo(*tile));
+    for (i, tile) in tiles.iter().enumerate() {
+        let d = Tone::new(*tile, &shades).distances(1.0);
         let best = least(&d);
         let weight: f64 = d.iter().map(|x| (-0.5 * (x - d[best])).exp()).sum();
         colours[i] = best as u8;
@@ -58,6 +60,61 @@ pub fn decide_face(rgb: &[[f64; 3]; 9]) -> ([u8; 9], [f64; 9]) {
         confidences[i] = (-(d[best] / 30.0)).exp() / weight;
     }
     (colours, confidences)
+}
+
+/// Hue of each colour on the cube at hand, and its spread [deg]: makers' reds differ more than two reds of a cube do.
+#[derive(Debug, Clone, Copy)]
+struct Shades([(f64, f64); 6]);
+
+/// Spread of the hue within one cube [deg].
+const WITHIN: f64 = 5.0;
+
+impl Shades {
+    /// What is known before any tile was seen; the spread of makers and of tiles together.
+    const ANY: Self = {
+        let mut shades = [(0.0, 1.0); 6];
+        let mut c = 0;
+        while c < 6 {
+            if let Some(shade) = PROTOTYPES[c].hue {
+                shades[c] = shade;
+            }
+            c += 1;
+        }
+        Self(shades)
+    };
+
+    /// The tiles that are surely of a colour say which hue it has here; then the others are asked again.
+    fn of(tiles: &[[f64; 3]; 9]) -> Self {
+        let mut shades = Self::ANY;
+        for _ in 0..3 {
+            // Sums of weights, and of turns from the prototype, by colour.
+            let mut sums = [(0.0, 0.0); 6];
+            for tile in tiles {
+                let d = Tone::new(*tile, &shades).distances(1.0);
+                let best = least(&d);
+                let total: f64 = d.iter().map(|x| (-0.5 * (x - d[best])).exp()).sum();
+                let shade = Shade::new(*tile);
+                for (c, sum) in sums.iter_mut().enumerate() {
+                    let Some((hue, _)) = PROTOTYPES[c].hue else { continue };
+                    let share = (-0.5 * (d[c] - d[best])).exp() / total;
+                    let weight = share / (WITHIN * WITHIN + shade.blur().powi(2));
+                    sum.0 += weight;
+                    sum.1 += weight * turn(shade.hue, hue);
+                }
+            }
+            for (c, (weight, turns)) in sums.into_iter().enumerate() {
+                let Some((hue, spread)) = PROTOTYPES[c].hue else { continue };
+                let precision = weight + 1.0 / (spread * spread);
+                shades.0[c] = (hue + turns / precision, WITHIN.hypot((1.0 / precision).sqrt()));
+            }
+        }
+        shades
+    }
+}
+
+/// Angle from one hue to another, -180..180 deg.
+fn turn(hue: f64, from: f64) -> f64 {
+    (hue - from + 180.0).rem_euclid(360.0) - 180.0
 }
 
 /// The light under which the tiles look most like the six colours; `judge` turns the squared distances of
@@ -73,7 +130,7 @@ pub(super) fn fit_light(linear: &[[f64; 3]], judge: impl Fn(&[[f64; 6]]) -> f64)
             .fold(1e-4, f64::max);
         let even = Light(gains.map(|g| g / brightest));
         for (tone, tile) in tones.iter_mut().zip(linear) {
-            *tone = Tone::new(even.undo(*tile), &[0.0; 6], 1.0);
+            *tone = Tone::new(even.undo(*tile), &Shades::ANY);
         }
         let prior = (gains[0].ln() / 0.25).powi(2) + (gains[2].ln() / 0.25).powi(2);
         for exposure in EXPOSURES {
@@ -137,6 +194,11 @@ impl Shade {
         };
         Self { hue, saturation: (high - low) / high.max(1e-6), value: high }
     }
+
+    /// Uncertainty of the hue [deg]: the paler a tile, the more an error of the light turns it.
+    fn blur(&self) -> f64 {
+        12.0 * (1.0 / self.saturation.max(0.05) - 1.0)
+    }
 }
 
 /// A tile against each prototype, but for the exposure.
@@ -157,16 +219,15 @@ const GLARE: f64 = 0.12;
 const TINT: f64 = 0.15;
 
 impl Tone {
-    fn new(linear: [f64; 3], shift: &[f64; 6], sharpness: f64) -> Self {
+    fn new(linear: [f64; 3], shades: &Shades) -> Self {
         let shade = Shade::new(linear);
-        // The paler a tile, the more an error of the light turns its hue.
-        let blur = 12.0 * (1.0 / shade.saturation.max(0.05) - 1.0);
-        let chroma = std::array::from_fn(|c| match PROTOTYPES[c].hue {
-            None => (shade.saturation / TINT).powi(2),
-            Some((hue, spread)) => {
-                let turn = (shade.hue - hue - shift[c] + 180.0).rem_euclid(360.0) - 180.0;
-                turn * turn / ((spread * sharpness).powi(2) + blur * blur)
+        let blur = shade.blur();
+        let chroma = std::array::from_fn(|c| {
+            if PROTOTYPES[c].hue.is_none() {
+                return (shade.saturation / TINT).powi(2);
             }
+            let (hue, spread) = shades.0[c];
+            turn(shade.hue, hue).powi(2) / (spread * spread + blur * blur)
         });
         // Of a coloured tile only the coloured light counts: the rest is glare.
         let value = [1.0, shade.saturation].map(|own| (shade.value * own).max(1e-4).ln());
@@ -190,7 +251,7 @@ impl Tone {
 
 /// Squared distance to each prototype in units of its spread.
 pub(super) fn prototype_distances(linear: [f64; 3]) -> [f64; 6] {
-    Tone::new(linear, &[0.0; 6], 1.0).distances(1.0)
+    Tone::new(linear, &Shades::ANY).distances(1.0)
 }
 
 /// Linear light 0..=1 of an sRGB level 0..=255.

@@ -119,7 +119,7 @@ impl Patch {
     fn faces(&self, settings: &DetectorSettings) -> Result<Vec<FaceSighting>, Refusal> {
         let tiles = match settings.method {
             Method::Edges => self.candidates().0,
-            Method::Paper2007 => paper::tiles(&self.rgb, self.width, self.height).0,
+            Method::Paper2007 => paper::tiles(&self.rgb, self.width, self.height),
         };
         let lattices = lattice::vote(&tiles, settings.least_tiles);
         let (larger, lattices): (Vec<_>, Vec<_>) =

@@ -77,7 +77,7 @@ impl Lattice {
 }
 
 /// Most lattices that are grown in one picture: bounds the time in textured pictures.
-const MOST_PROPOSALS: usize = 6000;
+const MOST_PROPOSALS: usize = 2000;
 
 /// Score from which nine tiles are one face beyond doubt. Nine tiles of two faces whose common edge is
 /// foreshortened like a gap reach 7.7 (in photographs), those of one face 8.1 to 8.7.

@@ -266,6 +266,7 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
         fn a_cube_is_its_own_likeliest_and_every_facelet_is_certain(seed in 0u64..1_000_000) {
             let truth = facelets(seed);

@@ -7,7 +7,8 @@
 //! | detection | [`mod@detect`] | image -> [`FaceSighting`]s or a [`Refusal`] that says why |
 //! | pose | [`pose`] | sighting, intrinsics -> [`CubeSighting`], [`pose::CubeLocation`] |
 //! | time | [`tracker`] | poses -> position, velocity, window, age |
-//! | colours | [`colours`] | mean colours -> names, with a margin each |
+//! | colours | [`colours`] | nine mean colours -> names, with a confidence each |
+//! | whole cubes | [`whole`], [`likeliest`], [`table`] | 54 mean colours -> a cube that can exist, with margins, or why not |
 //! | guided reading | [`sensor`] | image, predicted pose -> nine colours, measured pose |
 //!
 //! Pixels: the centre of the first pixel is (0, 0), x to the right, y down.

@@ -267,6 +267,24 @@ impl Runs {
         i
     }
 
+    /// The region of each run as a number, the runs as (row, first, one after the last), and how many regions.
+    pub(super) fn labelled(mut self) -> (Vec<(usize, usize, usize, usize)>, usize) {
+        let mut slot = vec![usize::MAX; self.all.len()];
+        let mut regions = 0;
+        let runs = (0..self.all.len())
+            .map(|i| {
+                let root = self.root(i as u32) as usize;
+                if slot[root] == usize::MAX {
+                    slot[root] = regions;
+                    regions += 1;
+                }
+                let run = self.all[i];
+                (slot[root], run.y as usize, run.start as usize, run.end as usize)
+            })
+            .collect();
+        (runs, regions)
+    }
+
     /// The regions that look like tiles, and the number of all regions.
     pub(super) fn tiles(mut self, limits: &TileLimits) -> (Vec<Tile>, usize) {
         // Number the roots first, so that the table of sums has one entry a region.

@@ -396,6 +396,7 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
         fn a_cube_in_coloured_light_is_read_and_named(seed in 0u64..1000, blue in 0.6..1.0, green in 0.85..1.0) {
             let truth = scrambled(seed);
