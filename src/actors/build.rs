@@ -87,6 +87,8 @@ pub(super) fn cube_settings(
         turn_least_torque: c.turn_least_torque,
         pull: c.approach_force,
         speed: 1.0,
+        speeds: manner(config).speeds,
+        jaw_speeds: (c.jaw_close_speed, c.jaw_open_speed),
         compliant_arm: match c.compliant_arm {
             keys::CompliantArm::Body => CompliantArm::Body,
             keys::CompliantArm::Turner => CompliantArm::Turner,
