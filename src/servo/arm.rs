@@ -145,6 +145,12 @@ impl ArmServo {
         self.command_end = self.command_end.min(period);
     }
 
+    /// Whether the arm knows where it is.
+    #[must_use]
+    pub fn is_synchronised(&self) -> bool {
+        self.synchronised
+    }
+
     /// Why the arm is stopped.
     #[must_use]
     pub fn fault(&self) -> Option<ArmFault> {
@@ -199,9 +205,7 @@ impl ArmServo {
         }
         self.refused = None;
         let blind = matches!(command.motion, Motion::Hold | Motion::MotorsBy(_));
-        if self.homing.is_some()
-            || !self.synchronised && !(blind && command.jaw.is_none())
-        {
+        if self.homing.is_some() || !self.synchronised && !(blind && command.jaw.is_none()) {
             self.refused = Some(MoveRefused::NotSynchronised);
             return;
         }

@@ -10,7 +10,7 @@
 //!   (tool roll 25, jaw 250), fine 3.5 (25, 100), stands of 250 and 25 periods, a switch is read twice
 
 use super::io::{ArmReading, JAW};
-use crate::motion::{ArmFault, AXES, PERIOD};
+use crate::motion::{AXES, ArmFault, PERIOD};
 use std::f64::consts::TAU;
 
 /// The order of the original: the lower arm first, then onwards and around.
@@ -208,7 +208,13 @@ mod tests {
 
     impl Axis {
         fn new(at: f64) -> Self {
-            Self { at, cam: (-30.0, -3.0), has_zero: true, synchronised: !(1 << 4), log: Vec::new() }
+            Self {
+                at,
+                cam: (-30.0, -3.0),
+                has_zero: true,
+                synchronised: !(1 << 4),
+                log: Vec::new(),
+            }
         }
 
         /// Homes it alone.

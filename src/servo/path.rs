@@ -104,12 +104,28 @@ pub struct Path {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kind {
     Hold,
-    Motors { from: MotorPositions, to: MotorPositions },
+    Motors {
+        from: MotorPositions,
+        to: MotorPositions,
+    },
     /// The same for an arm that may not know its joints.
-    MotorsBy { from: MotorPositions, to: MotorPositions },
-    Joints { from: JointPositions, to: JointPositions },
-    Pose { from: Pose, to: Pose, rotation: Vector3<f64> },
-    Task { frame: Frame, directions: [Direction; 6] },
+    MotorsBy {
+        from: MotorPositions,
+        to: MotorPositions,
+    },
+    Joints {
+        from: JointPositions,
+        to: JointPositions,
+    },
+    Pose {
+        from: Pose,
+        to: Pose,
+        rotation: Vector3<f64>,
+    },
+    Task {
+        frame: Frame,
+        directions: [Direction; 6],
+    },
 }
 
 impl Path {
@@ -119,7 +135,9 @@ impl Path {
         let kind = match *motion {
             Motion::Hold => Kind::Hold,
             Motion::Motors(to) => Kind::Motors { from: from.motors, to },
-            Motion::MotorsBy(by) => Kind::MotorsBy { from: from.motors, to: sum(&from.motors, &by) },
+            Motion::MotorsBy(by) => {
+                Kind::MotorsBy { from: from.motors, to: sum(&from.motors, &by) }
+            }
             Motion::Joints(to) => Kind::Joints { from: from.joints, to },
             Motion::Pose(to) => straight(from.base_from_tool, to),
             Motion::Task { frame, directions } => Kind::Task { frame, directions },

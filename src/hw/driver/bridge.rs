@@ -109,7 +109,8 @@ impl<P: Port + 'static> Bridge<P> {
         };
         let thread = std::thread::Builder::new().name("bridge".into()).spawn(work)?;
         let bridge = thread.thread().clone();
-        let port = BridgePort { drives, readings, broken, bridge, late: 0, late_in_a_row: 0, length };
+        let port =
+            BridgePort { drives, readings, broken, bridge, late: 0, late_in_a_row: 0, length };
         Ok((Self { thread }, port))
     }
 

@@ -126,6 +126,11 @@ impl Core {
         }
     }
 
+    /// Arms that know where they are, in the order of effectors.
+    pub fn synchronised(&self) -> impl Iterator<Item = bool> {
+        self.servos.iter().map(ArmServo::is_synchronised)
+    }
+
     /// The flags.
     #[must_use]
     pub fn switches(&self) -> &Arc<Switches> {

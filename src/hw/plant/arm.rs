@@ -16,7 +16,6 @@ use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions, MotorPositions};
 use crate::servo::io::{ArmDrive, ArmReading};
 use nalgebra::{Matrix6, Vector3};
-use std::f64::consts::TAU;
 
 /// Presliding of a motor's friction [rad of the shaft]: below it friction is a spring.
 const PRESLIDING: f64 = 0.005;
