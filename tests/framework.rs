@@ -45,7 +45,7 @@ impl Task for Shift {
             Event::Start => {
                 let at = arms[0].desired_joints;
                 let target = JointPositions(std::array::from_fn(|i| at.0[i] + self.0.0[i]));
-                let order = Behaviour::Joints { target, speed: 0.5 };
+                let order = Behaviour::Joints { target, speed: 0.5, seconds: 0.0 };
                 Action::Behave { orders: [Some(order), None], until: Until::All }
             }
             Event::Behaved([outcome, _]) => Action::Finish(Finish {

@@ -291,7 +291,7 @@ fn times() {
     let locate = || locate_cube(&faces, &camera.intrinsics, EDGE, None);
     show("pose of the cube", median_ms(locate));
     show("colours of one face", median_ms(|| decide_face(&faces[0].rgb)));
-    show("colours of a cube", median_ms(|| decide_cube(&rgb, &|_| true)));
+    show("colours of a cube", median_ms(|| decide_cube(&rgb)));
     println!(
         "faces: {}, paper's: {:?}",
         faces.len(),

@@ -7,13 +7,17 @@ use crate::cube::{Axis, Face};
 use crate::generators::{Compliance, position::Speeds, visual_servo};
 use crate::hw::driver::WallOptions;
 use crate::motion::{AXES, Depth};
-use crate::reach::{Meeting, MeetingTable};
+use crate::reach::{Meeting, MeetingTable, ReachSettings};
 use crate::scenario::{ControllerConfig, Scenario, keys};
+use crate::solver::korf;
+use crate::solver::table::TableSpec;
 use crate::spatial::Pose;
+use crate::tables::{News, Store, Threads};
 use crate::tasks::cube::hold::Hold;
 use crate::tasks::cube::mission::Goal;
-use crate::tasks::cube::plan::Rule;
+use crate::tasks::cube::plan::{Planner, Rule};
 use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
+use crate::tasks::cube::think::Strategy;
 use crate::vision::Method;
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
@@ -125,11 +129,43 @@ pub(super) fn cube_settings(
             keys::Rule::Strict => Rule::Strict,
             keys::Rule::Original => Rule::Original,
         },
+        strategy: strategy(config),
         nodes: config.planner.node_budget,
         candidates: config.planner.candidates as usize,
         seconds_per_node: config.planner.node_cost,
         calibrated_at,
     })
+}
+
+/// Which solution is carried out. Korf's tables are built when the paper's rule first needs them: 10 s.
+fn strategy(config: &ControllerConfig) -> Strategy {
+    match config.planner.strategy {
+        keys::Strategy::Robot => Strategy::Robot,
+        keys::Strategy::Paper => {
+            let store = Store::of_user();
+            let told = |spec: &TableSpec, news: News<'_>| match news {
+                News::Building(_) => tracing::warn!("building table {}", spec.name),
+                News::Waiting => tracing::warn!("another process builds table {}", spec.name),
+                News::NotKept(e) => tracing::warn!("table {} is not kept: {e}", spec.name),
+            };
+            let tables = korf::TABLES
+                .each_ref()
+                .map(|spec| store.obtain(spec, &Threads::all(), &told, &|_| ()));
+            Strategy::Paper { tables, nodes: config.planner.korf_node_budget }
+        }
+    }
+}
+
+/// The planner of a cell: searches its meetings, which takes about a second, unless they are known.
+///
+/// # Errors
+/// When the cell has no two arms.
+pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
+    let reach = ReachSettings::default();
+    let meetings = super::meetings::of(&config.cell, &reach);
+    cube_settings(config, meetings, reach.back)
+        .map(|settings| Planner::new(&settings))
+        .ok_or_else(|| "a plan is for two effectors".to_owned())
 }
 
 /// How the stand-alone camera's sensor finds the cube.
@@ -226,4 +262,96 @@ pub(super) fn face_turn_start(
         angle.to_degrees(),
         rooms.join(" or ")
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generators::{Behaviour, Outcome};
+    use crate::motion::ArmState;
+    use crate::tasks::cube::mission::Mission;
+    use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
+    use crate::vision::sensor::FaceReading;
+
+    /// Performs the mission's actions in words only: every motion ends well, looks bring what `look` says. Returns the
+    /// phases, what was told, how often a face was looked at, and the end.
+    fn perform(
+        look: impl Fn(&Pose) -> Result<FaceReading, String>,
+    ) -> (Vec<&'static str>, Vec<String>, usize, Finish) {
+        let text = "[planner]\nnode_budget = 1000\ncandidates = 1\n";
+        let scenario = crate::scenario::read(std::path::Path::new("t.toml"), text, &[]).unwrap();
+        let reach = ReachSettings::default();
+        let meetings = super::super::meetings::of(&scenario.controller.cell, &reach);
+        let settings = cube_settings(&scenario.controller, meetings, reach.back).unwrap();
+        let mut mission = Mission::new(settings, Goal::Solve, None);
+        let arms = [ArmState::default(); 2];
+        let (mut phases, mut notes, mut looks, mut event) = (vec![], vec![], 0, Event::Start);
+        for _ in 0..2000 {
+            let action = mission.next(event, &Readings { arms: &arms, forces: Forces::default() });
+            notes.extend(mission.notes());
+            event = match action {
+                Action::Finish(finish) => return (phases, notes, looks, finish),
+                Action::Phase(name) => {
+                    phases.push(name);
+                    Event::Done
+                }
+                Action::Behave { orders, .. } => {
+                    Event::Behaved(orders.map(|o| o.map(|order| ends_well(&order))))
+                }
+                Action::Look { view, .. } => {
+                    looks += 1;
+                    Event::Looked(look(&view.camera_from_face))
+                }
+                Action::Think(thought) => Event::Thought(Mission::think(thought).0),
+                Action::Bias(_) | Action::Watch(_) => Event::Done,
+            };
+        }
+        panic!("the mission never ends: {phases:?} {notes:?}");
+    }
+
+    fn ends_well(order: &Behaviour) -> Outcome {
+        match order {
+            Behaviour::Joints { .. } | Behaviour::Line { .. } | Behaviour::Jaw { .. } => {
+                Outcome::Reached
+            }
+            Behaviour::Approach { .. } | Behaviour::VisualServo(_) => Outcome::Touched(0.0),
+            Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
+            Behaviour::Secure { .. } => Outcome::Secured,
+            Behaviour::Turn { angle, .. } => Outcome::Turned(*angle),
+            Behaviour::Comply { .. } => Outcome::Ended,
+            Behaviour::Present { .. } => Outcome::Pulled,
+        }
+    }
+
+    #[test]
+    fn a_face_that_cannot_be_read_sends_the_cube_back_with_the_reason() {
+        let (phases, _, looks, finish) = perform(|_| Err("glare".to_owned()));
+
+        assert_eq!(looks, 6, "each try from another place");
+        assert!(!finish.achieved);
+        assert!(finish.reason.contains("cannot be read: glare"), "{}", finish.reason);
+        assert!(finish.reason.ends_with("handed back as it is"), "{}", finish.reason);
+        assert_eq!(phases.last(), Some(&"hand back"));
+    }
+
+    #[test]
+    fn what_is_no_cube_is_looked_at_once_more_and_then_handed_back() {
+        let grey = |camera_from_face: &Pose| {
+            Ok(FaceReading {
+                camera_from_face: *camera_from_face,
+                rgb: [[90.0, 90.0, 90.0]; 9],
+                occluded: [false; 9],
+                colours: [0; 9],
+                confidences: [1.0; 9],
+                residual_px: 0.1,
+                confidence: 1.0,
+            })
+        };
+        let (phases, notes, looks, finish) = perform(grey);
+
+        assert_eq!(looks, 12, "two rounds of six faces");
+        assert!(notes.iter().any(|n| n.contains("looked at again")), "{notes:?}");
+        assert!(!finish.achieved && finish.reason.contains("handed back"), "{}", finish.reason);
+        assert_eq!(phases.iter().filter(|p| **p == "identify again").count(), 1);
+    }
 }

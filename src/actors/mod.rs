@@ -9,6 +9,7 @@ pub mod control;
 pub mod ecp;
 pub mod edp;
 mod interrupt;
+pub mod meetings;
 pub mod move_instruction;
 pub mod mp;
 mod plant;
@@ -18,4 +19,5 @@ pub mod vsp;
 pub mod witness;
 pub mod work;
 
+pub use build::planner;
 pub use supervisor::{RunOptions, run};

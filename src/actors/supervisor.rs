@@ -84,7 +84,7 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
         .transpose()
         .map_err(|e| not_created("interrupt", &e.to_string()))?;
     let meetings = (scenario.controller.cell.arms.len() == 2)
-        .then(|| MeetingTable::compute(&scenario.controller.cell, &ReachSettings::default()));
+        .then(|| super::meetings::of(&scenario.controller.cell, &ReachSettings::default()));
     let face_turn = (scenario.controller.task == keys::Task::FaceTurn)
         .then(|| {
             let meetings = meetings.as_ref().ok_or("both arms are needed".to_owned())?;

@@ -3,12 +3,16 @@
 //! Exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
+pub mod cubes;
 mod doctor;
 mod engine;
+pub mod evaluate;
 pub mod kinematics;
 mod look;
 pub mod output;
+mod plan;
 mod progress;
+pub mod rig;
 mod run;
 mod solve;
 mod tables;
@@ -92,6 +96,15 @@ Examples:
   rubik-robot solve --budget-ms 1000 --threads 2 CUBE
   rubik-robot scramble --count 5 --facelets | rubik-robot solve -")]
     Solve(solve::SolveArgs),
+    /// Plan what two arms do with a cube: who holds, who turns, and why a new grasp is needed
+    #[command(after_help = "\
+Examples:
+  rubik-robot plan --explain FACELETS
+      every step with its time and its reason, and the original's rule beside it
+  rubik-robot plan FACELETS --rule strict --json
+  rubik-robot scramble --seed 7 --facelets | xargs rubik-robot plan --explain
+The plan is for the built-in cell, or for --scenario's: its reach, its speeds, its grippers.")]
+    Plan(plan::PlanArgs),
     /// Draw cubes uniformly from all there are, and say which turns make them
     #[command(after_help = "\
 Examples:
@@ -194,6 +207,7 @@ pub fn main() -> ExitCode {
         Command::Keys { word } => keys(word.as_deref(), &mut output),
         Command::Kinematics(args) => rows(&args, &mut output),
         Command::Solve(args) => solve::run(&args, &mut output),
+        Command::Plan(args) => plan::run(&args, &mut output),
         Command::Scramble(args) => solve::scramble(&args, &mut output),
         Command::Tables(args) => tables::run(&args, &mut output),
         Command::Vision(args) => look::look_at(&args, &mut output),

@@ -9,6 +9,7 @@ use crate::cube::{
     parse_moves,
 };
 use crate::solver::{Budget, solve};
+use crate::tables::Residence;
 use clap::Args;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -70,7 +71,7 @@ pub(super) struct ScrambleArgs {
 
 /// Why a cube is not solved.
 #[derive(Debug)]
-enum Refusal {
+pub(super) enum Refusal {
     Facelets(ParseFacelets),
     Impossible(ImpossibleCube, Option<Repair>),
     Moves(ParseMoves),
@@ -92,7 +93,7 @@ impl Refusal {
         }
     }
 
-    fn message(&self) -> String {
+    pub(super) fn message(&self) -> String {
         match self {
             Self::Facelets(reason) => reason.to_string(),
             Self::Impossible(reason, _) => reason.to_string(),
@@ -110,14 +111,14 @@ impl Refusal {
         }
     }
 
-    fn repair(&self) -> Option<&Repair> {
+    pub(super) fn repair(&self) -> Option<&Repair> {
         match self {
             Self::Impossible(_, repair) => repair.as_ref(),
             _ => None,
         }
     }
 
-    fn json(&self, cube: &str) -> Value {
+    pub(super) fn json(&self, cube: &str) -> Value {
         let mut error =
             json!({"kind": self.kind(), "message": self.message(), "where": self.places()});
         if let Some(repair) = self.repair() {
@@ -128,7 +129,7 @@ impl Refusal {
 }
 
 /// A cube, and the stickers by which it is named in answers.
-fn read(text: &str) -> Result<(Cube, Facelets), Refusal> {
+pub(super) fn read(text: &str) -> Result<(Cube, Facelets), Refusal> {
     let facelets: Facelets = text.parse().map_err(Refusal::Facelets)?;
     let cube = Cube::try_from(facelets).map_err(|e| Refusal::impossible(&facelets, e))?;
     Ok((cube, facelets))
@@ -199,12 +200,12 @@ impl Desk {
             (false, Mode::Robot) => "chosen for two arms, not for its length",
             (false, _) => "not proven to be the shortest",
         };
-        let tables = if self.engine.large { "large tables" } else { "default tables" };
         format!(
-            "{}\n{turns} of faces, half turns count one; {proof}\n{} states looked at in {:.3} s with the {tables}",
+            "{}\n{turns} of faces, half turns count one; {proof}\n{} states looked at in {:.3} s with {}",
             format_turns(&answer.turns),
             answer.nodes,
             answer.time.as_secs_f64(),
+            self.engine.with,
         )
     }
 }
@@ -252,7 +253,12 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
         }
         Some((given, cube))
     };
-    let engine = Engine::new(args.mode, limits, threads, &args.folder.store());
+    // A copy pays for whoever stays longer.
+    let long = stream
+        || matches!(args.mode, Mode::Korf | Mode::Optimal)
+        || args.budget_ms.is_some_and(|ms| ms > 2000);
+    let residence = if long { Residence::Copied } else { Residence::Mapped };
+    let engine = Engine::new(args.mode, limits, threads, &args.folder.store().with(residence));
     let desk = Desk { engine, goal, json: args.json, mode: args.mode };
     let Some((given, cube)) = alone else {
         let workers = if desk.engine.shares_cubes() { 1 } else { threads };

@@ -268,6 +268,8 @@ pub enum Behaviour {
         target: JointPositions,
         /// Fraction of the full speed, 0..=1.
         speed: f64,
+        /// Least duration [s]: two arms that must keep pace get the same.
+        seconds: f64,
     },
     /// Goes to a pose of the tool along a straight line; d0 stays.
     Line {
@@ -373,9 +375,9 @@ impl Behaviour {
     #[must_use]
     pub fn generator(&self, compliance: &Compliance, speeds: &position::Speeds) -> Generator {
         let kind = match *self {
-            Self::Joints { target, speed } => Kind::Position(position::Position::joints(
+            Self::Joints { target, speed, seconds } => Kind::Position(position::Position::joints(
                 target,
-                speed,
+                (speed, seconds),
                 speeds,
                 compliance.macrostep,
             )),

@@ -71,6 +71,8 @@ pub struct Position {
     goal: Goal,
     speeds: Speeds,
     fraction: f64,
+    /// Least duration [s].
+    least: f64,
     macrostep: u32,
     /// Macrosteps in all at full pace; known after the first call.
     steps: f64,
@@ -78,18 +80,23 @@ pub struct Position {
 }
 
 impl Position {
-    /// To joint positions at `fraction` of the full speeds.
+    /// To joint positions at a fraction of the full speeds, in `least` seconds at the shortest.
     #[must_use]
-    pub fn joints(target: JointPositions, fraction: f64, speeds: &Speeds, macrostep: u32) -> Self {
+    pub fn joints(
+        target: JointPositions,
+        (fraction, least): (f64, f64),
+        speeds: &Speeds,
+        macrostep: u32,
+    ) -> Self {
         let goal = Goal::Joints { start: None, target };
-        Self { goal, speeds: *speeds, fraction, macrostep, steps: 0.0, done: 0.0 }
+        Self { goal, speeds: *speeds, fraction, least, macrostep, steps: 0.0, done: 0.0 }
     }
 
     /// Along a straight line to `base_from_tool`.
     #[must_use]
     pub fn line(target: Pose, fraction: f64, speeds: &Speeds, macrostep: u32) -> Self {
         let goal = Goal::Line { start: None, target };
-        Self { goal, speeds: *speeds, fraction, macrostep, steps: 0.0, done: 0.0 }
+        Self { goal, speeds: *speeds, fraction, least: 0.0, macrostep, steps: 0.0, done: 0.0 }
     }
 
     /// See [`super::Generator::next`].
@@ -133,7 +140,7 @@ impl Position {
             }
         };
         let step = f64::from(self.macrostep) * PERIOD;
-        self.steps = (seconds / step).ceil().max(1.0);
+        self.steps = (seconds.max(self.least) / step).ceil().max(1.0);
     }
 }
 
@@ -165,7 +172,7 @@ mod tests {
         let mut target = JointPositions::default();
         target.0[1] = 1.0;
         target.0[0] = -0.2;
-        let mut generator = Position::joints(target, 0.5, &speeds(), 8);
+        let mut generator = Position::joints(target, (0.5, 0.0), &speeds(), 8);
         let arm = ArmState::default();
 
         let mut last = JointPositions::default();
@@ -195,7 +202,7 @@ mod tests {
     fn at_no_pace_the_set_values_stand_still_and_then_go_on() {
         let mut target = JointPositions::default();
         target.0[1] = 1.0;
-        let mut generator = Position::joints(target, 0.5, &speeds(), 8);
+        let mut generator = Position::joints(target, (0.5, 0.0), &speeds(), 8);
         let arm = ArmState::default();
         let mut at = |pace: f64| match generator.next(&Inputs {
             arm: &arm,

@@ -86,6 +86,16 @@ words! {
 }
 
 words! {
+    /// Which solution of the cube is carried out.
+    Strategy {
+        /// Of many that two-phase finds, the one that takes two arms the least time.
+        Robot = "robot",
+        /// The paper's: Korf's search up to 16 turns, and two-phase where that takes too long; the shortest counts.
+        Paper = "paper",
+    }
+}
+
+words! {
     /// How the cube is found in an image.
     Detector {
         /// Edges and a vote of lattices.
@@ -234,10 +244,14 @@ section! {
     Planner {
         /// How regrasps are planned.
         rule: Rule = Rule::Clearance;
+        /// Which solution is carried out.
+        strategy: Strategy = Strategy::Robot;
+        /// Nodes that Korf's search may visit before two-phase takes over (strategy "paper").
+        korf_node_budget: u64 = 20_000_000, 0.0..=1e12;
         /// Nodes that the search for turns may visit.
         node_budget: u64 = 2_000_000, 1000.0..=1e12;
         /// Solutions that are compared by their regrasps.
-        candidates: u32 = 24, 1.0..=10000.0;
+        candidates: u32 = 1000, 1.0..=10000.0;
         /// Declared cost of one node on the virtual clock.
         node_cost [us]: f64 = 0.1, 0.0..=1000.0;
     }

@@ -1,4 +1,4 @@
-//! From a cube to the turns that solve it: Kociemba's two-phase algorithm.
+//! From a cube to the turns that solve it: Kociemba's two-phase algorithm, and shortest solutions.
 //!
 //! - in: a [`Cube`](crate::cube::Cube), which can always be solved, [`Tables`], a [`Budget`] in nodes
 //! - out: turns, the same on every machine: the budget counts nodes, not time
@@ -6,13 +6,17 @@
 //!   phase 2 solves within it
 //!
 //! [`coordinates`] numbers what each phase looks at, [`symmetry`] folds it by 16, [`phase1`] and [`phase2`] know how
-//! far each state is from its goal, [`tables`] keeps them together, [`search`] walks, [`candidates`] gathers.
+//! far each state is from its goal, [`tables`] keeps them together, [`search`] walks, [`candidates`] gathers. [`optimal`]
+//! proves, and [`shortest`] has both work together; [`korf`] is how it was done in 2007.
 
 mod candidates;
 pub mod coordinates;
+pub mod korf;
+pub mod optimal;
 pub mod phase1;
 pub mod phase2;
 pub mod search;
+pub mod shortest;
 pub mod symmetry;
 pub mod table;
 pub mod tables;
@@ -25,5 +29,6 @@ pub use tables::Tables;
 /// Every table that a mode of the solver needs, the quickest to build first.
 #[must_use]
 pub fn all_tables() -> Vec<&'static table::TableSpec> {
-    vec![&phase2::BOUNDS, &phase1::NEAR, &phase1::WIDE_TABLE]
+    let two_phase = [&phase2::BOUNDS, &phase1::NEAR, &phase2::EIGHT, &phase1::WIDE_TABLE];
+    two_phase.into_iter().chain(&korf::TABLES).chain(&optimal::TABLES).collect()
 }

@@ -3,7 +3,7 @@
 //! A state is the order of the corners, where the four upper and the four lower edges are among eight places, and
 //! the order of the middle ones. No table knows all; the farthest of three is a bound from below: corners with the
 //! upper edges, corners with the lower ones (67.7 million states each, folded by 16 symmetries: 2768 classes of
-//! corners), and corners with the middle edges.
+//! corners), and corners with the middle edges. The large set knows corners with all eight edges (1626 million).
 
 use super::coordinates::{
     PERMUTATIONS, PHASE2_TURNS, QUADS, corner_moves, quad, quad_moves, quad_places, rank, unrank,
@@ -31,6 +31,19 @@ pub static BOUNDS: TableSpec = TableSpec {
     purpose: "two-phase: bounds of the second phase",
     build: |workers, progress| build(&Orders::build(), workers, progress),
     verify,
+};
+
+/// The distance that stands for itself and all above in [`EIGHT`].
+const FARTHEST: u8 = 15;
+
+/// Corners with all eight upper and lower edges, four bits a state.
+pub static EIGHT: TableSpec = TableSpec {
+    name: "phase2-large",
+    version: 1,
+    bytes: CORNER_CLASSES * PERMUTATIONS / 2,
+    purpose: "two-phase, large set: distances of corners with eight edges in the second phase",
+    build: build_eight,
+    verify: verify_eight,
 };
 
 /// Orders of the corners, and of four edges each: what turns and symmetries do to them.
@@ -165,6 +178,22 @@ impl Orders {
         self.four_of_set[usize::from(quad / 24)] + quad % 24
     }
 
+    /// The numbers of a state in [`BOUNDS`], corners with the upper and with the lower edges, and in [`EIGHT`].
+    #[inline]
+    fn entries(&self, corners: u16, (upper, lower): (u16, u16)) -> ([usize; 2], usize) {
+        let class = usize::from(self.corner_class[usize::from(corners)]);
+        let (class, symmetry) = (class >> 4, class & 15);
+        let images = &self.four_images[symmetry * ROW..][..ROW];
+        let mut images =
+            [images[usize::from(upper)], images[FOURS + usize::from(lower)]].map(usize::from);
+        if self.swaps[symmetry] {
+            images.swap(0, 1);
+        }
+        // Where the upper ones are, the lower ones are not: their order says all.
+        let eight = class * PERMUTATIONS + images[0] * 24 + images[1] % 24;
+        ([class * ROW + images[0], class * ROW + FOURS + images[1]], eight)
+    }
+
     /// The number of a state in the table: corners and the four upper (0) or lower (1) edges.
     #[inline]
     fn entry(&self, corners: u16, lower: usize, four: u16) -> usize {
@@ -222,9 +251,21 @@ fn corner_classes(corner_places: &[[u8; 8]; SYMMETRIES]) -> (Vec<u16>, Vec<(u16,
 pub(super) struct Bounds<'a> {
     pub(super) orders: &'a Orders,
     pub(super) table: &'a [u8],
+    /// [`EIGHT`], where it is there.
+    pub(super) eight: Option<&'a [u8]>,
 }
 
 impl Bounds<'_> {
+    /// A bound from the corners and the eight edges.
+    #[inline]
+    pub(super) fn of_eight(&self, corners: u16, fours: (u16, u16)) -> u8 {
+        let ([upper, lower], entry) = self.orders.entries(corners, fours);
+        match self.eight {
+            Some(eight) => eight[entry / 2] >> (entry % 2 * 4) & 15,
+            None => self.table[upper].max(self.table[lower]),
+        }
+    }
+
     /// A bound from the corners and the upper (0) or lower (1) edges.
     #[inline]
     pub(super) fn of_four(&self, corners: u16, lower: usize, four: u16) -> u8 {
@@ -243,11 +284,15 @@ impl Bounds<'_> {
         let orders = self.orders;
         let corners = orders.corner_moves[usize::from(state.corners) * 18 + PHASE2_TURNS[k]];
         let upper = orders.four_moves[usize::from(state.upper) * 10 + k];
-        if self.of_four(corners, 0, upper) > left {
+        if self.eight.is_none() && self.of_four(corners, 0, upper) > left {
             return None;
         }
         let lower = orders.four_moves[usize::from(state.lower) * 10 + k];
-        if self.of_four(corners, 1, lower) > left {
+        let far = match self.eight {
+            Some(_) => self.of_eight(corners, (upper, lower)),
+            None => self.of_four(corners, 1, lower),
+        };
+        if far > left {
             return None;
         }
         let middle = orders.middle_moves[usize::from(state.middle) * 10 + k];
@@ -362,7 +407,7 @@ fn mark_middles(orders: &Orders, table: &[AtomicU8], depth: u8) -> usize {
 /// two, says that the numbers are distances; then the states, symmetric ones each for itself, are counted.
 fn verify(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
     let orders = Orders::build();
-    let bounds = Bounds { orders: &orders, table };
+    let bounds = Bounds { orders: &orders, table, eight: None };
     let wrong = AtomicUsize::new(0);
     let home = orders.home();
     workers.run(CORNER_CLASSES, &|class| {
@@ -402,5 +447,138 @@ fn verify(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
     }
     // Both kinds of four come to all orders of corners with all fours.
     compare(&[counts.iter().sum()], &[(2 * PERMUTATIONS * FOURS) as u64])?;
+    Ok(counts.into_iter().take_while(|&c| c > 0).collect())
+}
+
+/// What turns do to the eight edges as numbered in [`EIGHT`]: `[number * 10 + k]`, and symmetries:
+/// `[symmetry * PERMUTATIONS + number]`.
+fn eight_tables(orders: &Orders) -> (Vec<u16>, Vec<u16>) {
+    let choice = |four: usize| four / 24;
+    // The choice that the lower edges are at when the upper ones are at this one.
+    let quads: Vec<usize> =
+        (0..QUADS).filter(|&q| orders.four_of_set[q / 24] != u16::MAX).collect();
+    let places = |four: usize| quad_places(quads[four]);
+    let other: Vec<usize> = (0..FOURS / 24)
+        .map(|c| {
+            let apart = |d: &usize| places(d * 24).iter().all(|p| !places(c * 24).contains(p));
+            (0..FOURS / 24).find(apart).unwrap_or(0)
+        })
+        .collect();
+    let fours = |number: usize| {
+        let upper = number / 24;
+        (upper as u16, (other[choice(upper)] * 24 + number % 24) as u16)
+    };
+    let mut moves = Vec::with_capacity(PERMUTATIONS * 10);
+    for number in 0..PERMUTATIONS {
+        let (upper, lower) = fours(number);
+        for k in 0..10 {
+            let upper = orders.four_moves[usize::from(upper) * 10 + k];
+            let lower = orders.four_moves[usize::from(lower) * 10 + k];
+            moves.push(upper * 24 + lower % 24);
+        }
+    }
+    let mut images = Vec::with_capacity(PERMUTATIONS * SYMMETRIES);
+    for s in 0..SYMMETRIES {
+        for number in 0..PERMUTATIONS {
+            let (upper, lower) = fours(number);
+            let upper = orders.four_images[s * ROW + usize::from(upper)];
+            let lower = orders.four_images[s * ROW + FOURS + usize::from(lower)];
+            let (upper, lower) = if orders.swaps[s] { (lower, upper) } else { (upper, lower) };
+            images.push(upper * 24 + lower % 24);
+        }
+    }
+    (moves, images)
+}
+
+fn build_eight(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
+    let orders = Orders::build();
+    let (moves, images) = eight_tables(&orders);
+    let home = orders.home();
+    let mut table = Vec::with_capacity(CORNER_CLASSES * PERMUTATIONS);
+    table.resize_with(CORNER_CLASSES * PERMUTATIONS, || AtomicU8::new(u8::MAX));
+    table[usize::from(home.upper * 24 + home.lower % 24)].store(0, Relaxed);
+    for depth in 1.. {
+        let marked = AtomicUsize::new(0);
+        workers.run(CORNER_CLASSES, &|class| {
+            let mut count = 0;
+            let row = &table[class * PERMUTATIONS..][..PERMUTATIONS];
+            let near: Vec<usize> =
+                (0..PERMUTATIONS).filter(|&e| row[e].load(Relaxed) == depth - 1).collect();
+            if near.is_empty() {
+                return;
+            }
+            let corners = usize::from(orders.representatives[class].0);
+            for (k, turn) in PHASE2_TURNS.into_iter().enumerate() {
+                let corners = usize::from(orders.corner_moves[corners * 18 + turn]);
+                let (class, symmetry) = (
+                    usize::from(orders.corner_class[corners] >> 4),
+                    usize::from(orders.corner_class[corners] & 15),
+                );
+                let row = &table[class * PERMUTATIONS..][..PERMUTATIONS];
+                let own = orders.representatives[class].1;
+                let images_here = &images[symmetry * PERMUTATIONS..][..PERMUTATIONS];
+                for &edges in &near {
+                    let image = usize::from(images_here[usize::from(moves[edges * 10 + k])]);
+                    if row[image].load(Relaxed) != u8::MAX {
+                        continue;
+                    }
+                    row[image].store(depth, Relaxed);
+                    count += 1;
+                    for s in (1..SYMMETRIES).filter(|s| own >> s & 1 == 1) {
+                        row[usize::from(images[s * PERMUTATIONS + image])].store(depth, Relaxed);
+                    }
+                }
+            }
+            marked.fetch_add(count, Relaxed);
+        });
+        progress((f64::from(depth) / 16.0).min(1.0));
+        if marked.into_inner() == 0 {
+            break;
+        }
+    }
+    let four_bits = |distance: &AtomicU8| distance.load(Relaxed).min(FARTHEST);
+    table.chunks(2).map(|two| four_bits(&two[0]) | four_bits(&two[1]) << 4).collect()
+}
+
+/// As [`verify`]: each state has a neighbour nearer by one and none by two. Then they are counted.
+fn verify_eight(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
+    let orders = Orders::build();
+    let (moves, images) = eight_tables(&orders);
+    let home = orders.home();
+    let home = usize::from(home.upper * 24 + home.lower % 24);
+    let at = |entry: usize| table[entry / 2] >> (entry % 2 * 4) & 15;
+    let wrong = AtomicUsize::new(0);
+    let counts: Vec<AtomicUsize> = (0..16).map(|_| AtomicUsize::new(0)).collect();
+    workers.run(CORNER_CLASSES, &|class| {
+        let (corners, own) = orders.representatives[class];
+        let around = PHASE2_TURNS
+            .map(|t| orders.corner_class[usize::from(orders.corners(corners, t as u8))]);
+        let mut here = [0; 16];
+        for edges in 0..PERMUTATIONS {
+            let nearest = around.iter().enumerate().map(|(k, &next)| {
+                let (class, symmetry) = (usize::from(next >> 4), usize::from(next & 15));
+                let edges = usize::from(moves[edges * 10 + k]);
+                at(class * PERMUTATIONS + usize::from(images[symmetry * PERMUTATIONS + edges]))
+            });
+            let (distance, nearest) =
+                (at(class * PERMUTATIONS + edges), nearest.min().unwrap_or(0));
+            let right = if class == 0 && edges == home {
+                distance == 0
+            } else {
+                distance == (nearest + 1).min(FARTHEST)
+            };
+            wrong.fetch_add(usize::from(!right), Relaxed);
+            here[usize::from(distance)] += 16 / own.count_ones() as usize;
+        }
+        here.iter().zip(&counts).for_each(|(n, count)| {
+            count.fetch_add(*n, Relaxed);
+        });
+    });
+    let wrong = wrong.into_inner();
+    if wrong > 0 {
+        return Err(format!("{wrong} entries are no distances"));
+    }
+    let counts: Vec<u64> = counts.into_iter().map(|c| c.into_inner() as u64).collect();
+    compare(&[counts.iter().sum()], &[(PERMUTATIONS * PERMUTATIONS) as u64])?;
     Ok(counts.into_iter().take_while(|&c| c > 0).collect())
 }

@@ -59,7 +59,7 @@ pub struct Watch<'a> {
 /// No first phase is longer than this with no gain.
 pub(super) const LONGEST: usize = 31;
 /// A second phase of a first solution is at most this long: longer ones take long to refute.
-const FIRST_PHASE2: u8 = 11;
+const FIRST_PHASE2: u8 = 12;
 /// Nothing needs more turns in phase 2.
 const LONGEST_PHASE2: u8 = 18;
 /// From this first phase on, second phases may be as long as they like.
@@ -331,7 +331,7 @@ impl<'a, G: Guide> Walk<'a, G> {
         let (lower, middle) = self.others[depth];
         let state = State { corners, upper, lower: orders.four(lower), middle: middle as u8 };
         let least = least
-            .max(self.bounds.of_four(corners, 1, state.lower))
+            .max(self.bounds.of_eight(corners, (state.upper, state.lower)))
             .max(self.bounds.of_middle(corners, state.middle));
         self.siblings = 0;
         for length in least..=left {

@@ -19,6 +19,7 @@ pub struct Tables {
     pub(super) orders: Orders,
     phase1: Phase1,
     phase2: Bytes,
+    eight: Option<Bytes>,
 }
 
 enum Phase1 {
@@ -36,7 +37,8 @@ impl Tables {
     /// The tables of the default set.
     pub const DEFAULT: [&'static TableSpec; 2] = [&phase1::NEAR, &phase2::BOUNDS];
     /// The tables of the large set.
-    pub const LARGE: [&'static TableSpec; 2] = [&phase1::WIDE_TABLE, &phase2::BOUNDS];
+    pub const LARGE: [&'static TableSpec; 3] =
+        [&phase1::WIDE_TABLE, &phase2::BOUNDS, &phase2::EIGHT];
 
     /// Builds the default set.
     #[must_use]
@@ -51,26 +53,35 @@ impl Tables {
         let table = phase1::near(&frames, workers, &|_| ());
         let phase2 = phase2::build(&orders, workers, &|_| ());
         let phase1 = Phase1::Near { small: Small::build(&frames), table: Arc::new(table) };
-        Self { frames, faces: FaceCases::build(), orders, phase1, phase2: Arc::new(phase2) }
+        Self {
+            frames,
+            faces: FaceCases::build(),
+            orders,
+            phase1,
+            phase2: Arc::new(phase2),
+            eight: None,
+        }
     }
 
-    /// Takes tables that were made before, in the order of [`Tables::DEFAULT`] or [`Tables::LARGE`].
+    /// Takes tables that were made before: those of [`Tables::DEFAULT`] or [`Tables::LARGE`], in that order.
     ///
     /// # Panics
-    /// When the sizes are of neither: whoever keeps tables checks that.
+    /// When they are neither by their sizes: whoever keeps tables checks that.
     #[must_use]
-    pub fn with([first, second]: [Bytes; 2]) -> Self {
+    pub fn with(tables: &[Bytes]) -> Self {
+        let sizes: Vec<usize> = tables.iter().map(|t| (**t).as_ref().len()).collect();
+        let large = sizes == Self::LARGE.map(|spec| spec.bytes);
+        assert!(large || sizes == Self::DEFAULT.map(|spec| spec.bytes), "no set of tables");
         let frames = Frames::build();
-        let size = (*first).as_ref().len();
-        let phase1 = if size == phase1::WIDE_TABLE.bytes {
-            Phase1::Wide(first)
+        let table = Arc::clone(&tables[0]);
+        let phase1 = if large {
+            Phase1::Wide(table)
         } else {
-            assert_eq!(size, phase1::NEAR.bytes, "no table of phase 1");
-            Phase1::Near { small: Small::build(&frames), table: first }
+            Phase1::Near { small: Small::build(&frames), table }
         };
-        assert_eq!((*second).as_ref().len(), phase2::BOUNDS.bytes, "no table of phase 2");
         let (faces, orders) = (FaceCases::build(), Orders::build());
-        Self { frames, faces, orders, phase1, phase2: second }
+        let (phase2, eight) = (Arc::clone(&tables[1]), tables.get(2).cloned());
+        Self { frames, faces, orders, phase1, phase2, eight }
     }
 
     /// Memory of all tables [bytes].
@@ -80,7 +91,9 @@ impl Tables {
             Phase1::Near { small, table } => small.bytes() + (**table).as_ref().len(),
             Phase1::Wide(table) => (**table).as_ref().len(),
         };
-        self.frames.bytes() + self.orders.bytes() + phase1 + (*self.phase2).as_ref().len()
+        let eight = self.eight.as_ref().map_or(0, |table| (**table).as_ref().len());
+        let phase2 = (*self.phase2).as_ref().len() + eight;
+        self.frames.bytes() + self.orders.bytes() + phase1 + phase2
     }
 
     pub(super) fn guides(&self) -> Guides<'_> {
@@ -94,7 +107,11 @@ impl Tables {
     }
 
     pub(super) fn bounds(&self) -> Bounds<'_> {
-        Bounds { orders: &self.orders, table: (*self.phase2).as_ref() }
+        Bounds {
+            orders: &self.orders,
+            table: (*self.phase2).as_ref(),
+            eight: self.eight.as_ref().map(|table| (**table).as_ref()),
+        }
     }
 }
 

@@ -1,7 +1,8 @@
 //! Where pruning tables are kept: made once, found again by every later run.
 //!
 //! - in: [`TableSpec`]s, a folder, [`Threads`] to build with
-//! - out: the bytes of a table, memory-mapped from its file, or in memory where no file can be kept
+//! - out: the bytes of a table, memory-mapped from its file or copied into large pages, or as they were built where no
+//!   file can be kept
 //!
 //! A file is written beside its place and renamed into it, so it is there whole or not at all; a lock keeps two
 //! processes from building the same one. Its head says what it is and has checksums. Reading 1.4 GiB at each start to
@@ -12,7 +13,7 @@
 mod file;
 mod threads;
 
-pub use file::Unusable;
+pub use file::{Residence, Unusable};
 pub use threads::Threads;
 
 use crate::solver::table::{Progress, TableSpec, Workers};
@@ -26,6 +27,7 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub struct Store {
     folder: PathBuf,
+    residence: Residence,
 }
 
 /// What a store says while it gets a table.
@@ -46,7 +48,13 @@ impl Store {
     /// The store in a folder, which need not exist yet.
     #[must_use]
     pub fn new(folder: PathBuf) -> Self {
-        Self { folder }
+        Self { folder, residence: Residence::Mapped }
+    }
+
+    /// The same store, whose tables lie there.
+    #[must_use]
+    pub fn with(self, residence: Residence) -> Self {
+        Self { residence, ..self }
     }
 
     /// The user's folder: `RUBIK_ROBOT_TABLES`, else `rubik-robot` in `XDG_CACHE_HOME`, else in `~/.cache`, else in
@@ -82,7 +90,7 @@ impl Store {
     /// # Errors
     /// Why it is of no use.
     pub fn open(&self, spec: &TableSpec, workers: &dyn Workers) -> Result<Bytes, Unusable> {
-        file::open(&self.path(spec), spec, workers)
+        file::open(&self.path(spec), spec, self.residence, workers)
     }
 
     /// Maps a table, builds it first where there is none of use, and keeps it where that is possible.
@@ -142,7 +150,7 @@ impl Store {
     pub fn verify(&self, spec: &TableSpec, workers: &dyn Workers) -> Result<Vec<u64>, Unusable> {
         let path = self.path(spec);
         file::forget(&path);
-        let bytes = file::open(&path, spec, workers)?;
+        let bytes = file::open(&path, spec, Residence::Mapped, workers)?;
         (spec.verify)((*bytes).as_ref(), workers).map_err(Unusable::Miscounted)
     }
 
@@ -242,6 +250,8 @@ mod tests {
         assert!(right(&obtain(&store, &SPEC)));
         assert!(right(&store.open(&SPEC, &InTurn).unwrap()));
 
+        let copied = folder.store().with(Residence::Copied);
+        assert!(right(&copied.open(&SPEC, &InTurn).unwrap()));
         assert_eq!(store.verify(&SPEC, &InTurn).unwrap(), [100_000]);
         assert!(store.remove(&SPEC).unwrap());
         assert!(!store.remove(&SPEC).unwrap());

@@ -11,10 +11,10 @@ use std::collections::VecDeque;
 
 use super::belief::Belief;
 use super::hold::{Grip, Hand, Hold, Step};
-use super::plan::Reachable;
+use super::plan::Planner;
 use super::plan::explain::Line;
 use super::settings::{ComplianceChoice, CompliantArm, CubeSettings, LEAVE_SECONDS};
-use super::think::{Conclusion, Thought};
+use super::think::{Conclusion, NoAnswer, Thought};
 use crate::cube::{Axis, Face};
 use crate::generators::{Behaviour, Outcome, visual_servo};
 use crate::motion::{ArmState, Depth, JawCommand, JointPositions};
@@ -132,6 +132,10 @@ pub struct Mission {
     turned: f64,
     /// The operator has been offered the cube.
     with_operator: bool,
+    /// How often all faces were looked at.
+    rounds: u32,
+    /// Why the cube goes back unsolved.
+    failure: Option<String>,
     /// The turn of the plan that is being made.
     turning: Option<crate::cube::Turn>,
     /// Facts for the summary.
@@ -158,6 +162,8 @@ pub struct MissionLog {
 const ARMS_APART: [Option<JointPositions>; 2] = [None, None];
 /// Retries of a stalled turn.
 const TURN_TRIES: u32 = 2;
+/// Rounds of looks at all faces, the second at another exposure.
+const LOOK_ROUNDS: u32 = 2;
 /// Looks at one face before it counts as unreadable, and the steps between them in the viewer's tool axes [m].
 const LOOK_TRIES: u32 = 6;
 const NUDGES: [[f64; 3]; 5] = [
@@ -194,6 +200,8 @@ impl Mission {
             hand_over: None,
             turned: 0.0,
             with_operator: false,
+            rounds: 1,
+            failure: None,
             turning: None,
             log: MissionLog::default(),
         }
@@ -448,12 +456,50 @@ impl Mission {
                 ]);
                 Ok(())
             }
-            Err(reason) => Err(format!("face {} cannot be read: {reason}", face.letter())),
+            Err(reason) => {
+                self.give_back(format!("face {} cannot be read: {reason}", face.letter()))
+            }
         }
     }
 
+    /// Whoever holds the cube alone.
+    fn holder(&self) -> Result<Hand, String> {
+        [Hand::Track, Hand::Postument]
+            .into_iter()
+            .find(|h| self.belief.held[h.index()].is_some())
+            .ok_or_else(|| "nobody holds the cube".to_owned())
+    }
+
+    /// The task cannot be done: the cube goes back to the operator as it is, with the reason.
+    fn give_back(&mut self, reason: String) -> Result<(), String> {
+        self.log.notes.push(format!("{reason}: the cube is handed back"));
+        let holder = self.holder()?;
+        let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
+        let start = (holder, Grip { hold: held.hold, half_roll: held.half_roll });
+        let way = Planner::new(&self.settings).of(&[Vec::new()], start);
+        let steps = way.map_err(|e| format!("{reason}; {e}"))?.steps;
+        self.failure = Some(reason);
+        self.queue.clear();
+        self.queue.extend(steps.into_iter().map(Job::Step));
+        self.queue.extend([Job::HandBack, Job::Finish { achieved: false }]);
+        Ok(())
+    }
+
     fn planned(&mut self, conclusion: Conclusion) -> Result<(), String> {
-        let answer = conclusion.0.map_err(|refusal| format!("no plan: {refusal}"))?;
+        let answer = match conclusion.0 {
+            Ok(answer) => answer,
+            Err(NoAnswer::Unread(reason)) if self.rounds < LOOK_ROUNDS => {
+                self.log.notes.push(format!("{reason}: all faces are looked at again"));
+                self.rounds += 1;
+                self.seen = [None; 54];
+                let holder = self.holder()?;
+                self.queue.extend([Job::Phase("identify again"), Job::LooksFrom(holder)]);
+                return Ok(());
+            }
+            Err(NoAnswer::Unread(reason) | NoAnswer::Unplanned(reason)) => {
+                return self.give_back(reason);
+            }
+        };
         self.log.identified = Some(answer.identified);
         self.log.solution.clone_from(&answer.turns);
         self.log.plan = answer.lines;
@@ -476,7 +522,16 @@ impl Mission {
                 if targets == ARMS_APART {
                     return Ok(None);
                 }
-                let orders = targets.map(|t| t.map(|target| Behaviour::Joints { target, speed }));
+                // The ways between meetings are free of collisions when both arms go evenly: the quicker one waits
+                // for the other at every point.
+                let seconds = targets
+                    .iter()
+                    .zip(arms)
+                    .filter_map(|(t, arm)| t.map(|t| (arm.desired_joints, t)))
+                    .map(|(from, to)| s.speeds.joints_seconds(&from, &to, speed))
+                    .fold(0.0, f64::max);
+                let orders =
+                    targets.map(|t| t.map(|target| Behaviour::Joints { target, speed, seconds }));
                 Action::Behave { orders, until: Until::All }
             }
             Job::Along(hand, way) => {
@@ -495,11 +550,11 @@ impl Mission {
                 self.apart = true;
                 let mut target = arms[Hand::Track.index()].desired_joints;
                 target.0[0] -= s.meetings.separation;
-                behave(Hand::Track, Behaviour::Joints { target, speed: s.speed })
+                behave(Hand::Track, Behaviour::Joints { target, speed: s.speed, seconds: 0.0 })
             }
             Job::Together(target) => {
                 self.apart = false;
-                behave(Hand::Track, Behaviour::Joints { target, speed: s.speed })
+                behave(Hand::Track, Behaviour::Joints { target, speed: s.speed, seconds: 0.0 })
             }
             Job::Meet { newcomer, meeting, back } => {
                 let track = if newcomer == Hand::Track && back {
@@ -610,18 +665,15 @@ impl Mission {
                     .belief
                     .face_in_camera(viewer, face, arms)
                     .ok_or("there is no camera in that hand, or no cube in the other")?;
-                let exposure = EXPOSURES[(tries as usize - 1) % EXPOSURES.len()];
+                let exposure = EXPOSURES[(tries + self.rounds - 2) as usize % EXPOSURES.len()];
                 let view = View { camera_from_face, exposure };
                 Action::Look { effector: viewer.index(), view }
             }
             Job::LooksFrom(hand) => {
                 let held = self.belief.held[hand.index()].ok_or("nothing is held")?;
-                let steps = super::identify::looks(
-                    (hand, Grip { hold: held.hold, half_roll: held.half_roll }),
-                    &self.settings.terms(),
-                    &Reachable::new(&self.settings.meetings, &self.settings.speeds),
-                )
-                .map_err(|e| e.to_string())?;
+                let start = (hand, Grip { hold: held.hold, half_roll: held.half_roll });
+                let (steps, _) =
+                    Planner::new(&self.settings).looks(start).map_err(|e| e.to_string())?;
                 self.queue.extend(steps.into_iter().map(Job::Step));
                 self.queue.extend([Job::Phase("plan"), Job::Plan]);
                 return Ok(None);
@@ -653,7 +705,12 @@ impl Mission {
                 behave(Hand::Track, order)
             }
             Job::Finish { achieved } => {
-                Action::Finish(Finish { achieved, reason: "the cube was handed back".into() })
+                let back = "the cube was handed back";
+                let reason = match &self.failure {
+                    Some(failure) => format!("{failure}; {back} as it is"),
+                    None => back.to_owned(),
+                };
+                Action::Finish(Finish { achieved, reason })
             }
         };
         Ok(Some(action))
@@ -785,20 +842,17 @@ impl Mission {
         for (i, seen) in self.seen.iter().enumerate() {
             rgb[i] = seen.ok_or_else(|| format!("sticker {i} was never seen"))?;
         }
-        let holder = [Hand::Track, Hand::Postument]
-            .into_iter()
-            .find(|h| self.belief.held[h.index()].is_some())
-            .ok_or("nobody holds the cube")?;
+        let holder = self.holder()?;
         let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
         Ok(Action::Think(Thought {
             rgb,
+            particular: self.rounds < LOOK_ROUNDS,
             start: (holder, Grip { hold: held.hold, half_roll: held.half_roll }),
-            terms: self.settings.terms(),
-            speeds: self.settings.speeds,
+            strategy: self.settings.strategy.clone(),
+            planner: Planner::new(&self.settings),
             nodes: self.settings.nodes,
             candidates: self.settings.candidates,
             seconds_per_node: self.settings.seconds_per_node,
-            meetings: self.settings.meetings.clone(),
         }))
     }
 

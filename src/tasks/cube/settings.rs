@@ -6,6 +6,7 @@ use crate::spatial::Pose;
 use nalgebra::Point3;
 
 use super::plan::{Costs, Rule, Terms};
+use super::think::Strategy;
 
 /// Which arm yields while a face is turned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -85,6 +86,8 @@ pub struct CubeSettings {
     pub visual: visual_servo::Order,
     /// Rule of the regrasp plan.
     pub rule: Rule,
+    /// Which solution is carried out.
+    pub strategy: Strategy,
     /// Nodes that the solver may visit.
     pub nodes: u64,
     /// Solutions among which the regrasps choose.

@@ -9,16 +9,18 @@
 //! in the least time.
 
 pub mod explain;
+mod planner;
 mod search;
 pub mod travel;
 
+pub use planner::{Effort, Planner, taken};
 pub use travel::{Everywhere, Reach, Reachable, RollLimits, Stand};
 
 use super::hold::{Grip, Hand, Hands, Hold, Step};
 use super::replay::{Illegal, replay};
 use crate::cube::{Facelets, Turn};
 use crate::motion::Depth;
-use search::{Episode, Moves};
+use search::{Episode, Moves, Scratch};
 use serde::{Deserialize, Serialize};
 
 /// Which pairs of holds and which turns are allowed.
@@ -161,9 +163,10 @@ pub fn plan(
 ) -> Result<Plan, NoPlan> {
     let moves = Moves::new(terms, start, reach);
     let mut best: Option<(f64, Vec<Episode>)> = None;
+    let mut scratch = Scratch::default();
     for turns in candidates {
         let bound = best.as_ref().map_or(f64::INFINITY, |(cost, _)| *cost);
-        best = moves.shortest(turns, bound).or(best);
+        best = moves.shortest(turns, bound, &mut scratch).or(best);
     }
     let (cost, episodes) = best.ok_or(NoPlan::OutOfReach(candidates.len()))?;
     let plan = explain::written(start, &episodes, cost, terms, reach);

@@ -79,8 +79,17 @@ struct Best {
     /// Where the arms then stand. Of two ways to a state the cheaper one is kept although the other might stand better
     /// for the next meeting: the difference is a second or two, another factor of twenty in states is not worth it.
     stand: Option<Stand>,
-    from: Option<(usize, usize, Episode)>,
+    /// Node and state before; itself at the start.
+    from: (u16, u16),
     settled: bool,
+}
+
+/// Memory that one search leaves to the next: there are thousands of them.
+#[derive(Debug, Default)]
+pub(super) struct Scratch {
+    best: Vec<[Best; STATES]>,
+    /// Least seconds from each node to the end.
+    tail: Vec<f64>,
 }
 
 impl<'a, R: Reach> Moves<'a, R> {
@@ -119,31 +128,43 @@ impl<'a, R: Reach> Moves<'a, R> {
     }
 
     /// The cheapest episodes that make the turns of a solution, if they cost less than `bound`.
-    pub(super) fn shortest(&self, turns: &[Turn], bound: f64) -> Option<(f64, Vec<Episode>)> {
+    pub(super) fn shortest(
+        &self,
+        turns: &[Turn],
+        bound: f64,
+        Scratch { best, tail }: &mut Scratch,
+    ) -> Option<(f64, Vec<Episode>)> {
         let ways = ways(turns, self.terms.rule);
         let last = ways.len() - 1;
-        let mut best = vec![
-            [Best { cost: f64::INFINITY, stand: None, from: None, settled: false };
-                STATES];
-            ways.len()
-        ];
+        self.tails(&ways, tail);
+        if tail[0] >= bound {
+            return None;
+        }
+        let none = Best { cost: f64::INFINITY, stand: None, from: (0, 0), settled: false };
+        best.clear();
+        best.resize(ways.len(), [none; STATES]);
         best[0][self.start].cost = 0.0;
+        best[0][self.start].from = (0, self.start as u16);
         for node in 0..ways.len() {
             while let Some(state) = cheapest(&best[node]) {
                 best[node][state].settled = true;
                 let Best { cost, stand, .. } = best[node][state];
-                if cost >= bound {
+                if cost + tail[node] >= bound {
                     break;
                 }
                 self.expand(
                     &ways,
                     (node, state, stand),
-                    |next_node, next_state, stand, episode| {
+                    |next_node, next_state, stand, seconds, _| {
                         let reached = &mut best[next_node][next_state];
-                        if cost + episode.seconds < reached.cost - 1e-9 {
-                            reached.cost = cost + episode.seconds;
-                            reached.stand = Some(stand);
-                            reached.from = Some((node, state, episode));
+                        if cost + seconds < reached.cost - 1e-9 {
+                            let from = (node as u16, state as u16);
+                            *reached = Best {
+                                cost: cost + seconds,
+                                stand: Some(stand),
+                                from,
+                                settled: false,
+                            };
                         }
                     },
                 );
@@ -152,18 +173,61 @@ impl<'a, R: Reach> Moves<'a, R> {
         let finishers =
             (0..STATES).filter(|s| self.terms.finish.is_none_or(|hand| hand.index() == s / GRIPS));
         let end = finishers.min_by(|&a, &b| best[last][a].cost.total_cmp(&best[last][b].cost))?;
-        let leave = if best[last][end].from.is_some() { self.terms.costs.leave } else { 0.0 };
-        let cost = best[last][end].cost + leave;
+        let begun = best[last][end].stand.is_some();
+        let cost = best[last][end].cost + if begun { self.terms.costs.leave } else { 0.0 };
         if cost >= bound || cost.is_infinite() {
             return None;
         }
-        let (mut episodes, mut at) = (Vec::new(), (last, end));
-        while let Some((node, state, episode)) = best[at.0][at.1].from {
-            episodes.push(episode);
-            at = (node, state);
+        Some((cost, self.traced(&ways, best, (last, end))))
+    }
+
+    /// The episodes that led to a state: each is found again among those of the state before it.
+    fn traced(
+        &self,
+        ways: &[Vec<(Turn, usize)>],
+        best: &[[Best; STATES]],
+        mut at: (usize, usize),
+    ) -> Vec<Episode> {
+        let mut episodes = Vec::new();
+        while best[at.0][at.1].stand.is_some() {
+            let reached = best[at.0][at.1];
+            let from = (usize::from(reached.from.0), usize::from(reached.from.1));
+            let before = best[from.0][from.1];
+            let mut found = None;
+            self.expand(
+                ways,
+                (from.0, from.1, before.stand),
+                |node, state, stand, seconds, how| {
+                    let same = (node, state) == at
+                        && reached.stand == Some(stand)
+                        && before.cost + seconds == reached.cost;
+                    if same && found.is_none() {
+                        found = Some(how());
+                    }
+                },
+            );
+            episodes.extend(found);
+            at = from;
         }
         episodes.reverse();
-        Some((cost, episodes))
+        episodes
+    }
+
+    /// Least seconds from each node to the end: every turn is made, and a grasp serves for two at most.
+    fn tails(&self, ways: &[Vec<(Turn, usize)>], tail: &mut Vec<f64>) {
+        let grasp = self.terms.costs.grasp + self.reach.least_travel();
+        let mut left = vec![(0_u32, 0.0); ways.len()];
+        for node in (0..ways.len()).rev() {
+            if let Some(&(turn, next)) = ways[node].first() {
+                left[node] = (left[next].0 + 1, left[next].1 + self.turn_cost(turn));
+            }
+        }
+        let leave = if ways.len() > 1 { self.terms.costs.leave } else { 0.0 };
+        tail.clear();
+        tail.extend(
+            left.iter()
+                .map(|(turns, seconds)| seconds + f64::from(turns.div_ceil(2)) * grasp + leave),
+        );
     }
 
     /// All episodes from a state: to where, how the arms then stand, how.
@@ -171,7 +235,7 @@ impl<'a, R: Reach> Moves<'a, R> {
         &self,
         ways: &[Vec<(Turn, usize)>],
         (node, state, stand): (usize, usize, Option<Stand>),
-        mut reached: impl FnMut(usize, usize, Stand, Episode),
+        mut reached: impl FnMut(usize, usize, Stand, f64, &dyn Fn() -> Episode),
     ) {
         let (holder, held) = (hand_of(state), state % GRIPS);
         let hand = holder.other();
@@ -189,9 +253,13 @@ impl<'a, R: Reach> Moves<'a, R> {
                     if self.original_stays(hand, stays) {
                         let grip = now.grips[stays.index()];
                         let stand = Stand { meeting: place.meeting, rolled: now.rolled };
-                        let stays = (stays, self.grips[grip]);
-                        let episode = Episode { newcomer, turns, stays, seconds };
-                        reached(node, stays.0.index() * GRIPS + grip, stand, episode);
+                        let how = || Episode {
+                            newcomer,
+                            turns,
+                            stays: (stays, self.grips[grip]),
+                            seconds,
+                        };
+                        reached(node, stays.index() * GRIPS + grip, stand, seconds, &how);
                     }
                 }
             };

@@ -50,6 +50,11 @@ pub trait Reach {
     /// Seconds from where the arms stand, `newcomer` drawn back from the cube, to a meeting, `newcomer` before the
     /// cube; `None` as a start stands for anywhere.
     fn travel(&self, from: Option<Stand>, newcomer: Hand, meeting: u8) -> f64;
+
+    /// No way is shorter [s].
+    fn least_travel(&self) -> f64 {
+        0.0
+    }
 }
 
 /// Arms that reach everywhere in the same time and roll by half a turn either way.
@@ -71,14 +76,19 @@ impl Reach for Everywhere {
     fn travel(&self, _: Option<Stand>, _: Hand, _: u8) -> f64 {
         TYPICAL
     }
+
+    fn least_travel(&self) -> f64 {
+        TYPICAL
+    }
 }
 
 /// The reach of a cell, from its table of meetings.
 #[derive(Debug, Clone)]
 pub struct Reachable<'a> {
     table: &'a MeetingTable,
-    /// [`Reach::travel`] by [`slot`].
+    /// [`Reach::travel`] by [`slot`], and the least of them.
     seconds: Vec<f32>,
+    least: f64,
 }
 
 /// Roll that is kept free at both ends: a wrist goes on by the twist of the grips, and stands otherwise than at the
@@ -113,7 +123,8 @@ impl<'a> Reachable<'a> {
                 }
             }
         }
-        Self { table, seconds }
+        let least = seconds.iter().copied().fold(TYPICAL as f32, f32::min);
+        Self { table, seconds, least: f64::from(least) }
     }
 }
 
@@ -166,5 +177,9 @@ impl Reach for Reachable<'_> {
 
     fn travel(&self, from: Option<Stand>, newcomer: Hand, meeting: u8) -> f64 {
         from.map_or(TYPICAL, |from| f64::from(self.seconds[slot(from, newcomer, meeting)]))
+    }
+
+    fn least_travel(&self) -> f64 {
+        self.least
     }
 }
