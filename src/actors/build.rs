@@ -1,12 +1,14 @@
 //! From a scenario's controller section to what the shells and kernels are made of.
 
 use super::move_instruction::Manner;
+use super::supervisor::RunOptions;
 use crate::cell::{Cell, Mount};
 use crate::cube::{Axis, Face};
 use crate::generators::{Compliance, position::Speeds, visual_servo};
+use crate::hw::driver::WallOptions;
 use crate::motion::{AXES, Depth};
 use crate::reach::{Meeting, MeetingTable, ReachSettings};
-use crate::scenario::{ControllerConfig, keys};
+use crate::scenario::{ControllerConfig, Scenario, keys};
 use crate::solver::korf;
 use crate::solver::table::TableSpec;
 use crate::spatial::Pose;
@@ -187,6 +189,19 @@ pub(super) fn meeting_place(cell: &Cell, table: &MeetingTable) -> Point3<f64> {
         })
         .collect();
     Point3::from(places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64)
+}
+
+/// How the servo's thread runs.
+pub(super) fn wall(scenario: &Scenario, options: RunOptions) -> WallOptions {
+    let keys = &scenario.real_time;
+    WallOptions {
+        spin: (keys.spin * 1e9).round() as u64,
+        priority: keys.priority,
+        core: keys.core.map(|core| core as usize),
+        missed_limit: u64::from(keys.missed_limit),
+        require_real_time: options.require_real_time,
+        ..WallOptions::default()
+    }
 }
 
 /// What the cube's kernel is to do; `None` when the task is another one. A face turn by `angle` [rad] is positive

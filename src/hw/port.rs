@@ -3,6 +3,9 @@
 use crate::servo::io::{ArmDrive, ArmReading};
 
 /// The bridge to the arms' hardware; one exchange a servo period.
+///
+/// When the servo is gone or silent the bridge's thread sends [`ArmDrive::OFF`] for all arms, with the next
+/// period's number: brakes hold then.
 pub trait Port: Send {
     /// Sends the drives of period `period` and fetches the readings at its end, in the order of effectors.
     ///

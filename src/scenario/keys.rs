@@ -274,6 +274,21 @@ section! {
 }
 
 section! {
+    /// The servo's thread under the wall clock.
+    RealTime {
+        /// Length of the last part of each wait that is spun away; 0 sleeps all of it.
+        spin [us]: f64 = 100.0, 0.0..=1000.0;
+        /// Priority of the servo's thread under SCHED_FIFO; the bridge's thread has 5 less.
+        priority: i32 = 85, 6.0..=99.0;
+        /// Core that the servo's thread stays on; the scheduler's choice when not given.
+        core: Option<u32> = None, 0.0..=1023.0;
+        /// Periods missed in a row after which the arms are brought to a stand and stop: 0.1 s, since gaps of up
+        /// to 45 ms come from below virtual machines.
+        missed_limit: u32 = 50, 1.0..=10000.0;
+    }
+}
+
+section! {
     /// The regulators of all axes; their gains are the data of each effector's `servo_profile`.
     Servo {
         /// Factor of the gains b0 and b1 of every axis.

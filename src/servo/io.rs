@@ -4,10 +4,13 @@ use crate::motion::{AXES, Depth};
 use crate::spatial::Wrench;
 use serde::{Deserialize, Serialize};
 
+/// Axis of the jaw in the bits of [`ArmReading`] and [`ArmDrive`].
+pub const JAW: usize = AXES;
+
 /// Drives of one arm for one period.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ArmDrive {
-    /// Power stages on; off means that the brakes hold.
+    /// Power stages on; off means that the brakes hold. Switching on clears the controllers' alarms.
     pub enabled: bool,
     /// Pulse width of each axis, -255..=255.
     pub pwm: [i16; AXES],
@@ -17,6 +20,9 @@ pub struct ArmDrive {
     pub jaw_current_limit: f64,
     /// Position of the palm's two-position stops (digital output).
     pub stops: Depth,
+    /// Bit i, the jaw's is [`JAW`]: the controller of axis i sets its counter to zero at the next zero of its
+    /// encoder, and then counts as synchronised. A bit that rises makes it forget that it was.
+    pub synchronise: u8,
 }
 
 impl ArmDrive {
@@ -27,22 +33,32 @@ impl ArmDrive {
         jaw_pwm: 0,
         jaw_current_limit: 0.0,
         stops: Depth::One,
+        synchronise: 0,
     };
 }
 
 /// Readings of one arm in one period.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ArmReading {
-    /// Encoder counters, zero at the synchronisation position.
+    /// Encoder counters, zero at the synchronisation position once the axis is synchronised; until then from
+    /// wherever the controller was switched on.
     pub counts: [i64; AXES],
     /// Encoder counter of the jaw motor.
     pub jaw_count: i64,
     /// Motor currents, the jaw's last [A].
     pub currents: [f64; AXES + 1],
-    /// Bit i: limit switch of axis i is hit.
+    /// Bit i, here and below, is that of axis i; the jaw's is [`JAW`]: limit switch of axis i is hit.
     pub limit_switches: u8,
     /// Bit i: power stage of axis i reports over-current.
     pub over_currents: u8,
+    /// Bit i: power stage of axis i reports a fault of its own, or has no power.
+    pub power_faults: u8,
+    /// Bit i: the synchronisation switch of axis i is pressed.
+    pub sync_switches: u8,
+    /// Bit i: the zero of encoder i, once a revolution, has passed since the last reading.
+    pub encoder_zeros: u8,
+    /// Bit i: the counter of axis i is zero at the synchronisation position.
+    pub synchronised: u8,
     /// What the surroundings and the weight of the tool exert on the sensor, in the sensor's frame.
     /// Components are NaN when the sensor is silent.
     pub wrench_on_sensor: Wrench,
@@ -56,6 +72,10 @@ impl Default for ArmReading {
             currents: [0.0; AXES + 1],
             limit_switches: 0,
             over_currents: 0,
+            power_faults: 0,
+            sync_switches: 0,
+            encoder_zeros: 0,
+            synchronised: u8::MAX,
             wrench_on_sensor: Wrench::default(),
         }
     }

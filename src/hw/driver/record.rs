@@ -93,8 +93,15 @@ impl Bytes<'_> {
         }
         self.int(reading.jaw_count as u64);
         self.floats(&reading.currents);
-        self.int(u64::from(reading.limit_switches));
-        self.int(u64::from(reading.over_currents));
+        let bits = [
+            reading.limit_switches,
+            reading.over_currents,
+            reading.power_faults,
+            reading.sync_switches,
+            reading.encoder_zeros,
+            reading.synchronised,
+        ];
+        self.int(bits.iter().fold(0, |word, bits| word << 8 | u64::from(*bits)));
         self.wrench(&reading.wrench_on_sensor);
     }
 
@@ -127,6 +134,7 @@ impl Bytes<'_> {
                 self.int(u64::from(settings.delay_periods));
             }
             Some(ServoCommand::Reset) => self.int(6),
+            Some(ServoCommand::Synchronise) => self.int(7),
         }
     }
 
@@ -135,6 +143,10 @@ impl Bytes<'_> {
             Motion::Hold => self.int(0),
             Motion::Motors(motors) => {
                 self.int(1);
+                self.floats(&motors.0);
+            }
+            Motion::MotorsBy(motors) => {
+                self.int(6);
                 self.floats(&motors.0);
             }
             Motion::Joints(joints) => {
@@ -168,7 +180,7 @@ impl Bytes<'_> {
     }
 
     fn drive(&mut self, drive: &ArmDrive) {
-        self.int(u64::from(drive.enabled));
+        self.int(u64::from(drive.enabled) | u64::from(drive.synchronise) << 8);
         for pwm in drive.pwm {
             self.int(pwm as u64);
         }

@@ -39,6 +39,12 @@ impl Histogram {
         self.total == 0
     }
 
+    /// Each class that is not empty: its largest time [ns], and how many times it counted.
+    pub fn classes(&self) -> impl Iterator<Item = (u64, u64)> {
+        let classes = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
+        classes.map(|(class, count)| (Self::upper(class).min(self.max), *count))
+    }
+
     /// The longest time [ns].
     #[must_use]
     pub fn max(&self) -> u64 {
@@ -83,10 +89,14 @@ impl Histogram {
 pub struct Timing {
     /// From the time set to the time at which the period began [ns].
     pub wake_up: Histogram,
+    /// How far the time between two beginnings is from a period, missed ones left out [ns].
+    pub jitter: Histogram,
     /// Work of a period [ns].
     pub work: Histogram,
     /// Grid points that passed without a period.
     pub missed: u64,
+    /// The most of them in a row.
+    pub missed_in_a_row: u64,
     /// Periods in which the bridge had no new reading.
     pub late_readings: u64,
 }
@@ -106,8 +116,13 @@ impl std::fmt::Display for Timing {
             )
         };
         line(f, "wake-up", &self.wake_up)?;
+        line(f, "jitter", &self.jitter)?;
         line(f, "work", &self.work)?;
-        write!(f, "missed: {}, late readings: {}", self.missed, self.late_readings)
+        write!(
+            f,
+            "missed: {} periods, {} in a row; late readings: {}",
+            self.missed, self.missed_in_a_row, self.late_readings
+        )
     }
 }
 
