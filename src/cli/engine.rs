@@ -1,8 +1,7 @@
 //! The solver's modes as the command line offers them: a cube in, an answer out.
 
 use super::progress::{Bar, tell};
-use crate::cube::{Axis, Cube, Face, Turn};
-use crate::motion::Depth;
+use crate::cube::{Cube, Turn};
 use crate::solver::korf::{self, Korf};
 use crate::solver::optimal::{self, Optimal};
 use crate::solver::shortest::{Shortest, shortest};
@@ -10,9 +9,10 @@ use crate::solver::table::{InTurn, TableSpec, Workers};
 use crate::solver::tables::Bytes;
 use crate::solver::{self, Budget, Tables, Watch};
 use crate::tables::{Store, Threads};
-use crate::tasks::cube::hold::{Grip, Hand, Hold};
-use crate::tasks::cube::plan::{self, Everywhere, Rule, Terms};
+use crate::tasks::cube::plan::{Effort, Planner, taken};
+use crate::{actors, scenario};
 use clap::ValueEnum;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
@@ -44,7 +44,7 @@ pub(super) struct Limits {
 /// Nodes where no limit is given: about 50 ms.
 pub(super) const USUAL_NODES: u64 = 500_000;
 /// Solutions among which `robot` chooses.
-const CANDIDATES: usize = 200;
+const CANDIDATES: usize = 1000;
 
 /// What a search came to.
 #[derive(Debug)]
@@ -63,6 +63,8 @@ pub(super) struct Engine {
     threads: usize,
     tables: Tables,
     exact: Option<Exact>,
+    /// For `robot`.
+    planner: Option<Planner>,
     /// What it works with, for people.
     pub(super) with: &'static str,
 }
@@ -83,7 +85,8 @@ impl Engine {
             Mode::Optimal => optimal_table(store, workers),
             _ => (None, if large { "the large tables" } else { "the default tables" }),
         };
-        Self { mode, limits, threads, tables, exact, with }
+        let planner = if mode == Mode::Robot { planner() } else { None };
+        Self { mode, limits, threads, tables, exact, planner, with }
     }
 
     /// Whether all threads search for one cube; else they are better used for a cube each.
@@ -161,18 +164,21 @@ impl Engine {
         }
     }
 
-    /// Where the planner says which solution is the best: the cube stands in the track arm's jaws, and both arms
-    /// reach everything.
+    /// The solution of the plan of least time for the built-in cell, begun as the mission begins it.
     fn for_arms(&self, cube: &Cube) -> Result<solver::Solution, String> {
+        let planner = self.planner.as_ref().ok_or("there is no planner")?;
         let nodes = self.limits.nodes.unwrap_or(USUAL_NODES);
-        let budget = Budget { nodes, max_length: self.limits.max_length.unwrap_or(0) };
-        let list = solver::candidates(cube, &self.tables, &budget, CANDIDATES);
-        let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
-        let start = (Hand::Track, Grip { hold, half_roll: false });
-        let plan = plan::plan(&list, start, &Terms::of(Rule::Clearance), &Everywhere)
-            .map_err(|e| e.to_string())?;
+        let effort = Effort { nodes, candidates: CANDIDATES };
+        let (_, start) = planner.looks(taken()).map_err(|e| e.to_string())?;
+        let plan = planner.best(cube, start, &self.tables, effort).map_err(|e| e.to_string())?;
         Ok(solver::Solution { turns: plan.turns, nodes, proven: false })
     }
+}
+
+/// The planner of the built-in cell.
+fn planner() -> Option<Planner> {
+    let scenario = scenario::read(Path::new("the built-in cell"), "", &[]).ok()?;
+    actors::planner(&scenario.controller).ok()
 }
 
 /// Does some work, and sets `stop` when this time is over before it is done.
