@@ -176,7 +176,7 @@ fn blot(picture: &mut RgbImage, at: Point, radius: f64, colour: [u8; 3]) {
     let reach = radius.ceil() as i64;
     let (x0, y0) = (at.0.round() as i64, at.1.round() as i64);
     for (dx, dy) in (-reach..=reach).flat_map(|x| (-reach..=reach).map(move |y| (x, y))) {
-        let (x, y) = (x0 + dx, y0 + dy);
+        let (x, y) = (x0.saturating_add(dx), y0.saturating_add(dy));
         let near = (x as f64 - at.0).hypot(y as f64 - at.1) <= radius;
         let inside = (0..i64::from(picture.width())).contains(&x)
             && (0..i64::from(picture.height())).contains(&y);

@@ -180,13 +180,11 @@ fn papers_rule(
 
 /// Korf's solution, or that of two-phase where Korf's search was given up; and the nodes of both.
 fn or_two_phase(exact: Exact, two_phase: impl FnOnce() -> Solution) -> (Vec<Turn>, u64) {
-    match exact.turns {
-        Some(turns) => (turns, exact.nodes),
-        None => {
-            let found = two_phase();
-            (found.turns, exact.nodes + found.nodes)
-        }
+    if let Some(turns) = exact.turns {
+        return (turns, exact.nodes);
     }
+    let found = two_phase();
+    (found.turns, exact.nodes + found.nodes)
 }
 
 #[cfg(test)]
