@@ -191,7 +191,7 @@ fn parts(c: &mut Criterion) {
     group.bench_function("tff", |b| {
         b.iter_batched_ref(
             ForceLaw::default,
-            |law| law.step(1, Frame::Tool, black_box(&[COMPLIANT; 6]), &wrench, &pose),
+            |law| law.step(1, Frame::Tool, black_box(&[COMPLIANT; 6]), &wrench, &pose, 0.002),
             BatchSize::SmallInput,
         );
     });

@@ -1,7 +1,7 @@
 //! Arms that were just switched on, on the simulated plant: what they refuse, and how they find out where they are.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
 
-use rubik_robot::hw::driver::{Core, NoRecords, ServoLink, Switches, link};
+use rubik_robot::hw::driver::{Core, NoRecords, ServoLink, Switches, link_at};
 use rubik_robot::hw::plant::{Plant, PlantConfig};
 use rubik_robot::kinematics::ArmModel;
 use rubik_robot::motion::{
@@ -9,6 +9,7 @@ use rubik_robot::motion::{
     MoveRefused, Synchronisation,
 };
 use rubik_robot::scenario;
+use rubik_robot::servo::period::Length;
 use rubik_robot::servo::{ServoCommand, ServoConfig};
 use std::path::Path;
 use std::sync::Arc;
@@ -25,18 +26,26 @@ struct Rig {
 impl Rig {
     /// The built-in cell; `synchronised` for each arm.
     fn new(synchronised: [bool; 2]) -> Self {
+        Self::at(synchronised, Length::default())
+    }
+
+    fn at(synchronised: [bool; 2], length: Length) -> Self {
         let controller = scenario::read(Path::new("test"), "", &[]).unwrap().controller;
         let mut config = PlantConfig::new(controller.cell.clone());
         config.synchronised = synchronised;
+        config.period = length;
         let mut plant = Plant::new(config, 1).unwrap();
         let configs = controller
             .cell
             .arms
             .iter()
             .zip(&controller.effectors)
-            .map(|(arm, e)| ServoConfig::new(arm, e.gains.clone()))
+            .map(|(arm, e)| ServoConfig {
+                period: length,
+                ..ServoConfig::new(arm, e.gains.clone())
+            })
             .collect();
-        let (links, ends) = (0..2).map(|_| link()).unzip();
+        let (links, ends) = (0..2).map(|_| link_at(length)).unzip();
         let switches = Arc::new(Switches::default());
         let core = Core::new(configs, ends, Arc::clone(&switches), Box::new(NoRecords), &mut plant)
             .unwrap();
@@ -180,4 +189,52 @@ fn an_emergency_stop_ends_homing_and_a_second_one_goes_on_where_it_was() {
         panic!("{:?}", rig.state(1).synchronisation)
     };
     assert_eq!(now, axis);
+}
+
+#[test]
+fn a_motion_lasts_as_long_and_ends_at_the_same_place_whatever_the_period() {
+    for milliseconds in [0.5, 1.0, 2.0, 4.0] {
+        let length = Length::of_seconds(milliseconds * 1e-3);
+        let mut rig = Rig::at([true, true], length);
+        rig.tick(length.first_after(100));
+        let start = rig.state(1);
+        let mut goal = start.desired_joints;
+        goal.0[1] += 0.2;
+        goal.0[5] += 0.2;
+        // An EDP's stream: macrosteps of 16 ms along a smooth course of 1.6 s, each sent when the last is answered.
+        let mut behind = 0.0_f64;
+        for step in 1..=100 {
+            let x = f64::from(step) / 100.0;
+            let share = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x);
+            let mut way = start.desired_joints;
+            for (q, to) in way.0.iter_mut().zip(&goal.0) {
+                *q += share * (to - *q);
+            }
+            let command = MoveCommand { motion: Motion::Joints(way), periods: 8, jaw: None };
+            let ticket = rig.links[1].send(ServoCommand::Move { command, start: 0 }).unwrap();
+            let early = rig.links[1].early();
+            loop {
+                rig.tick(1);
+                let state = rig.state(1);
+                behind = behind.max((state.desired_joints.0[1] - state.joints.0[1]).abs());
+                if rig.links[1].is_done(ticket, early) {
+                    break;
+                }
+            }
+        }
+        let end = rig.state(1);
+        assert_eq!((end.fault, end.refused), (None, None), "{milliseconds} ms");
+        let lasted = end.command_end - start.period;
+        assert!((799..=810).contains(&lasted), "{milliseconds} ms: {lasted} periods of 2 ms");
+        rig.tick(length.first_after(250));
+        let rest = rig.state(1);
+        println!("{milliseconds} ms: {behind:.4} rad behind on the way");
+        assert!(behind < 0.012, "{milliseconds} ms: {behind} rad behind");
+        for axis in [1, 5] {
+            let error = rest.joints.0[axis] - goal.0[axis];
+            assert!(error.abs() < 1e-3, "{milliseconds} ms, axis {axis}: {error}");
+        }
+        let seen = rig.plant.scene().period;
+        assert!(seen.abs_diff(rest.period) <= 2, "frames and states count alike: {seen}");
+    }
 }

@@ -8,6 +8,7 @@ use rubik_robot::hw::port::{Port, PortFault};
 use rubik_robot::kinematics::{ArmModel, builtin};
 use rubik_robot::motion::{Direction, Frame, JointPositions, Motion, MoveCommand};
 use rubik_robot::servo::io::{ArmDrive, ArmReading};
+use rubik_robot::servo::period::Length;
 use rubik_robot::servo::regulator::{IRP6, ServoGains};
 use rubik_robot::servo::{ServoCommand, ServoConfig};
 use rubik_robot::spatial::Pose;
@@ -53,6 +54,7 @@ fn config(name: &str) -> ServoConfig {
             range: [65.0, 65.0, 130.0, 5.0, 5.0, 5.0],
         },
         gains: ServoGains::parse(IRP6).unwrap_or_else(|e| unreachable!("built-in gains: {e}")),
+        period: Length::default(),
     }
 }
 

@@ -176,7 +176,8 @@ impl Edp {
         let start = self.free.max(self.link.state().period + 1);
         let ticket = self.send("execute", ServoCommand::Move { command, start })?;
         self.free = start + u64::from(command.periods);
-        self.done("execute", ticket, self.free.saturating_sub(EARLY).max(start)).await?;
+        self.done("execute", ticket, self.free.saturating_sub(self.link.early()).max(start))
+            .await?;
         self.check("execute")
     }
 

@@ -10,6 +10,7 @@ use crate::hw::plant::{CubeMechanics, HandScript, Jaws, Plant, PlantConfig, Sens
 use crate::reach::MeetingTable;
 use crate::scenario::Scenario;
 use crate::scenario::plant::{CubeKind, Jaws as JawsKey};
+use crate::servo::period::Length;
 
 /// Creates the plant; a face turn starts with the cube in the postument's hand.
 pub(super) fn create(
@@ -56,6 +57,7 @@ pub(super) fn create(
         CubeKind::Dry => CubeMechanics::dry(),
     };
     config.substeps = keys.substeps;
+    config.period = Length::of_seconds(scenario.real_time.period);
     for (now, wanted) in config.synchronised.iter_mut().zip(&scenario.plant.synchronised) {
         *now = *wanted;
     }

@@ -28,6 +28,7 @@ use crate::record::tape::Tape;
 use crate::scenario::keys::{self, BridgeKind, Pace};
 use crate::scenario::lists::VspKind;
 use crate::scenario::{CameraSource, ControllerConfig, Owner, Scenario};
+use crate::servo::period::Length;
 use crate::servo::{ForceSettings, ServoCommand, ServoConfig};
 use crate::tasks::cube::hold::Hand;
 use crate::tasks::cube::mission::{Goal, Mission, MissionLog};
@@ -195,15 +196,19 @@ async fn perform(
     }
 
     // Servos and their driver.
+    let length = Length::of_seconds(scenario.real_time.period);
     let configs: Vec<_> = config
         .cell
         .arms
         .iter()
         .zip(&config.effectors)
-        .map(|(arm, effector)| ServoConfig::new(arm, effector.gains.clone()))
+        .map(|(arm, effector)| ServoConfig {
+            period: length,
+            ..ServoConfig::new(arm, effector.gains.clone())
+        })
         .collect();
     let (mut links, ends): (Vec<ServoLink>, Vec<_>) =
-        configs.iter().map(|_| driver::link()).unzip();
+        configs.iter().map(|_| driver::link_at(length)).unzip();
     let spoilt = ForceSettings {
         sign: f64::from(config.control.force_sign),
         delay_periods: config.control.force_delay_periods,
@@ -220,7 +225,10 @@ async fn perform(
     let seeing = Arc::clone(&witness);
     // Nobody else takes the lock before the end.
     let witness_period = move |period: u64, plant: &Plant| {
-        seeing.lock().unwrap_or_else(PoisonError::into_inner).look(period, plant.turned());
+        seeing
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .look(length.tick(period), plant.turned());
     };
     let publish = move |inputs: &mut Vec<triple_buffer::Input<Scene>>, plant: &Plant| {
         let scene = plant.scene();

@@ -10,6 +10,7 @@ use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, I
 use crate::cube::{Cube, Facelets};
 use crate::kinematics::{self, ArmModel};
 use crate::motion::{AXES, JointPositions};
+use crate::servo::period::Length;
 use crate::servo::regulator::{self, ServoGains};
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
@@ -99,6 +100,17 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         fault(reader, "control.force_sign", "`control.force_sign`: 0 is neither 1 nor -1".into());
     }
 
+    let length = Length::of_seconds(root.real_time.period);
+    let macrostep = u64::from(root.control.macrostep_periods) * 2_000_000;
+    if macrostep % length.nanos() != 0 || macrostep < 2 * length.nanos() {
+        let reason = format!(
+            "`real_time.period_ms`: a macrostep of {} ms does not last a whole number of periods of {} ms, two at least",
+            macrostep as f64 * 1e-6,
+            length.seconds() * 1e3
+        );
+        let other = "change control.macrostep_periods (of 2 ms) as well".to_owned();
+        help(reader, "real_time.period_ms", reason, Some(other));
+    }
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
     let hand = HandZone {
         world_from_cube: pose(root.hand.centre_xyz, root.hand.cube_rpy),

@@ -276,6 +276,8 @@ section! {
 section! {
     /// The servo's thread under the wall clock.
     RealTime {
+        /// Length of a servo period; a command of `control.macrostep_periods` (of 2 ms) must last whole ones.
+        period [ms]: f64 = 2.0, 0.5..=20.0;
         /// Length of the last part of each wait that is spun away; 0 sleeps all of it.
         spin [us]: f64 = 100.0, 0.0..=1000.0;
         /// Priority of the servo's thread under SCHED_FIFO; the bridge's thread has 5 less.

@@ -43,6 +43,8 @@ pub struct ArmServo {
     homing_step: Option<HomingStep>,
     /// Steps of the motors that are given up little by little [rad].
     braking: Option<[f64; AXES]>,
+    /// What is left of them after a period.
+    fade: f64,
 }
 
 /// What was measured in a period.
@@ -55,9 +57,9 @@ struct Measured {
 }
 
 impl ArmServo {
-    /// Periods before the end of a macrostep from which on the next one waits for its end.
+    /// Periods of 2 ms before the end of a macrostep from which on the next one waits for its end.
     pub const EARLY: u64 = 2;
-    /// Share of a speed that is left after a period of braking: 0.1 s for all but a hundredth of it.
+    /// Share of a speed that is left after 2 ms of braking: 0.1 s for all but a hundredth of it.
     const FADE: f64 = 0.92;
     /// A step of a motor that counts as none [rad].
     const STANDS: f64 = 1e-5;
@@ -72,14 +74,17 @@ impl ArmServo {
             flange_from_tool: config.flange_from_tool,
             set,
             steps: [0.0; AXES],
-            regulators: config.gains.axes.map(|g| Regulator::new(g, config.gains.pwm_limit)),
+            regulators: config
+                .gains
+                .axes
+                .map(|g| Regulator::new(g.for_period(config.period), config.gains.pwm_limit)),
             last_counts: first.counts,
             last_joints: set.joints,
-            jaw: Jaw::new(config.gripper, &config.gains, first.jaw_count),
+            jaw: Jaw::new(config.gripper, &config.gains, first.jaw_count, config.period),
             wrist: WristForce::new(config.sensor),
             late: Late::default(),
             law: ForceLaw::default(),
-            watch: Watch::new(&config.gains, first.counts),
+            watch: Watch::new(&config.gains, first.counts, config.period),
             running: None,
             waiting: None,
             command_end: 0,
@@ -89,6 +94,7 @@ impl ArmServo {
             homing: None,
             homing_step: None,
             braking: None,
+            fade: libm::pow(Self::FADE, config.period.ratio()),
             config,
         }
     }
@@ -193,7 +199,8 @@ impl ArmServo {
                 if self.fault.is_none() && !self.synchronised {
                     self.hold(period);
                     self.refused = None;
-                    self.homing = Some(Homing::new(self.config.model.has_track));
+                    self.homing =
+                        Some(Homing::new(self.config.model.has_track, self.config.period));
                 }
             }
         }
@@ -210,7 +217,8 @@ impl ArmServo {
             return;
         }
         self.braking = None;
-        let follows = self.running.is_some_and(|path| path.end <= period + Self::EARLY);
+        let follows =
+            self.running.is_some_and(|path| path.end <= period + self.config.period.early());
         let after = if follows { self.running.map_or(0, |path| path.end + 1) } else { 0 };
         let begin = start.max(period).max(after);
         self.waiting = Some((command, begin));
@@ -304,7 +312,8 @@ impl ArmServo {
         let periods = u64::from(command.periods.max(1));
         let end = period + periods - 1;
         let model = &self.config.model;
-        let allowed = check_end(&command.motion, periods, &self.set, model, &self.flange_from_tool)
+        let seconds = periods as f64 * self.config.period.seconds();
+        let allowed = check_end(&command.motion, seconds, &self.set, model, &self.flange_from_tool)
             .and_then(|()| command.jaw.map_or(Ok(()), |jaw| self.jaw.check(&jaw)));
         if let Err(refused) = allowed {
             self.refuse(period, refused);
@@ -344,9 +353,9 @@ impl ArmServo {
             return;
         }
         let Some(path) = self.running else { return };
-        let model = &self.config.model;
+        let (model, seconds) = (&self.config.model, self.config.period.seconds());
         let next = path
-            .at(period, &self.set, model, &self.flange_from_tool, &mut self.law, wrench)
+            .at(period, &self.set, model, &self.flange_from_tool, &mut self.law, wrench, seconds)
             .and_then(|next| self.check(&next).map(|()| next));
         match next {
             Ok(next) => {
@@ -368,9 +377,10 @@ impl ArmServo {
                 None => self.jaw.turn(step.step),
             }
         }
+        let fade = self.fade;
         if let Some(steps) = &mut self.braking {
             for (motor, step) in motors.0.iter_mut().zip(steps.iter_mut()) {
-                *step *= Self::FADE;
+                *step *= fade;
                 *motor += *step;
             }
             if steps.iter().all(|step| step.abs() < Self::STANDS) {
@@ -387,11 +397,11 @@ impl ArmServo {
 
     /// Limits of joints, motors and speeds, as far as the arm knows where it is.
     fn check(&self, next: &SetValues) -> Result<(), MoveRefused> {
-        let model = &self.config.model;
+        let (model, seconds) = (&self.config.model, self.config.period.seconds());
         if self.synchronised {
-            next.check(model, &self.set)
+            next.check(model, &self.set, seconds)
         } else {
-            next.check_speed(model, &self.set)
+            next.check_speed(model, &self.set, seconds)
         }
     }
 

@@ -10,14 +10,15 @@
 //!   (tool roll 25, jaw 250), fine 3.5 (25, 100), stands of 250 and 25 periods, a switch is read twice
 
 use super::io::{ArmReading, JAW};
-use crate::motion::{AXES, ArmFault, PERIOD};
+use super::period::Length;
+use crate::motion::{AXES, ArmFault};
 use std::f64::consts::TAU;
 
 /// The order of the original: the lower arm first, then onwards and around.
 const ORDER: [usize; AXES + 1] = [2, 3, 4, 5, 6, JAW, 0, 1];
-/// Periods in which a speed is reached or given up.
+/// Periods of 2 ms in which a speed is reached or given up.
 const RAMP: f64 = 10.0;
-/// Periods of standing on the switch, and after the zero.
+/// Periods of 2 ms of standing on the switch, and after the zero.
 const STANDS: (u32, u32) = (250, 25);
 /// Periods that a switch must be read alike.
 const DEBOUNCE: u32 = 2;
@@ -63,6 +64,10 @@ pub struct Homing {
     travelled: f64,
     /// Periods in which the switch was read the same, and as what.
     switch: (bool, u32),
+    /// Length of a period [s]; periods of a ramp and of the stands.
+    seconds: f64,
+    ramp: f64,
+    stands: (u32, u32),
 }
 
 /// What an arm does in a period of its homing.
@@ -81,8 +86,11 @@ pub struct HomingStep {
 impl Homing {
     /// Begins.
     #[must_use]
-    pub fn new(has_track: bool) -> Self {
+    pub fn new(has_track: bool, period: Length) -> Self {
         Self {
+            seconds: period.seconds(),
+            ramp: (RAMP / period.ratio()).max(1.0),
+            stands: (period.count(STANDS.0), period.count(STANDS.1)),
             next: 0,
             has_track,
             phase: Phase::Coarse,
@@ -104,7 +112,7 @@ impl Homing {
         let mut zeroed = false;
         let goal = match self.phase {
             Phase::Coarse if pressed == Some(true) => {
-                self.enter(Phase::Stand(STANDS.0));
+                self.enter(Phase::Stand(self.stands.0));
                 0.0
             }
             Phase::Coarse => {
@@ -137,7 +145,7 @@ impl Homing {
                 fine
             }
             Phase::Zero if reading.synchronised & bit != 0 => {
-                self.enter(Phase::Rest(STANDS.1));
+                self.enter(Phase::Rest(self.stands.1));
                 zeroed = true;
                 0.0
             }
@@ -158,9 +166,9 @@ impl Homing {
                 0.0
             }
         };
-        let change = coarse.abs().max(fine) / RAMP;
+        let change = coarse.abs().max(fine) / self.ramp;
         self.speed += (goal - self.speed).clamp(-change, change);
-        let step = self.speed * PERIOD;
+        let step = self.speed * self.seconds;
         self.travelled += step;
         let synchronise = if matches!(self.phase, Phase::Zero) { bit } else { 0 };
         Ok(Some(HomingStep { axis, step, synchronise, zeroed }))
@@ -195,6 +203,7 @@ impl Homing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::PERIOD;
 
     /// An axis that follows its set value exactly, with a switch and an encoder.
     struct Axis {
@@ -219,7 +228,7 @@ mod tests {
 
         /// Homes it alone.
         fn home(&mut self) -> Result<(), ArmFault> {
-            let mut homing = Homing::new(true);
+            let mut homing = Homing::new(true, Length::default());
             for _ in 0..100_000 {
                 let reading = ArmReading {
                     sync_switches: u8::from((self.cam.0..self.cam.1).contains(&self.at)) << 4,
@@ -274,10 +283,10 @@ mod tests {
 
     #[test]
     fn a_synchronised_arm_has_nothing_to_do_and_a_missing_track_is_passed_over() {
-        assert_eq!(Homing::new(true).step(&ArmReading::default()), Ok(None));
+        assert_eq!(Homing::new(true, Length::default()).step(&ArmReading::default()), Ok(None));
         let reading = ArmReading { synchronised: !1, ..ArmReading::default() };
-        assert_eq!(Homing::new(false).step(&reading), Ok(None));
-        let first = Homing::new(true).step(&reading).unwrap().unwrap();
+        assert_eq!(Homing::new(false, Length::default()).step(&reading), Ok(None));
+        let first = Homing::new(true, Length::default()).step(&reading).unwrap().unwrap();
         assert_eq!(first.axis, 0);
     }
 }

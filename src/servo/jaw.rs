@@ -3,6 +3,7 @@
 //! A jaw that presses on something never reaches its set value: the current limit then makes the grip force.
 
 use super::io::{ArmDrive, ArmReading};
+use super::period::Length;
 use super::regulator::{Regulator, ServoGains};
 use crate::cell::Gripper;
 use crate::motion::{AXES, Depth, JawCommand, MoveRefused};
@@ -31,10 +32,10 @@ pub struct Jaw {
 impl Jaw {
     /// Stands where it is.
     #[must_use]
-    pub fn new(gripper: Gripper, gains: &ServoGains, count: i64) -> Self {
+    pub fn new(gripper: Gripper, gains: &ServoGains, count: i64, period: Length) -> Self {
         let mut jaw = Self {
             gripper,
-            regulator: Regulator::new(gains.jaw, gains.pwm_limit),
+            regulator: Regulator::new(gains.jaw.for_period(period), gains.pwm_limit),
             from: 0.0,
             to: 0.0,
             begin: 0,
@@ -164,7 +165,7 @@ mod tests {
             increments: 128.0,
             amperes_per_newton: 0.004,
         };
-        Jaw::new(gripper, &ServoGains::parse(IRP6).unwrap(), count)
+        Jaw::new(gripper, &ServoGains::parse(IRP6).unwrap(), count, Length::default())
     }
 
     #[test]

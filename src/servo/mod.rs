@@ -14,6 +14,7 @@ pub mod homing;
 pub mod io;
 pub mod jaw;
 pub mod path;
+pub mod period;
 pub mod regulator;
 pub mod tff;
 pub mod watch;
@@ -40,8 +41,10 @@ pub struct ServoConfig {
     pub gripper: Gripper,
     /// Wrist sensor.
     pub sensor: ForceSensor,
-    /// Axis regulators and watch-dogs.
+    /// Axis regulators and watch-dogs, as found for periods of 2 ms.
     pub gains: ServoGains,
+    /// Length of a period.
+    pub period: period::Length,
 }
 
 impl ServoConfig {
@@ -54,6 +57,7 @@ impl ServoConfig {
             gripper: arm.gripper,
             sensor: arm.sensor,
             gains,
+            period: period::Length::default(),
         }
     }
 }

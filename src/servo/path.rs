@@ -3,7 +3,7 @@
 use super::tff::ForceLaw;
 use crate::kinematics::ArmModel;
 use crate::motion::Direction;
-use crate::motion::{AXES, Frame, JointPositions, Motion, MotorPositions, MoveRefused, PERIOD};
+use crate::motion::{AXES, Frame, JointPositions, Motion, MotorPositions, MoveRefused};
 use crate::spatial::{Pose, Wrench};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
@@ -63,23 +63,28 @@ impl SetValues {
         Ok(Self { motors: model.motors(&joints), joints, base_from_tool })
     }
 
-    /// Whether the drives may be asked for these, coming from `last`.
+    /// Whether the drives may be asked for these, coming from `last` in a period of `seconds`.
     ///
     /// # Errors
     /// The first limit that is exceeded, or a number that is none.
-    pub fn check(&self, model: &ArmModel, last: &Self) -> Result<(), MoveRefused> {
+    pub fn check(&self, model: &ArmModel, last: &Self, seconds: f64) -> Result<(), MoveRefused> {
         model.check_joints(&self.joints)?;
         model.check_motors(&self.motors)?;
-        self.check_speed(model, last)
+        self.check_speed(model, last, seconds)
     }
 
-    /// Whether the drives can follow, coming from `last`: the check of an arm that is not synchronised.
+    /// Whether the drives can follow, coming from `last` in a period of `seconds`: the check of an arm that is not synchronised.
     ///
     /// # Errors
     /// The first motor that would be too fast, or a number that is none.
-    pub fn check_speed(&self, model: &ArmModel, last: &Self) -> Result<(), MoveRefused> {
+    pub fn check_speed(
+        &self,
+        model: &ArmModel,
+        last: &Self,
+        seconds: f64,
+    ) -> Result<(), MoveRefused> {
         for axis in 0..AXES {
-            let rate = (self.motors.0[axis] - last.motors.0[axis]) / PERIOD;
+            let rate = (self.motors.0[axis] - last.motors.0[axis]) / seconds;
             let limit = model.motor_speed_limit;
             if rate.abs() > limit {
                 return Err(MoveRefused::TooFast { axis, rate, limit });
@@ -145,7 +150,7 @@ impl Path {
         Self { kind, begin, end }
     }
 
-    /// Set values of `period`, the last ones being `last`.
+    /// Set values of `period`, which lasts `seconds`, the last ones being `last`.
     ///
     /// # Errors
     /// Why there are none: the pose cannot be reached.
@@ -157,6 +162,7 @@ impl Path {
         flange_from_tool: &Pose,
         law: &mut ForceLaw,
         wrench: &Wrench,
+        seconds: f64,
     ) -> Result<SetValues, MoveRefused> {
         let share = (period + 1 - self.begin) as f64 / (self.end + 1 - self.begin) as f64;
         let mix = |a: &[f64; AXES], b: &[f64; AXES]| {
@@ -187,7 +193,8 @@ impl Path {
                 SetValues::of_pose(model, flange_from_tool, pose, &last.joints)
             }
             Kind::Task { frame, directions } => {
-                let mut pose = law.step(period, *frame, directions, wrench, &last.base_from_tool);
+                let mut pose =
+                    law.step(period, *frame, directions, wrench, &last.base_from_tool, seconds);
                 // Rounding would make the rotation drift from unit length over a long contact.
                 pose.rotation.renormalize();
                 SetValues::of_pose(model, flange_from_tool, pose, &last.joints)
@@ -222,14 +229,14 @@ fn straight(from: Pose, to: Pose) -> Kind {
     Kind::Pose { from, to, rotation }
 }
 
-/// Whether a motion can be begun from `from` and ended within `periods`: its end is checked beforehand, so
+/// Whether a motion can be begun from `from` and ended within `seconds`: its end is checked beforehand, so
 /// that a wrong command does not move the arm at all.
 ///
 /// # Errors
 /// The first limit that its end exceeds, or the speed that it would need.
 pub fn check_end(
     motion: &Motion,
-    periods: u64,
+    seconds: f64,
     from: &SetValues,
     model: &ArmModel,
     flange_from_tool: &Pose,
@@ -267,7 +274,6 @@ pub fn check_end(
             return if finite { Ok(()) } else { Err(MoveRefused::NotANumber) };
         }
     };
-    let seconds = periods as f64 * PERIOD;
     for axis in 0..AXES {
         let rate = (motors.0[axis] - from.motors.0[axis]) / seconds;
         let limit = model.motor_speed_limit;

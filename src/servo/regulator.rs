@@ -8,6 +8,7 @@
 //! - out: pulse width, within the clamp
 //! - source: regulator algorithm 0 of the original's servo; its gains are data (`irp6_servo.toml`)
 
+use super::period::Length;
 use crate::motion::AXES;
 use serde::{Deserialize, Serialize};
 
@@ -28,6 +29,25 @@ pub struct RegulatorGains {
     pub k1: f64,
     /// Weight of the last step error.
     pub k2: f64,
+}
+
+impl RegulatorGains {
+    /// The same regulator for periods of another length: poles and zeros keep their times (matched transform), and
+    /// the gain at low frequencies stays.
+    #[must_use]
+    pub fn for_period(self, period: Length) -> Self {
+        if period == Length::default() {
+            return self;
+        }
+        let ratio = period.ratio();
+        let a = libm::pow(self.a, ratio);
+        let k2 = self.k1 * libm::pow(self.k2 / self.k1, ratio);
+        let zero = libm::pow(self.b1 / self.b0, ratio);
+        // Low frequencies: (k1 - k2) (b0 - b1) / (1 - a), summed once a period.
+        let low = (self.k1 - self.k2) * (self.b0 - self.b1) / (1.0 - self.a);
+        let b0 = low * ratio * (1.0 - a) / ((self.k1 - k2) * (1.0 - zero));
+        Self { a, b0, b1: b0 * zero, k2, ..self }
+    }
 }
 
 /// Regulators and watch-dogs of an arm.

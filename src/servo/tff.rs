@@ -10,7 +10,7 @@
 //! - source: Bruyninckx and De Schutter (1996); Zieliński et al. (2007), p. 371; the inertia term and the
 //!   integration on the commanded pose are from the original's sources
 
-use crate::motion::{Direction, Frame, PERIOD};
+use crate::motion::{Direction, Frame};
 use crate::spatial::{Pose, Twist, Wrench};
 
 /// The law's memory: the displacement of the last period, in base orientation.
@@ -24,7 +24,7 @@ impl ForceLaw {
     /// Periods without a task motion after which the momentum is forgotten.
     const MEMORY: u64 = 10;
 
-    /// The commanded `base_from_tool` after this period; `wrench` is what the tool exerts on its
+    /// The commanded `base_from_tool` after this period of so many `seconds`; `wrench` is what the tool exerts on its
     /// surroundings, about the tool point, in tool axes.
     pub fn step(
         &mut self,
@@ -33,6 +33,7 @@ impl ForceLaw {
         directions: &[Direction; 6],
         wrench: &Wrench,
         base_from_tool: &Pose,
+        seconds: f64,
     ) -> Pose {
         if period.saturating_sub(self.last_period) > Self::MEMORY {
             self.last = Twist::default();
@@ -45,7 +46,7 @@ impl ForceLaw {
         let force = wrench.rotated(&tool_from_axes.inverse());
         let last = self.last.rotated(&base_from_axes.inverse());
 
-        let moved = displacement(directions, &force, &last);
+        let moved = displacement(directions, &force, &last, seconds);
 
         self.last = moved.rotated(&base_from_axes);
         self.last_period = period;
@@ -53,15 +54,20 @@ impl ForceLaw {
     }
 }
 
-/// Displacement in one period; all in the axes of the task frame:
+/// Displacement in one period of T `seconds`; all in the axes of the task frame:
 /// `d = ((B (wanted - F) + v) T^2 + B M d_last) / (T + B M)`.
 #[must_use]
-pub fn displacement(directions: &[Direction; 6], wrench: &Wrench, last: &Twist) -> Twist {
+pub fn displacement(
+    directions: &[Direction; 6],
+    wrench: &Wrench,
+    last: &Twist,
+    seconds: f64,
+) -> Twist {
     let (forces, lasts) = (wrench.directions(), last.directions());
     Twist::from_directions(std::array::from_fn(|i| {
         let (velocity, wanted, admittance, inertia) = match directions[i] {
             // Not by way of B = M = 0: a silent sensor (not a number) must not reach a position direction.
-            Direction::Unguarded { velocity } => return velocity * PERIOD,
+            Direction::Unguarded { velocity } => return velocity * seconds,
             Direction::Guarded { velocity, admittance, inertia } => {
                 (velocity, 0.0, admittance, inertia)
             }
@@ -71,7 +77,7 @@ pub fn displacement(directions: &[Direction; 6], wrench: &Wrench, last: &Twist) 
         };
         let pushed = admittance * (wanted - forces[i]) + velocity;
         let lag = admittance * inertia;
-        (pushed * PERIOD * PERIOD + lag * lasts[i]) / (PERIOD + lag)
+        (pushed * seconds * seconds + lag * lasts[i]) / (seconds + lag)
     }))
 }
 
@@ -84,6 +90,7 @@ pub fn heeds_force(directions: &[Direction; 6]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::PERIOD;
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
     use proptest::prelude::*;
 
@@ -112,7 +119,7 @@ mod tests {
         for period in 1..=periods {
             let n = forces.len();
             let seen = 0.5 * (forces[n - 1 - delay] + forces[n - 2 - delay]);
-            pose = law.step(period, Frame::Base, &directions, &along(2, seen), &pose);
+            pose = law.step(period, Frame::Base, &directions, &along(2, seen), &pose, PERIOD);
             forces.push(stiffness * pose.translation.z);
         }
         forces
@@ -123,7 +130,7 @@ mod tests {
         let mut directions = [HOLD; 6];
         directions[2] = Direction::Guarded { velocity: 0.0, admittance: 0.002, inertia: 0.0 };
 
-        let moved = displacement(&directions, &along(2, 5.0), &Twist::default());
+        let moved = displacement(&directions, &along(2, 5.0), &Twist::default(), PERIOD);
 
         let wanted = Twist::from_directions([0.0, 0.0, -0.002 * 5.0 * PERIOD, 0.0, 0.0, 0.0]);
         assert!((moved.linear - wanted.linear).norm() < 1e-18);
@@ -137,7 +144,7 @@ mod tests {
         let silent = Wrench::from_directions([f64::NAN; 6]);
 
         for wrench in [along(1, 50.0), Wrench::default(), silent] {
-            let moved = displacement(&directions, &wrench, &Twist::default());
+            let moved = displacement(&directions, &wrench, &Twist::default(), PERIOD);
 
             assert_eq!(moved, Twist::from_directions([0.0, 0.03 * PERIOD, 0.0, 0.0, 0.0, 0.0]));
         }
@@ -154,7 +161,7 @@ mod tests {
 
         for period in 1..=3000 {
             let force = stiffness * pose.translation.x;
-            pose = law.step(period, Frame::Tool, &directions, &along(0, force), &pose);
+            pose = law.step(period, Frame::Tool, &directions, &along(0, force), &pose, PERIOD);
         }
 
         assert!((stiffness * pose.translation.x - 2.0).abs() < 1e-6);
@@ -192,7 +199,7 @@ mod tests {
 
         for period in 1..=1000 {
             let force = -1e4 * pose.translation.z;
-            pose = law.step(period, Frame::Base, &directions, &along(2, force), &pose);
+            pose = law.step(period, Frame::Base, &directions, &along(2, force), &pose, PERIOD);
         }
 
         assert!(1e4 * pose.translation.z > 65.0);
@@ -208,8 +215,9 @@ mod tests {
         directions[0] = Direction::Unguarded { velocity: 0.1 };
         directions[5] = Direction::Unguarded { velocity: 0.2 };
 
-        let by =
-            |frame| ForceLaw::default().step(1, frame, &directions, &Wrench::default(), &turned);
+        let by = |frame| {
+            ForceLaw::default().step(1, frame, &directions, &Wrench::default(), &turned, PERIOD)
+        };
 
         let (base, tool) = (by(Frame::Base), by(Frame::Tool));
         let moved = |pose: Pose| pose.translation.vector - turned.translation.vector;
@@ -223,11 +231,13 @@ mod tests {
         let mut directions = [HOLD; 6];
         directions[0] = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
         let mut law = ForceLaw::default();
-        law.step(1, Frame::Base, &directions, &along(0, -5.0), &Pose::identity());
+        law.step(1, Frame::Base, &directions, &along(0, -5.0), &Pose::identity(), PERIOD);
         let mut later = law;
 
-        let soon = law.step(11, Frame::Base, &directions, &Wrench::default(), &Pose::identity());
-        let late = later.step(12, Frame::Base, &directions, &Wrench::default(), &Pose::identity());
+        let soon =
+            law.step(11, Frame::Base, &directions, &Wrench::default(), &Pose::identity(), PERIOD);
+        let late =
+            later.step(12, Frame::Base, &directions, &Wrench::default(), &Pose::identity(), PERIOD);
 
         assert!(soon.translation.x > 0.0);
         assert_eq!(late.translation.x, 0.0);
@@ -250,8 +260,8 @@ mod tests {
             let (mut one, mut two) = (Pose::identity(), turn);
 
             for period in 1..=20 {
-                one = a.step(period, Frame::Tool, &directions, &wrench, &one);
-                two = b.step(period, Frame::Tool, &directions, &wrench, &two);
+                one = a.step(period, Frame::Tool, &directions, &wrench, &one, PERIOD);
+                two = b.step(period, Frame::Tool, &directions, &wrench, &two, PERIOD);
             }
 
             let difference = (turn * one).to_homogeneous() - two.to_homogeneous();

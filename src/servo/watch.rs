@@ -1,8 +1,9 @@
 //! Watch-dogs of the axes: what makes a servo stop its arm by itself.
 
 use super::io::ArmReading;
+use super::period::Length;
 use super::regulator::ServoGains;
-use crate::motion::{AXES, ArmFault, MotorPositions, PERIOD};
+use crate::motion::{AXES, ArmFault, MotorPositions};
 
 /// Following error and frozen encoders of all axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -14,27 +15,38 @@ pub struct Watch {
     /// Periods in a row in which the axis should have moved and its counter did not.
     frozen: [u32; AXES],
     last_counts: [i64; AXES],
+    /// Length of a period [s], and what follows from it.
+    seconds: f64,
+    fade: f64,
+    jump: f64,
 }
 
 impl Watch {
-    /// Share of the remembered speed that is left after a period: about 40 ms.
+    /// Share of the remembered speed that is left after 2 ms: about 40 ms in all.
     const FADE: f64 = 0.95;
     /// A set value faster than this must show in the encoder [rad/s].
     const MUST_MOVE: f64 = 15.0;
     /// Periods after which a counter that does not move is taken for frozen.
     const FROZEN: u32 = 8;
-    /// No motor can turn further in a period [rad].
+    /// No motor can turn further in 2 ms [rad].
     const JUMP: f64 = 1.5;
 
     /// At rest.
     #[must_use]
-    pub fn new(gains: &ServoGains, counts: [i64; AXES]) -> Self {
+    pub fn new(gains: &ServoGains, counts: [i64; AXES], period: Length) -> Self {
         Self {
             following_error: gains.following_error,
             following_lag: gains.following_lag,
             speed: [0.0; AXES],
             frozen: [0; AXES],
             last_counts: counts,
+            seconds: period.seconds(),
+            fade: if period == Length::default() {
+                Self::FADE
+            } else {
+                libm::pow(Self::FADE, period.ratio())
+            },
+            jump: Self::JUMP * period.ratio(),
         }
     }
 
@@ -65,14 +77,14 @@ impl Watch {
         let mut fault = None;
         for axis in (first_axis..AXES).rev() {
             let moved = reading.counts[axis] - self.last_counts[axis];
-            let speed = steps[axis].abs() / PERIOD;
-            self.speed[axis] = (self.speed[axis] * Self::FADE).max(speed);
+            let speed = steps[axis].abs() / self.seconds;
+            self.speed[axis] = (self.speed[axis] * self.fade).max(speed);
             let still = moved == 0 && speed > Self::MUST_MOVE;
             self.frozen[axis] = if still { self.frozen[axis] + 1 } else { 0 };
 
             let error = set.0[axis] - measured.0[axis];
             let allowed = self.following_error + self.following_lag * self.speed[axis];
-            let jumped = moved.abs() as f64 * std::f64::consts::TAU / increments[axis] > Self::JUMP;
+            let jumped = moved.abs() as f64 * std::f64::consts::TAU / increments[axis] > self.jump;
             // Not within also catches what is not a number.
             let follows = (-allowed..=allowed).contains(&error);
             if !follows || jumped || self.frozen[axis] > Self::FROZEN {

@@ -8,6 +8,7 @@ use rubik_robot::kinematics::builtin;
 use rubik_robot::motion::{AXES, JointPositions};
 use rubik_robot::servo::ServoConfig;
 use rubik_robot::servo::io::{ArmDrive, ArmReading};
+use rubik_robot::servo::period::Length;
 use rubik_robot::servo::regulator::{IRP6, ServoGains};
 use rubik_robot::spatial::Pose;
 use std::f64::consts::TAU;
@@ -39,6 +40,7 @@ pub fn config() -> ServoConfig {
             range: [65.0, 65.0, 130.0, 5.0, 5.0, 5.0],
         },
         gains: ServoGains::parse(IRP6).unwrap(),
+        period: Length::default(),
     }
 }
 

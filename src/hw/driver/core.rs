@@ -1,11 +1,11 @@
 //! One servo period of all arms: the same code under both drivers of time.
 
-use super::PERIOD_NANOS;
 use super::link::ServoEnd;
 use super::record::{RecordSink, ServoRecord};
 use crate::hw::port::{Port, PortFault};
 use crate::motion::ArmFault;
 use crate::servo::io::{ArmDrive, ArmReading};
+use crate::servo::period::Length;
 use crate::servo::{ArmServo, ServoCommand, ServoConfig};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -35,11 +35,12 @@ pub struct Core {
     last_beat_period: u64,
     /// When the arms stop, and why.
     stopping: Option<(u64, ArmFault)>,
+    length: Length,
 }
 
 impl Core {
-    /// Periods from a controlled stop's beginning to its end.
-    const STAND: u64 = 100;
+    /// From a controlled stop's beginning to its end [ns].
+    const STAND: u64 = 200_000_000;
     /// Time without a heart beat after which the arms are brought to a stand, and after which they stop [ns].
     const SILENCE: (u64, u64) = (100_000_000, 1_000_000_000);
 
@@ -47,6 +48,8 @@ impl Core {
     ///
     /// # Errors
     /// What the port says.
+    ///
+    /// All configurations have periods of one length.
     ///
     /// # Panics
     /// When there are not as many ends as configurations: a mistake of ours.
@@ -58,6 +61,7 @@ impl Core {
         port: &mut dyn Port,
     ) -> Result<Self, PortFault> {
         assert_eq!(configs.len(), ends.len(), "one end for each arm");
+        let length = configs.first().map_or_else(Length::default, |config| config.period);
         let drives = vec![ArmDrive::OFF; configs.len()];
         let mut readings = vec![ArmReading::default(); configs.len()];
         port.exchange(0, &drives, &mut readings)?;
@@ -76,6 +80,7 @@ impl Core {
             last_beat: 0,
             last_beat_period: 0,
             stopping: None,
+            length,
         })
     }
 
@@ -116,7 +121,7 @@ impl Core {
     /// Brings all arms to a stand and stops them there, 0.2 s later.
     pub fn stop(&mut self, period: u64, fault: ArmFault) {
         self.brake(period);
-        let _ = self.stopping.get_or_insert((period + Self::STAND, fault));
+        let _ = self.stopping.get_or_insert((period + Self::STAND / self.length.nanos(), fault));
     }
 
     /// Brings all arms to a stand; they hold there.
@@ -135,6 +140,12 @@ impl Core {
     #[must_use]
     pub fn switches(&self) -> &Arc<Switches> {
         &self.switches
+    }
+
+    /// Length of a period.
+    #[must_use]
+    pub fn length(&self) -> Length {
+        self.length
     }
 
     /// Number of arms.
@@ -170,7 +181,7 @@ impl Core {
         if beat != self.last_beat || beat == 0 {
             (self.last_beat, self.last_beat_period) = (beat, period);
         } else {
-            let silence = (period - self.last_beat_period) * PERIOD_NANOS;
+            let silence = (period - self.last_beat_period) * self.length.nanos();
             if silence > Self::SILENCE.1 {
                 self.trip(period, ArmFault::HeartBeat { seconds: silence as f64 * 1e-9 });
             } else if silence > Self::SILENCE.0 {

@@ -4,6 +4,7 @@
 
 use crate::motion::ArmState;
 use crate::servo::ServoCommand;
+use crate::servo::period::Length;
 
 /// Commands that can lie in the ring: the servo takes one a period.
 const DEPTH: usize = 16;
@@ -11,7 +12,10 @@ const DEPTH: usize = 16;
 /// A state and how many commands had been taken when it was written.
 #[derive(Debug, Clone, Copy, Default)]
 struct Published {
+    /// Numbered in periods of 2 ms.
     state: ArmState,
+    /// Servo periods that the command has left.
+    left: u64,
     taken: u64,
 }
 
@@ -21,6 +25,7 @@ pub struct ServoLink {
     commands: rtrb::Producer<ServoCommand>,
     states: triple_buffer::Output<Published>,
     sent: u64,
+    length: Length,
 }
 
 /// The servo's end.
@@ -29,6 +34,7 @@ pub struct ServoEnd {
     commands: rtrb::Consumer<ServoCommand>,
     states: triple_buffer::Input<Published>,
     taken: u64,
+    length: Length,
 }
 
 /// The servo has not taken a command for so long that the ring is full.
@@ -36,14 +42,20 @@ pub struct ServoEnd {
 #[error("the servo takes no commands: {DEPTH} are waiting")]
 pub struct Unsent;
 
-/// Both ends of a way to one arm's servo.
+/// Both ends of a way to one arm's servo, whose periods last 2 ms.
 #[must_use]
 pub fn link() -> (ServoLink, ServoEnd) {
+    link_at(Length::default())
+}
+
+/// Both ends of a way to one arm's servo. On the EDP's side time counts in periods of 2 ms, on the servo's in its own.
+#[must_use]
+pub fn link_at(length: Length) -> (ServoLink, ServoEnd) {
     let (producer, consumer) = rtrb::RingBuffer::new(DEPTH);
     let (input, output) = triple_buffer::triple_buffer(&Published::default());
     (
-        ServoLink { commands: producer, states: output, sent: 0 },
-        ServoEnd { commands: consumer, states: input, taken: 0 },
+        ServoLink { commands: producer, states: output, sent: 0, length },
+        ServoEnd { commands: consumer, states: input, taken: 0, length },
     )
 }
 
@@ -52,7 +64,14 @@ impl ServoLink {
     ///
     /// # Errors
     /// [`Unsent`] when the ring is full.
-    pub fn send(&mut self, command: ServoCommand) -> Result<u64, Unsent> {
+    pub fn send(&mut self, mut command: ServoCommand) -> Result<u64, Unsent> {
+        if let ServoCommand::Move { command, start } = &mut command {
+            // None lasts none: that stays the servo's to judge.
+            if command.periods > 0 && command.periods < u32::MAX {
+                command.periods = self.length.count(command.periods);
+            }
+            *start = self.length.first_after(*start);
+        }
         self.commands.push(command).map_err(|_| Unsent)?;
         self.sent += 1;
         Ok(self.sent)
@@ -67,8 +86,16 @@ impl ServoLink {
     /// [`ArmServo::EARLY`](crate::servo::ArmServo::EARLY) the next one, sent now, follows without a gap. A
     /// command that was refused or broken off is done too: see the state.
     pub fn is_done(&mut self, ticket: u64, early: u64) -> bool {
-        let Published { state, taken } = self.states.read();
-        *taken >= ticket && state.command_end <= state.period + early
+        let Published { left, taken, .. } = self.states.read();
+        let early =
+            if early == 0 { 0 } else { self.length.early().max(self.length.first_after(early)) };
+        *taken >= ticket && *left <= early
+    }
+
+    /// How many periods of 2 ms before its end a macrostep must be answered.
+    #[must_use]
+    pub fn early(&self) -> u64 {
+        self.length.early_ticks()
     }
 
     /// Whether the servo is gone.
@@ -87,7 +114,13 @@ impl ServoEnd {
     }
 
     pub(super) fn publish(&mut self, state: &ArmState) {
-        self.states.write(Published { state: *state, taken: self.taken });
+        let left = state.command_end.saturating_sub(state.period);
+        let state = ArmState {
+            period: self.length.tick(state.period),
+            command_end: self.length.tick_after(state.command_end),
+            ..*state
+        };
+        self.states.write(Published { state, left, taken: self.taken });
     }
 }
 

@@ -18,12 +18,12 @@ mod wall;
 
 pub use self::core::{Core, Switches};
 pub use bridge::{Bridge, BridgeLost, BridgePort};
-pub use link::{ServoEnd, ServoLink, Unsent, link};
+pub use link::{ServoEnd, ServoLink, Unsent, link, link_at};
 pub use realtime::{Clock, RealTime};
 pub use record::{NoRecords, RecordSink, ServoRecord};
 pub use stats::{Histogram, Timing};
 pub use virtual_time::run_virtual;
 pub use wall::{Wall, WallEnd, WallOptions, spawn_wall};
 
-/// Length of a servo period [ns].
+/// Length of a servo period [ns], unless another is asked for.
 pub const PERIOD_NANOS: u64 = 2_000_000;

@@ -3,7 +3,6 @@
 //! Port and servos are called inline, in a fixed order, so a run is repeatable to the bit and as fast as the
 //! machine allows. No thread here: paused time does not see threads.
 
-use super::PERIOD_NANOS;
 use super::core::Core;
 use crate::hw::port::{Port, PortFault};
 use std::sync::atomic::Ordering;
@@ -25,7 +24,7 @@ pub async fn run_virtual<P: Port>(
     let mut period = 0;
     while !core.switches().stop.load(Ordering::Acquire) {
         period += 1;
-        sleep_until(start + Duration::from_nanos(period * PERIOD_NANOS)).await;
+        sleep_until(start + Duration::from_nanos(period * core.length().nanos())).await;
         core.period(period, port)?;
         hook(period, port);
     }

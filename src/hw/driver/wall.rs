@@ -7,7 +7,6 @@
 //! Once it runs, the thread makes no system call but the sleep and the wake-up of the bridge, allocates
 //! nothing, and takes no lock: `tests/realtime.rs` holds it to that.
 
-use super::PERIOD_NANOS;
 use super::bridge::{Bridge, BridgePort};
 use super::core::{Core, Switches};
 use super::realtime::{Clock, RealTime};
@@ -23,8 +22,6 @@ use std::thread::JoinHandle;
 /// How the wall driver runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WallOptions {
-    /// Length of a period [ns].
-    pub period: u64,
     /// Length of the last part of each wait that is spun away [ns]; 0 to sleep all of it.
     pub spin: u64,
     /// Priority of the servo thread under `SCHED_FIFO`, 6..=99; the bridge has 5 less.
@@ -39,14 +36,7 @@ pub struct WallOptions {
 
 impl Default for WallOptions {
     fn default() -> Self {
-        Self {
-            period: PERIOD_NANOS,
-            spin: 100_000,
-            priority: 85,
-            core: None,
-            missed_limit: 50,
-            require_real_time: false,
-        }
+        Self { spin: 100_000, priority: 85, core: None, missed_limit: 50, require_real_time: false }
     }
 }
 
@@ -83,8 +73,9 @@ pub fn spawn_wall<P: Port + 'static>(
     options: WallOptions,
 ) -> io::Result<Wall<P>> {
     let switches = Arc::clone(core.switches());
+    let length = core.length().nanos();
     let (bridge, mut side) =
-        Bridge::spawn(port, core.readings(), options.priority - 5, options.period, hook)?;
+        Bridge::spawn(port, core.readings(), options.priority - 5, length, hook)?;
     let (tell, told) = mpsc::channel();
     let servo = std::thread::Builder::new().name("servo".into()).spawn(move || {
         let mut rights = RealTime::acquire(options.priority, options.core);
@@ -125,7 +116,8 @@ impl<P: Port + 'static> Wall<P> {
 /// The real-time loop.
 fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing {
     let clock = Clock;
-    let (length, spin) = (options.period, options.spin.min(options.period / 2));
+    let length = core.length().nanos();
+    let spin = options.spin.min(length / 2);
     let mut timing = Timing::default();
     let mut next = clock.now() + length;
     let mut period = 0;

@@ -10,7 +10,6 @@ use super::hand::Sight;
 use super::verdict::MOST_EVENTS;
 use super::{Event, Incident, Part, Plant, State};
 use crate::cube::Axis;
-use crate::motion::PERIOD;
 use crate::spatial::Twist;
 
 /// Looks for a loaded layer that does not move.
@@ -25,8 +24,9 @@ impl Plant {
     /// The end of a period: what happened.
     pub(super) fn account(&mut self) {
         let core = self.balance.core(&self.puzzle);
-        let moved = (core.p - self.core.p) / PERIOD;
-        let turned = rotation_vector(&(core.r * self.core.r.transpose())) / PERIOD;
+        let moved = (core.p - self.core.p) / self.config.period.seconds();
+        let turned =
+            rotation_vector(&(core.r * self.core.r.transpose())) / self.config.period.seconds();
         self.velocity = Twist { linear: moved, angular: turned };
         self.core = core;
         for (gone, touch) in self.let_go.iter_mut().zip(&self.balance.touches) {
@@ -158,7 +158,9 @@ impl Plant {
             self.watch = StillWatch { angle, since: self.period, reported: false };
         } else if !loaded || off < 3_f64.to_radians() {
             self.watch.since = self.period;
-        } else if !self.watch.reported && (self.period - self.watch.since) as f64 * PERIOD > 3.0 {
+        } else if !self.watch.reported
+            && (self.period - self.watch.since) as f64 * self.config.period.seconds() > 3.0
+        {
             self.watch.reported = true;
             self.verdict.counts.stuck += 1;
             self.record(Incident::Stuck {

@@ -6,6 +6,7 @@
 use super::dynamics::{LINKS, Link};
 use crate::cell::Cell;
 use crate::motion::AXES;
+use crate::servo::period::Length;
 use crate::spatial::Pose;
 use nalgebra::Vector3;
 
@@ -32,7 +33,9 @@ pub struct PlantConfig {
     pub facelets: [u8; 54],
     /// Whether the controllers of each arm are synchronised already when the run begins.
     pub synchronised: [bool; 2],
-    /// Substeps of a servo period; 4 is the tested figure.
+    /// Length of a servo period.
+    pub period: Length,
+    /// Substeps in 2 ms; 4 is the tested figure.
     pub substeps: u32,
 }
 
@@ -52,6 +55,7 @@ impl PlantConfig {
             start_grip: 30.0,
             facelets: std::array::from_fn(|i| (i / 9) as u8),
             synchronised: [true; 2],
+            period: Length::default(),
             substeps: 4,
         }
     }

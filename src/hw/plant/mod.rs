@@ -48,7 +48,7 @@ use super::port::{Port, PortFault};
 use super::scene::{Scene, SceneArm, SceneCube};
 use crate::cell::{Cell, Gripper};
 use crate::cube::{Axis, Face};
-use crate::motion::{AXES, Depth, PERIOD};
+use crate::motion::{AXES, Depth};
 use crate::servo::io::{ArmDrive, ArmReading, JAW};
 use crate::spatial::Twist;
 use nalgebra::{Point3, Vector3};
@@ -127,7 +127,9 @@ impl Plant {
             .arms
             .iter()
             .enumerate()
-            .map(|(i, a)| WristSensor::new(&a.sensor, &config.noise, stream(10 + i as u64)))
+            .map(|(i, a)| {
+                WristSensor::new(&a.sensor, &config.noise, config.period, stream(10 + i as u64))
+            })
             .collect();
         let mut friction = stream(1);
         let spread = config.cube.spread;
@@ -202,7 +204,7 @@ impl Plant {
             }
         };
         Scene {
-            period: self.period,
+            period: self.config.period.tick(self.period),
             cube: SceneCube {
                 world_from_cube: self.core.to_pose(),
                 velocity: self.velocity,
@@ -251,7 +253,7 @@ impl Plant {
     }
 
     fn time(&self) -> f64 {
-        self.period as f64 * PERIOD
+        self.period as f64 * self.config.period.seconds()
     }
 
     fn both_hold(&self) -> bool {
@@ -391,8 +393,9 @@ impl Port for Plant {
             let reason = format!("{} drives, {} readings", drives.len(), readings.len());
             return Err(PortFault { effector: count, reason });
         }
-        let substeps = self.config.substeps.max(1);
-        let dt = PERIOD / f64::from(substeps);
+        let length = self.config.period;
+        let substeps = (f64::from(self.config.substeps) * length.ratio()).ceil().max(1.0) as u32;
+        let dt = length.seconds() / f64::from(substeps);
         let start = self.time();
         for arm in &mut self.arms {
             arm.begin_period();

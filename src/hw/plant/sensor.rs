@@ -6,7 +6,7 @@
 use super::config::SensorNoise;
 use super::frame::Frame;
 use crate::cell::ForceSensor;
-use crate::motion::PERIOD;
+use crate::servo::period::Length;
 use crate::spatial::Wrench;
 use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
@@ -31,7 +31,12 @@ pub(super) struct WristSensor {
 }
 
 impl WristSensor {
-    pub(super) fn new(sensor: &ForceSensor, noise: &SensorNoise, mut rng: Pcg64) -> Self {
+    pub(super) fn new(
+        sensor: &ForceSensor,
+        noise: &SensorNoise,
+        period: Length,
+        mut rng: Pcg64,
+    ) -> Self {
         let mut normal = |force: f64, torque: f64| -> [f64; 6] {
             std::array::from_fn(|i| {
                 let x: f64 = StandardNormal.sample(&mut rng);
@@ -39,7 +44,7 @@ impl WristSensor {
             })
         };
         let bias = normal(noise.force_bias, noise.torque_bias);
-        let periods = 600.0 / PERIOD;
+        let periods = 600.0 / period.seconds();
         let drift = normal(noise.force_drift / periods, 0.05 * noise.force_drift / periods);
         Self {
             sensor: *sensor,

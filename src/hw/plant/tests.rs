@@ -3,6 +3,7 @@
 use super::testing::{TestServo, cell, held, quiet, world_from_tool};
 use super::truth::{ErrorSpreads, GraspError, draw};
 use super::*;
+use crate::motion::PERIOD;
 use crate::spatial::Pose;
 use nalgebra::{Matrix6, Vector6};
 use std::f64::consts::FRAC_PI_2;

@@ -1,0 +1,118 @@
+//! How long the servo's own periods are, and how they lie on the controller's grid of 2 ms.
+//!
+//! All actors count in the original's periods of 2 ms ([`PERIOD`]); a servo may run faster or slower. What crosses
+//! between them is converted here and nowhere else. At 2 ms every conversion is the identity.
+//!
+//! - in: period numbers of one side
+//! - out: those of the other
+
+use crate::motion::PERIOD;
+
+/// Nanoseconds of [`PERIOD`].
+const TICK: u64 = 2_000_000;
+
+/// Length of a servo period.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Length {
+    nanos: u64,
+}
+
+impl Default for Length {
+    fn default() -> Self {
+        Self { nanos: TICK }
+    }
+}
+
+impl Length {
+    /// Of this many seconds, 0.5 to 20 ms.
+    #[must_use]
+    pub fn of_seconds(seconds: f64) -> Self {
+        Self { nanos: ((seconds * 1e9).round() as u64).clamp(500_000, 20_000_000) }
+    }
+
+    /// [s]
+    #[must_use]
+    pub fn seconds(self) -> f64 {
+        // 2 ms is the literal: the default results do not depend on a conversion's rounding.
+        if self.nanos == TICK { PERIOD } else { self.nanos as f64 * 1e-9 }
+    }
+
+    /// [ns]
+    #[must_use]
+    pub fn nanos(self) -> u64 {
+        self.nanos
+    }
+
+    /// In periods of 2 ms.
+    #[must_use]
+    pub fn ratio(self) -> f64 {
+        self.nanos as f64 / TICK as f64
+    }
+
+    /// How many servo periods last as long as so many of 2 ms; at least one.
+    #[must_use]
+    pub fn count(self, ticks: u32) -> u32 {
+        let nanos = u64::from(ticks) * TICK;
+        u32::try_from((nanos + self.nanos / 2) / self.nanos).unwrap_or(u32::MAX).max(1)
+    }
+
+    /// The first servo period that does not begin before a period of 2 ms.
+    #[must_use]
+    pub fn first_after(self, tick: u64) -> u64 {
+        tick.saturating_mul(TICK).div_ceil(self.nanos)
+    }
+
+    /// The period of 2 ms in which a servo period begins.
+    #[must_use]
+    pub fn tick(self, period: u64) -> u64 {
+        period.saturating_mul(self.nanos) / TICK
+    }
+
+    /// The first period of 2 ms that does not begin before a servo period.
+    #[must_use]
+    pub fn tick_after(self, period: u64) -> u64 {
+        period.saturating_mul(self.nanos).div_ceil(TICK)
+    }
+
+    /// How many servo periods before its end a macrostep is answered, so that the next one follows without a gap:
+    /// two, or what lasts as long as two of 2 ms.
+    #[must_use]
+    pub fn early(self) -> u64 {
+        (2 * TICK).div_ceil(self.nanos).max(2)
+    }
+
+    /// The same in periods of 2 ms.
+    #[must_use]
+    pub fn early_ticks(self) -> u64 {
+        self.tick_after(self.early())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn at_two_milliseconds_every_conversion_is_the_identity() {
+        let length = Length::default();
+        assert_eq!(length, Length::of_seconds(0.002));
+        for n in [0, 1, 7, 1000] {
+            assert_eq!([length.first_after(n), length.tick(n), length.tick_after(n)], [n; 3]);
+            assert_eq!(length.count(n as u32).max(1), (n as u32).max(1));
+        }
+        assert_eq!((length.early(), length.early_ticks()), (2, 2));
+        assert_eq!(length.seconds().to_bits(), PERIOD.to_bits());
+    }
+
+    #[test]
+    fn faster_and_slower_servos_keep_the_time_of_commands() {
+        let fast = Length::of_seconds(0.0005);
+        assert_eq!((fast.count(8), fast.first_after(3), fast.tick(13)), (32, 12, 3));
+        assert_eq!((fast.early(), fast.early_ticks()), (8, 2));
+
+        let slow = Length::of_seconds(0.008);
+        assert_eq!((slow.count(8), slow.first_after(3), slow.tick(2)), (2, 1, 8));
+        assert_eq!((slow.early(), slow.early_ticks()), (2, 8));
+        assert_eq!(Length::of_seconds(1.0).nanos(), 20_000_000);
+    }
+}
