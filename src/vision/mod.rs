@@ -5,7 +5,9 @@
 //! | segmentation | [`segment`] (edges), [`paper`] (colour tables, run lengths) | image -> tile candidates |
 //! | lattice | [`lattice`] | candidates -> 3x3 lattices |
 //! | detection | [`mod@detect`] | image -> [`FaceSighting`]s or a [`Refusal`] that says why |
-//! | pose | [`pose`] | sighting, intrinsics -> [`CubeSighting`], [`pose::CubeLocation`] |
+//! | lens | [`undistort`] | five coefficients: point -> pixel, pixel -> direction |
+//! | pose | [`pose`] | sighting, lens -> [`CubeSighting`], [`pose::CubeLocation`] |
+//! | refinement | [`refine`] | image, first pose -> pose on sub-pixel edges of all faces, covariance |
 //! | time | [`tracker`] | poses -> position, velocity, window, age |
 //! | colours | [`colours`] | mean colours -> names, with a margin each |
 //! | guided reading | [`sensor`] | image, predicted pose -> nine colours, measured pose |
@@ -15,23 +17,29 @@
 pub mod assignment;
 pub mod colours;
 pub mod detect;
+mod edges;
+mod fit;
 pub mod homography;
 pub mod lattice;
 pub mod paper;
 pub mod pose;
+pub mod refine;
 pub mod segment;
 pub mod sensor;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod tracker;
+pub mod undistort;
 pub mod watcher;
 
 use crate::spatial::Pose;
 
 pub use detect::{DetectorSettings, Method, detect};
 pub use pose::{CubeLocation, locate, locate_cube};
+pub use refine::{locate_in, refine_in};
 pub use sensor::{FaceReading, read_face};
 pub use tracker::Tracker;
+pub use undistort::Lens;
 
 /// A rectangle of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

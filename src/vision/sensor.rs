@@ -11,8 +11,8 @@ use super::detect::{Patch, SHAPE, centres_of, window_around};
 use super::homography::{self, GRID, OUTLINE, Point, apply, distance, polygon};
 use super::pose::{refine, residuals};
 use super::segment::{Edges, Tile};
+use super::undistort::Lens;
 use super::{DetectorSettings, FaceSighting, Refusal, colours, detect};
-use crate::cell::Intrinsics;
 use crate::spatial::Pose;
 use image::RgbImage;
 use nalgebra::{Matrix3, Point3, Translation3};
@@ -46,10 +46,11 @@ const ASTRAY: f64 = 0.6;
 /// [`Refusal::NotExpected`] when too few tiles fit the prediction, or why nothing can be seen.
 pub fn read_face(
     image: &RgbImage,
-    camera: &Intrinsics,
+    camera: impl Into<Lens>,
     edge: f64,
     predicted: &Pose,
 ) -> Result<FaceReading, Refusal> {
+    let camera = &camera.into();
     let corners =
         project(camera, predicted, edge, &OUTLINE).ok_or(Refusal::NotExpected { matched: 0 })?;
     let window = window_around(&corners, 0.6)
@@ -108,7 +109,7 @@ pub fn read_face(
 
 /// Pixels of places of a face (grid units); `None` when one is not before the camera.
 fn project<const N: usize>(
-    camera: &Intrinsics,
+    camera: &Lens,
     camera_from_face: &Pose,
     edge: f64,
     places: &[Point; N],
@@ -126,7 +127,7 @@ fn project<const N: usize>(
 }
 
 /// The shift in the image that lets most tiles fit the prediction, as a pose.
-fn vote(tiles: &[Tile], camera: &Intrinsics, edge: f64, predicted: &Pose) -> Option<Pose> {
+fn vote(tiles: &[Tile], camera: &Lens, edge: f64, predicted: &Pose) -> Option<Pose> {
     let centres = project(camera, predicted, edge, &GRID)?;
     let corners = project(camera, predicted, edge, &OUTLINE)?;
     let pitch = homography::smallest_pitch(&centres);
@@ -165,7 +166,7 @@ fn vote(tiles: &[Tile], camera: &Intrinsics, edge: f64, predicted: &Pose) -> Opt
 /// The same by a full detection, in the reading order nearest to the prediction: for larger tilts.
 fn by_detection(
     image: &RgbImage,
-    camera: &Intrinsics,
+    camera: &Lens,
     edge: f64,
     predicted: &Pose,
     window: super::Rect,
@@ -190,7 +191,7 @@ fn by_detection(
 /// more than half a tile from its prediction matches it with two of three columns.
 fn aligned(
     tiles: &[Tile],
-    camera: &Intrinsics,
+    camera: &Lens,
     edge: f64,
     start: &Pose,
 ) -> Result<(Pose, FaceSighting, f64), Refusal> {
@@ -211,7 +212,7 @@ fn aligned(
 /// Matches tiles to the nine cells and fits the pose, three times over.
 fn settle(
     tiles: &[Tile],
-    camera: &Intrinsics,
+    camera: &Lens,
     edge: f64,
     start: &Pose,
 ) -> Result<(Pose, FaceSighting, f64), Refusal> {
@@ -297,6 +298,7 @@ fn bounded(edges: &Edges, h: &Matrix3<f64>, g: Point, threshold: u8) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::Intrinsics;
     use crate::vision::testing::Drawing;
     use nalgebra::{Translation3, UnitQuaternion};
 

@@ -1,0 +1,401 @@
+//! Sub-pixel edges of the tiles of a face whose pose is nearly known.
+//!
+//! Across each side of each tile a profile is sampled along the normal of the side's image, averaged over the
+//! side's middle half, so that rounded corners play no part. Its plateau is the tile's colour; half way from there
+//! to what lies beyond is the edge. No colour, no blackness of the gap and no size of the stickers is assumed: a
+//! groove may be wide, a dark line or only the step between two colours.
+//!
+//! - in: RGB pixels, lens, `camera_from_face`, share of the pitch that is sticker
+//! - out: [`Crossing`]s: places along image normals [px], with their standard deviations
+//! - source: own work; normal search as in Harris, "Tracking with rigid models" (1992)
+
+use super::homography::Point;
+use super::undistort::Lens;
+use crate::spatial::Pose;
+use image::RgbImage;
+use nalgebra::Point3;
+
+/// What a crossing measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// The middle between the edges of two neighbouring tiles: independent of the stickers' size.
+    Middle,
+    /// The distance of these edges.
+    Gap,
+    /// The edge of the first tile alone.
+    First,
+    /// The edge of the second tile alone.
+    Second,
+}
+
+/// One measured crossing of the side between two cells, or of the outer side of one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Crossing {
+    /// The caller's number of the face.
+    pub(super) face: usize,
+    pub(super) kind: Kind,
+    /// Middle of the side between the cells, in pitches from the face's centre.
+    pub(super) side: Point,
+    /// Direction from the first cell to the second, in the face.
+    pub(super) across: Point,
+    /// Unit normal of the side's image, the same way.
+    pub(super) normal: Point,
+    /// What was measured along the normal [px].
+    pub(super) measured: f64,
+    /// Standard deviation of that, of the noise alone [px].
+    pub(super) sigma: f64,
+    /// Pixels a pitch along the normal.
+    pub(super) scale: f64,
+}
+
+/// Size of the stickers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Stickers {
+    /// Side as a share of the pitch.
+    pub(super) share: f64,
+    /// What blur and tone add to a sticker on each side [px].
+    pub(super) bloom: f64,
+}
+
+impl Crossing {
+    /// What the model predicts for `measured`.
+    pub(super) fn predicted(
+        &self,
+        lens: &Lens,
+        camera_from_face: &Pose,
+        pitch: f64,
+        stickers: Stickers,
+    ) -> f64 {
+        let half = 0.5 * (1.0 - stickers.share);
+        let along = |sign: f64| {
+            let (u, v) = (self.side.0 + sign * half * self.across.0, self.side.1 + sign * half * self.across.1);
+            let p = camera_from_face * Point3::new(u * pitch, v * pitch, 0.0);
+            let (x, y) = lens.project(&Point3::new(p.x, p.y, p.z.max(1e-3)));
+            x * self.normal.0 + y * self.normal.1
+        };
+        match self.kind {
+            Kind::Middle => 0.5 * (along(-1.0) + along(1.0)),
+            Kind::Gap => along(1.0) - along(-1.0) - 2.0 * stickers.bloom,
+            Kind::First => along(-1.0) + stickers.bloom,
+            Kind::Second => along(1.0) - stickers.bloom,
+        }
+    }
+}
+
+/// Samples along a side over which a profile is averaged.
+const ALONG: [f64; 7] = [-0.27, -0.18, -0.09, 0.0, 0.09, 0.18, 0.27];
+/// Depth of a profile into a tile, and of the part of it that is its plateau, in shares of the sticker.
+const DEPTH: (f64, f64) = (0.32, 0.15);
+/// Most taps of a profile.
+const TAPS: usize = 96;
+/// Least contrast of an edge, of 255 (Euclidean in RGB), beside five times the noise.
+const CONTRAST: f32 = 14.0;
+/// A side seen at fewer pixels a pitch is not measured.
+const LEAST_PITCH: f64 = 5.0;
+
+type Rgb = [f32; 3];
+
+fn difference(a: Rgb, b: Rgb) -> Rgb {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn dot(a: Rgb, b: Rgb) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn length(a: Rgb) -> f32 {
+    dot(a, a).sqrt()
+}
+
+/// Colours along a normal.
+struct Profile {
+    taps: [Rgb; TAPS],
+    count: usize,
+    /// Place of the first tap and distance of two [px]; 0 is the side's middle.
+    start: f64,
+    step: f64,
+}
+
+impl Profile {
+    fn at(&self, tap: usize) -> f64 {
+        self.start + self.step * tap as f64
+    }
+
+    fn tap(&self, at: f64) -> usize {
+        (((at - self.start) / self.step).round().max(0.0) as usize).min(self.count - 1)
+    }
+
+    /// Mean colour of taps `from..=to`, and the standard deviation of one of them.
+    fn plateau(&self, from: usize, to: usize) -> (Rgb, f32) {
+        let taps = &self.taps[from..=to];
+        let n = taps.len() as f32;
+        let mean: Rgb = std::array::from_fn(|c| taps.iter().map(|t| t[c]).sum::<f32>() / n);
+        let sum: f32 = taps.iter().map(|t| dot(difference(*t, mean), difference(*t, mean))).sum();
+        (mean, (sum / (3.0 * (n - 1.0).max(1.0))).sqrt())
+    }
+
+    /// Where the colour is half way from that at `from` to `plateau`, walking by `way` until `last`; with the slope
+    /// there, in contrasts a pixel.
+    fn half_way(&self, from: usize, plateau: Rgb, way: isize, last: usize) -> Option<(f64, f64)> {
+        let beyond = self.taps[from];
+        let axis = difference(plateau, beyond);
+        let square = dot(axis, axis);
+        let level = |tap: usize| dot(difference(self.taps[tap], beyond), axis) / square;
+        let (mut tap, mut before) = (from, 0.0);
+        while tap != last {
+            let next = tap.checked_add_signed(way)?;
+            let here = level(next);
+            if here >= 0.5 {
+                let share = f64::from((0.5 - before) / (here - before).max(1e-6));
+                let place = self.at(tap) + share * (self.at(next) - self.at(tap));
+                // The slope over three taps: a pair is at the mercy of the noise.
+                let (low, high) = (tap.min(next).saturating_sub(1), (tap.max(next) + 1).min(self.count - 1));
+                let rise = f64::from((level(high) - level(low)).abs());
+                return Some((place, (rise / (self.step * (high - low) as f64)).max(0.02)));
+            }
+            (tap, before) = (next, here);
+        }
+        None
+    }
+}
+
+/// Measures edges in an image.
+pub(super) struct Probe<'a> {
+    raw: &'a [u8],
+    width: usize,
+    height: usize,
+    lens: &'a Lens,
+    pitch: f64,
+}
+
+impl<'a> Probe<'a> {
+    pub(super) fn new(image: &'a RgbImage, lens: &'a Lens, pitch: f64) -> Self {
+        let (width, height) = (image.width() as usize, image.height() as usize);
+        Self { raw: image.as_raw(), width, height, lens, pitch }
+    }
+
+    /// Bilinear; `None` at the border and beyond.
+    #[inline]
+    fn colour(&self, x: f64, y: f64) -> Option<Rgb> {
+        if !(x >= 0.0 && y >= 0.0 && x < (self.width - 1) as f64 && y < (self.height - 1) as f64) {
+            return None;
+        }
+        let (column, row) = (x as usize, y as usize);
+        let (fx, fy) = ((x - column as f64) as f32, (y - row as f64) as f32);
+        let upper = 3 * (row * self.width + column);
+        let lower = upper + 3 * self.width;
+        let (up, down) = (&self.raw[upper..upper + 6], &self.raw[lower..lower + 6]);
+        Some(std::array::from_fn(|c| {
+            let (a, b) = (f32::from(up[c]), f32::from(up[c + 3]));
+            let (d, e) = (f32::from(down[c]), f32::from(down[c + 3]));
+            let top = a + fx * (b - a);
+            top + fy * (d + fx * (e - d) - top)
+        }))
+    }
+
+    fn project(&self, camera_from_face: &Pose, at: Point) -> Option<Point> {
+        let p = camera_from_face * Point3::new(at.0 * self.pitch, at.1 * self.pitch, 0.0);
+        (p.z > 0.02).then(|| self.lens.project(&p))
+    }
+
+    /// Appends what can be measured of a face; edges are sought up to `tolerance` pitches from their prediction.
+    pub(super) fn measure(
+        &self,
+        face: usize,
+        camera_from_face: &Pose,
+        share: f64,
+        tolerance: f64,
+        out: &mut Vec<Crossing>,
+    ) {
+        if self.width < 2 || self.height < 2 {
+            return;
+        }
+        for (across, along) in [((1.0, 0.0), (0.0, 1.0)), ((0.0, 1.0), (1.0, 0.0))] {
+            for cell in [-1.0, 0.0, 1.0] {
+                let at = |line: f64| (line * across.0 + cell * along.0, line * across.1 + cell * along.1);
+                for line in [-0.5, 0.5] {
+                    let side = Side { face, side: at(line), across, along, outer: false };
+                    self.between(&side, camera_from_face, share, tolerance, out);
+                }
+                for (line, sign) in [(-1.5, -1.0), (1.5, 1.0)] {
+                    let across = (sign * across.0, sign * across.1);
+                    let side = Side { face, side: at(line), across, along, outer: true };
+                    self.outside(&side, camera_from_face, share, tolerance, out);
+                }
+            }
+        }
+    }
+
+    /// The profile across a side with its normal and the pixels a pitch along it; `None` where it leaves the image.
+    fn profile(
+        &self,
+        side: &Side,
+        camera_from_face: &Pose,
+        share: f64,
+    ) -> Option<(Profile, Point, f64, f64)> {
+        let place = |across: f64, along: f64| {
+            let (a, b) = (side.across, side.along);
+            let at = (side.side.0 + across * a.0 + along * b.0, side.side.1 + across * a.1 + along * b.1);
+            self.project(camera_from_face, at)
+        };
+        let (a, b) = (place(0.0, -0.25)?, place(0.0, 0.25)?);
+        let (c, d) = (place(-0.1, 0.0)?, place(0.1, 0.0)?);
+        let tangent = (b.0 - a.0, b.1 - a.1);
+        let long = tangent.0.hypot(tangent.1);
+        let across = (5.0 * (d.0 - c.0), 5.0 * (d.1 - c.1));
+        let mut normal = (-tangent.1 / long, tangent.0 / long);
+        let mut scale = across.0 * normal.0 + across.1 * normal.1;
+        if scale < 0.0 {
+            (normal, scale) = ((-normal.0, -normal.1), -scale);
+        }
+        if !(scale >= LEAST_PITCH && 2.0 * long >= LEAST_PITCH) {
+            return None;
+        }
+        let gap = 0.5 * (1.0 - share) * scale;
+        let reach = gap + DEPTH.0 * share * scale;
+        let end = if side.outer { 0.12 * scale + 1.5 } else { reach };
+        let step = 0.5_f64.max((reach + end) / (TAPS - 2) as f64);
+        let count = ((reach + end) / step) as usize + 1;
+        let mut profile = Profile { taps: [[0.0; 3]; TAPS], count, start: -reach, step };
+        let weight = 1.0 / ALONG.len() as f32;
+        for along in ALONG {
+            let (x, y) = place(0.0, along * share)?;
+            for tap in 0..count {
+                // Along the tile's own rows, so that a slanting profile does not leave them; counted along the normal.
+                let at = profile.at(tap) / scale;
+                let colour = self.colour(x + across.0 * at, y + across.1 * at)?;
+                for (sum, c) in profile.taps[tap].iter_mut().zip(colour) {
+                    *sum += weight * c;
+                }
+            }
+        }
+        let origin = place(0.0, 0.0)?;
+        Some((profile, normal, scale, origin.0 * normal.0 + origin.1 * normal.1))
+    }
+
+    /// The side between two tiles.
+    fn between(
+        &self,
+        side: &Side,
+        camera_from_face: &Pose,
+        share: f64,
+        tolerance: f64,
+        out: &mut Vec<Crossing>,
+    ) {
+        let Some((profile, normal, scale, origin)) = self.profile(side, camera_from_face, share)
+        else {
+            return;
+        };
+        let gap = 0.5 * (1.0 - share) * scale;
+        let inner = gap + DEPTH.1 * share * scale;
+        let (first, noise_a) = profile.plateau(0, profile.tap(-inner));
+        let (second, noise_b) = profile.plateau(profile.tap(inner), profile.count - 1);
+        let reach = gap + tolerance * scale + 0.5;
+        let mut push = |kind, measured, sigma| {
+            let (side, across, face) = (side.side, side.across, side.face);
+            out.push(Crossing { face, kind, side, across, normal, measured, sigma, scale });
+        };
+        // The way from one colour to the other over a third one is longer: by that a gap or a dark line shows.
+        let direct = length(difference(first, second));
+        let detour = |tap: usize| {
+            let t = profile.taps[tap];
+            length(difference(t, first)) + length(difference(t, second)) - direct
+        };
+        let (low, high) = (profile.tap(-reach), profile.tap(reach));
+        let Some(middle) = (low..=high).max_by(|a, b| detour(*a).total_cmp(&detour(*b))) else {
+            return;
+        };
+        let least = CONTRAST.max(5.0 * noise_a.max(noise_b));
+        if detour(middle) >= least {
+            let edge = |plateau: Rgb, noise: f32, way: isize, last: f64| {
+                let contrast = length(difference(plateau, profile.taps[middle]));
+                if contrast < CONTRAST.max(5.0 * noise) {
+                    return None;
+                }
+                let (at, slope) = profile.half_way(middle, plateau, way, profile.tap(last))?;
+                Some((at, f64::from(noise / contrast) / slope))
+            };
+            let (a, b) = (edge(first, noise_a, -1, -inner), edge(second, noise_b, 1, inner));
+            match (a, b) {
+                (Some(a), Some(b)) => {
+                    let sigma = 0.5 * a.1.hypot(b.1);
+                    push(Kind::Middle, origin + 0.5 * (a.0 + b.0), sigma);
+                    push(Kind::Gap, b.0 - a.0, 2.0 * sigma);
+                }
+                (Some(a), None) => push(Kind::First, origin + a.0, a.1),
+                (None, Some(b)) => push(Kind::Second, origin + b.0, b.1),
+                (None, None) => {}
+            }
+        } else if direct >= least {
+            // One step: between two tiles without a gap, or at the edge of one whose neighbour is like the gap.
+            let Some((at, slope)) = profile.half_way(high, first, -1, low) else { return };
+            let sigma = f64::from(noise_a.max(noise_b) / direct) / slope;
+            if gap < 0.6 {
+                push(Kind::Middle, origin + at, sigma);
+            } else if at.abs() > gap * 0.6 {
+                push(if at < 0.0 { Kind::First } else { Kind::Second }, origin + at, sigma);
+            } else if at.abs() < gap * 0.4 {
+                push(Kind::Middle, origin + at, sigma);
+            }
+        }
+    }
+
+    /// The outer side of an outer tile.
+    fn outside(
+        &self,
+        side: &Side,
+        camera_from_face: &Pose,
+        share: f64,
+        tolerance: f64,
+        out: &mut Vec<Crossing>,
+    ) {
+        let Some((profile, normal, scale, origin)) = self.profile(side, camera_from_face, share)
+        else {
+            return;
+        };
+        let edge = -0.5 * (1.0 - share) * scale;
+        let inner = profile.tap(edge - DEPTH.1 * share * scale);
+        let (plateau, noise) = profile.plateau(0, inner);
+        let last = profile.tap(edge + tolerance * scale + 1.0).min(profile.count - 2);
+        let change = |tap: usize| length(difference(profile.taps[tap + 1], profile.taps[tap - 1]));
+        // The first steep place on the way out: beyond it is the rim, and only then the background.
+        let least = (0.7 * CONTRAST).max(4.0 * noise);
+        let Some(steep) = (inner.max(1)..=last).find(|&k| {
+            change(k) >= least && (k == last || change(k) >= change(k + 1))
+        }) else {
+            return;
+        };
+        let mut beyond = steep;
+        while beyond + 2 < profile.count && change(beyond + 1) < change(beyond) {
+            beyond += 1;
+        }
+        let beyond = (beyond + 1).min(profile.count - 1);
+        let contrast = length(difference(plateau, profile.taps[beyond]));
+        if contrast < CONTRAST.max(5.0 * noise) {
+            return;
+        }
+        let Some((at, slope)) = profile.half_way(beyond, plateau, -1, inner) else { return };
+        if (at - edge).abs() > tolerance * scale + 1.0 {
+            return;
+        }
+        out.push(Crossing {
+            face: side.face,
+            kind: Kind::First,
+            side: side.side,
+            across: side.across,
+            normal,
+            measured: origin + at,
+            sigma: f64::from(noise / contrast) / slope,
+            scale,
+        });
+    }
+}
+
+/// A side of a cell to be measured.
+struct Side {
+    face: usize,
+    side: Point,
+    across: Point,
+    along: Point,
+    outer: bool,
+}

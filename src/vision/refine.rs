@@ -1,0 +1,292 @@
+//! The cube's pose at the limit of the geometry: fitted to the sub-pixel edges of all tiles of all visible faces.
+//!
+//! The model is the cube with nine square stickers a face whose size is not known: their share of the pitch and
+//! what blur adds to them are estimated along with the pose. Faces that the detector missed take part as soon as
+//! edges are where the pose says, which also decides between the two poses that one face leaves.
+//!
+//! - in: image, [`Lens`], the cube's edge [m], first poses from centroids
+//! - out: [`CubeLocation`] with its covariance
+//! - source: own work; robust weights after Cauchy
+
+use super::FaceSighting;
+use super::edges::{Crossing, Kind, Probe, Stickers};
+use super::fit::moved;
+use super::pose::{CubeLocation, cube_from_face, cube_rotations, locate_cube};
+use super::undistort::Lens;
+use crate::spatial::Pose;
+use image::RgbImage;
+use nalgebra::{Matrix6, SMatrix, SVector, Vector3};
+
+/// What the model leaves unsaid, as a standard deviation of each kind of crossing [px], and as a share of a pitch:
+/// uneven stickers, shade, interpolation, the mosaic.
+const FLOOR_MIDDLE: f64 = 0.05;
+const FLOOR_EDGE: f64 = 0.10;
+const FLOOR_GAP: f64 = 0.25;
+const FLOOR_SHARE: f64 = 0.002;
+/// Tolerances of the passes, in pitches.
+const PASSES: [f64; 3] = [0.16, 0.09, 0.06];
+/// A face takes part with so many crossings that fit.
+const LEAST_CROSSINGS: usize = 9;
+/// A crossing fits within so many standard deviations.
+const FITS: f64 = 3.5;
+/// Least cosine between the sight and a face's normal.
+const LEAST_FACING: f64 = 0.22;
+
+/// Localises the cube from the faces found in an image, refined on the image's edges; as [`locate_cube`] otherwise.
+/// The covariance then knows of noise and of the model's imperfections, not of errors of calibration.
+#[must_use]
+pub fn locate_in(
+    image: &RgbImage,
+    faces: &[FaceSighting],
+    camera: impl Into<Lens>,
+    edge: f64,
+    hint: Option<&Pose>,
+) -> Option<CubeLocation> {
+    let lens = &camera.into();
+    let coarse = locate_cube(faces, lens, edge, hint)?;
+    let share = coarse.faces.first().map_or(0.85, |f| f.sticker.clamp(0.6, 0.97));
+    let mut best: Option<Fitted> = None;
+    for start in [Some(coarse.camera_from_cube), coarse.other].into_iter().flatten() {
+        let Some(fitted) = fit(image, lens, edge, &start, share) else { continue };
+        if best.as_ref().is_none_or(|b| fitted.support > b.support) {
+            best = Some(fitted);
+        }
+    }
+    let Some(fitted) = best else { return Some(coarse) };
+    let other = coarse.other.map(|o| {
+        let chosen = (o.rotation.inverse() * fitted.pose.rotation).angle();
+        let first = (coarse.camera_from_cube.rotation.inverse() * fitted.pose.rotation).angle();
+        if chosen < first { coarse.camera_from_cube } else { o }
+    });
+    let mut location = fitted.location(coarse.faces, other);
+    // Faces that were detected keep the axes of their reading order.
+    for used in &mut location.used {
+        let near = |p: &&Pose| (p.translation.vector - used.translation.vector).norm() < 0.1 * edge;
+        if let Some(known) = coarse.used.iter().find(near) {
+            *used = *known;
+        }
+    }
+    Some(location)
+}
+
+/// Refines a pose that is known to about a tenth of a tile, as from a track, without any detection; `None` when the
+/// edges do not bear it out.
+#[must_use]
+pub fn refine_in(
+    image: &RgbImage,
+    camera: impl Into<Lens>,
+    edge: f64,
+    camera_from_cube: &Pose,
+) -> Option<CubeLocation> {
+    let lens = &camera.into();
+    let fitted = fit(image, lens, edge, camera_from_cube, 0.86)?;
+    Some(fitted.location(Vec::new(), None))
+}
+
+/// A pose with what bears it out.
+struct Fitted {
+    pose: Pose,
+    covariance: Matrix6<f64>,
+    residual_px: f64,
+    /// Faces that take part, by the number of fitting crossings.
+    faces: Vec<(Pose, usize)>,
+    /// Sum over crossings of how well they fit.
+    support: f64,
+}
+
+impl Fitted {
+    fn location(self, faces: Vec<FaceSighting>, other: Option<Pose>) -> CubeLocation {
+        // The dominant face looks most towards the camera.
+        let mut used: Vec<Pose> = self.faces.iter().map(|(face, _)| *face).collect();
+        used.sort_by(|a, b| facing(&(self.pose * b)).total_cmp(&facing(&(self.pose * a))));
+        let alone = used.len() == 1;
+        CubeLocation {
+            camera_from_cube: self.pose,
+            covariance: self.covariance,
+            residual_px: self.residual_px,
+            faces,
+            other: other.filter(|_| alone),
+            used,
+        }
+    }
+}
+
+/// Cosine between the sight and a face's inward normal.
+fn facing(camera_from_face: &Pose) -> f64 {
+    let sight = camera_from_face.translation.vector;
+    (camera_from_face.rotation * Vector3::z()).dot(&sight) / sight.norm()
+}
+
+/// Unknowns: six of the pose, the stickers' share and bloom.
+type Unknowns = SVector<f64, 8>;
+
+fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Option<Fitted> {
+    let probe = Probe::new(image, lens, edge / 3.0);
+    let all: Vec<Pose> = cube_rotations()
+        .step_by(4)
+        .map(|r| cube_from_face(&r.to_rotation_matrix(), edge))
+        .collect();
+    let mut model =
+        Model { lens, pitch: edge / 3.0, faces: &all, pose: *start, stickers: Stickers { share, bloom: 0.0 } };
+    let mut crossings: Vec<Crossing> = Vec::new();
+    let mut last: Option<Solved> = None;
+    for tolerance in PASSES {
+        crossings.clear();
+        for (i, face) in all.iter().enumerate() {
+            let camera_from_face = model.pose * face;
+            if facing(&camera_from_face) > LEAST_FACING {
+                probe.measure(i, &camera_from_face, model.stickers.share, tolerance, &mut crossings);
+            }
+        }
+        let mut solved = model.solve(&crossings, share)?;
+        // A face that only happens to have some edges about must not pull at the others.
+        let counts = counts(&crossings, &solved);
+        let known = crossings.len();
+        crossings.retain(|c| counts[c.face] >= LEAST_CROSSINGS);
+        if crossings.len() < known {
+            solved = model.solve(&crossings, share)?;
+        }
+        let step = solved.step;
+        model.pose = moved(&model.pose, std::array::from_fn(|k| step[k]));
+        model.stickers.share = (model.stickers.share + step[6]).clamp(0.5, 1.0);
+        model.stickers.bloom += step[7];
+        last = Some(solved);
+    }
+    let solved = last?;
+    let faces: Vec<(Pose, usize)> = all
+        .iter()
+        .zip(counts(&crossings, &solved))
+        .filter(|(_, n)| *n >= LEAST_CROSSINGS)
+        .map(|(face, n)| (*face, n))
+        .collect();
+    if faces.is_empty() {
+        return None;
+    }
+    let support =
+        solved.residuals.iter().map(|r| (1.0 - (r / FITS).powi(2)).max(0.0)).sum::<f64>();
+    let squares: Vec<f64> = crossings
+        .iter()
+        .zip(&solved.residuals)
+        .filter(|(c, r)| c.kind != Kind::Gap && r.abs() < FITS * solved.spread)
+        .map(|(c, r)| (r * deviation(c)).powi(2))
+        .collect();
+    let residual_px = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
+    Some(Fitted { pose: model.pose, covariance: solved.covariance, residual_px, faces, support })
+}
+
+/// Crossings of each face that fit.
+fn counts(crossings: &[Crossing], solved: &Solved) -> [usize; 6] {
+    let mut counts = [0; 6];
+    for (crossing, r) in crossings.iter().zip(&solved.residuals) {
+        let fits = crossing.kind != Kind::Gap && r.abs() < FITS * solved.spread;
+        counts[crossing.face] += usize::from(fits);
+    }
+    counts
+}
+
+/// Standard deviation of a crossing: noise and what the model leaves unsaid [px].
+fn deviation(crossing: &Crossing) -> f64 {
+    let floor = match crossing.kind {
+        Kind::Middle => FLOOR_MIDDLE,
+        Kind::Gap => FLOOR_GAP,
+        Kind::First | Kind::Second => FLOOR_EDGE,
+    };
+    (crossing.sigma.powi(2) + floor.powi(2) + (FLOOR_SHARE * crossing.scale).powi(2)).sqrt()
+}
+
+/// The cube as it is believed to be.
+struct Model<'a> {
+    lens: &'a Lens,
+    pitch: f64,
+    faces: &'a [Pose],
+    pose: Pose,
+    stickers: Stickers,
+}
+
+/// A robust step of Gauss and Newton.
+struct Solved {
+    step: Unknowns,
+    /// What is left of each crossing, over its standard deviation.
+    residuals: Vec<f64>,
+    /// By how much these exceed what was expected, at least 1.
+    spread: f64,
+    covariance: Matrix6<f64>,
+}
+
+impl Model<'_> {
+    fn predict(&self, crossings: &[Crossing], step: &Unknowns) -> Vec<f64> {
+        let pose = moved(&self.pose, std::array::from_fn(|k| step[k]));
+        let stickers = Stickers {
+            share: self.stickers.share + step[6],
+            bloom: self.stickers.bloom + step[7],
+        };
+        let faces: Vec<Pose> = self.faces.iter().map(|face| pose * face).collect();
+        let predicted = |c: &Crossing| c.predicted(self.lens, &faces[c.face], self.pitch, stickers);
+        crossings.iter().map(predicted).collect()
+    }
+
+    /// The model is linear over the small steps that are left; each pass measures anew anyway.
+    fn solve(&self, crossings: &[Crossing], share: f64) -> Option<Solved> {
+        if crossings.len() < LEAST_CROSSINGS + 3 {
+            return None;
+        }
+        let deviations: Vec<f64> = crossings.iter().map(deviation).collect();
+        let here = self.predict(crossings, &Unknowns::zeros());
+        let error: Vec<f64> = crossings
+            .iter()
+            .zip(&here)
+            .zip(&deviations)
+            .map(|((c, p), d)| (c.measured - p) / d)
+            .collect();
+        let mut rows = vec![Unknowns::zeros(); crossings.len()];
+        for k in 0..8 {
+            let mut step = Unknowns::zeros();
+            step[k] = if k < 6 { 1e-6 } else { 1e-4 };
+            for (i, ahead) in self.predict(crossings, &step).iter().enumerate() {
+                rows[i][k] = (ahead - here[i]) / (step[k] * deviations[i]);
+            }
+        }
+        let mut residuals = error.clone();
+        let mut spread = spread_of(&residuals);
+        let mut solution = None;
+        for _ in 0..4 {
+            // Weak beliefs, so that nothing is left open when all gaps are too narrow to be measured.
+            let mut normal = SMatrix::<f64, 8, 8>::zeros();
+            let mut right = Unknowns::zeros();
+            for (k, belief, width) in
+                [(6, share - self.stickers.share, 0.15), (7, -self.stickers.bloom, 0.15)]
+            {
+                normal[(k, k)] = (spread / width).powi(2);
+                right[k] = belief * (spread / width).powi(2);
+            }
+            for ((row, e), r) in rows.iter().zip(&error).zip(&residuals) {
+                // Cauchy's weights, with a scale that follows the residuals' own.
+                let weight = 1.0 / (1.0 + (r / (2.4 * spread)).powi(2));
+                normal.syger(weight, row, row, 1.0);
+                right += row * (weight * e);
+            }
+            normal.fill_upper_triangle_with_lower_triangle();
+            let factor = normal.cholesky()?;
+            let step = factor.solve(&right);
+            for ((row, e), r) in rows.iter().zip(&error).zip(&mut residuals) {
+                *r = e - row.dot(&step);
+            }
+            spread = spread_of(&residuals);
+            solution = Some((step, factor.inverse()));
+        }
+        let (step, inverse) = solution?;
+        let covariance = inverse.fixed_view::<6, 6>(0, 0).into_owned() * spread.powi(2);
+        Some(Solved { step, residuals, spread, covariance })
+    }
+}
+
+/// Robust standard deviation of normalised residuals, at least 1.
+fn spread_of(residuals: &[f64]) -> f64 {
+    let mut sizes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
+    let middle = sizes.len() / 2;
+    if sizes.is_empty() {
+        return 1.0;
+    }
+    let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
+    (1.4826 * *median).max(1.0)
+}
