@@ -1,7 +1,7 @@
 //! `rubik-robot vision` and `rubik-robot picture`: pictures in, and pictures out.
 
 use super::output::Output;
-use super::{ScenarioArgs, WRONG, complain, vision};
+use super::{ScenarioArgs, WRONG, complain, frames, locate, vision};
 use crate::cube::{Axis, Facelets};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
 use crate::hw::scene::{Scene, SceneArm, SceneCube};
@@ -55,6 +55,12 @@ enum What {
         #[arg(long)]
         json: bool,
     },
+    /// Say where the cube is, from pictures and their optics
+    Locate(locate::LocateArgs),
+    /// Compare poses with the truth of frames that `vision render` wrote
+    Accuracy(locate::AccuracyArgs),
+    /// Write frames of the plant's renderer with exact truth
+    Render(frames::RenderArgs),
     /// Count the regions that each stage of the paper's segmentation leaves
     Stages {
         /// Picture files (PNG, JPEG)
@@ -79,6 +85,13 @@ pub(super) fn look_at(args: &VisionArgs, output: &mut Output) -> anyhow::Result<
             }
         },
         What::Stages { images, json } => stages(images, *json),
+        What::Locate(args) => locate::locate(args),
+        What::Accuracy(args) => locate::accuracy(args)?,
+        What::Render(args) => {
+            let (text, code) = frames::render(args)?;
+            output.text(&text)?;
+            return Ok(code);
+        }
     };
     output.text(&text)?;
     Ok(u8::from(!all))

@@ -3,7 +3,9 @@
 //! Exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
+mod frames;
 pub mod kinematics;
+mod locate;
 mod look;
 pub mod output;
 mod run;

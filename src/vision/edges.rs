@@ -26,6 +26,8 @@ pub(super) enum Kind {
     First,
     /// The edge of the second tile alone.
     Second,
+    /// The edge of an outer tile towards the rim.
+    Outer,
 }
 
 /// One measured crossing of the side between two cells, or of the outer side of one.
@@ -55,6 +57,8 @@ pub(super) struct Stickers {
     pub(super) share: f64,
     /// What blur and tone add to a sticker on each side [px].
     pub(super) bloom: f64,
+    /// What the narrow rim beside them adds to outer edges [px].
+    pub(super) outer: f64,
 }
 
 impl Crossing {
@@ -68,7 +72,10 @@ impl Crossing {
     ) -> f64 {
         let half = 0.5 * (1.0 - stickers.share);
         let along = |sign: f64| {
-            let (u, v) = (self.side.0 + sign * half * self.across.0, self.side.1 + sign * half * self.across.1);
+            let (u, v) = (
+                self.side.0 + sign * half * self.across.0,
+                self.side.1 + sign * half * self.across.1,
+            );
             let p = camera_from_face * Point3::new(u * pitch, v * pitch, 0.0);
             let (x, y) = lens.project(&Point3::new(p.x, p.y, p.z.max(1e-3)));
             x * self.normal.0 + y * self.normal.1
@@ -78,6 +85,7 @@ impl Crossing {
             Kind::Gap => along(1.0) - along(-1.0) - 2.0 * stickers.bloom,
             Kind::First => along(-1.0) + stickers.bloom,
             Kind::Second => along(1.0) - stickers.bloom,
+            Kind::Outer => along(-1.0) + stickers.bloom + stickers.outer,
         }
     }
 }
@@ -90,10 +98,17 @@ const DEPTH: (f64, f64) = (0.32, 0.15);
 const TAPS: usize = 96;
 /// Least contrast of an edge, of 255 (Euclidean in RGB), beside five times the noise.
 const CONTRAST: f32 = 14.0;
+/// A gap shows its own colour from this width on [px].
+const WIDE_GAP: f64 = 3.0;
+/// What a groove as narrow as the blur adds to the standard deviation of its place, and a rim of unknown colour to that
+/// of an outer edge [px].
+const NARROW: f64 = 0.07;
+const RIM: f64 = 0.2;
 /// A side seen at fewer pixels a pitch is not measured.
 const LEAST_PITCH: f64 = 5.0;
 
-type Rgb = [f32; 3];
+/// A colour, 0..=255.
+pub(super) type Rgb = [f32; 3];
 
 fn difference(a: Rgb, b: Rgb) -> Rgb {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
@@ -134,14 +149,23 @@ impl Profile {
         (mean, (sum / (3.0 * (n - 1.0).max(1.0))).sqrt())
     }
 
-    /// Where the colour is half way from that at `from` to `plateau`, walking by `way` until `last`; with the slope
-    /// there, in contrasts a pixel.
-    fn half_way(&self, from: usize, plateau: Rgb, way: isize, last: usize) -> Option<(f64, f64)> {
-        let beyond = self.taps[from];
+    /// Where the colour is half way from `beyond` to `plateau`, walking from tap `from` by `way` until `last`; with the
+    /// slope there, in contrasts a pixel. `None` when it is already beyond half way at first.
+    fn half_way(
+        &self,
+        from: usize,
+        plateau: Rgb,
+        beyond: Rgb,
+        way: isize,
+        last: usize,
+    ) -> Option<(f64, f64)> {
         let axis = difference(plateau, beyond);
         let square = dot(axis, axis);
         let level = |tap: usize| dot(difference(self.taps[tap], beyond), axis) / square;
-        let (mut tap, mut before) = (from, 0.0);
+        let (mut tap, mut before) = (from, level(from));
+        if before >= 0.5 {
+            return None;
+        }
         while tap != last {
             let next = tap.checked_add_signed(way)?;
             let here = level(next);
@@ -149,7 +173,8 @@ impl Profile {
                 let share = f64::from((0.5 - before) / (here - before).max(1e-6));
                 let place = self.at(tap) + share * (self.at(next) - self.at(tap));
                 // The slope over three taps: a pair is at the mercy of the noise.
-                let (low, high) = (tap.min(next).saturating_sub(1), (tap.max(next) + 1).min(self.count - 1));
+                let (low, high) =
+                    (tap.min(next).saturating_sub(1), (tap.max(next) + 1).min(self.count - 1));
                 let rise = f64::from((level(high) - level(low)).abs());
                 return Some((place, (rise / (self.step * (high - low) as f64)).max(0.02)));
             }
@@ -199,43 +224,68 @@ impl<'a> Probe<'a> {
     }
 
     /// Appends what can be measured of a face; edges are sought up to `tolerance` pitches from their prediction.
+    /// `body` is the colour between the stickers if it is known from a face with wider gaps; returned is the one to
+    /// go on with.
     pub(super) fn measure(
         &self,
         face: usize,
         camera_from_face: &Pose,
         share: f64,
         tolerance: f64,
+        body: Option<Rgb>,
         out: &mut Vec<Crossing>,
-    ) {
+    ) -> Option<Rgb> {
         if self.width < 2 || self.height < 2 {
-            return;
+            return body;
         }
-        for (across, along) in [((1.0, 0.0), (0.0, 1.0)), ((0.0, 1.0), (1.0, 0.0))] {
-            for cell in [-1.0, 0.0, 1.0] {
-                let at = |line: f64| (line * across.0 + cell * along.0, line * across.1 + cell * along.1);
-                for line in [-0.5, 0.5] {
-                    let side = Side { face, side: at(line), across, along, outer: false };
-                    self.between(&side, camera_from_face, share, tolerance, out);
-                }
-                for (line, sign) in [(-1.5, -1.0), (1.5, 1.0)] {
-                    let across = (sign * across.0, sign * across.1);
-                    let side = Side { face, side: at(line), across, along, outer: true };
-                    self.outside(&side, camera_from_face, share, tolerance, out);
+        let side = |line: f64, cell: f64, way: usize| {
+            let (across, along) =
+                if way == 0 { ((1.0, 0.0), (0.0, 1.0)) } else { ((0.0, 1.0), (1.0, 0.0)) };
+            let at = (line * across.0 + cell * along.0, line * across.1 + cell * along.1);
+            Side { face, side: at, across, along, outer: false }
+        };
+        let cells = [0, 1].into_iter().flat_map(|way| [-1.0, 0.0, 1.0].map(|cell| (way, cell)));
+        let mut inner: Vec<(Side, Across)> = Vec::with_capacity(12);
+        for (way, cell) in cells.clone() {
+            for line in [-0.5, 0.5] {
+                let side = side(line, cell, way);
+                inner.extend(self.across(&side, camera_from_face, share).map(|a| (side, a)));
+            }
+        }
+        let grooves: Vec<Option<Groove>> =
+            inner.iter().map(|(_, across)| across.groove(share, tolerance)).collect();
+        // Where the gap is too narrow to show its own colour, another face's must serve.
+        let wide = inner.iter().zip(&grooves).filter_map(|((_, across), groove)| {
+            let groove = groove.as_ref().filter(|g| g.detour)?;
+            (across.width(groove)? >= WIDE_GAP).then(|| across.profile.taps[groove.middle])
+        });
+        let body = median(wide.collect()).or(body);
+        for ((side, across), groove) in inner.iter().zip(&grooves) {
+            if let Some(groove) = groove {
+                across.between(side, groove, share, body, out);
+            }
+        }
+        for (way, cell) in cells {
+            for (line, sign) in [(-1.5, -1.0), (1.5, 1.0)] {
+                let mut side = side(line, cell, way);
+                side.across = (sign * side.across.0, sign * side.across.1);
+                side.outer = true;
+                if let Some(across) = self.across(&side, camera_from_face, share) {
+                    across.outside(&side, share, tolerance, body, out);
                 }
             }
         }
+        body
     }
 
-    /// The profile across a side with its normal and the pixels a pitch along it; `None` where it leaves the image.
-    fn profile(
-        &self,
-        side: &Side,
-        camera_from_face: &Pose,
-        share: f64,
-    ) -> Option<(Profile, Point, f64, f64)> {
+    /// The profile across a side; `None` where it leaves the image or the face is seen too obliquely.
+    fn across(&self, side: &Side, camera_from_face: &Pose, share: f64) -> Option<Across> {
         let place = |across: f64, along: f64| {
             let (a, b) = (side.across, side.along);
-            let at = (side.side.0 + across * a.0 + along * b.0, side.side.1 + across * a.1 + along * b.1);
+            let at = (
+                side.side.0 + across * a.0 + along * b.0,
+                side.side.1 + across * a.1 + along * b.1,
+            );
             self.project(camera_from_face, at)
         };
         let (a, b) = (place(0.0, -0.25)?, place(0.0, 0.25)?);
@@ -270,73 +320,203 @@ impl<'a> Probe<'a> {
             }
         }
         let origin = place(0.0, 0.0)?;
-        Some((profile, normal, scale, origin.0 * normal.0 + origin.1 * normal.1))
+        Some(Across { profile, normal, scale, origin: origin.0 * normal.0 + origin.1 * normal.1 })
+    }
+}
+
+/// Median of each channel.
+fn median(colours: Vec<Rgb>) -> Option<Rgb> {
+    if colours.is_empty() {
+        return None;
+    }
+    Some(std::array::from_fn(|c| {
+        let mut levels: Vec<f32> = colours.iter().map(|rgb| rgb[c]).collect();
+        levels.sort_by(f32::total_cmp);
+        levels[levels.len() / 2]
+    }))
+}
+
+/// A profile across a side and where it lies.
+struct Across {
+    profile: Profile,
+    normal: Point,
+    /// Pixels a pitch along the normal.
+    scale: f64,
+    /// Place of the side's middle along the normal [px].
+    origin: f64,
+}
+
+/// What lies between two tiles.
+struct Groove {
+    first: (Rgb, f32),
+    second: (Rgb, f32),
+    /// Tap of the gap's middle.
+    middle: usize,
+    /// Whether there is a gap or a line at all.
+    detour: bool,
+    /// Taps between which edges are sought, and those where the plateaus begin.
+    reach: (usize, usize),
+    inner: (usize, usize),
+}
+
+impl Across {
+    /// Plateaus and gap of the side between two tiles.
+    fn groove(&self, share: f64, tolerance: f64) -> Option<Groove> {
+        let profile = &self.profile;
+        let gap = 0.5 * (1.0 - share) * self.scale;
+        let inner = gap + DEPTH.1 * share * self.scale;
+        let inner = (profile.tap(-inner), profile.tap(inner));
+        let first = profile.plateau(0, inner.0);
+        let second = profile.plateau(inner.1, profile.count - 1);
+        let reach = gap + tolerance * self.scale + 0.5;
+        let reach = (profile.tap(-reach), profile.tap(reach));
+        // The way from one colour to the other over a third one is longer: by that a gap or a dark line shows.
+        let direct = length(difference(first.0, second.0));
+        let detour = |tap: usize| {
+            let t = profile.taps[tap];
+            length(difference(t, first.0)) + length(difference(t, second.0)) - direct
+        };
+        let middle = (reach.0..=reach.1).max_by(|a, b| detour(*a).total_cmp(&detour(*b)))?;
+        let detour = detour(middle) >= CONTRAST.max(5.0 * first.1.max(second.1));
+        Some(Groove { first, second, middle, detour, reach, inner })
+    }
+
+    /// Width of a groove at half its depth [px].
+    fn width(&self, groove: &Groove) -> Option<f64> {
+        let here = self.profile.taps[groove.middle];
+        let half_way = |plateau, way, last| {
+            self.profile.half_way(groove.middle, plateau, here, way, last).map(|(at, _)| at)
+        };
+        Some(
+            half_way(groove.second.0, 1, groove.inner.1)?
+                - half_way(groove.first.0, -1, groove.inner.0)?,
+        )
+    }
+
+    /// Place of a line or step that is as narrow as the blur: the colours on either side and a bump of any colour
+    /// between them, all blurred alike.
+    fn line(&self, groove: &Groove, start: f64) -> Option<f64> {
+        let profile = &self.profile;
+        let (a, b) = (groove.first.0, groove.second.0);
+        let step = difference(b, a);
+        let (low, high) = (profile.tap(start - 4.0), profile.tap(start + 4.0));
+        let misfit = |at: f64, blur: f64| {
+            // The logistic curve and its slope stand for the blurred step and line.
+            let (mut across, mut bumps) = ([0.0_f32; 3], 0.0_f32);
+            let mut rest = [[0.0_f32; 3]; TAPS];
+            let mut bump = [0.0_f32; TAPS];
+            for tap in low..=high {
+                let s = 1.0 / (1.0 + ((at - profile.at(tap)) * 1.7 / blur).exp()) as f32;
+                bump[tap] = s * (1.0 - s);
+                bumps += bump[tap] * bump[tap];
+                for c in 0..3 {
+                    rest[tap][c] = profile.taps[tap][c] - a[c] - s * step[c];
+                    across[c] += bump[tap] * rest[tap][c];
+                }
+            }
+            let height = across.map(|c| c / bumps.max(1e-6));
+            (low..=high)
+                .map(|tap| {
+                    (0..3).map(|c| (rest[tap][c] - height[c] * bump[tap]).powi(2)).sum::<f32>()
+                })
+                .sum::<f32>()
+        };
+        let mut best = (f32::INFINITY, start, 1.0);
+        for blur in [0.6, 0.85, 1.2, 1.7] {
+            let mut at = start;
+            for reach in [0.6, 0.3, 0.15] {
+                let (l, m, r) =
+                    (misfit(at - reach, blur), misfit(at, blur), misfit(at + reach, blur));
+                let bend = f64::from(l - 2.0 * m + r);
+                let shift = if bend > 1e-9 { 0.5 * f64::from(l - r) / bend } else { 0.0 };
+                at += shift.clamp(-1.0, 1.0) * reach;
+            }
+            let cost = misfit(at, blur);
+            if cost < best.0 {
+                best = (cost, at, blur);
+            }
+        }
+        ((best.1 - start).abs() < 1.5).then_some(best.1)
+    }
+
+    fn crossing(&self, side: &Side, kind: Kind, at: f64, sigma: f64) -> Crossing {
+        let measured = if kind == Kind::Gap { at } else { self.origin + at };
+        let (face, across, side) = (side.face, side.across, side.side);
+        Crossing {
+            face,
+            kind,
+            side,
+            across,
+            normal: self.normal,
+            measured,
+            sigma,
+            scale: self.scale,
+        }
     }
 
     /// The side between two tiles.
     fn between(
         &self,
         side: &Side,
-        camera_from_face: &Pose,
+        groove: &Groove,
         share: f64,
-        tolerance: f64,
+        body: Option<Rgb>,
         out: &mut Vec<Crossing>,
     ) {
-        let Some((profile, normal, scale, origin)) = self.profile(side, camera_from_face, share)
-        else {
-            return;
-        };
-        let gap = 0.5 * (1.0 - share) * scale;
-        let inner = gap + DEPTH.1 * share * scale;
-        let (first, noise_a) = profile.plateau(0, profile.tap(-inner));
-        let (second, noise_b) = profile.plateau(profile.tap(inner), profile.count - 1);
-        let reach = gap + tolerance * scale + 0.5;
-        let mut push = |kind, measured, sigma| {
-            let (side, across, face) = (side.side, side.across, side.face);
-            out.push(Crossing { face, kind, side, across, normal, measured, sigma, scale });
-        };
-        // The way from one colour to the other over a third one is longer: by that a gap or a dark line shows.
-        let direct = length(difference(first, second));
-        let detour = |tap: usize| {
-            let t = profile.taps[tap];
-            length(difference(t, first)) + length(difference(t, second)) - direct
-        };
-        let (low, high) = (profile.tap(-reach), profile.tap(reach));
-        let Some(middle) = (low..=high).max_by(|a, b| detour(*a).total_cmp(&detour(*b))) else {
-            return;
-        };
-        let least = CONTRAST.max(5.0 * noise_a.max(noise_b));
-        if detour(middle) >= least {
-            let edge = |plateau: Rgb, noise: f32, way: isize, last: f64| {
-                let contrast = length(difference(plateau, profile.taps[middle]));
+        let profile = &self.profile;
+        let gap = 0.5 * (1.0 - share) * self.scale;
+        let ((first, noise_a), (second, noise_b)) = (groove.first, groove.second);
+        let mut push = |kind, at, sigma| out.push(self.crossing(side, kind, at, sigma));
+        if groove.detour {
+            let here = profile.taps[groove.middle];
+            let edge = |(plateau, noise): (Rgb, f32), beyond: Rgb, way: isize, last: usize| {
+                let contrast = length(difference(plateau, beyond));
                 if contrast < CONTRAST.max(5.0 * noise) {
                     return None;
                 }
-                let (at, slope) = profile.half_way(middle, plateau, way, profile.tap(last))?;
+                let (at, slope) = profile.half_way(groove.middle, plateau, beyond, way, last)?;
                 Some((at, f64::from(noise / contrast) / slope))
             };
-            let (a, b) = (edge(first, noise_a, -1, -inner), edge(second, noise_b, 1, inner));
+            let a = edge(groove.first, here, -1, groove.inner.0);
+            let b = edge(groove.second, here, 1, groove.inner.1);
             match (a, b) {
                 (Some(a), Some(b)) => {
-                    let sigma = 0.5 * a.1.hypot(b.1);
-                    push(Kind::Middle, origin + 0.5 * (a.0 + b.0), sigma);
-                    push(Kind::Gap, b.0 - a.0, 2.0 * sigma);
+                    let half = 0.5 * (a.0 + b.0);
+                    let narrow = b.0 - a.0 < WIDE_GAP;
+                    let middle = if narrow { self.line(groove, half) } else { Some(half) };
+                    if let Some(middle) = middle {
+                        let more = if narrow { NARROW } else { 0.0 };
+                        push(Kind::Middle, middle, (0.5 * a.1.hypot(b.1)).hypot(more));
+                    }
+                    // The width needs the gap's own colour, which a narrow one does not show.
+                    let beyond = body.unwrap_or(here);
+                    if let (Some(a), Some(b)) = (
+                        edge(groove.first, beyond, -1, groove.inner.0),
+                        edge(groove.second, beyond, 1, groove.inner.1),
+                    ) {
+                        push(Kind::Gap, b.0 - a.0, a.1.hypot(b.1));
+                    }
                 }
-                (Some(a), None) => push(Kind::First, origin + a.0, a.1),
-                (None, Some(b)) => push(Kind::Second, origin + b.0, b.1),
+                (Some(a), None) => push(Kind::First, a.0, a.1),
+                (None, Some(b)) => push(Kind::Second, b.0, b.1),
                 (None, None) => {}
             }
-        } else if direct >= least {
-            // One step: between two tiles without a gap, or at the edge of one whose neighbour is like the gap.
-            let Some((at, slope)) = profile.half_way(high, first, -1, low) else { return };
-            let sigma = f64::from(noise_a.max(noise_b) / direct) / slope;
-            if gap < 0.6 {
-                push(Kind::Middle, origin + at, sigma);
-            } else if at.abs() > gap * 0.6 {
-                push(if at < 0.0 { Kind::First } else { Kind::Second }, origin + at, sigma);
-            } else if at.abs() < gap * 0.4 {
-                push(Kind::Middle, origin + at, sigma);
-            }
+            return;
+        }
+        let direct = length(difference(first, second));
+        if direct < CONTRAST.max(5.0 * noise_a.max(noise_b)) {
+            return;
+        }
+        // One step: between two tiles without a gap, or at the edge of one whose neighbour is like the gap.
+        let Some((at, slope)) = profile.half_way(groove.reach.1, first, second, -1, groove.reach.0)
+        else {
+            return;
+        };
+        let sigma = f64::from(noise_a.max(noise_b) / direct) / slope;
+        if gap < 0.6 || at.abs() < 0.4 * gap {
+            push(Kind::Middle, at, sigma);
+        } else if at.abs() > 0.6 * gap {
+            push(if at < 0.0 { Kind::First } else { Kind::Second }, at, sigma);
         }
     }
 
@@ -344,15 +524,12 @@ impl<'a> Probe<'a> {
     fn outside(
         &self,
         side: &Side,
-        camera_from_face: &Pose,
         share: f64,
         tolerance: f64,
+        body: Option<Rgb>,
         out: &mut Vec<Crossing>,
     ) {
-        let Some((profile, normal, scale, origin)) = self.profile(side, camera_from_face, share)
-        else {
-            return;
-        };
+        let (profile, scale) = (&self.profile, self.scale);
         let edge = -0.5 * (1.0 - share) * scale;
         let inner = profile.tap(edge - DEPTH.1 * share * scale);
         let (plateau, noise) = profile.plateau(0, inner);
@@ -360,9 +537,9 @@ impl<'a> Probe<'a> {
         let change = |tap: usize| length(difference(profile.taps[tap + 1], profile.taps[tap - 1]));
         // The first steep place on the way out: beyond it is the rim, and only then the background.
         let least = (0.7 * CONTRAST).max(4.0 * noise);
-        let Some(steep) = (inner.max(1)..=last).find(|&k| {
-            change(k) >= least && (k == last || change(k) >= change(k + 1))
-        }) else {
+        let Some(steep) = (inner.max(1)..=last)
+            .find(|&k| change(k) >= least && (k == last || change(k) >= change(k + 1)))
+        else {
             return;
         };
         let mut beyond = steep;
@@ -370,24 +547,20 @@ impl<'a> Probe<'a> {
             beyond += 1;
         }
         let beyond = (beyond + 1).min(profile.count - 1);
-        let contrast = length(difference(plateau, profile.taps[beyond]));
+        // Light from beyond fills a narrow rim: its own colour is that of the wider gaps.
+        let here = profile.taps[beyond];
+        let rim = body.unwrap_or(here);
+        let contrast = length(difference(plateau, rim));
         if contrast < CONTRAST.max(5.0 * noise) {
             return;
         }
-        let Some((at, slope)) = profile.half_way(beyond, plateau, -1, inner) else { return };
+        let Some((at, slope)) = profile.half_way(beyond, plateau, rim, -1, inner) else { return };
         if (at - edge).abs() > tolerance * scale + 1.0 {
             return;
         }
-        out.push(Crossing {
-            face: side.face,
-            kind: Kind::First,
-            side: side.side,
-            across: side.across,
-            normal,
-            measured: origin + at,
-            sigma: f64::from(noise / contrast) / slope,
-            scale,
-        });
+        let more = if body.is_none() { RIM } else { 0.0 };
+        let sigma = (f64::from(noise / contrast) / slope).hypot(more);
+        out.push(self.crossing(side, Kind::Outer, at, sigma));
     }
 }
 

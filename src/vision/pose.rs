@@ -36,6 +36,8 @@ pub struct CubeLocation {
     /// Where the faces that took part lie in the cube's frame, dominant one first: origin in the face's centre, x
     /// along its columns, y along its rows, z into the cube.
     pub used: Vec<Pose>,
+    /// Which of `used` each of `faces` is.
+    pub sightings: Vec<usize>,
 }
 
 impl CubeLocation {
@@ -44,17 +46,20 @@ impl CubeLocation {
     pub fn camera_from_face(&self) -> Pose {
         self.used.first().map_or(self.camera_from_cube, |face| self.camera_from_cube * face)
     }
+
+    /// The detected face at place `index` of `used`; `None` for one that only edges bear out.
+    #[must_use]
+    pub fn sighting(&self, index: usize) -> Option<&FaceSighting> {
+        let place = self.sightings.iter().position(|used| *used == index)?;
+        self.faces.get(place)
+    }
 }
 
 /// Localises a face from the centroids of its tiles.
 ///
 /// A frontal face leaves two poses: the better fit comes first, the other one goes with it.
 #[must_use]
-pub fn locate(
-    face: &FaceSighting,
-    camera: impl Into<Lens>,
-    edge: f64,
-) -> CubeSighting {
+pub fn locate(face: &FaceSighting, camera: impl Into<Lens>, edge: f64) -> CubeSighting {
     let camera = &camera.into();
     let mut solutions: Vec<(Pose, f64)> = planar_poses(face, camera, edge)
         .into_iter()
@@ -139,6 +144,7 @@ pub fn locate_cube(
             faces: members.iter().map(|(i, _)| faces[*i].clone()).collect(),
             other: None,
             used: members.iter().map(|(_, cube_from_face)| *cube_from_face).collect(),
+            sightings: (0..members.len()).collect(),
         };
         match &mut best {
             Some((least, kept)) if *least <= cost => kept.other = Some(location.camera_from_cube),

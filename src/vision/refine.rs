@@ -23,6 +23,9 @@ const FLOOR_MIDDLE: f64 = 0.05;
 const FLOOR_EDGE: f64 = 0.10;
 const FLOOR_GAP: f64 = 0.25;
 const FLOOR_SHARE: f64 = 0.002;
+/// Spread of what blur adds to all edges of stickers, and of what it adds to outer ones beyond that [px].
+const BLOOM: f64 = 0.4;
+const OUTER: f64 = 0.1;
 /// Tolerances of the passes, in pitches.
 const PASSES: [f64; 3] = [0.16, 0.09, 0.06];
 /// A face takes part with so many crossings that fit.
@@ -58,12 +61,14 @@ pub fn locate_in(
         let first = (coarse.camera_from_cube.rotation.inverse() * fitted.pose.rotation).angle();
         if chosen < first { coarse.camera_from_cube } else { o }
     });
-    let mut location = fitted.location(coarse.faces, other);
+    let mut location = fitted.location(other);
     // Faces that were detected keep the axes of their reading order.
-    for used in &mut location.used {
-        let near = |p: &&Pose| (p.translation.vector - used.translation.vector).norm() < 0.1 * edge;
-        if let Some(known) = coarse.used.iter().find(near) {
-            *used = *known;
+    for (index, used) in location.used.iter_mut().enumerate() {
+        let near = |p: &Pose| (p.translation.vector - used.translation.vector).norm() < 0.1 * edge;
+        if let Some(known) = coarse.used.iter().position(near) {
+            *used = coarse.used[known];
+            location.faces.push(coarse.faces[known].clone());
+            location.sightings.push(index);
         }
     }
     Some(location)
@@ -80,7 +85,7 @@ pub fn refine_in(
 ) -> Option<CubeLocation> {
     let lens = &camera.into();
     let fitted = fit(image, lens, edge, camera_from_cube, 0.86)?;
-    Some(fitted.location(Vec::new(), None))
+    Some(fitted.location(None))
 }
 
 /// A pose with what bears it out.
@@ -95,7 +100,7 @@ struct Fitted {
 }
 
 impl Fitted {
-    fn location(self, faces: Vec<FaceSighting>, other: Option<Pose>) -> CubeLocation {
+    fn location(self, other: Option<Pose>) -> CubeLocation {
         // The dominant face looks most towards the camera.
         let mut used: Vec<Pose> = self.faces.iter().map(|(face, _)| *face).collect();
         used.sort_by(|a, b| facing(&(self.pose * b)).total_cmp(&facing(&(self.pose * a))));
@@ -104,9 +109,10 @@ impl Fitted {
             camera_from_cube: self.pose,
             covariance: self.covariance,
             residual_px: self.residual_px,
-            faces,
+            faces: Vec::new(),
             other: other.filter(|_| alone),
             used,
+            sightings: Vec::new(),
         }
     }
 }
@@ -117,8 +123,8 @@ fn facing(camera_from_face: &Pose) -> f64 {
     (camera_from_face.rotation * Vector3::z()).dot(&sight) / sight.norm()
 }
 
-/// Unknowns: six of the pose, the stickers' share and bloom.
-type Unknowns = SVector<f64, 8>;
+/// Unknowns: six of the pose, the stickers' share, bloom and outer bloom.
+type Unknowns = SVector<f64, 9>;
 
 fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Option<Fitted> {
     let probe = Probe::new(image, lens, edge / 3.0);
@@ -126,17 +132,28 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
         .step_by(4)
         .map(|r| cube_from_face(&r.to_rotation_matrix(), edge))
         .collect();
-    let mut model =
-        Model { lens, pitch: edge / 3.0, faces: &all, pose: *start, stickers: Stickers { share, bloom: 0.0 } };
+    let mut model = Model {
+        lens,
+        pitch: edge / 3.0,
+        faces: &all,
+        pose: *start,
+        stickers: Stickers { share, bloom: 0.0, outer: 0.0 },
+    };
     let mut crossings: Vec<Crossing> = Vec::new();
     let mut last: Option<Solved> = None;
     for tolerance in PASSES {
         crossings.clear();
-        for (i, face) in all.iter().enumerate() {
-            let camera_from_face = model.pose * face;
-            if facing(&camera_from_face) > LEAST_FACING {
-                probe.measure(i, &camera_from_face, model.stickers.share, tolerance, &mut crossings);
-            }
+        let mut visible: Vec<(usize, Pose, f64)> = all
+            .iter()
+            .enumerate()
+            .map(|(i, face)| (i, model.pose * face, facing(&(model.pose * face))))
+            .filter(|(_, _, facing)| *facing > LEAST_FACING)
+            .collect();
+        visible.sort_by(|a, b| b.2.total_cmp(&a.2));
+        let mut body = None;
+        for (i, face, _) in &visible {
+            let share = model.stickers.share;
+            body = probe.measure(*i, face, share, tolerance, body, &mut crossings);
         }
         let mut solved = model.solve(&crossings, share)?;
         // A face that only happens to have some edges about must not pull at the others.
@@ -150,6 +167,7 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
         model.pose = moved(&model.pose, std::array::from_fn(|k| step[k]));
         model.stickers.share = (model.stickers.share + step[6]).clamp(0.5, 1.0);
         model.stickers.bloom += step[7];
+        model.stickers.outer += step[8];
         last = Some(solved);
     }
     let solved = last?;
@@ -162,8 +180,7 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
     if faces.is_empty() {
         return None;
     }
-    let support =
-        solved.residuals.iter().map(|r| (1.0 - (r / FITS).powi(2)).max(0.0)).sum::<f64>();
+    let support = solved.residuals.iter().map(|r| (1.0 - (r / FITS).powi(2)).max(0.0)).sum::<f64>();
     let squares: Vec<f64> = crossings
         .iter()
         .zip(&solved.residuals)
@@ -188,8 +205,9 @@ fn counts(crossings: &[Crossing], solved: &Solved) -> [usize; 6] {
 fn deviation(crossing: &Crossing) -> f64 {
     let floor = match crossing.kind {
         Kind::Middle => FLOOR_MIDDLE,
-        Kind::Gap => FLOOR_GAP,
-        Kind::First | Kind::Second => FLOOR_EDGE,
+        // A gap that is as narrow as the blur looks wider than it is.
+        Kind::Gap => FLOOR_GAP + 0.6 * (3.5 - crossing.measured).max(0.0),
+        Kind::First | Kind::Second | Kind::Outer => FLOOR_EDGE,
     };
     (crossing.sigma.powi(2) + floor.powi(2) + (FLOOR_SHARE * crossing.scale).powi(2)).sqrt()
 }
@@ -219,6 +237,7 @@ impl Model<'_> {
         let stickers = Stickers {
             share: self.stickers.share + step[6],
             bloom: self.stickers.bloom + step[7],
+            outer: self.stickers.outer + step[8],
         };
         let faces: Vec<Pose> = self.faces.iter().map(|face| pose * face).collect();
         let predicted = |c: &Crossing| c.predicted(self.lens, &faces[c.face], self.pitch, stickers);
@@ -239,7 +258,7 @@ impl Model<'_> {
             .map(|((c, p), d)| (c.measured - p) / d)
             .collect();
         let mut rows = vec![Unknowns::zeros(); crossings.len()];
-        for k in 0..8 {
+        for k in 0..9 {
             let mut step = Unknowns::zeros();
             step[k] = if k < 6 { 1e-6 } else { 1e-4 };
             for (i, ahead) in self.predict(crossings, &step).iter().enumerate() {
@@ -251,10 +270,11 @@ impl Model<'_> {
         let mut solution = None;
         for _ in 0..4 {
             // Weak beliefs, so that nothing is left open when all gaps are too narrow to be measured.
-            let mut normal = SMatrix::<f64, 8, 8>::zeros();
+            let mut normal = SMatrix::<f64, 9, 9>::zeros();
             let mut right = Unknowns::zeros();
+            let now = &self.stickers;
             for (k, belief, width) in
-                [(6, share - self.stickers.share, 0.15), (7, -self.stickers.bloom, 0.15)]
+                [(6, share - now.share, 0.15), (7, -now.bloom, BLOOM), (8, -now.outer, OUTER)]
             {
                 normal[(k, k)] = (spread / width).powi(2);
                 right[k] = belief * (spread / width).powi(2);

@@ -162,7 +162,8 @@ mod tests {
     #[test]
     fn the_five_coefficients_stand_in_the_order_of_the_field() {
         // Worked by hand: x = 0.5, y = 0.25, r2 = 0.3125.
-        let lens = Lens { focal: (1.0, 1.0), centre: (0.0, 0.0), ..lens([0.1, 0.2, 0.3], [0.01, 0.02]) };
+        let lens =
+            Lens { focal: (1.0, 1.0), centre: (0.0, 0.0), ..lens([0.1, 0.2, 0.3], [0.01, 0.02]) };
 
         let (x, y) = lens.project(&Point3::new(0.5, 0.25, 1.0));
 
