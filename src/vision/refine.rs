@@ -30,8 +30,16 @@ const OUTER: f64 = 0.1;
 const PASSES: [f64; 3] = [0.16, 0.09, 0.06];
 /// A face takes part with so many crossings that fit.
 const LEAST_CROSSINGS: usize = 9;
+/// A pose is believed without a detection with so many fitting crossings a face; a whole face has 24.
+const TRACKED: usize = 13;
 /// A crossing fits within so many standard deviations.
 const FITS: f64 = 3.5;
+/// Two poses whose rotations differ by less are one [rad].
+const SAME: f64 = 0.03;
+/// A second pose is kept when its support is at least this share of the first one's.
+const RIVAL: f64 = 0.9;
+/// A pass that moved the edges by less is the last one [px].
+const SETTLED: f64 = 0.04;
 /// Least cosine between the sight and a face's normal.
 const LEAST_FACING: f64 = 0.22;
 
@@ -48,19 +56,23 @@ pub fn locate_in(
     let lens = &camera.into();
     let coarse = locate_cube(faces, lens, edge, hint)?;
     let share = coarse.faces.first().map_or(0.85, |f| f.sticker.clamp(0.6, 0.97));
-    let mut best: Option<Fitted> = None;
-    for start in [Some(coarse.camera_from_cube), coarse.other].into_iter().flatten() {
-        let Some(fitted) = fit(image, lens, edge, &start, share) else { continue };
-        if best.as_ref().is_none_or(|b| fitted.support > b.support) {
-            best = Some(fitted);
-        }
-    }
-    let Some(fitted) = best else { return Some(coarse) };
-    let other = coarse.other.map(|o| {
-        let chosen = (o.rotation.inverse() * fitted.pose.rotation).angle();
-        let first = (coarse.camera_from_cube.rotation.inverse() * fitted.pose.rotation).angle();
-        if chosen < first { coarse.camera_from_cube } else { o }
-    });
+    let first = fit(image, lens, edge, &coarse.camera_from_cube, share);
+    // Two starts that are nearly one end in one.
+    let second = coarse
+        .other
+        .filter(|o| o.rotation.angle_to(&coarse.camera_from_cube.rotation) > SAME)
+        .and_then(|other| fit(image, lens, edge, &other, share));
+    let (fitted, rival) = match (first, second) {
+        (Some(a), Some(b)) if b.support > a.support => (b, Some(a)),
+        (Some(a), b) => (a, b),
+        (None, Some(b)) => (b, None),
+        (None, None) => return Some(coarse),
+    };
+    // Only a pose that the edges bear out as well, or nearly so, remains a second one.
+    let other = rival
+        .filter(|r| r.support > RIVAL * fitted.support)
+        .map(|r| r.pose)
+        .filter(|r| r.rotation.angle_to(&fitted.pose.rotation) > SAME);
     let mut location = fitted.location(other);
     // Faces that were detected keep the axes of their reading order.
     for (index, used) in location.used.iter_mut().enumerate() {
@@ -74,7 +86,7 @@ pub fn locate_in(
     Some(location)
 }
 
-/// Refines a pose that is known to about a tenth of a tile, as from a track, without any detection; `None` when the
+/// Refines a pose that is known to about a seventh of a tile, as from a track, without any detection; `None` when the
 /// edges do not bear it out.
 #[must_use]
 pub fn refine_in(
@@ -85,7 +97,8 @@ pub fn refine_in(
 ) -> Option<CubeLocation> {
     let lens = &camera.into();
     let fitted = fit(image, lens, edge, camera_from_cube, 0.86)?;
-    Some(fitted.location(None))
+    let crossings: usize = fitted.faces.iter().map(|(_, n)| n).sum();
+    (crossings >= TRACKED * fitted.faces.len()).then(|| fitted.location(None))
 }
 
 /// A pose with what bears it out.
@@ -168,7 +181,11 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
         model.stickers.share = (model.stickers.share + step[6]).clamp(0.5, 1.0);
         model.stickers.bloom += step[7];
         model.stickers.outer += step[8];
+        let settled = last.is_some() && solved.shift < SETTLED;
         last = Some(solved);
+        if settled {
+            break;
+        }
     }
     let solved = last?;
     let faces: Vec<(Pose, usize)> = all
@@ -229,6 +246,8 @@ struct Solved {
     /// By how much these exceed what was expected, at least 1.
     spread: f64,
     covariance: Matrix6<f64>,
+    /// Root mean square of what the step moves [px].
+    shift: f64,
 }
 
 impl Model<'_> {
@@ -296,7 +315,10 @@ impl Model<'_> {
         }
         let (step, inverse) = solution?;
         let covariance = inverse.fixed_view::<6, 6>(0, 0).into_owned() * spread.powi(2);
-        Some(Solved { step, residuals, spread, covariance })
+        let moved: f64 =
+            rows.iter().zip(&deviations).map(|(row, d)| (row.dot(&step) * d).powi(2)).sum();
+        let shift = (moved / rows.len() as f64).sqrt();
+        Some(Solved { step, residuals, spread, covariance, shift })
     }
 }
 
@@ -309,4 +331,106 @@ fn spread_of(residuals: &[f64]) -> f64 {
     }
     let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
     (1.4826 * *median).max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::Intrinsics;
+    use crate::vision::pose::nearest_of_24;
+    use crate::vision::testing::Drawing;
+    use crate::vision::{DetectorSettings, detect};
+    use nalgebra::{Translation3, UnitQuaternion, Vector6};
+
+    const CAMERA: Intrinsics = Intrinsics {
+        width: 400,
+        height: 300,
+        focal: (600.0, 600.0),
+        centre: (199.5, 149.5),
+        distortion: (-0.1, 0.02),
+    };
+    const EDGE: f64 = 0.057;
+
+    /// A cube with random colours, all of its faces.
+    fn drawing(camera_from_cube: &Pose, seed: u64) -> Drawing {
+        let faces = cube_rotations().step_by(4).enumerate().map(|(i, rotation)| {
+            let face = camera_from_cube * cube_from_face(&rotation.to_rotation_matrix(), EDGE);
+            let colour = |k: u64| ((seed * 31 + i as u64 * 7 + k * (3 + seed % 5)) % 6) as u8;
+            (face, std::array::from_fn(|k| colour(k as u64)))
+        });
+        let mut drawing = Drawing::new(CAMERA, faces.collect());
+        (drawing.noise, drawing.seed) = (6.0, seed);
+        drawing
+    }
+
+    fn pose(tilt: (f64, f64), roll: f64) -> Pose {
+        let lean = UnitQuaternion::from_scaled_axis(Vector3::new(tilt.0, tilt.1, 0.0));
+        let roll = UnitQuaternion::from_scaled_axis(Vector3::z() * roll);
+        Pose::from_parts(Translation3::new(0.012, -0.008, 0.37), lean * roll)
+    }
+
+    /// Error of the centre and of the rotation, in the camera's axes.
+    fn error(found: &Pose, truth: &Pose) -> Vector6<f64> {
+        let relative = found.rotation.inverse() * truth.rotation;
+        let turn = found.rotation * nearest_of_24(&relative) * truth.rotation.inverse();
+        let (shift, turn) =
+            (found.translation.vector - truth.translation.vector, turn.scaled_axis());
+        Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
+    }
+
+    #[test]
+    fn the_cubes_centre_is_right_to_a_fifth_of_a_millimetre_and_the_covariance_tells_it() {
+        let mut nees = Vec::new();
+        for seed in 0..12 {
+            let angle = 0.5 * seed as f64;
+            let truth = pose((0.45 * angle.cos(), 0.45 * angle.sin()), 0.3 * angle);
+            let image = drawing(&truth, seed).render();
+            let faces = detect(&image, None, &DetectorSettings::default()).unwrap();
+
+            let found = locate_in(&image, &faces, &CAMERA, EDGE, None).unwrap();
+
+            assert!(found.used.len() > 1, "seed {seed}: {} faces", found.used.len());
+            let error = error(&found.camera_from_cube, &truth);
+            assert!(error.xy().norm() < 0.2e-3, "seed {seed}: {error}");
+            assert!(error.z.abs() < 1e-3, "seed {seed}: {error}");
+            nees.push(error.dot(&found.covariance.cholesky().unwrap().solve(&error)));
+        }
+        let mean = nees.iter().sum::<f64>() / nees.len() as f64;
+        assert!((0.5..12.0).contains(&mean), "{nees:?}");
+    }
+
+    #[test]
+    fn a_face_that_the_detector_missed_takes_part() {
+        let truth = pose((0.5, 0.2), 0.1);
+        let image = drawing(&truth, 3).render();
+        let mut faces = detect(&image, None, &DetectorSettings::default()).unwrap();
+        faces.truncate(1);
+
+        let found = locate_in(&image, &faces, &CAMERA, EDGE, None).unwrap();
+
+        assert!(found.used.len() > 1 && found.faces.len() == 1);
+        assert!(found.sighting(0).is_some() && found.sighting(1).is_none());
+        assert!(error(&found.camera_from_cube, &truth).xy().norm() < 0.2e-3);
+    }
+
+    #[test]
+    fn a_predicted_pose_is_followed_without_detection_and_a_wrong_one_is_refused() {
+        let truth = pose((0.3, -0.35), 0.7);
+        let image = drawing(&truth, 5).render();
+        let near = moved(&truth, [1.2e-3, -1.0e-3, 3e-3, 0.02, -0.02, 0.02]);
+        let far = moved(&truth, [9e-3, 4e-3, 0.0, 0.1, 0.0, 0.3]);
+
+        let found = refine_in(&image, &CAMERA, EDGE, &near).unwrap();
+
+        assert!(error(&found.camera_from_cube, &truth).xy().norm() < 0.2e-3);
+        assert_eq!(refine_in(&image, &CAMERA, EDGE, &far), None);
+    }
+
+    #[test]
+    fn no_picture_is_too_small() {
+        for (width, height) in [(0, 0), (1, 1), (1, 300), (5, 5)] {
+            let image = RgbImage::new(width, height);
+            assert_eq!(refine_in(&image, &CAMERA, EDGE, &pose((0.3, 0.0), 0.0)), None);
+        }
+    }
 }
