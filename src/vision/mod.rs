@@ -8,6 +8,7 @@
 //! | lens | [`undistort`] | five coefficients: point -> pixel, pixel -> direction |
 //! | pose | [`pose`] | sighting, lens -> [`CubeSighting`], [`pose::CubeLocation`] |
 //! | refinement | [`refine`] | image, first pose -> pose on sub-pixel edges of all faces, covariance |
+//! | calibration | [`calibration`] | views at known arm poses -> optics, place of the camera |
 //! | time | [`tracker`] | poses -> position, velocity, window, age |
 //! | colours | [`colours`] | mean colours -> names, with a margin each |
 //! | guided reading | [`sensor`] | image, predicted pose -> nine colours, measured pose |
@@ -15,6 +16,7 @@
 //! Pixels: the centre of the first pixel is (0, 0), x to the right, y down.
 
 pub mod assignment;
+pub mod calibration;
 pub mod colours;
 pub mod detect;
 mod edges;
