@@ -3,6 +3,7 @@
 //! Exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
+mod calibrate;
 mod frames;
 pub mod kinematics;
 mod locate;
@@ -77,6 +78,8 @@ Examples:
     Kinematics(KinematicsArgs),
     /// Run the vision on pictures and on measured colours
     Vision(look::VisionArgs),
+    /// Calibrate the cameras of a scenario in the simulated cell
+    Calibrate(calibrate::CalibrateArgs),
     /// Draw the cell of a scenario, or what one of its cameras sees
     Picture(look::PictureArgs),
 }
@@ -158,6 +161,7 @@ pub fn main() -> ExitCode {
         Command::Keys { word } => keys(word.as_deref(), &mut output),
         Command::Kinematics(args) => rows(&args, &mut output),
         Command::Vision(args) => look::look_at(&args, &mut output),
+        Command::Calibrate(args) => calibrate::calibrate(&args, &mut output),
         Command::Picture(args) => look::picture(&args, &mut output),
     };
     let code = done.and_then(|code| output.flush().map(|()| code));

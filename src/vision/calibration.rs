@@ -143,8 +143,8 @@ const FLOOR: f64 = 0.06;
 const WORST: f64 = 2.0;
 /// Steps of the numerical derivatives.
 const STEPS: [f64; GLOBALS] = [
-    1e-4, 1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7,
-    1e-7, 1e-8,
+    1e-4, 1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7,
+    1e-7, 1e-7, 1e-8,
 ];
 
 /// The grooves of a located cube, in the frame in which it is held: `camera_from_held` says roughly how that lies
@@ -172,8 +172,7 @@ pub fn grooves_in(
         let face = &location.used[crossing.face];
         let at = face * Point3::new(crossing.side.0 * pitch, crossing.side.1 * pitch, 0.0);
         let seen = lens.project(&(location.camera_from_cube * at));
-        let apart =
-            crossing.measured - seen.0 * crossing.normal.0 - seen.1 * crossing.normal.1;
+        let apart = crossing.measured - seen.0 * crossing.normal.0 - seen.1 * crossing.normal.1;
         // The optics are not known yet, so the pose fits only roughly: what is farther off is no groove.
         if apart.abs() < 1.0 + 0.02 * crossing.scale {
             grooves.push(Groove {
@@ -381,8 +380,7 @@ impl Problem<'_> {
         inverse: &DMatrix<f64>,
         spread: f64,
     ) -> Result<Calibrated, NotCalibrated> {
-        let sigmas =
-            self.views.iter().flat_map(|v| v.grooves.iter().map(|g| g.sigma.hypot(FLOOR)));
+        let sigmas = self.views.iter().flat_map(|v| v.grooves.iter().map(|g| g.sigma.hypot(FLOOR)));
         let fitting: Vec<f64> = residuals
             .iter()
             .zip(sigmas)
@@ -504,7 +502,10 @@ mod tests {
             let found = calibrate(rig, &views, &guess(&truth), &spreads).unwrap();
 
             let setup = &found.setup;
-            assert!((setup.lens.focal.0 / truth.lens.focal.0 - 1.0).abs() < 1e-3, "{rig:?} {found:?}");
+            assert!(
+                (setup.lens.focal.0 / truth.lens.focal.0 - 1.0).abs() < 1e-3,
+                "{rig:?} {found:?}"
+            );
             assert!((setup.lens.centre.0 - truth.lens.centre.0).abs() < 1.5, "{rig:?} {found:?}");
             assert!((setup.lens.radial[0] - truth.lens.radial[0]).abs() < 0.03);
             let camera = setup.camera.translation.vector - truth.camera.translation.vector;
