@@ -48,6 +48,12 @@ pub struct Report {
     pub time: f64,
     /// Against the plant's truth: the scenario's own values, and what was found.
     pub errors: (Errors, Option<Errors>),
+    /// By how much the hand that moved was elsewhere than its encoders said, on the average: it sags. Each axis of the
+    /// world [m].
+    pub sag: [f64; 3],
+    /// How far a point of the hand is from where camera and encoders together expect it, r.m.s. over all poses, by the
+    /// scenario's own values and by what was found: across the sight, along it [m].
+    pub hand: ([f64; 2], Option<[f64; 2]>),
 }
 
 /// By how much a camera's values are wrong.
@@ -416,6 +422,7 @@ fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Err
     arms.go(plan.holder, stand, &manner.speeds, macrostep, Some(grip))?;
     let jaw = (plan.mover == plan.holder).then_some(grip);
     let mut frames: Vec<(Pose, RgbImage)> = Vec::new();
+    let mut truths: Vec<Pose> = Vec::new();
     for pose in &plan.poses {
         if !arms.go(plan.mover, *pose, &manner.speeds, macrostep, jaw)? {
             continue;
@@ -433,6 +440,11 @@ fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Err
             Rig::InHand => arm.model.base_from_flange(&state.joints),
         };
         frames.push((pose, frame.image));
+        let seen = arms.port.scene().arms[plan.mover];
+        truths.push(match plan.rig {
+            Rig::Standing => seen.world_from_tool,
+            Rig::InHand => seen.world_from_flange,
+        });
     }
     let (found, used) = adjust(plan, &frames);
     // From here on only for the operator's information.
@@ -441,7 +453,21 @@ fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Err
     let before = errors(truth, &Lens::from(&believed.intrinsics), &place(believed), plan.distance);
     let after =
         found.as_ref().ok().map(|c| errors(truth, &c.setup.lens, &c.setup.camera, plan.distance));
+    // In the world, also for an arm whose base stands elsewhere than believed.
+    let in_world = |pose: &Pose| match plan.rig {
+        Rig::Standing => *pose,
+        Rig::InHand => cell.arms[plan.mover].world_from_base * pose,
+    };
+    let mut sag = Vector3::zeros();
+    for ((encoders, _), truth) in frames.iter().zip(&truths) {
+        sag += (truth.translation.vector - in_world(encoders).translation.vector)
+            / frames.len().max(1) as f64;
+    }
+    let hand = |camera: &Pose| hand_errors(plan.rig, &place(truth), camera, &frames, &truths);
+    let hand = (hand(&place(believed)), found.as_ref().ok().map(|c| hand(&c.setup.camera)));
     Ok(Report {
+        sag: sag.into(),
+        hand,
         camera: index,
         found,
         views: (plan.poses.len(), used),
@@ -493,6 +519,29 @@ fn place(camera: &Camera) -> Pose {
         Mount::World { world_from_camera } => world_from_camera,
         Mount::Flange { flange_from_camera, .. } => flange_from_camera,
     }
+}
+
+/// Where a standing camera should see the hand's tool by what is believed, against where it is: across the sight,
+/// along it, r.m.s. A camera in a hand has nothing to do with this: zero.
+fn hand_errors(
+    rig: Rig,
+    real: &Pose,
+    camera: &Pose,
+    frames: &[(Pose, RgbImage)],
+    truths: &[Pose],
+) -> [f64; 2] {
+    if rig == Rig::InHand || frames.is_empty() {
+        return [0.0; 2];
+    }
+    let mut sums = [0.0; 2];
+    for ((encoders, _), truth) in frames.iter().zip(truths) {
+        let is = (real.inverse() * truth).translation.vector;
+        let error = (camera.inverse() * encoders).translation.vector - is;
+        let along = error.dot(&is.normalize());
+        sums[0] += error.norm_squared() - along * along;
+        sums[1] += along * along;
+    }
+    sums.map(|sum| (sum / frames.len() as f64).sqrt())
 }
 
 /// By how much values differ from the truth.

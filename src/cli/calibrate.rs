@@ -99,7 +99,10 @@ fn object(scenario: &Scenario, report: &Report) -> Value {
     let mut object = json!({ "camera": name(scenario, report), "poses": report.views.0,
         "views": report.views.1, "sim_time_s": report.time,
         "off_before": errors_object(&report.errors.0),
-        "off_after": report.errors.1.as_ref().map(errors_object) });
+        "off_after": report.errors.1.as_ref().map(errors_object),
+        "sag_mm": report.sag.map(|s| s * 1e3),
+        "hand_before_mm": report.hand.0.map(|e| e * 1e3),
+        "hand_after_mm": report.hand.1.map(|h| h.map(|e| e * 1e3)) });
     match &report.found {
         Ok(found) => {
             let (lens, at) = (&found.setup.lens, found.setup.camera.translation.vector * 1e3);
@@ -189,6 +192,19 @@ fn words(scenario: &Scenario, report: &Report) -> String {
     if let Some(after) = &report.errors.1 {
         text += &off("this result is", after);
     }
+    let [x, y, z] = report.sag.map(|s| s * 1e3);
+    let _ = write!(text, "  the hand was {x:+.2} {y:+.2} {z:+.2} mm beside what its encoders say");
+    let _ = match report.hand {
+        ([a, b], Some([c, d])) if a + b > 0.0 => writeln!(
+            text,
+            "; seen from the camera, encoders and camera together miss it by {:.2} mm across, {:.2} mm along the sight (before: {:.2}, {:.2})",
+            c * 1e3,
+            d * 1e3,
+            a * 1e3,
+            b * 1e3
+        ),
+        _ => writeln!(text),
+    };
     text
 }
 
