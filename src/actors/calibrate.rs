@@ -29,7 +29,8 @@ use crate::tasks::cube::hold::Hold;
 use crate::vision::calibration::{
     Calibrated, NotCalibrated, Rig, Setup, Spreads, View, calibrate, grooves_in,
 };
-use crate::vision::{DetectorSettings, Lens, detect, locate_in};
+use crate::vision::pose::nearest_of_24;
+use crate::vision::{CubeLocation, DetectorSettings, Lens, detect, locate_in, refine_in};
 use image::RgbImage;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
@@ -500,17 +501,25 @@ fn view(rig: Rig, setup: &Setup, arm: &Pose, image: &RgbImage) -> Option<View> {
         Rig::InHand => arm.inverse(),
     };
     let expected = setup.camera.inverse() * motion * setup.cube;
-    let faces = detect(image, None, &DetectorSettings::default()).ok()?;
-    let location = locate_in(image, &faces, &setup.lens, setup.edge, Some(&expected))?;
-    // Something else that looks like a cube, or an orientation that cannot be: not a view.
-    let apart = location.camera_from_cube.translation.vector - expected.translation.vector;
-    let relative = expected.rotation.inverse() * location.camera_from_cube.rotation;
-    let named = crate::vision::pose::nearest_of_24(&relative);
-    if apart.norm() > 0.04 || (named.inverse() * relative).angle() > 0.2 {
+    let located = detect(image, None, &DetectorSettings::default())
+        .ok()
+        .and_then(|faces| locate_in(image, &faces, &setup.lens, setup.edge, Some(&expected)))
+        .filter(|location| agrees(location, &expected));
+    // After the first round the place is known well enough to do without a detection.
+    let location = located.or_else(|| refine_in(image, &setup.lens, setup.edge, &expected))?;
+    if !agrees(&location, &expected) {
         return None;
     }
     let grooves = grooves_in(image, &setup.lens, setup.edge, &location, &expected);
     (grooves.len() >= LEAST_GROOVES).then_some(View { arm: *arm, grooves })
+}
+
+/// Not something else that looks like a cube, nor an orientation that cannot be.
+fn agrees(location: &CubeLocation, expected: &Pose) -> bool {
+    let apart = location.camera_from_cube.translation.vector - expected.translation.vector;
+    let relative = expected.rotation.inverse() * location.camera_from_cube.rotation;
+    let named = nearest_of_24(&relative);
+    apart.norm() < 0.04 && (named.inverse() * relative).angle() < 0.2
 }
 
 /// `world_from_camera` or `flange_from_camera`.

@@ -90,7 +90,7 @@ impl Default for Spreads {
             camera: (0.02, 0.03),
             cube: (0.01, 0.05),
             edge: 0.3e-3,
-            arm: (0.4e-3, 0.7e-3),
+            arm: (0.7e-3, 1.0e-3),
         }
     }
 }

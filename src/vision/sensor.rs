@@ -10,6 +10,7 @@
 use super::detect::{Patch, SHAPE, centres_of, window_around};
 use super::homography::{self, GRID, OUTLINE, Point, apply, distance, polygon};
 use super::pose::{refine, residuals};
+use super::refine::refine_in;
 use super::segment::{Edges, Tile};
 use super::undistort::Lens;
 use super::{DetectorSettings, FaceSighting, Refusal, colours, detect};
@@ -77,6 +78,8 @@ pub fn read_face(
         })?;
     let (pose, face, residual_px) = aligned(&tiles, camera, edge, &start)?;
 
+    let (pose, residual_px) = on_edges(image, camera, edge, &pose).unwrap_or((pose, residual_px));
+
     let centres = project(camera, &pose, edge, &GRID).ok_or(Refusal::NotExpected { matched: 0 })?;
     let pairs: Vec<(Point, Point)> =
         (0..9).map(|i| (GRID[i], patch.to_patch(centres[i]))).collect();
@@ -105,6 +108,16 @@ pub fn read_face(
         confidence: ((held - 2.0) / 5.0).clamp(0.0, 1.0) * fit,
         occluded,
     })
+}
+
+/// The pose on the edges of all tiles in sight, when these agree with that of the centroids.
+fn on_edges(image: &RgbImage, camera: &Lens, edge: f64, pose: &Pose) -> Option<(Pose, f64)> {
+    let face_from_cube = Translation3::new(0.0, 0.0, edge / 2.0);
+    let found = refine_in(image, camera, edge, &(pose * face_from_cube))?;
+    let refined = found.camera_from_cube * face_from_cube.inverse();
+    let apart = (refined.translation.vector - pose.translation.vector).norm();
+    (apart < 0.06 * edge && refined.rotation.angle_to(&pose.rotation) < 0.1)
+        .then_some((refined, found.residual_px))
 }
 
 /// Pixels of places of a face (grid units); `None` when one is not before the camera.
