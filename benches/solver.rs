@@ -1,50 +1,250 @@
-//! The solver and the planner: `cargo bench --bench solver`. Cubes are drawn from fixed seeds.
+//! The solver beside its peers: `cargo bench --bench solver`, `-- --cubes FILE` for a list of one's own (54 letters
+//! URFDLB a line).
+//!
+//! Every solver gets the same cubes in the same run, one thread each; times are CPU time of that thread, which a
+//! loaded machine lengthens less than it lengthens a clock's. The large tables take part when they are in the cache
+//! folder (`rubik-robot tables build`), with those of `--optimal` when that is asked for, too.
 
-#![allow(missing_docs, reason = "criterion's macros make undocumented items")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    reason = "a bench that cannot go on should stop loudly"
+)]
 
-use criterion::{Criterion, criterion_group, criterion_main};
-use rubik_robot::cube::{Axis, Cube, Face};
+use rubik_robot::cube::{Axis, Cube, Face, Facelets, format_turns};
 use rubik_robot::motion::Depth;
-use rubik_robot::solver::{Budget, Tables, candidates, solve};
+use rubik_robot::solver::optimal::{self, Optimal};
+use rubik_robot::solver::shortest::shortest;
+use rubik_robot::solver::table::{InTurn, Workers};
+use rubik_robot::solver::{Budget, Tables, Watch, candidates, solve_watched};
+use rubik_robot::tables::{Residence, Store, Threads};
 use rubik_robot::tasks::cube::hold::{Grip, Hand, Hold};
 use rubik_robot::tasks::cube::plan::{Everywhere, Rule, Terms, plan};
-use std::hint::black_box;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
-fn solver(c: &mut Criterion) {
-    let tables = Tables::build();
-    let cubes: Vec<Cube> = (0..1000).map(Cube::scrambled).collect();
+/// Cubes where no list is given.
+const CUBES: u64 = 100;
 
-    for (name, budget) in [
-        ("first solution", Budget::FIRST),
-        ("at most 21 turns", Budget { nodes: u64::MAX, max_length: 21 }),
-        ("at most 20 turns", Budget { nodes: u64::MAX, max_length: 20 }),
-        ("100,000 nodes", Budget { nodes: 100_000, max_length: 0 }),
-    ] {
-        let mut next = cubes.iter().cycle();
-        c.bench_function(name, |b| {
-            b.iter(|| solve(black_box(next.next().unwrap_or(&cubes[0])), &tables, &budget));
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let after = |name: &str| {
+        let at = arguments.iter().position(|a| a == name)?;
+        arguments.get(at + 1)
+    };
+    // `cargo test --benches` runs this, too: one cube shows that it works.
+    let test = arguments.iter().any(|a| a == "--test");
+    let cubes: Vec<Cube> = match after("--cubes") {
+        Some(file) => read(file),
+        None => (0..if test { 1 } else { CUBES }).map(Cube::scrambled).collect(),
+    };
+    println!(
+        "{} cubes; CPU time of one thread [ms]; turns of faces, half turns count one\n",
+        cubes.len()
+    );
+    let store = Store::of_user().with(Residence::Copied);
+    let all = Threads::all();
+    let before = Instant::now();
+    let default = Tables::build_with(&all);
+    println!(
+        "default tables: {:.1} MB, built in {:.2} s by {} threads",
+        default.size() as f64 / 1e6,
+        before.elapsed().as_secs_f64(),
+        all.count()
+    );
+    let open = |spec: &&_| store.open(spec, &all).ok();
+    let large: Option<Vec<_>> = Tables::LARGE.iter().map(open).collect();
+    let large = large.map(|tables| Tables::with(&tables));
+    match &large {
+        Some(tables) => println!("large tables: {:.1} MB", tables.size() as f64 / 1e6),
+        None => println!("large tables: not built (`rubik-robot tables build` makes them)"),
+    }
+    header();
+    let firsts = [
+        peer(&cubes, "min2phase 0.2.4, first", |cube| min2phase::solve(&cube, 25)),
+        peer_kewb(&cubes[..cubes.len().min(20)]),
+    ];
+    ours(&cubes, "first", &default, large.as_ref(), Budget::FIRST, firsts[0]);
+    for most in [21, 20] {
+        let theirs = peer(&cubes, &format!("min2phase 0.2.4, <= {most}"), |cube| {
+            min2phase::solve(&cube, most)
         });
+        let budget = Budget { nodes: u64::MAX, max_length: most };
+        ours(&cubes, &format!("<= {most}"), &default, large.as_ref(), budget, theirs);
+    }
+    println!();
+    let few = &cubes[..cubes.len().min(if test { 1 } else { 1000 })];
+    for threads in [1, 2] {
+        best_in(few, Duration::from_millis(10), threads, large.as_ref().unwrap_or(&default));
+    }
+    if arguments.iter().any(|a| a == "--optimal") {
+        proven(&cubes, &store, large.as_ref().unwrap_or(&default));
+    }
+    planner(&default);
+}
+
+fn read(file: &str) -> Vec<Cube> {
+    let text = std::fs::read_to_string(file).expect("a list of cubes");
+    let facelets =
+        text.lines().filter(|l| !l.trim().is_empty()).map(|l| l.parse::<Facelets>().unwrap());
+    facelets.map(|f| Cube::try_from(f).unwrap()).collect()
+}
+
+fn header() {
+    println!(
+        "\n{:34} {:>8} {:>8} {:>8} {:>8} {:>7} {:>8}",
+        "", "mean", "p50", "p99", "max", "turns", "ratio"
+    );
+}
+
+/// Prints a row; the mean.
+fn row(name: &str, mut times: Vec<f64>, turns: usize, theirs: Option<f64>) -> f64 {
+    let count = times.len();
+    times.sort_by(f64::total_cmp);
+    let mean = times.iter().sum::<f64>() / count as f64;
+    let at = |share: usize| times[(count * share / 100).min(count - 1)];
+    let ratio = theirs.map_or_else(String::new, |t| format!("{:.2} x", t / mean));
+    println!(
+        "{name:34} {mean:8.3} {:8.3} {:8.3} {:8.3} {:7.2} {ratio:>8}",
+        at(50),
+        at(99),
+        times[count - 1],
+        turns as f64 / count as f64
+    );
+    mean
+}
+
+fn ours(
+    cubes: &[Cube],
+    what: &str,
+    default: &Tables,
+    large: Option<&Tables>,
+    budget: Budget,
+    theirs: f64,
+) {
+    for (name, tables) in [("default", Some(default)), ("large", large)] {
+        let Some(tables) = tables else { continue };
+        let stop = AtomicBool::new(false);
+        let longest = (budget.nodes == u64::MAX).then_some(budget.max_length);
+        let watch = Watch { workers: &InTurn, stop: &stop, improved: &|_| (), longest };
+        let (mut times, mut turns) = (Vec::new(), 0);
+        for cube in cubes {
+            let before = cpu();
+            let solution = solve_watched(cube, tables, &budget, &watch);
+            times.push((cpu() - before) * 1e3);
+            assert!(cube.apply_all(&solution.turns).is_solved());
+            turns += solution.turns.len();
+        }
+        row(&format!("ours, {name} tables, {what}"), times, turns, Some(theirs));
     }
 }
 
-fn planner(c: &mut Criterion) {
-    let tables = Tables::build();
-    let budget = Budget { nodes: 500_000, max_length: 20 };
-    let list = candidates(&Cube::scrambled(1), &tables, &budget, 24);
+fn peer(cubes: &[Cube], name: &str, solve: impl Fn(String) -> String) -> f64 {
+    // Its tables are built at the first call.
+    solve(Facelets::from(&Cube::scrambled(1)).to_string());
+    let (mut times, mut turns) = (Vec::new(), 0);
+    for cube in cubes {
+        let facelets = Facelets::from(cube).to_string();
+        let before = cpu();
+        let solution = solve(facelets);
+        times.push((cpu() - before) * 1e3);
+        turns += solution.split_whitespace().count();
+    }
+    row(name, times, turns, None)
+}
+
+fn peer_kewb(cubes: &[Cube]) -> f64 {
+    let table = kewb::DataTable::default();
+    let (mut times, mut turns) = (Vec::new(), 0);
+    for cube in cubes {
+        let facelets = Facelets::from(cube).to_string();
+        let state =
+            kewb::CubieCube::try_from(&kewb::FaceCube::try_from(&*facelets).unwrap()).unwrap();
+        let before = cpu();
+        let mut solver = kewb::Solver::new(&table, 23, None);
+        let solution = solver.solve(state).unwrap();
+        times.push((cpu() - before) * 1e3);
+        turns += solution.to_string().split_whitespace().count();
+    }
+    row(&format!("kewb 0.4.3, <= 23 ({} cubes)", cubes.len()), times, turns, None)
+}
+
+/// Mean length of the best that is found in so much time by the clock.
+fn best_in(cubes: &[Cube], time: Duration, threads: usize, tables: &Tables) {
+    let mut turns = 0;
+    for cube in cubes {
+        let stop = AtomicBool::new(false);
+        let watch = Watch {
+            workers: &Threads::new(threads),
+            stop: &stop,
+            improved: &|_| (),
+            longest: None,
+        };
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                std::thread::sleep(time);
+                stop.store(true, Ordering::Relaxed);
+            });
+            turns += solve_watched(cube, tables, &Budget::UNTIL_PROVEN, &watch).turns.len();
+        });
+    }
+    println!(
+        "best in {} ms by the clock, {threads} threads: {:.2} turns",
+        time.as_millis(),
+        turns as f64 / cubes.len() as f64
+    );
+}
+
+/// Shortest solutions with whichever table is there.
+fn proven(cubes: &[Cube], store: &Store, tables: &Tables) {
+    let all = Threads::all();
+    for spec in &optimal::TABLES {
+        let Ok(bytes) = store.open(spec, &all) else { continue };
+        let search = Optimal::new((*bytes).as_ref()).unwrap();
+        let stop = AtomicBool::new(false);
+        let watch = Watch { workers: &InTurn, stop: &stop, improved: &|_| (), longest: None };
+        println!(
+            "\nproven, table {} of {:.0} MB; CPU time [s] by length",
+            spec.name,
+            spec.bytes as f64 / 1e6
+        );
+        let mut by_length = std::collections::BTreeMap::<usize, Vec<f64>>::new();
+        for cube in cubes {
+            let before = cpu();
+            let found = shortest(cube, tables, &search, optimal::Limits::NONE, &watch);
+            let length = found.turns.expect("every cube has a solution").len();
+            by_length.entry(length).or_default().push(cpu() - before);
+        }
+        for (length, times) in by_length {
+            let mean = times.iter().sum::<f64>() / times.len() as f64;
+            println!("{length} turns: {:5} cubes, {mean:8.3} s", times.len());
+        }
+    }
+}
+
+fn planner(tables: &Tables) {
+    let budget = Budget { nodes: 100_000, max_length: 20 };
+    let list = candidates(&Cube::scrambled(1), tables, &budget, 24);
     let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
     let start = (Hand::Track, Grip { hold, half_roll: false });
+    println!();
     for rule in [Rule::Original, Rule::Strict, Rule::Clearance] {
-        c.bench_function(&format!("plan of 24 candidates, {rule:?}"), |b| {
-            b.iter(|| plan(black_box(&list), start, &Terms::of(rule), &Everywhere));
-        });
+        let before = cpu();
+        let plan = plan(&list, start, &Terms::of(rule), &Everywhere).unwrap();
+        println!(
+            "plan of 24 candidates, {rule:?}: {:.2} ms, {} grasps for {}",
+            (cpu() - before) * 1e3,
+            plan.grasps,
+            format_turns(&plan.turns)
+        );
     }
 }
 
-fn tables(c: &mut Criterion) {
-    let mut group = c.benchmark_group("tables");
-    group.sample_size(10).bench_function("build", |b| b.iter(Tables::build));
-    group.finish();
+/// CPU time of this thread [s].
+#[allow(unsafe_code, reason = "the standard library has no clock of a thread's CPU time")]
+fn cpu() -> f64 {
+    let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: the clock exists on every Linux, and `now` is ours.
+    unsafe { libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &raw mut now) };
+    now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
 }
-
-criterion_group!(benches, solver, planner, tables);
-criterion_main!(benches);

@@ -72,7 +72,7 @@ fn benches(c: &mut Criterion) {
             b.iter(|| {
                 time += 0.04;
                 let image = if (time / 0.04).round() as u64 % 2 == 0 { &image } else { &moved };
-                watcher.observe(black_box(image), time)
+                watcher.observe(black_box(image), time, None, true)
             });
         });
         group.finish();

@@ -216,3 +216,27 @@ fn kinematics_answers_each_row_in_its_place() {
     assert!(answers[1]["error"].is_string());
     assert!((answers[2]["base_from_flange"][0][3].as_f64().unwrap() - 0.672262).abs() < 1e-6);
 }
+
+#[test]
+fn a_plan_solves_in_far_fewer_grasps_than_the_original_and_explains_each_step() {
+    let cube = "RRBDUUULDBLULRUBDFLDLUFFRURDFDRDFUDLFRBLLBLFFRBURBBDBF";
+    let out = robot(&["plan", cube, "--budget-ms", "300", "--json"]);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    let plan: serde_json::Value = serde_json::from_str(text(&out.stdout).trim()).unwrap();
+
+    let turns = rubik_robot::cube::parse_turns(plan["solution"].as_str().unwrap()).unwrap();
+    let start: rubik_robot::cube::Facelets = cube.parse().unwrap();
+    let end = turns.iter().fold(start, |cube, turn| cube.turned(*turn));
+    assert_eq!(end, rubik_robot::cube::Facelets::solved());
+    let (grasps, original) = (&plan["grasps"], &plan["baseline"]["grasps"]);
+    assert!(grasps.as_f64().unwrap() < 0.45 * original.as_f64().unwrap(), "{grasps} {original}");
+    let steps = plan["steps"].as_array().unwrap();
+    let seconds: f64 = steps.iter().map(|s| s["seconds"].as_f64().unwrap()).sum();
+    assert!((seconds - plan["robot_time_s"].as_f64().unwrap()).abs() < 1e-6);
+    assert!(steps.iter().all(|s| !s["why"].as_str().unwrap().is_empty()));
+
+    let twisted = cube.replacen("RR", "UR", 1);
+    let out = robot(&["plan", &twisted, "--json"]);
+    assert_eq!(out.status.code(), Some(2));
+    assert!(text(&out.stdout).contains("\"kind\""), "{}", text(&out.stdout));
+}

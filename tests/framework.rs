@@ -10,6 +10,7 @@ use rubik_robot::actors::edp::EdpHandle;
 use rubik_robot::actors::move_instruction::Manner;
 use rubik_robot::actors::mp::{Coordination, Ending, Mp, Parts};
 use rubik_robot::actors::ui::{self, Notice, UiHandle};
+use rubik_robot::actors::witness::Turning;
 use rubik_robot::actors::work::Work;
 use rubik_robot::actors::{ecp, edp};
 use rubik_robot::error::{Error, Fatal, NonFatal};
@@ -24,7 +25,7 @@ use rubik_robot::record::tape::Tape;
 use rubik_robot::scenario::{self, keys::Pace};
 use rubik_robot::servo::ServoConfig;
 use rubik_robot::spatial::Pose;
-use rubik_robot::tasks::{Action, Effort, Event, Finish, Task, Until};
+use rubik_robot::tasks::{Action, Effort, Event, Finish, Readings, Task, Until};
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
@@ -38,7 +39,8 @@ impl Task for Shift {
     type Thought = ();
     type Conclusion = ();
 
-    fn next(&mut self, event: Event<()>, arms: &[ArmState]) -> Action<()> {
+    fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
+        let arms = readings.arms;
         match event {
             Event::Start => {
                 let at = arms[0].desired_joints;
@@ -71,7 +73,7 @@ struct Rig {
     world_from_base: Pose,
 }
 
-const ONE_ARM: &str = "camera = []\nvsp = []\n[[effector]]\nname = \"track\"\n";
+const ONE_ARM: &str = "task = \"idle\"\ncamera = []\nvsp = []\n[[effector]]\nname = \"track\"\n";
 
 fn rig(coordination: Coordination) -> Rig {
     let scenario = scenario::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
@@ -119,6 +121,8 @@ fn mp(
     tape: Tape,
 ) -> Mp {
     Mp::new(Parts {
+        turning: Turning::default(),
+        forces: None,
         ecps,
         tracker: None,
         hand_cameras: [None, None],

@@ -85,19 +85,47 @@ fn a_force_of_the_wrong_sign_runs_away() {
 #[test]
 fn late_forces_oscillate() {
     let summary = is_spoilt(&["control.force_delay_periods=30"]);
-    assert!(summary.reason.contains("force"), "{}", summary.reason);
+    assert!(summary.reason.contains("oscillation"), "{}", summary.reason);
 }
 
 #[test]
 fn a_weak_grip_slips() {
     let summary = is_spoilt(&["control.grip_n=5"]);
-    assert!(summary.slips > 0);
+    assert!(summary.reason.contains("slip"), "{}", summary.reason);
+    // The hand turned and the layer did not: by definition that is a jam, too.
+    assert!(summary.slips > 0 && summary.jams == 1, "{} {}", summary.slips, summary.jams);
+    assert!(summary.turned_deg.unwrap().abs() < 3.0);
 }
 
 #[test]
 fn compliance_without_gain_is_none() {
     let none = ["control.linear_admittance_mm_sn=0", "control.angular_admittance_rad_snm=0"];
-    is_spoilt(&none);
+    let summary = is_spoilt(&none);
+    assert!(summary.reason.contains("over-force"), "{}", summary.reason);
+}
+
+#[test]
+fn a_half_turn_goes_where_the_wrist_has_room() {
+    for angle in ["face_turn.angle_deg=180", "face_turn.angle_deg=-180"] {
+        let summary = run("face_turn.toml", &[angle]);
+        assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+        assert_eq!(summary.executed, "U2");
+    }
+}
+
+#[test]
+fn a_cube_in_the_dark_or_in_glare_is_found_by_exposing_for_it() {
+    for level in ["plant.light.level=0.25", "plant.light.level=3.5"] {
+        let summary = run("acquire.toml", &[level]);
+        assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    }
+}
+
+#[test]
+fn arms_that_only_hold_need_no_task_and_no_sensors() {
+    let summary = run("idle.toml", &["idle.time_s=0.5"]);
+    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert_eq!((summary.task.as_str(), summary.turns), ("idle", 0));
 }
 
 #[test]

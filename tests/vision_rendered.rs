@@ -299,7 +299,7 @@ fn times() {
     let refined = || locate_in(&image, &faces, &camera.intrinsics, EDGE, None);
     show("pose of the cube on edges", median_ms(refined));
     show("colours of one face", median_ms(|| decide_face(&faces[0].rgb)));
-    show("colours of a cube", median_ms(|| decide_cube(&rgb, &|_| true)));
+    show("colours of a cube", median_ms(|| decide_cube(&rgb)));
     println!(
         "faces: {}, paper's: {:?}",
         faces.len(),

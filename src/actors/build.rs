@@ -5,15 +5,20 @@ use crate::cell::{Cell, Mount};
 use crate::cube::{Axis, Face};
 use crate::generators::{Compliance, position::Speeds, visual_servo};
 use crate::motion::{AXES, Depth};
-use crate::reach::{Meeting, MeetingTable};
+use crate::reach::{Meeting, MeetingTable, ReachSettings};
 use crate::scenario::{ControllerConfig, keys};
+use crate::solver::korf;
+use crate::solver::table::TableSpec;
 use crate::spatial::Pose;
+use crate::tables::{News, Store, Threads};
 use crate::tasks::cube::hold::Hold;
 use crate::tasks::cube::mission::Goal;
-use crate::tasks::cube::plan::Rule;
+use crate::tasks::cube::plan::{Planner, Rule};
 use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
+use crate::tasks::cube::think::Strategy;
 use crate::vision::Method;
 use nalgebra::{Point3, Vector3};
+use std::f64::consts::PI;
 
 /// How the generators of all effectors behave.
 pub(super) fn manner(config: &ControllerConfig) -> Manner {
@@ -22,8 +27,7 @@ pub(super) fn manner(config: &ControllerConfig) -> Manner {
     let mut joint_acceleration = [c.joint_acceleration; AXES];
     joint[0] = c.track_speed;
     joint_acceleration[0] = c.track_acceleration;
-    // The tool roll's gear allows half of what the other axes can do.
-    joint[6] = joint[6].min(0.8);
+    joint[6] = joint[6].min(c.roll_speed);
     Manner {
         compliance: Compliance {
             linear_admittance: c.linear_admittance,
@@ -84,8 +88,11 @@ pub(super) fn cube_settings(
         press: 2.0 * c.approach_force,
         turn_speed: c.turn_speed,
         turn_torque: c.turn_torque,
+        turn_least_torque: c.turn_least_torque,
         pull: c.approach_force,
         speed: 1.0,
+        speeds: manner(config).speeds,
+        jaw_speeds: (c.jaw_close_speed, c.jaw_open_speed),
         compliant_arm: match c.compliant_arm {
             keys::CompliantArm::Body => CompliantArm::Body,
             keys::CompliantArm::Turner => CompliantArm::Turner,
@@ -120,11 +127,43 @@ pub(super) fn cube_settings(
             keys::Rule::Strict => Rule::Strict,
             keys::Rule::Original => Rule::Original,
         },
+        strategy: strategy(config),
         nodes: config.planner.node_budget,
         candidates: config.planner.candidates as usize,
         seconds_per_node: config.planner.node_cost,
         calibrated_at,
     })
+}
+
+/// Which solution is carried out. Korf's tables are built when the paper's rule first needs them: 10 s.
+fn strategy(config: &ControllerConfig) -> Strategy {
+    match config.planner.strategy {
+        keys::Strategy::Robot => Strategy::Robot,
+        keys::Strategy::Paper => {
+            let store = Store::of_user();
+            let told = |spec: &TableSpec, news: News<'_>| match news {
+                News::Building(_) => tracing::warn!("building table {}", spec.name),
+                News::Waiting => tracing::warn!("another process builds table {}", spec.name),
+                News::NotKept(e) => tracing::warn!("table {} is not kept: {e}", spec.name),
+            };
+            let tables = korf::TABLES
+                .each_ref()
+                .map(|spec| store.obtain(spec, &Threads::all(), &told, &|_| ()));
+            Strategy::Paper { tables, nodes: config.planner.korf_node_budget }
+        }
+    }
+}
+
+/// The planner of a cell: searches its meetings, which takes about a second, unless they are known.
+///
+/// # Errors
+/// When the cell has no two arms.
+pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
+    let reach = ReachSettings::default();
+    let meetings = super::meetings::of(&config.cell, &reach);
+    cube_settings(config, meetings, reach.back)
+        .map(|settings| Planner::new(&settings))
+        .ok_or_else(|| "a plan is for two effectors".to_owned())
 }
 
 /// How the stand-alone camera's sensor finds the cube.
@@ -150,13 +189,15 @@ pub(super) fn meeting_place(cell: &Cell, table: &MeetingTable) -> Point3<f64> {
     Point3::from(places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64)
 }
 
-/// What the kernel is to do. A turn is positive clockwise seen from outside, which is positive about the tool's z.
-pub(super) fn goal(config: &ControllerConfig) -> Goal {
-    match config.task {
+/// What the cube's kernel is to do; `None` when the task is another one. A face turn by `angle` [rad] is positive
+/// clockwise seen from outside, which is positive about the tool's z.
+pub(super) fn goal(config: &ControllerConfig, angle: f64) -> Option<Goal> {
+    Some(match config.task {
         keys::Task::Solve => Goal::Solve,
         keys::Task::Acquire => Goal::Acquire,
-        keys::Task::FaceTurn => Goal::FaceTurn(config.face_turn.angle),
-    }
+        keys::Task::FaceTurn => Goal::FaceTurn(angle),
+        keys::Task::Idle => return None,
+    })
 }
 
 /// How a face turn begins: the postument's hand holds two layers, the track's is drawn back from the opposite face.
@@ -169,15 +210,133 @@ pub(super) struct FaceTurnStart {
     pub(super) meeting: Meeting,
 }
 
-/// The hold of the turning hand opposite the body hand's.
-#[must_use]
-pub(super) fn face_turn_start(table: &MeetingTable) -> Option<FaceTurnStart> {
+/// Where the wrist's room ends before its limits [rad].
+const ROLL_MARGIN: f64 = 0.12;
+
+/// How a face turn begins whose `angle` the track's wrist has room for, about its tool's z; a half turn may go either
+/// way.
+///
+/// # Errors
+/// Why there is none, for people.
+pub(super) fn face_turn_start(
+    table: &MeetingTable,
+    angle: f64,
+) -> Result<(FaceTurnStart, f64), String> {
     let body = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::Two };
     let turner = Hold { palm: Face::U, jaws: Axis::Y, depth: Depth::One };
     let track = turner.cube_from_tool(false, 0.0).rotation;
-    [false, true].into_iter().find_map(|half_roll| {
+    let mut rooms = Vec::new();
+    for half_roll in [false, true] {
         let postument = body.cube_from_tool(half_roll, 0.0).rotation;
         let index = crate::cube::rotation_index(&(track.inverse() * postument));
-        table.grasps[index].map(|meeting| FaceTurnStart { body, half_roll, meeting })
-    })
+        let Some(meeting) = table.grasps[index] else { continue };
+        let room = (meeting.track_roll.0 + ROLL_MARGIN, meeting.track_roll.1 - ROLL_MARGIN);
+        let same = (angle.abs() - PI).abs() < 1e-9;
+        for asked in [angle, if same { -angle } else { angle }] {
+            if (room.0..=room.1).contains(&asked) {
+                return Ok((FaceTurnStart { body, half_roll, meeting }, asked));
+            }
+        }
+        rooms.push(format!("{:.0}..{:.0} deg", room.0.to_degrees(), room.1.to_degrees()));
+    }
+    if rooms.is_empty() {
+        return Err("the cell has no place where both hands can hold the cube".to_owned());
+    }
+    Err(format!(
+        "face_turn.angle_deg = {:.0}: where the hands meet, the track's wrist can turn by {}",
+        angle.to_degrees(),
+        rooms.join(" or ")
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generators::{Behaviour, Outcome};
+    use crate::motion::ArmState;
+    use crate::tasks::cube::mission::Mission;
+    use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
+    use crate::vision::sensor::FaceReading;
+
+    /// Performs the mission's actions in words only: every motion ends well, looks bring what `look` says. Returns the
+    /// phases, what was told, how often a face was looked at, and the end.
+    fn perform(
+        look: impl Fn(&Pose) -> Result<FaceReading, String>,
+    ) -> (Vec<&'static str>, Vec<String>, usize, Finish) {
+        let text = "[planner]\nnode_budget = 1000\ncandidates = 1\n";
+        let scenario = crate::scenario::read(std::path::Path::new("t.toml"), text, &[]).unwrap();
+        let reach = ReachSettings::default();
+        let meetings = super::super::meetings::of(&scenario.controller.cell, &reach);
+        let settings = cube_settings(&scenario.controller, meetings, reach.back).unwrap();
+        let mut mission = Mission::new(settings, Goal::Solve, None);
+        let arms = [ArmState::default(); 2];
+        let (mut phases, mut notes, mut looks, mut event) = (vec![], vec![], 0, Event::Start);
+        for _ in 0..2000 {
+            let action = mission.next(event, &Readings { arms: &arms, forces: Forces::default() });
+            notes.extend(mission.notes());
+            event = match action {
+                Action::Finish(finish) => return (phases, notes, looks, finish),
+                Action::Phase(name) => {
+                    phases.push(name);
+                    Event::Done
+                }
+                Action::Behave { orders, .. } => {
+                    Event::Behaved(orders.map(|o| o.map(|order| ends_well(&order))))
+                }
+                Action::Look { view, .. } => {
+                    looks += 1;
+                    Event::Looked(look(&view.camera_from_face))
+                }
+                Action::Think(thought) => Event::Thought(Mission::think(thought).0),
+                Action::Bias(_) | Action::Watch(_) => Event::Done,
+            };
+        }
+        panic!("the mission never ends: {phases:?} {notes:?}");
+    }
+
+    fn ends_well(order: &Behaviour) -> Outcome {
+        match order {
+            Behaviour::Joints { .. } | Behaviour::Line { .. } | Behaviour::Jaw { .. } => {
+                Outcome::Reached
+            }
+            Behaviour::Approach { .. } | Behaviour::VisualServo(_) => Outcome::Touched(0.0),
+            Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
+            Behaviour::Secure { .. } => Outcome::Secured,
+            Behaviour::Turn { angle, .. } => Outcome::Turned(*angle),
+            Behaviour::Comply { .. } => Outcome::Ended,
+            Behaviour::Present { .. } => Outcome::Pulled,
+        }
+    }
+
+    #[test]
+    fn a_face_that_cannot_be_read_sends_the_cube_back_with_the_reason() {
+        let (phases, _, looks, finish) = perform(|_| Err("glare".to_owned()));
+
+        assert_eq!(looks, 6, "each try from another place");
+        assert!(!finish.achieved);
+        assert!(finish.reason.contains("cannot be read: glare"), "{}", finish.reason);
+        assert!(finish.reason.ends_with("handed back as it is"), "{}", finish.reason);
+        assert_eq!(phases.last(), Some(&"hand back"));
+    }
+
+    #[test]
+    fn what_is_no_cube_is_looked_at_once_more_and_then_handed_back() {
+        let grey = |camera_from_face: &Pose| {
+            Ok(FaceReading {
+                camera_from_face: *camera_from_face,
+                rgb: [[90.0, 90.0, 90.0]; 9],
+                occluded: [false; 9],
+                colours: [0; 9],
+                confidences: [1.0; 9],
+                residual_px: 0.1,
+                confidence: 1.0,
+            })
+        };
+        let (phases, notes, looks, finish) = perform(grey);
+
+        assert_eq!(looks, 12, "two rounds of six faces");
+        assert!(notes.iter().any(|n| n.contains("looked at again")), "{notes:?}");
+        assert!(!finish.achieved && finish.reason.contains("handed back"), "{}", finish.reason);
+        assert_eq!(phases.iter().filter(|p| **p == "identify again").count(), 1);
+    }
 }

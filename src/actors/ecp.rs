@@ -11,7 +11,7 @@ use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::{ArmState, MoveCommand};
 use crate::record::tape::Tape;
-use crate::spatial::Pose;
+use crate::tasks::View;
 use crate::vision::sensor::FaceReading;
 use tokio::sync::{mpsc, oneshot, watch};
 
@@ -28,7 +28,7 @@ enum Request {
     Bias { reply: Reply<ArmState> },
     State { reply: Reply<ArmState> },
     Watch { on: bool },
-    Look { camera_from_face: Pose, reply: Reply<FaceReading> },
+    Look { view: View, reply: Reply<FaceReading> },
 }
 
 /// The far end of an ECP's mailbox. Dropping the last clone ends the ECP, and with it its EDP.
@@ -91,8 +91,8 @@ impl EcpHandle {
     ///
     /// # Errors
     /// Non-fatal when there is no such camera or the face was not found.
-    pub async fn look(&self, camera_from_face: Pose) -> Result<FaceReading, Error> {
-        self.ask("look", |reply| Request::Look { camera_from_face, reply }).await
+    pub async fn look(&self, view: View) -> Result<FaceReading, Error> {
+        self.ask("look", |reply| Request::Look { view, reply }).await
     }
 
     fn closed(&self, place: &'static str) -> Error {
@@ -147,6 +147,7 @@ impl Ecp {
         while let Some(request) = self.mailbox.recv().await {
             match request {
                 Request::Transmit { command, reply } => {
+                    self.parts.tape.message("mp", &self.name, &command);
                     let answer = self.parts.edp.execute(command).await;
                     let _ = reply.send(answer);
                 }
@@ -159,6 +160,7 @@ impl Ecp {
                 // Nothing under way: it has ended by itself in the meantime.
                 Request::End => {}
                 Request::Bias { reply } => {
+                    self.parts.tape.message("mp", &self.name, &"bias");
                     let answer = self.parts.edp.bias().await;
                     let _ = reply.send(answer);
                 }
@@ -167,12 +169,14 @@ impl Ecp {
                     let _ = reply.send(answer);
                 }
                 Request::Watch { on } => {
+                    self.parts.tape.message("mp", &self.name, &("watch", on));
                     if let Some(tracker) = &self.parts.tracker {
                         tracker.track(on);
                     }
                 }
-                Request::Look { camera_from_face, reply } => {
-                    let answer = self.look(camera_from_face).await;
+                Request::Look { view, reply } => {
+                    self.parts.tape.message("mp", &self.name, &view);
+                    let answer = self.look(view).await;
                     self.parts.tape.message(&self.name, "mp", &answer);
                     let _ = reply.send(answer);
                 }
@@ -200,15 +204,20 @@ impl Ecp {
                 "state"
             );
             match motion.step(&state, target.as_ref()) {
-                Ok(command) => state = self.parts.edp.execute(command).await?,
+                Ok((command, sensing)) => {
+                    if let (Some(sensing), Some(tracker)) = (sensing, &self.parts.tracker) {
+                        tracker.configure(sensing);
+                    }
+                    state = self.parts.edp.execute(command).await?;
+                }
                 Err(outcome) => return Ok((outcome, state)),
             }
         }
     }
 
-    async fn look(&self, camera_from_face: Pose) -> Result<FaceReading, Error> {
+    async fn look(&self, view: View) -> Result<FaceReading, Error> {
         match &self.parts.hand_camera {
-            Some(camera) => camera.look(camera_from_face).await,
+            Some(camera) => camera.look(view).await,
             None => Err(Error::NonFatal {
                 actor: self.name.clone(),
                 place: "look",

@@ -139,6 +139,7 @@ impl Edp {
                 }
                 Request::State { reply } => (self.check("state"), reply),
             };
+            self.tape.message(&self.name, "ecp", &answer);
             // The asker may have gone; that is its affair.
             let _ = reply.send(answer);
         }

@@ -10,12 +10,15 @@ pub mod control;
 pub mod ecp;
 pub mod edp;
 mod interrupt;
+pub mod meetings;
 pub mod move_instruction;
 pub mod mp;
 mod plant;
 pub mod supervisor;
 pub mod ui;
 pub mod vsp;
+pub mod witness;
 pub mod work;
 
+pub use build::planner;
 pub use supervisor::{RunOptions, run};

@@ -6,7 +6,7 @@
 
 use super::control::Control;
 use crate::generators::{
-    Behaviour, Compliance, Generator, Inputs, Next, Outcome, Target, position::Speeds,
+    Behaviour, Compliance, Generator, Inputs, Next, Outcome, Sensing, Target, position::Speeds,
 };
 use crate::motion::{ArmState, MoveCommand, PERIOD};
 
@@ -55,7 +55,7 @@ impl Motion {
         };
     }
 
-    /// Inputs in, the next command out.
+    /// Inputs in; out come the next command and the sensor's new configuration, if there is one.
     ///
     /// # Errors
     /// The [`Outcome`] with which the motion has come to its end.
@@ -63,12 +63,12 @@ impl Motion {
         &mut self,
         arm: &ArmState,
         target: Option<&Target>,
-    ) -> Result<MoveCommand, Outcome> {
+    ) -> Result<(MoveCommand, Option<Sensing>), Outcome> {
         let pace = f64::from(self.pace) / f64::from(self.ramp);
         let inputs = Inputs { arm, target, period: arm.period, pace };
         match self.generator.next(&inputs) {
-            Next::Go(command) => Ok(command),
-            Next::Done(outcome) => Err(outcome),
+            (Next::Go(command), sensing) => Ok((command, sensing)),
+            (Next::Done(outcome), _) => Err(outcome),
         }
     }
 }

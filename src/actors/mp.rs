@@ -10,13 +10,15 @@ use super::ecp::EcpHandle;
 use super::move_instruction::{Manner, Motion};
 use super::ui::{Notice, UiHandle};
 use super::vsp::VspHandle;
+use super::witness::Turning;
 use super::work::Work;
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::{ArmState, PERIOD};
 use crate::record::tape::Tape;
-use crate::tasks::{Action, Event, Finish, Task, Until};
+use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
+use std::time::Instant;
 use tokio::sync::watch;
 
 /// Who runs the generators.
@@ -31,6 +33,10 @@ pub enum Coordination {
 
 /// What MP is made of.
 pub struct Parts {
+    /// Told when a turn begins and ends.
+    pub turning: Turning,
+    /// The wrists' forces, if a VSP aggregates them.
+    pub forces: Option<watch::Receiver<Forces>>,
     /// One ECP an effector, in the scenario's order.
     pub ecps: Vec<EcpHandle>,
     /// The stand-alone camera's sensor, if it delivers to MP.
@@ -60,17 +66,19 @@ pub struct Ending {
     pub finish: Option<Finish>,
     /// The error that ended it.
     pub error: Option<Error>,
-    /// Phases with the time at which each began [s].
-    pub phases: Vec<(&'static str, f64)>,
+    /// Phases, each with the time at which it began [s], and when that was by the wall clock.
+    pub phases: Vec<(&'static str, f64, Instant)>,
     /// When it ended [s].
     pub end: f64,
+    /// What the wrists felt, as their VSP told last.
+    pub felt: Forces,
 }
 
 /// The actor.
 pub struct Mp {
     parts: Parts,
     arms: Vec<ArmState>,
-    phases: Vec<(&'static str, f64)>,
+    phases: Vec<(&'static str, f64, Instant)>,
 }
 
 enum Stop {
@@ -91,13 +99,23 @@ impl Mp {
         Self { parts, arms: Vec::new(), phases: Vec::new() }
     }
 
+    fn felt(&self) -> Forces {
+        self.parts.forces.as_ref().map(|f| *f.borrow()).unwrap_or_default()
+    }
+
     fn now(&self) -> f64 {
         self.parts.clock.period() as f64 * PERIOD
     }
 
     /// Runs a task to its end; `done` looks at the kernel before it is dropped.
     pub async fn run<T: Task>(mut self, task: &mut T) -> Ending {
-        let mut ending = Ending { finish: None, error: None, phases: Vec::new(), end: 0.0 };
+        let mut ending = Ending {
+            finish: None,
+            error: None,
+            phases: Vec::new(),
+            end: 0.0,
+            felt: Forces::default(),
+        };
         match self.perform(task).await {
             Ok(finish) => ending.finish = Some(finish),
             Err(Stop::Terminated) => {}
@@ -107,6 +125,7 @@ impl Mp {
             }
         }
         ending.end = self.now();
+        ending.felt = self.felt();
         ending.phases = std::mem::take(&mut self.phases);
         ending
     }
@@ -117,22 +136,30 @@ impl Mp {
         let mut event = Event::Start;
         loop {
             permission(&mut self.parts.control).await.map_err(|_| Stop::Terminated)?;
-            let action = task.next(event, &self.arms);
+            let forces = self.felt();
+            self.parts.tape.message("mp", "kernel", &(&event, &forces));
+            let action = task.next(event, &Readings { arms: &self.arms, forces });
             self.parts.tape.message("kernel", "mp", &action);
-            tracing::debug!(?action, "action");
+            for note in task.notes() {
+                self.parts.ui.tell(Notice::Note(self.now(), note));
+            }
+            tracing::debug!(now = self.now(), ?action, "action");
             event = match action {
                 Action::Finish(finish) => return Ok(finish),
                 Action::Phase(name) => {
                     let now = self.now();
-                    self.phases.push((name, now));
+                    self.phases.push((name, now, Instant::now()));
                     self.parts.ui.tell(Notice::Phase(now, name.into()));
                     Event::Done
                 }
                 Action::Behave { orders, until } => {
+                    let turns = orders.iter().any(|o| matches!(o, Some(Behaviour::Turn { .. })));
+                    self.parts.turning.tell(turns);
                     let outcomes = match self.parts.coordination {
                         Coordination::Sporadic => self.invoke(orders, until).await,
                         Coordination::Continuous => self.move_all(orders, until).await,
                     };
+                    self.parts.turning.tell(false);
                     if *self.parts.control.borrow() == Control::Terminated {
                         return Err(Stop::Terminated);
                     }
@@ -160,11 +187,11 @@ impl Mp {
                     }
                     Event::Done
                 }
-                Action::Look { effector, camera_from_face } => {
+                Action::Look { effector, view } => {
                     let reading =
                         match self.parts.hand_cameras.get(effector).and_then(Option::as_ref) {
-                            Some(camera) => camera.look(camera_from_face).await,
-                            None => self.ecp(effector)?.look(camera_from_face).await,
+                            Some(camera) => camera.look(view).await,
+                            None => self.ecp(effector)?.look(view).await,
                         };
                     self.refresh().await?;
                     match reading {
@@ -232,7 +259,7 @@ impl Mp {
                 // Whoever the step waits for ends the partner.
                 let run = |own: EcpHandle, partner: EcpHandle, order: Behaviour, leads: bool| async move {
                     let result = own.behave(order).await;
-                    let failed = !matches!(result, Ok((outcome, _)) if !matches!(outcome, Outcome::OverForce(..)));
+                    let failed = !matches!(&result, Ok((outcome, _)) if !outcome.alarms());
                     if leads || failed {
                         // If it is gone, its own answer says so.
                         let _ = partner.end().await;
@@ -286,14 +313,19 @@ impl Mp {
             for effector in 0..2 {
                 let Some(motion) = &mut motions[effector] else { continue };
                 match motion.step(&self.arms[effector], target.as_ref()) {
-                    Ok(command) => commands[effector] = Some(command),
+                    Ok((command, sensing)) => {
+                        if let (Some(sensing), Some(tracker)) = (sensing, &self.parts.tracker) {
+                            tracker.configure(sensing);
+                        }
+                        commands[effector] = Some(command);
+                    }
                     Err(outcome) => {
                         outcomes[effector] = Some(outcome);
                         motions[effector] = None;
                     }
                 }
             }
-            let over = outcomes.iter().any(|o| matches!(o, Some(Outcome::OverForce(..))));
+            let over = outcomes.iter().any(|o| o.as_ref().is_some_and(Outcome::alarms));
             let led = matches!(until, Until::Effector(e) if outcomes[e].is_some());
             if over || led || motions.iter().all(Option::is_none) {
                 break;

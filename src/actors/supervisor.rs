@@ -8,8 +8,9 @@ use super::clock::Clock;
 use super::control::Control;
 use super::interrupt::Interrupt;
 use super::mp::{self, Coordination, Mp};
-use super::ui::{self, Notice};
+use super::ui;
 use super::vsp::{self, VspHandle};
+use super::witness::{Turning, Witness};
 use super::work::Work;
 use super::{ecp, edp};
 use crate::cube::{Facelets, format_turns};
@@ -26,13 +27,14 @@ use crate::record::summary::{EndedBy, Outcome, Phase, SensorPeak, Summary};
 use crate::record::tape::Tape;
 use crate::scenario::keys::{self, BridgeKind, Pace};
 use crate::scenario::lists::VspKind;
-use crate::scenario::{CameraSource, Owner, Scenario};
+use crate::scenario::{CameraSource, ControllerConfig, Owner, Scenario};
 use crate::servo::{ForceSettings, ServoCommand, ServoConfig};
-use crate::tasks::Effort;
 use crate::tasks::cube::hold::Hand;
-use crate::tasks::cube::mission::{Goal, Mission};
-use std::sync::Arc;
+use crate::tasks::cube::mission::{Goal, Mission, MissionLog};
+use crate::tasks::idle::Idle;
+use crate::tasks::{Effort, Forces};
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
@@ -80,18 +82,24 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
         .transpose()
         .map_err(|e| not_created("interrupt", &e.to_string()))?;
     let meetings = (scenario.controller.cell.arms.len() == 2)
-        .then(|| MeetingTable::compute(&scenario.controller.cell, &ReachSettings::default()));
+        .then(|| super::meetings::of(&scenario.controller.cell, &ReachSettings::default()));
     let face_turn = (scenario.controller.task == keys::Task::FaceTurn)
-        .then(|| meetings.as_ref().and_then(build::face_turn_start))
-        .flatten();
+        .then(|| {
+            let meetings = meetings.as_ref().ok_or("both arms are needed".to_owned())?;
+            build::face_turn_start(meetings, scenario.controller.face_turn.angle)
+        })
+        .transpose()
+        .map_err(|why| not_created("task", &why))?;
+    let (face_turn, angle) = face_turn.map_or((None, 0.0), |(start, angle)| (Some(start), angle));
+    let goal = build::goal(&scenario.controller, angle);
     let plant = super::plant::create(scenario, meetings.as_ref(), face_turn.as_ref())
         .map_err(|why| not_created("plant", &why))?;
     let mut builder = tokio::runtime::Builder::new_current_thread();
     builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
     let runtime = builder.build().map_err(|e| not_created("runtime", &e.to_string()))?;
     let done =
-        runtime.block_on(perform(scenario, options, &control, plant, meetings, face_turn))?;
-    let mut summary = summary(scenario, &done, begun.elapsed().as_secs_f64());
+        runtime.block_on(perform(scenario, options, &control, plant, goal, meetings, face_turn))?;
+    let mut summary = summary(scenario, goal, &done, begun.elapsed().as_secs_f64());
     if summary.ended_by == EndedBy::Operator && interrupt.is_some_and(|i| i.came()) {
         summary.ended_by = EndedBy::Interrupt;
         "interrupted".clone_into(&mut summary.reason);
@@ -107,10 +115,32 @@ fn not_created(who: &str, why: &str) -> Error {
 /// All that is known at the end.
 struct Done {
     ending: mp::Ending,
-    task: crate::tasks::cube::mission::MissionLog,
+    task: MissionLog,
     start: Facelets,
     verdict: Verdict,
+    jams: u32,
+    /// When MP's work ended.
+    ended: Instant,
     hash: String,
+}
+
+/// Whichever task MP performs.
+enum Kernel {
+    Cube(Box<Mission>),
+    Idle(Idle),
+}
+
+fn cube_kernel(
+    config: &ControllerConfig,
+    goal: Goal,
+    meetings: Option<MeetingTable>,
+    face_turn: Option<build::FaceTurnStart>,
+) -> Result<Mission, Error> {
+    let settings = meetings
+        .and_then(|meetings| build::cube_settings(config, meetings, ReachSettings::default().back))
+        .ok_or_else(|| not_created("task", "the cube task needs two effectors"))?;
+    let held = face_turn.map(|f| (Hand::Postument, f.body, f.half_roll));
+    Ok(Mission::new(settings, goal, held))
 }
 
 /// Whichever driver of time runs the servos.
@@ -124,6 +154,7 @@ async fn perform(
     options: RunOptions,
     control: &Arc<watch::Sender<Control>>,
     mut plant: Plant,
+    goal: Option<Goal>,
     meetings: Option<MeetingTable>,
     face_turn: Option<build::FaceTurnStart>,
 ) -> Result<Done, Error> {
@@ -132,7 +163,10 @@ async fn perform(
         .map_err(|e| not_created("plant", &e.to_string()))?;
     let tape = Tape::default();
     let mut will = control.subscribe();
-    let ui = ui::spawn(options.quiet, (!options.automatic).then(|| Arc::clone(control)));
+    let switches = Arc::new(Switches::default());
+    let keys = (!options.automatic)
+        .then(|| ui::Keys { control: Arc::clone(control), switches: Arc::clone(&switches) });
+    let ui = ui::spawn(options.quiet, keys);
     // Before the start there is no time: a run does not depend on when it was started.
     if will.wait_for(|will| *will != Control::Waiting).await.is_err() {
         return Err(not_created("control", "nobody is left to start the run"));
@@ -168,7 +202,6 @@ async fn perform(
         .collect();
     let (mut links, ends): (Vec<ServoLink>, Vec<_>) =
         configs.iter().map(|_| driver::link()).unzip();
-    let switches = Arc::new(Switches::default());
     let spoilt = ForceSettings {
         sign: f64::from(config.control.force_sign),
         delay_periods: config.control.force_delay_periods,
@@ -180,6 +213,13 @@ async fn perform(
         }
     }
     let paused = control.subscribe();
+    let turning = Turning::default();
+    let witness = Arc::new(Mutex::new(Witness::new(turning.clone(), control.subscribe())));
+    let seeing = Arc::clone(&witness);
+    // Nobody else takes the lock before the end.
+    let witness_period = move |period: u64, plant: &Plant| {
+        seeing.lock().unwrap_or_else(PoisonError::into_inner).look(period, plant.turned());
+    };
     let publish = move |inputs: &mut Vec<triple_buffer::Input<Scene>>, plant: &Plant| {
         let scene = plant.scene();
         for input in inputs {
@@ -200,6 +240,7 @@ async fn perform(
                         trace_truth(period, plant);
                     }
                     publish(&mut inputs, plant);
+                    witness_period(period, plant);
                     if *paused.borrow() == Control::Paused {
                         // While the operator pauses, the cell goes on in real time, not as fast as it computes.
                         std::thread::sleep(Duration::from_secs_f64(PERIOD));
@@ -225,7 +266,10 @@ async fn perform(
                     std::thread::sleep(Duration::from_millis(20));
                 }
             });
-            let hook = move |_, plant: &mut Plant| publish(&mut inputs, plant);
+            let hook = move |period, plant: &mut Plant| {
+                publish(&mut inputs, plant);
+                witness_period(period, plant);
+            };
             let wall = driver::spawn_wall(core, plant, hook, driver::WallOptions::default())
                 .map_err(|e| not_created("servo thread", &e.to_string()))?;
             for warning in &wall.warnings {
@@ -315,28 +359,13 @@ async fn perform(
         })
         .collect();
 
-    let settings = meetings
-        .and_then(|meetings| build::cube_settings(config, meetings, ReachSettings::default().back));
-    let goal = build::goal(config);
-    let held = face_turn.map(|f| (Hand::Postument, f.body, f.half_roll));
-    let mut task = match settings {
-        Some(settings) if held.is_some() || !matches!(goal, Goal::FaceTurn(_)) => {
-            Mission::new(settings, goal, held)
-        }
-        Some(_) => {
-            return Err(not_created(
-                "task",
-                "the cell has no place where both hands can hold the cube",
-            ));
-        }
-        None => {
-            return Err(not_created(
-                "task",
-                "the cube task needs two effectors, the track arm first",
-            ));
-        }
+    let mut kernel = match goal {
+        None => Kernel::Idle(Idle::new(config.idle.time)),
+        Some(goal) => Kernel::Cube(Box::new(cube_kernel(config, goal, meetings, face_turn)?)),
     };
     let mp = Mp::new(mp::Parts {
+        turning,
+        forces: sensors.forces.take(),
         ecps,
         tracker: sensors.tracker_of(Owner::Mp),
         hand_cameras: std::array::from_fn(|arm| sensors.hand_camera_of(Owner::Mp, arm)),
@@ -351,11 +380,15 @@ async fn perform(
         work,
         tape: tape.clone(),
     });
-    let ending = mp.run(&mut task).await;
-    for note in &task.log.notes {
-        ui.tell(Notice::Note(ending.end, note.clone()));
-    }
-    if ending.finish.as_ref().is_some_and(|f| f.achieved) && goal == Goal::Solve {
+    let (ending, log) = match &mut kernel {
+        Kernel::Idle(idle) => (mp.run(idle).await, MissionLog::default()),
+        Kernel::Cube(mission) => {
+            let ending = mp.run(mission.as_mut()).await;
+            (ending, mission.log.clone())
+        }
+    };
+    let ended = Instant::now();
+    if ending.finish.as_ref().is_some_and(|f| f.achieved) && goal == Some(Goal::Solve) {
         tokio::time::sleep(Duration::from_secs_f64(WITHDRAWAL)).await;
     }
     switches.stop.store(true, Ordering::Release);
@@ -379,7 +412,8 @@ async fn perform(
         let cause = Fatal::Bridge(fault.to_string());
         ending.error = Some(Error::Fatal { actor: "supervisor".into(), place: "servo", cause });
     }
-    Ok(Done { ending, task: task.log, start, verdict: plant.verdict(), hash: tape.hash() })
+    let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
+    Ok(Done { ending, task: log, start, verdict: plant.verdict(), jams, ended, hash: tape.hash() })
 }
 
 /// The plant's truth for whoever debugs a controller: `RUST_LOG=rubik_robot::truth=trace`.
@@ -417,8 +451,7 @@ fn periods(seconds: f64) -> u64 {
 struct Sensors {
     trackers: Vec<(Owner, VspHandle)>,
     hand_cameras: Vec<(Owner, usize, VspHandle)>,
-    /// Kept so that its VSP lives as long as the run.
-    forces: Option<watch::Receiver<vsp::Forces>>,
+    forces: Option<watch::Receiver<Forces>>,
 }
 
 impl Sensors {
@@ -442,23 +475,27 @@ impl Sensors {
     }
 }
 
-fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Summary {
+fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f64) -> Summary {
     let verdict = &done.verdict;
     let ending = &done.ending;
     let end = Facelets::try_from(verdict.facelets).unwrap_or(done.start);
-    let turned_deg = match build::goal(&scenario.controller) {
+    let turned_deg = match goal {
         // The turner holds the upper layer: clockwise seen from outside is negative about +z, and `turned` is the
         // body's part against the turner's. Positive is the asked sense.
-        Goal::FaceTurn(angle) => Some(verdict.turned.to_degrees() * angle.signum()),
-        Goal::Solve | Goal::Acquire => None,
+        Some(Goal::FaceTurn(angle)) => Some(verdict.turned.to_degrees() * angle.signum()),
+        Some(Goal::Solve | Goal::Acquire) | None => None,
     };
-    let (outcome, reason, ended_by) = verdict_of(scenario, done, &end, turned_deg);
-    let ends = ending.phases.iter().skip(1).map(|p| p.1).chain([ending.end]);
+    let (outcome, reason, ended_by) = verdict_of(goal, done, &end, turned_deg);
+    let ends = ending.phases.iter().skip(1).map(|p| (p.1, p.2)).chain([(ending.end, done.ended)]);
     let phases = ending
         .phases
         .iter()
         .zip(ends)
-        .map(|((name, begin), end)| Phase { name: (*name).into(), sim_time_s: end - begin })
+        .map(|((name, begin, began), (end, ended))| Phase {
+            name: (*name).into(),
+            sim_time_s: end - begin,
+            wall_time_s: ended.duration_since(*began).as_secs_f64(),
+        })
         .collect();
     Summary {
         outcome,
@@ -477,21 +514,21 @@ fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Summary {
         wall_time_s,
         peak_force_n: verdict.peak_force,
         peak_torque_nm: verdict.peak_torque,
-        sensors: scenario
-            .controller
-            .cell
-            .arms
-            .iter()
-            .zip(verdict.arm_peak_force.into_iter().zip(verdict.arm_peak_torque))
-            .map(|(arm, (force_n, torque_nm))| SensorPeak {
-                effector: arm.name.clone(),
-                force_n,
-                torque_nm,
+        sensors: (0..scenario.controller.cell.arms.len().min(2))
+            .map(|i| SensorPeak {
+                effector: scenario.controller.cell.arms[i].name.clone(),
+                force_n: verdict.arm_peak_force[i],
+                torque_nm: verdict.arm_peak_torque[i],
+                felt_force_n: ending.felt.arms[i].peak_force,
+                felt_torque_nm: ending.felt.arms[i].peak_torque,
             })
             .collect(),
-        jams: verdict.counts.jams,
+        jams: done.jams,
         slips: verdict.counts.slips,
         drops: verdict.counts.drops,
+        pops: verdict.counts.pops,
+        crushed: verdict.counts.crushed,
+        collisions: verdict.counts.collisions,
         turned_deg,
         phases,
         hash: done.hash.clone(),
@@ -500,7 +537,7 @@ fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Summary {
 
 /// The verdict: what was asked must be so in the plant, whatever the controller believes.
 fn verdict_of(
-    scenario: &Scenario,
+    goal: Option<Goal>,
     done: &Done,
     end: &Facelets,
     turned_deg: Option<f64>,
@@ -515,17 +552,16 @@ fn verdict_of(
         return (Outcome::Aborted, "terminated by the operator".into(), EndedBy::Operator);
     };
     let verdict = &done.verdict;
-    let (right, truth) = match build::goal(&scenario.controller) {
-        Goal::Solve => {
+    let (right, truth) = match goal {
+        None => (true, finish.reason.clone()),
+        Some(Goal::Solve) => {
             (end.is_solved() && verdict.returned, verdict_words(end.is_solved(), verdict))
         }
-        Goal::Acquire => (verdict.returned, verdict_words(true, verdict)),
-        Goal::FaceTurn(angle) => {
+        Some(Goal::Acquire) => (verdict.returned, verdict_words(true, verdict)),
+        Some(Goal::FaceTurn(angle)) => {
             let turned = turned_deg.unwrap_or(0.0);
             let gentle = verdict.peak_force < EXCESSIVE;
-            let right = (turned - angle.abs().to_degrees()).abs() < 5.0
-                && verdict.counts.jams == 0
-                && gentle;
+            let right = (turned - angle.abs().to_degrees()).abs() < 5.0 && done.jams == 0 && gentle;
             let force = if gentle { "" } else { ", with excessive force" };
             let slip = if verdict.counts.slips > 0 { ", and a grip slipped" } else { "" };
             (

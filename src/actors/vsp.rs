@@ -9,12 +9,12 @@ use super::clock::Clock;
 use super::work::Work;
 use crate::cell::Intrinsics;
 use crate::error::{Error, NonFatal, System};
-use crate::generators::Target;
+use crate::generators::{Mode, Sensing, Target, Window};
 use crate::hw::camera::FrameSource;
 use crate::motion::{ArmState, PERIOD};
 use crate::record::tape::Tape;
 use crate::spatial::Pose;
-use crate::tasks::Effort;
+use crate::tasks::{Effort, Forces, View};
 use crate::vision::sensor::{self, FaceReading};
 use crate::vision::watcher::CubeWatcher;
 use crate::vision::{DetectorSettings, Method};
@@ -25,7 +25,7 @@ const MAILBOX: usize = 2;
 
 #[derive(Debug)]
 struct Look {
-    camera_from_face: Pose,
+    view: View,
     reply: oneshot::Sender<Result<FaceReading, Error>>,
 }
 
@@ -35,6 +35,7 @@ pub struct VspHandle {
     name: String,
     mailbox: mpsc::Sender<Look>,
     tracking: std::sync::Arc<watch::Sender<bool>>,
+    sensing: std::sync::Arc<watch::Sender<Sensing>>,
     target: watch::Receiver<Option<Target>>,
 }
 
@@ -44,24 +45,29 @@ impl VspHandle {
         self.tracking.send_replace(on);
     }
 
+    /// Looks as a generator wants it from the next frame on.
+    pub fn configure(&self, sensing: Sensing) {
+        self.sensing.send_replace(sensing);
+    }
+
     /// The latest pose of the cube.
     #[must_use]
     pub fn target(&self) -> Option<Target> {
         *self.target.borrow()
     }
 
-    /// Reads the face that is expected at `camera_from_face`.
+    /// Reads a face.
     ///
     /// # Errors
     /// Non-fatal with the reason when the face is not found.
-    pub async fn look(&self, camera_from_face: Pose) -> Result<FaceReading, Error> {
+    pub async fn look(&self, view: View) -> Result<FaceReading, Error> {
         let closed = || Error::System {
             actor: self.name.clone(),
             place: "look",
             cause: System::Closed(self.name.clone()),
         };
         let (reply, answer) = oneshot::channel();
-        self.mailbox.send(Look { camera_from_face, reply }).await.map_err(|_| closed())?;
+        self.mailbox.send(Look { view, reply }).await.map_err(|_| closed())?;
         answer.await.map_err(|_| closed())?
     }
 }
@@ -106,6 +112,7 @@ struct Vsp {
     watcher: Option<CubeWatcher>,
     mailbox: mpsc::Receiver<Look>,
     tracking: watch::Receiver<bool>,
+    sensing: watch::Receiver<Sensing>,
     target: watch::Sender<Option<Target>>,
 }
 
@@ -114,6 +121,7 @@ struct Vsp {
 pub fn spawn(name: &str, parts: Parts) -> VspHandle {
     let (mailbox, looks) = mpsc::channel(MAILBOX);
     let (tracking, tracked) = watch::channel(false);
+    let (sensing, configured) = watch::channel(Sensing::SEEK);
     let (target, targets) = watch::channel(None);
     let name = format!("vsp {name}");
     let settings = DetectorSettings { method: parts.method, ..DetectorSettings::default() };
@@ -134,10 +142,17 @@ pub fn spawn(name: &str, parts: Parts) -> VspHandle {
         watcher,
         mailbox: looks,
         tracking: tracked,
+        sensing: configured,
         target,
     };
     tokio::spawn(vsp.run());
-    VspHandle { name, mailbox, tracking: std::sync::Arc::new(tracking), target: targets }
+    VspHandle {
+        name,
+        mailbox,
+        tracking: std::sync::Arc::new(tracking),
+        sensing: std::sync::Arc::new(sensing),
+        target: targets,
+    }
 }
 
 impl Vsp {
@@ -175,14 +190,20 @@ impl Vsp {
             return;
         };
         let effort = self.localisation;
+        let sensing = *self.sensing.borrow_and_update();
+        let near = match sensing.window {
+            Window::Whole => None,
+            Window::Around { centre, reach } => Some((centre, reach)),
+        };
+        let elsewhere = sensing.mode == Mode::Seek;
         let result = self
             .work
             .run(move || {
-                let found = match source.grab(period, 1.0) {
+                let found = match source.grab(period, sensing.exposure) {
                     Ok(frame) => {
                         let seconds = frame.period as f64 * PERIOD;
                         watcher
-                            .observe(&frame.image, seconds)
+                            .observe(&frame.image, seconds, near, elsewhere)
                             .map_err(|refusal| refusal.to_string())
                     }
                     Err(missing) => Err(missing.to_string()),
@@ -198,6 +219,7 @@ impl Vsp {
         self.watcher = Some(watcher);
         match found {
             Ok(seen) => {
+                self.tape.message(&self.name, "look", &sensing);
                 let target =
                     Target { world_from_cube: seen.world_from_cube, speed: seen.speed, period };
                 self.tape.message(&self.name, "watch", &target);
@@ -210,13 +232,15 @@ impl Vsp {
     async fn answer(&mut self, look: Look) {
         let Some(mut source) = self.source.take() else { return };
         let (intrinsics, edge, period) = (self.intrinsics, self.edge, self.clock.period());
-        let (expected, effort) = (look.camera_from_face, self.face);
+        let (view, effort) = (look.view, self.face);
         let result = self
             .work
             .run(move || {
-                let reading = match source.grab(period, 1.0) {
-                    Ok(frame) => sensor::read_face(&frame.image, &intrinsics, edge, &expected)
-                        .map_err(|refusal| refusal.to_string()),
+                let reading = match source.grab(period, view.exposure) {
+                    Ok(frame) => {
+                        sensor::read_face(&frame.image, &intrinsics, edge, &view.camera_from_face)
+                            .map_err(|refusal| refusal.to_string())
+                    }
                     Err(missing) => Err(missing.to_string()),
                 };
                 ((source, reading), effort)
@@ -241,19 +265,6 @@ impl Vsp {
     }
 }
 
-/// Wrist forces of all effectors as one reading.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Forces {
-    /// Largest force that any tool exerts now [N].
-    pub force: f64,
-    /// Largest torque [Nm].
-    pub torque: f64,
-    /// Largest force since the start [N].
-    pub peak_force: f64,
-    /// Largest torque since the start [Nm].
-    pub peak_torque: f64,
-}
-
 /// Creates the VSP that aggregates the wrist forces.
 #[must_use]
 pub fn spawn_forces(
@@ -268,12 +279,12 @@ pub fn spawn_forces(
         while !publish.is_closed() {
             period += periods.max(1);
             clock.until(period).await;
-            let wrenches = states.iter_mut().map(|state| state.borrow_and_update().wrench_in_tool);
-            (aggregate.force, aggregate.torque) = wrenches.fold((0.0_f64, 0.0_f64), |(f, t), w| {
-                (f.max(w.force.norm()), t.max(w.torque.norm()))
-            });
-            aggregate.peak_force = aggregate.peak_force.max(aggregate.force);
-            aggregate.peak_torque = aggregate.peak_torque.max(aggregate.torque);
+            for (felt, state) in aggregate.arms.iter_mut().zip(&mut states) {
+                let wrench = state.borrow_and_update().wrench_in_tool;
+                (felt.force, felt.torque) = (wrench.force.norm(), wrench.torque.norm());
+                felt.peak_force = felt.peak_force.max(felt.force);
+                felt.peak_torque = felt.peak_torque.max(felt.torque);
+            }
             publish.send_replace(aggregate);
         }
     });

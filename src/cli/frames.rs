@@ -2,16 +2,16 @@
 //!
 //! - in: a scenario (camera, cube), how many poses, their spread, a seed
 //! - out: a folder of PNG files, `frames.jsonl` (a line a frame: optics, pose, faces) and `manifest.jsonl` (a line
-//!   a face, in the form that `vision score` reads)
+//!   a face, in the form that `vision eval` reads)
 
 use super::locate::positive;
-use super::vision::COLOUR_LETTERS;
 use super::{ScenarioArgs, WRONG, complain};
 use crate::cell::{Camera, Intrinsics, Mount};
 use crate::hw::plant::render::{Look, Renderer, Setting, cube_alone};
 use crate::scenario::Scenario;
 use crate::spatial::Pose;
 use crate::vision::Lens;
+use crate::vision::colours::LETTERS;
 use crate::vision::homography::{GRID, OUTLINE, distance, smallest_pitch};
 use crate::vision::pose::cube_rotations;
 use anyhow::{Context, Result, bail};
@@ -30,12 +30,12 @@ Writes NNNN.png, and the truth as JSON lines:
                    (three rows of four, m; OpenCV's camera axes; cube axes R = +x, B = +y, U = +z), and its visible
                    faces: face (U R F D L B), camera_from_face (x along columns, y along rows, z into the cube),
                    corners and centres [px], colours in reading order
-  manifest.jsonl   a visible face a line, as `vision score` wants it
+  manifest.jsonl   a visible face a line, as `vision eval` wants it
 Examples:
   rubik-robot vision render scenarios/solve.toml --poses 200 --seed 1 -o frames \\
       --set camera.standalone.focal_px=[600,600] --noise 6
   rubik-robot vision accuracy frames
-  rubik-robot vision score frames")]
+  rubik-robot vision eval frames/manifest.jsonl")]
 pub(super) struct RenderArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
@@ -370,7 +370,7 @@ fn truth(
                 camera_from_face: rows(&camera_from_face),
                 corners: OUTLINE.map(|p| place(&camera_from_face, p)),
                 centres: GRID.map(|p| place(&camera_from_face, p)),
-                colours: colours.iter().map(|&c| COLOUR_LETTERS[usize::from(c)]).collect(),
+                colours: colours.iter().map(|&c| LETTERS[usize::from(c)]).collect(),
             },
         ));
     }

@@ -4,8 +4,9 @@
 //! - out: one line of JSON or text a picture; or a table of errors
 
 use super::frames::{FrameTruth, Optics, rows};
-use super::vision::{COLOUR_LETTERS, load};
+use super::vision::load;
 use crate::spatial::Pose;
+use crate::vision::colours::LETTERS;
 use crate::vision::pose::nearest_of_24;
 use crate::vision::{CubeLocation, DetectorSettings, Lens, detect, locate_in};
 use anyhow::{Context, Result, bail};
@@ -144,7 +145,7 @@ fn answer(name: &str, location: &CubeLocation) -> Value {
             });
             if let Some(sighting) = location.sighting(i) {
                 face["corners"] = sighting.corners.iter().map(|c| json!([c.0, c.1])).collect();
-                let letters = sighting.colours.iter().map(|&c| COLOUR_LETTERS[usize::from(c)]);
+                let letters = sighting.colours.iter().map(|&c| LETTERS[usize::from(c)]);
                 face["colours"] = letters.collect::<String>().into();
             }
             face

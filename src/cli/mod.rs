@@ -4,12 +4,20 @@
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
 mod calibrate;
+pub mod cubes;
+mod engine;
+pub mod evaluate;
 mod frames;
 pub mod kinematics;
 mod locate;
 mod look;
 pub mod output;
+mod plan;
+mod progress;
+pub mod rig;
 mod run;
+mod solve;
+mod tables;
 pub mod vision;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -31,6 +39,8 @@ Try these, in this order:
   rubik-robot keys control                                every key, its unit, default and meaning
   echo 0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics fk --arm postument
   rubik-robot vision face photo.jpg                       the faces of a cube in a photograph
+  rubik-robot solve --scramble \"R U2 F' L\"               the fewest turns that solve a cube
+  rubik-robot tables build                                larger tables, for shorter solutions
   rubik-robot picture scenarios/solve.toml                the cell as cell.png
 
 Exit codes: 0 done, 1 the task failed or was aborted, 2 usage or scenario, 3 fatal (an effector),
@@ -76,6 +86,43 @@ Examples:
   rubik-robot kinematics ik --arm postument < rows.csv
       each row: 12 numbers of base_from_tool by rows (3 x 4), then the current joints")]
     Kinematics(KinematicsArgs),
+    /// Solve cubes: the fewest turns of faces
+    #[command(after_help = "\
+Answers come on stdout in the order of the cubes, what is refused says why. Exit code 2 if any cube was refused.
+Examples:
+  rubik-robot solve --scramble \"R U2 M' y Fw\"
+  rubik-robot solve DRLUUBFBRBLURRLRUBLRDDFDLFUFUFFDBRDUBRUFLLFDDBFLUBLRBD
+  rubik-robot solve --mode first --json - < cubes.txt
+  rubik-robot solve --max-length 20 --scramble \"R U R' U'\"
+  rubik-robot solve --budget-ms 1000 --threads 2 CUBE
+  rubik-robot scramble --count 5 --facelets | rubik-robot solve -")]
+    Solve(solve::SolveArgs),
+    /// Plan what two arms do with a cube: who holds, who turns, and why a new grasp is needed
+    #[command(after_help = "\
+Examples:
+  rubik-robot plan --explain FACELETS
+      every step with its time and its reason, and the original's rule beside it
+  rubik-robot plan FACELETS --rule strict --json
+  rubik-robot scramble --seed 7 --facelets | xargs rubik-robot plan --explain
+The plan is for the built-in cell, or for --scenario's: its reach, its speeds, its grippers.")]
+    Plan(plan::PlanArgs),
+    /// Draw cubes uniformly from all there are, and say which turns make them
+    #[command(after_help = "\
+Examples:
+  rubik-robot scramble
+  rubik-robot scramble --seed 7 --json
+  rubik-robot scramble --count 1000 --seed 1 --facelets > cubes.txt")]
+    Scramble(solve::ScrambleArgs),
+    /// Make, list, check and remove the solver's tables
+    #[command(after_help = "\
+Without them `solve` builds what its mode needs when it needs it; the large ones for two-phase only here.
+Examples:
+  rubik-robot tables build            everything that any mode needs
+  rubik-robot tables list
+  rubik-robot tables verify
+  rubik-robot tables remove phase1-large
+  RUBIK_ROBOT_TABLES=/data/tables rubik-robot tables build")]
+    Tables(tables::TablesArgs),
     /// Run the vision on pictures and on measured colours
     Vision(look::VisionArgs),
     /// Calibrate the cameras of a scenario in the simulated cell
@@ -160,6 +207,10 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check(&args, &mut output),
         Command::Keys { word } => keys(word.as_deref(), &mut output),
         Command::Kinematics(args) => rows(&args, &mut output),
+        Command::Solve(args) => solve::run(&args, &mut output),
+        Command::Plan(args) => plan::run(&args, &mut output),
+        Command::Scramble(args) => solve::scramble(&args, &mut output),
+        Command::Tables(args) => tables::run(&args, &mut output),
         Command::Vision(args) => look::look_at(&args, &mut output),
         Command::Calibrate(args) => calibrate::calibrate(&args, &mut output),
         Command::Picture(args) => look::picture(&args, &mut output),

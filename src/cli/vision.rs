@@ -1,19 +1,12 @@
-//! The vision commands as functions: files in, text or JSON lines out.
-//!
-//! `vision face`, `vision colours`, `vision score`: what the operator sees of [`crate::vision`].
+//! `rubik-robot vision face`: picture files in, faces as text or JSON lines out.
 
-use crate::cube::{Cube, Facelets};
-use crate::vision::colours::{self, LETTERS, decide_cube, face_letter};
-use crate::vision::homography::{distance, smallest_pitch};
+use crate::vision::colours::LETTERS;
 use crate::vision::{DetectorSettings, FaceSighting, detect};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow};
 use image::{ImageReader, RgbImage};
-use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
-use std::time::Instant;
 
 /// A picture file as RGB; the format is judged by its bytes, and its size is bounded.
 ///
@@ -38,7 +31,8 @@ fn rounded(points: &[(f64, f64)]) -> Value {
     points.iter().map(|p| json!([two(p.0), two(p.1)])).collect()
 }
 
-fn letters(face: &FaceSighting) -> String {
+/// Nine letters in reading order.
+pub(super) fn letters(face: &FaceSighting) -> String {
     face.colours.iter().map(|&c| LETTERS[usize::from(c)]).collect()
 }
 
@@ -100,236 +94,9 @@ pub fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     (text, all)
 }
 
-/// Where the first square of each face is in the files of measured squares: faces U, L, F, R, B, D there,
-/// URFDLB here.
-const FIRST_SQUARE: [usize; 6] = [1, 28, 19, 46, 10, 37];
-
-/// The 54 triples of a file, in the order URFDLB.
-///
-/// # Errors
-/// What is missing.
-pub fn measured_squares(text: &str) -> Result<[[f64; 3]; 54]> {
-    let squares: BTreeMap<String, [f64; 3]> =
-        serde_json::from_str(text).context("expected {\"1\": [r, g, b], ... \"54\": [r, g, b]}")?;
-    if squares.len() != 54 {
-        bail!("expected 54 squares, found {}", squares.len());
-    }
-    let mut rgb = [[0.0; 3]; 54];
-    for (i, value) in rgb.iter_mut().enumerate() {
-        let key = (FIRST_SQUARE[i / 9] + i % 9).to_string();
-        *value = *squares.get(&key).ok_or_else(|| anyhow!("square {key} is missing"))?;
-        if value.iter().any(|v| !(0.0..=255.0).contains(v)) {
-            bail!("square {key}: {value:?} is not within 0..=255");
-        }
-    }
-    Ok(rgb)
-}
-
-/// Whether a cube of these facelets (face 0..=5 = URFDLB each) can exist.
-#[must_use]
-pub fn can_exist(facelets: &[u8; 54]) -> bool {
-    Facelets::try_from(*facelets).is_ok_and(|f| Cube::try_from(f).is_ok())
-}
-
-/// `vision colours FILE...`: the facelets (URFDLB) of each file of 54 measured squares. The flag is false when
-/// a cube could not be decided.
-#[must_use]
-pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
-    let (mut text, mut all) = (String::new(), true);
-    for path in files {
-        let name = path.as_ref().display().to_string();
-        let decided = std::fs::read_to_string(path.as_ref())
-            .map_err(anyhow::Error::from)
-            .and_then(|text| measured_squares(&text))
-            .and_then(|rgb| decide_cube(&rgb, &can_exist).map_err(anyhow::Error::from));
-        all &= decided.is_ok();
-        let _ = match decided {
-            Ok(decision) => {
-                let facelets: String =
-                    decision.facelets.iter().map(|&f| face_letter(usize::from(f))).collect();
-                let weakest = decision.margins.iter().copied().fold(1.0, f64::min);
-                if json {
-                    let names: String =
-                        decision.colours.iter().map(|&c| LETTERS[usize::from(c)]).collect();
-                    let margins = decision.margins.map(|m| (m * 1000.0).round() / 1000.0);
-                    writeln!(
-                        text,
-                        "{}",
-                        json!({ "file": name, "facelets": facelets, "colours": names,
-                            "margins": margins.to_vec(), "doubtful": decision.doubtful })
-                    )
-                } else {
-                    writeln!(
-                        text,
-                        "{name}: {facelets}  least margin {weakest:.2}, doubtful: {}",
-                        decision.doubtful.len()
-                    )
-                }
-            }
-            Err(reason) if json => {
-                writeln!(text, "{}", json!({ "file": name, "reason": format!("{reason:#}") }))
-            }
-            Err(reason) => writeln!(text, "{name}: {reason:#}"),
-        };
-    }
-    (text, all)
-}
-
-/// One face of a `manifest.jsonl`.
-#[derive(Debug, Clone, Deserialize)]
-struct Truth {
-    image: String,
-    face: String,
-    all_centres: [(f64, f64); 9],
-    #[serde(default)]
-    tier: String,
-    #[serde(default)]
-    source: String,
-}
-
-/// Counts of one group of faces.
-#[derive(Debug, Clone, Default, Serialize)]
-struct Tally {
-    faces: usize,
-    /// All nine centres within a quarter of the tile pitch.
-    found: usize,
-    /// Found, and all nine colours right.
-    read: usize,
-    tiles: usize,
-    /// Tiles of found faces with the right colour.
-    tiles_right: usize,
-}
-
-/// `vision score DIR`: the detector on a folder of photographs with a `manifest.jsonl`: which share of the
-/// faces is found, and read right, by tier and folder, and how long a picture takes.
-///
-/// # Errors
-/// A manifest or picture that cannot be read.
-pub fn score(dir: &Path, json: bool) -> Result<String> {
-    let manifest = dir.join("manifest.jsonl");
-    let text =
-        std::fs::read_to_string(&manifest).with_context(|| format!("{}", manifest.display()))?;
-    let mut by_image: BTreeMap<String, Vec<Truth>> = BTreeMap::new();
-    for (number, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
-        let truth: Truth = serde_json::from_str(line)
-            .with_context(|| format!("{}:{}", manifest.display(), number + 1))?;
-        by_image.entry(truth.image.clone()).or_default().push(truth);
-    }
-
-    let mut tallies: BTreeMap<(String, String), Tally> = BTreeMap::new();
-    let mut times: Vec<f64> = Vec::new();
-    let (mut reports, mut strays) = (0, 0);
-    let mut misses = Vec::new();
-    for (name, truths) in &by_image {
-        let image = load(&dir.join(name))?;
-        let start = Instant::now();
-        let sightings = detect(&image, None, &DetectorSettings::default()).unwrap_or_default();
-        times.push(start.elapsed().as_secs_f64() * 1e3);
-        reports += sightings.iter().filter(|s| s.confidence >= 0.8).count();
-        let fits = |s: &FaceSighting, t: &Truth| {
-            let reach = 0.25 * smallest_pitch(&t.all_centres);
-            (0..4)
-                .map(|k| s.turned(k))
-                .find(|s| (0..9).all(|i| distance(s.centres[i], t.all_centres[i]) <= reach))
-        };
-        strays += sightings
-            .iter()
-            .filter(|s| s.confidence >= 0.8 && !truths.iter().any(|t| fits(s, t).is_some()))
-            .count();
-        for truth in truths {
-            let source = if truth.source.is_empty() {
-                name.split('/').next().unwrap_or_default().to_owned()
-            } else {
-                truth.source.clone()
-            };
-            let tally = tallies.entry((truth.tier.clone(), source)).or_default();
-            tally.faces += 1;
-            tally.tiles += 9;
-            let Some(found) = sightings.iter().find_map(|s| fits(s, truth)) else {
-                misses.push(format!("{name}: {} not found", truth.face));
-                continue;
-            };
-            tally.found += 1;
-            let read = letters(&found);
-            let right = read.chars().zip(truth.face.chars()).filter(|(a, b)| a == b).count();
-            tally.tiles_right += right;
-            if right == 9 {
-                tally.read += 1;
-            } else {
-                misses.push(format!("{name}: {} read as {read}", truth.face));
-            }
-        }
-    }
-    times.sort_by(f64::total_cmp);
-    let median = times.get(times.len() / 2).copied().unwrap_or(0.0);
-    let slowest = times.last().copied().unwrap_or(0.0);
-    if json {
-        let groups: Vec<Value> = tallies
-            .iter()
-            .map(|((tier, source), t)| json!({ "tier": tier, "source": source, "tally": t }))
-            .collect();
-        let all = json!({ "images": by_image.len(), "groups": groups, "reports": reports,
-            "strays": strays, "median_ms": median, "slowest_ms": slowest, "misses": misses });
-        return Ok(format!("{all}\n"));
-    }
-    let mut out = String::from(
-        "tier  folder              faces   found            read right       tiles right of found\n",
-    );
-    for ((tier, source), t) in &tallies {
-        let share =
-            |n: usize, of: usize| format!("{n:4} ({:5.1} %)", 100.0 * n as f64 / of.max(1) as f64);
-        writeln!(
-            out,
-            "{tier:<5} {source:<18} {:6} {:>16} {:>16} {:>16}",
-            t.faces,
-            share(t.found, t.faces),
-            share(t.read, t.faces),
-            share(t.tiles_right, 9 * t.found)
-        )?;
-    }
-    writeln!(
-        out,
-        "{} pictures, median {median:.1} ms, slowest {slowest:.1} ms a picture; {reports} reports at confidence >= 0.8, {strays} of them on no annotated face",
-        by_image.len()
-    )?;
-    for miss in misses {
-        writeln!(out, "  {miss}")?;
-    }
-    Ok(out)
-}
-
-/// The names of the six colours, for help texts.
-pub const COLOUR_LETTERS: [char; 6] = colours::LETTERS;
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn squares_are_taken_in_the_order_of_their_faces() {
-        let text = serde_json::to_string(
-            &(1..=54)
-                .map(|k| (k.to_string(), [f64::from(k), 0.0, 0.0]))
-                .collect::<BTreeMap<_, _>>(),
-        )
-        .unwrap();
-
-        let rgb = measured_squares(&text).unwrap();
-
-        // URFDLB: U is 1.., R is 28.., F is 19.., D is 46.., L is 10.., B is 37...
-        assert_eq!([0, 9, 18, 27, 36, 45].map(|i| rgb[i][0]), [1.0, 28.0, 19.0, 46.0, 10.0, 37.0]);
-    }
-
-    #[test]
-    fn a_missing_square_is_named() {
-        let mut squares: BTreeMap<String, [f64; 3]> =
-            (1..=53).map(|k| (k.to_string(), [0.0; 3])).collect();
-        squares.insert("x".into(), [0.0; 3]);
-
-        let error = measured_squares(&serde_json::to_string(&squares).unwrap()).unwrap_err();
-
-        assert_eq!(error.to_string(), "square 54 is missing");
-    }
 
     #[test]
     fn a_file_that_is_no_picture_gets_a_line_with_the_reason() {

@@ -1,7 +1,8 @@
 //! Motion generators: transition functions from inputs and memory to the next set values.
 //!
 //! - in: the arm's state, the latest target of the visual sensor, the servo period's number ([`Inputs`])
-//! - out: the command of the next macrostep, or an [`Outcome`] ([`Next`])
+//! - out: the command of the next macrostep, or an [`Outcome`] ([`Next`]); and, from those that watch, how the
+//!   visual sensor should look from now on ([`Sensing`])
 //! - source: Zieliński et al. (2007), pp. 370-371 and 374: pure position control, grasping, securing, turning,
 //!   and the visual servo
 //!
@@ -12,6 +13,7 @@ pub mod comply;
 pub mod grasp;
 pub mod position;
 pub mod secure;
+pub mod swing;
 pub mod turn;
 pub mod visual_servo;
 
@@ -19,6 +21,7 @@ use crate::motion::{
     ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion, MoveCommand,
 };
 use crate::spatial::Pose;
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 /// What a generator may look at.
@@ -43,6 +46,45 @@ pub struct Target {
     pub speed: f64,
     /// Servo period of the exposure.
     pub period: u64,
+}
+
+/// How a visual sensor is to look: the configuration that a generator returns to its VSP.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Sensing {
+    /// Which part of the picture is searched.
+    pub window: Window,
+    /// What happens when nothing is found there.
+    pub mode: Mode,
+    /// Exposure, as a multiple of the camera's nominal one.
+    pub exposure: f64,
+}
+
+/// Which part of the picture is searched first.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Window {
+    /// All of it.
+    Whole,
+    /// Where the sensor's own track expects the cube, or else around this place.
+    Around {
+        /// Centre of the cube in the world [m].
+        centre: Vector3<f64>,
+        /// How far from there it may be [m].
+        reach: f64,
+    },
+}
+
+/// What happens when the window shows nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mode {
+    /// The whole picture is searched as well.
+    Seek,
+    /// Nothing: a false cube elsewhere would be worse than none.
+    Track,
+}
+
+impl Sensing {
+    /// Everywhere, at the nominal exposure.
+    pub const SEEK: Self = Self { window: Window::Whole, mode: Mode::Seek, exposure: 1.0 };
 }
 
 /// A generator's answer.
@@ -71,6 +113,11 @@ pub enum Outcome {
     Secured,
     /// The face has been turned by this angle [rad].
     Turned(f64),
+    /// The hand has turned by this angle [rad] against so little torque [Nm] that no face can have followed: a grip
+    /// slips.
+    Slipped(f64, f64),
+    /// The wrench swings in this direction with this amplitude [N], [Nm] at this frequency [Hz].
+    Oscillates(usize, f64, f64),
     /// The turn stopped at this angle [rad] under this torque [Nm].
     Stalled(f64, f64),
     /// A force [N] or torque [Nm] beyond the set limit, in this direction.
@@ -100,6 +147,19 @@ impl std::fmt::Display for Outcome {
             Self::Stalled(angle, torque) => {
                 write!(f, "stood still after {:.0} deg under {torque:.1} Nm", angle.to_degrees())
             }
+            Self::Slipped(angle, torque) => write!(
+                f,
+                "slip: the hand turned by {:.0} deg against {torque:.2} Nm only, so no face followed it",
+                angle.to_degrees()
+            ),
+            Self::Oscillates(direction, size, hertz) => {
+                let unit = if direction < 3 { "N" } else { "Nm" };
+                write!(
+                    f,
+                    "oscillation of {size:.1} {unit} at {hertz:.1} Hz {}",
+                    DIRECTIONS[direction.min(5)]
+                )
+            }
             Self::OverForce(direction, size) => {
                 let unit = if direction < 3 { "N" } else { "Nm" };
                 write!(
@@ -117,6 +177,12 @@ impl std::fmt::Display for Outcome {
 }
 
 impl Outcome {
+    /// Whether it ends the partner's behaviour too.
+    #[must_use]
+    pub fn alarms(&self) -> bool {
+        matches!(self, Self::OverForce(..) | Self::Oscillates(..))
+    }
+
     /// A behaviour's end in words, for the operator.
     #[must_use]
     pub fn words(outcome: Option<Self>) -> String {
@@ -260,6 +326,8 @@ pub enum Behaviour {
         speed: f64,
         /// Torque at which the turn stands still [Nm].
         torque: f64,
+        /// Least mean torque that a turning face must show [Nm].
+        least_torque: f64,
         /// Directions that yield besides the turn's own.
         selector: Selector,
         /// Whether the rotation itself follows the velocity whatever the torque (no compliance at all).
@@ -285,18 +353,18 @@ pub enum Behaviour {
 
 /// The generator of a behaviour with its memory.
 #[derive(Debug, Clone)]
-pub enum Generator {
-    /// See [`position`].
+pub struct Generator {
+    kind: Kind,
+    swing: swing::Swing,
+}
+
+#[derive(Debug, Clone)]
+enum Kind {
     Position(position::Position),
-    /// See [`grasp`].
     Grasp(grasp::Grasp),
-    /// See [`secure`].
     Secure(secure::Secure),
-    /// See [`turn`].
     Turn(turn::Turn),
-    /// See [`comply`].
     Comply(comply::Comply),
-    /// See [`visual_servo`].
     VisualServo(visual_servo::VisualServo),
 }
 
@@ -304,59 +372,74 @@ impl Behaviour {
     /// Makes the generator; `speeds` are the full speeds of position control.
     #[must_use]
     pub fn generator(&self, compliance: &Compliance, speeds: &position::Speeds) -> Generator {
-        match *self {
-            Self::Joints { target, speed } => Generator::Position(position::Position::joints(
+        let kind = match *self {
+            Self::Joints { target, speed } => Kind::Position(position::Position::joints(
                 target,
                 speed,
                 speeds,
                 compliance.macrostep,
             )),
-            Self::Line { target, speed } => Generator::Position(position::Position::line(
+            Self::Line { target, speed } => Kind::Position(position::Position::line(
                 target,
                 speed,
                 speeds,
                 compliance.macrostep,
             )),
             Self::Jaw { jaw, seconds, selector } => {
-                Generator::Grasp(grasp::Grasp::jaw_only(jaw, seconds, selector, *compliance))
+                Kind::Grasp(grasp::Grasp::jaw_only(jaw, seconds, selector, *compliance))
             }
-            Self::Approach { speed, distance, force, selector } => Generator::Secure(
+            Self::Approach { speed, distance, force, selector } => Kind::Secure(
                 secure::Secure::approach(speed, distance, force, selector, *compliance),
             ),
-            Self::Grasp { force, least_width, selector, stops } => Generator::Grasp(
-                grasp::Grasp::new(force, least_width, selector, stops, *compliance),
-            ),
-            Self::Secure { press, force, selector, stops } => {
-                Generator::Secure(secure::Secure::press(press, force, selector, stops, *compliance))
+            Self::Grasp { force, least_width, selector, stops } => {
+                Kind::Grasp(grasp::Grasp::new(force, least_width, selector, stops, *compliance))
             }
-            Self::Turn { angle, speed, torque, selector, stiff } => {
-                Generator::Turn(turn::Turn::new(angle, speed, torque, selector, stiff, *compliance))
+            Self::Secure { press, force, selector, stops } => {
+                Kind::Secure(secure::Secure::press(press, force, selector, stops, *compliance))
+            }
+            Self::Turn { angle, speed, torque, least_torque, selector, stiff } => {
+                let torques = (least_torque, torque);
+                Kind::Turn(turn::Turn::new(angle, speed, torques, selector, stiff, *compliance))
             }
             Self::Comply { selector } => {
-                Generator::Comply(comply::Comply::until_ended(selector, *compliance))
+                Kind::Comply(comply::Comply::until_ended(selector, *compliance))
             }
-            Self::Present { pull, selector, seconds } => Generator::Comply(
-                comply::Comply::until_pulled(pull, selector, seconds, *compliance),
-            ),
+            Self::Present { pull, selector, seconds } => {
+                Kind::Comply(comply::Comply::until_pulled(pull, selector, seconds, *compliance))
+            }
             Self::VisualServo(order) => {
-                Generator::VisualServo(visual_servo::VisualServo::new(order, *compliance))
+                Kind::VisualServo(visual_servo::VisualServo::new(order, *compliance))
             }
-        }
+        };
+        Generator { kind, swing: swing::Swing::default() }
     }
 }
 
 impl Generator {
-    /// The next macrostep's set values, or the end.
-    pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
-        match self {
-            // Its set values are a function of time, so its time goes slower.
-            Self::Position(g) => g.next(inputs),
-            Self::Grasp(g) => slowed(g.next(inputs), inputs),
-            Self::Secure(g) => slowed(g.next(inputs), inputs),
-            Self::Turn(g) => slowed(g.next(inputs), inputs),
-            Self::Comply(g) => slowed(g.next(inputs), inputs),
-            Self::VisualServo(g) => slowed(g.next(inputs), inputs),
+    /// The next macrostep's set values, or the end; and how the visual sensor should look from now on, from a
+    /// generator that uses it.
+    pub fn next(&mut self, inputs: &Inputs<'_>) -> (Next, Option<Sensing>) {
+        if let Some(oscillates) = self.swing.note(inputs) {
+            return (Next::Done(oscillates), None);
         }
+        let next = match &mut self.kind {
+            // Its set values are a function of time, so its time goes slower.
+            Kind::Position(g) => g.next(inputs),
+            Kind::Grasp(g) => slowed(g.next(inputs), inputs),
+            Kind::Secure(g) => slowed(g.next(inputs), inputs),
+            Kind::Turn(g) => slowed(g.next(inputs), inputs),
+            Kind::Comply(g) => slowed(g.next(inputs), inputs),
+            Kind::VisualServo(g) => {
+                let (next, sensing) = g.next(inputs);
+                return (slowed(next, inputs), Some(sensing));
+            }
+        };
+        if let Next::Done(Outcome::OverForce(direction, _)) = next
+            && let Some(oscillates) = self.swing.swinging(direction)
+        {
+            return (Next::Done(oscillates), None);
+        }
+        (next, None)
     }
 }
 

@@ -25,6 +25,11 @@ const ACCELERATION: f64 = 1.0;
 /// arms; the wrist goes on by what the measured torque says [Nm/rad], at most by [`MOST_TWIST`] [rad].
 const TWIST_STIFFNESS: f64 = 42.0;
 const MOST_TWIST: f64 = 0.035;
+/// Share of the turn, at its beginning and at its end, whose torque tells nothing of the face: backlash of the grips,
+/// speeding up, the neighbour's detent.
+const ENDS: f64 = 0.2;
+/// A turn shorter than this says too little of the torque [rad].
+const LEAST_SAID: f64 = 0.5;
 /// Time to come to rest at the end [s].
 const SETTLE: f64 = 0.15;
 
@@ -34,6 +39,9 @@ pub struct Turn {
     angle: f64,
     speed: f64,
     torque: f64,
+    least_torque: f64,
+    /// Sum and number of the torques felt in the middle of the turn [Nm].
+    felt: (f64, u32),
     selector: Selector,
     stiff: bool,
     compliance: Compliance,
@@ -45,12 +53,13 @@ pub struct Turn {
 }
 
 impl Turn {
-    /// By `angle` [rad] about the tool's z.
+    /// By `angle` [rad] about the tool's z; `torques` are the least mean one of a turning face and the one at which
+    /// the turn stands still [Nm].
     #[must_use]
     pub fn new(
         angle: f64,
         speed: f64,
-        torque: f64,
+        (least_torque, torque): (f64, f64),
         selector: Selector,
         stiff: bool,
         compliance: Compliance,
@@ -59,6 +68,8 @@ impl Turn {
             angle,
             speed,
             torque,
+            least_torque,
+            felt: (0.0, 0),
             selector,
             stiff,
             compliance,
@@ -92,10 +103,19 @@ impl Turn {
         if left < TOLERANCE && self.arrived.is_none() {
             self.arrived = Some(self.steps);
         }
+        let share = turned / self.angle.abs();
+        if (ENDS..=1.0 - ENDS).contains(&share) {
+            self.felt.0 += arm.wrench_in_tool.torque.z * self.angle.signum();
+            self.felt.1 += 1;
+        }
         let mut directions = self.compliance.yielding(&self.selector);
         directions[5] = Direction::HOLD;
         if let Some(arrived) = self.arrived {
             if f64::from(self.steps - arrived) * step >= SETTLE {
+                let felt = self.felt.0 / f64::from(self.felt.1.max(1));
+                if felt < self.least_torque && self.angle.abs() > LEAST_SAID {
+                    return Next::Done(Outcome::Slipped(turned * self.angle.signum(), felt));
+                }
                 // What the layer did, as far as the wrist and the torque tell.
                 return Next::Done(Outcome::Turned((turned - twist) * self.angle.signum()));
             }

@@ -6,7 +6,7 @@
 //! - source: Zieliński et al. (2007), pp. 371-373: position-based, end-effector open loop, stand-alone camera; the
 //!   stages (lead, follow, back off, approach, frozen close to the cube) after the 2008 sources
 
-use super::{Compliance, Inputs, Next, Outcome, Target};
+use super::{Compliance, Inputs, Mode, Next, Outcome, Sensing, Target, Window};
 use crate::motion::{Direction, Motion, MoveCommand, PERIOD};
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
@@ -68,6 +68,9 @@ pub struct VisualServo {
     still: f64,
     confirmed: u32,
     first_period: Option<u64>,
+    /// Exposure that was asked for last, and the one with which the cube was seen.
+    asked: f64,
+    exposure: f64,
 }
 
 /// Share of a new goal in the filtered one.
@@ -79,6 +82,12 @@ const THERE: (f64, f64) = (0.006, 0.03);
 /// Way beyond the seat at which the approach is given up [m].
 const OVERRUN: f64 = 0.015;
 
+/// While nothing is seen, exposures are tried in turn, each for this long [s]: a workshop's light is not the one that
+/// the nominal exposure was chosen for.
+const EXPOSURES: [f64; 4] = [1.0, 1.0, 1.8, 0.55];
+const TRY: f64 = 0.4;
+/// How far from its last place the cube is searched for [m]: a hand at 0.25 m/s within a frame, and the filter's lag.
+const REACH: f64 = 0.05;
 /// A cube that is seen and never stands still is followed for this many times the patience.
 const RESTLESS: f64 = 5.0;
 
@@ -96,11 +105,40 @@ impl VisualServo {
             still: 0.0,
             confirmed: 0,
             first_period: None,
+            asked: 1.0,
+            exposure: 1.0,
         }
     }
 
     /// See [`super::Generator::next`].
-    pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
+    pub fn next(&mut self, inputs: &Inputs<'_>) -> (Next, Sensing) {
+        let next = self.step(inputs);
+        (next, self.sensing(inputs))
+    }
+
+    /// Everywhere and at other exposures while the cube is not seen, around its place while it is.
+    fn sensing(&mut self, inputs: &Inputs<'_>) -> Sensing {
+        let last_seen =
+            if self.goal.is_some() { self.seen } else { self.first_period.unwrap_or(0) };
+        let age = inputs.period.saturating_sub(last_seen) as f64 * PERIOD;
+        let sensing = match self.goal {
+            Some(goal) if age <= self.order.stale => {
+                let seat = Pose::translation(0.0, 0.0, self.order.seat);
+                let cube = self.order.world_from_base * goal * seat;
+                let window = Window::Around { centre: cube.translation.vector, reach: REACH };
+                Sensing { window, mode: Mode::Track, exposure: self.exposure }
+            }
+            _ => {
+                let turn = (age / TRY) as usize % EXPOSURES.len();
+                let exposure = if turn == 0 { self.exposure } else { EXPOSURES[turn] };
+                Sensing { exposure, ..Sensing::SEEK }
+            }
+        };
+        self.asked = sensing.exposure;
+        sensing
+    }
+
+    fn step(&mut self, inputs: &Inputs<'_>) -> Next {
         let first = *self.first_period.get_or_insert(inputs.period);
         if let Some(excess) = self.compliance.excess(inputs.arm) {
             return Next::Done(excess);
@@ -152,6 +190,7 @@ impl VisualServo {
         }
         let moved = (target.period.saturating_sub(self.seen)) as f64 * PERIOD;
         self.seen = target.period;
+        self.exposure = self.asked;
         let base_from_world = self.order.world_from_base.inverse();
         let cube = base_from_world * target.world_from_cube;
         let approach = base_from_world.rotation * self.order.approach;
@@ -361,8 +400,8 @@ mod tests {
             if period % 20 < 8 {
                 latest = cube(period).or(latest);
             }
-            match generator.next(&Inputs { arm: &arm, target: latest.as_ref(), period, pace: 1.0 })
-            {
+            let inputs = Inputs { arm: &arm, target: latest.as_ref(), period, pace: 1.0 };
+            match generator.next(&inputs).0 {
                 Next::Done(outcome) => return (arm.desired_base_from_tool, outcome),
                 Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) => {
                     let way =
@@ -384,6 +423,35 @@ mod tests {
             }
         }
         panic!("never ends");
+    }
+
+    #[test]
+    fn the_sensor_is_told_where_to_look_and_how_bright() {
+        let arm = ArmState::default();
+        let mut generator = VisualServo::new(order(), compliance());
+        let mut ask = |period: u64, target: Option<&Target>| {
+            generator.next(&Inputs { arm: &arm, target, period, pace: 1.0 }).1
+        };
+        let tried: Vec<_> = (0..110).map(|step| ask(step * 8, None)).collect();
+
+        assert!(tried.iter().all(|s| s.window == Window::Whole && s.mode == Mode::Seek));
+        assert!(tried.iter().any(|s| s.exposure > 1.5) && tried.iter().any(|s| s.exposure < 0.6));
+
+        // Seen at last, in the bright try: it goes on with that exposure, and looks there only.
+        let bright = tried.iter().rposition(|s| s.exposure > 1.5).unwrap() as u64 * 8;
+        let pose = Pose::translation(1.0, 0.1, 1.2);
+        let target = Target { world_from_cube: pose, speed: 0.0, period: bright };
+        let mut generator = VisualServo::new(order(), compliance());
+        for step in 0..=bright / 8 {
+            generator.next(&Inputs { arm: &arm, target: None, period: step * 8, pace: 1.0 });
+        }
+        let seen = generator
+            .next(&Inputs { arm: &arm, target: Some(&target), period: bright + 8, pace: 1.0 })
+            .1;
+
+        assert_eq!((seen.mode, seen.exposure), (Mode::Track, 1.8));
+        let Window::Around { centre, .. } = seen.window else { panic!("{seen:?}") };
+        assert!((centre - pose.translation.vector).norm() < 1e-9, "{centre}");
     }
 
     #[test]

@@ -42,9 +42,12 @@ pub struct Phase {
     pub name: String,
     /// Simulated time that it took [s].
     pub sim_time_s: f64,
+    /// Time by the wall clock [s].
+    pub wall_time_s: f64,
 }
 
-/// Largest contact force and torque at one tool over the whole run, as the plant has them.
+/// Largest force and torque at one tool over the whole run: of the contact, as the plant has it, and as the wrist's
+/// sensor felt it, weight taken off, once a macrostep.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SensorPeak {
     /// Name of the effector.
@@ -53,6 +56,10 @@ pub struct SensorPeak {
     pub force_n: f64,
     /// Norm of the torque [Nm].
     pub torque_nm: f64,
+    /// Norm of the felt force [N].
+    pub felt_force_n: f64,
+    /// Norm of the felt torque [Nm].
+    pub felt_torque_nm: f64,
 }
 
 /// What a run comes to. Cubes are 54 letters URFDLB, named by the colours of the centres.
@@ -99,6 +106,12 @@ pub struct Summary {
     pub slips: u32,
     /// Times that the cube fell.
     pub drops: u32,
+    /// Times that the cube popped: tilt above 3 Nm or a pull above 50 N.
+    pub pops: u32,
+    /// Times that it was squeezed by more than 150 N.
+    pub crushed: u32,
+    /// Times that something touched what it should not.
+    pub collisions: u32,
     /// Task "`face_turn`": the layer's angle in the plant, positive in the asked sense [deg].
     pub turned_deg: Option<f64>,
     /// Phases in their order.
@@ -132,6 +145,9 @@ impl Summary {
             jams: 0,
             slips: 0,
             drops: 0,
+            pops: 0,
+            crushed: 0,
+            collisions: 0,
             turned_deg: None,
             phases: Vec::new(),
             hash: String::new(),
@@ -153,7 +169,7 @@ impl Summary {
     /// Simulated over wall-clock time.
     #[must_use]
     pub fn real_time_factor(&self) -> f64 {
-        if self.wall_time_s > 0.0 { self.sim_time_s / self.wall_time_s } else { 0.0 }
+        factor(self.sim_time_s, self.wall_time_s)
     }
 
     /// One line of JSON. A figure that is no number would become `null`; it is written as the largest
@@ -178,9 +194,10 @@ impl Summary {
     #[must_use]
     pub fn table(&self) -> String {
         let mut t = String::new();
-        row(&mut t, "phase", "simulated time");
+        row(&mut t, "phase", "simulated time, times real time");
         for phase in &self.phases {
-            row(&mut t, &phase.name, &format!("{:8.1} s", phase.sim_time_s));
+            let factor = factor(phase.sim_time_s, phase.wall_time_s);
+            row(&mut t, &phase.name, &format!("{:8.1} s {factor:9.1} x", phase.sim_time_s));
         }
         row(&mut t, "whole run", &format!("{:8.1} s", self.sim_time_s));
         t.push('\n');
@@ -195,13 +212,21 @@ impl Summary {
             row(
                 &mut t,
                 &format!("peak at {}", sensor.effector),
-                &format!("{:.1} N, {:.2} Nm", sensor.force_n, sensor.torque_nm),
+                &format!(
+                    "{:.1} N, {:.2} Nm; its sensor felt {:.1} N, {:.2} Nm",
+                    sensor.force_n, sensor.torque_nm, sensor.felt_force_n, sensor.felt_torque_nm
+                ),
             );
         }
         row(
             &mut t,
             "jams, slips, drops",
             &format!("{}, {}, {}", self.jams, self.slips, self.drops),
+        );
+        row(
+            &mut t,
+            "pops, crushes, bumps",
+            &format!("{}, {}, {}", self.pops, self.crushed, self.collisions),
         );
         if let Some(angle) = self.turned_deg {
             row(&mut t, "layer turned by", &format!("{angle:.1} deg"));
@@ -225,6 +250,10 @@ impl Summary {
         row(&mut t, verdict, &self.reason);
         t
     }
+}
+
+fn factor(sim_time_s: f64, wall_time_s: f64) -> f64 {
+    if wall_time_s > 0.0 { sim_time_s / wall_time_s } else { 0.0 }
 }
 
 fn row(table: &mut String, name: &str, value: &str) {
@@ -258,8 +287,11 @@ mod tests {
             jams: 0,
             slips: 0,
             drops: 0,
+            pops: 0,
+            crushed: 0,
+            collisions: 0,
             turned_deg: None,
-            phases: vec![Phase { name: "acquire".into(), sim_time_s: 10.0 }],
+            phases: vec![Phase { name: "acquire".into(), sim_time_s: 10.0, wall_time_s: 0.5 }],
             hash: "ab".into(),
         }
     }

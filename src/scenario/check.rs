@@ -1,6 +1,6 @@
 //! What no single key can say: that they agree with each other. And the way from keys to the cell.
 
-use super::keys::{BridgeKind, Coordination, Rule, Servo};
+use super::keys::{BridgeKind, Coordination, Rule, Servo, Task};
 use super::lists::{CameraKeys, Effector, MountKind, Vsp, VspKind};
 use super::section::Reader;
 use super::{
@@ -49,8 +49,19 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         .iter()
         .map(|c| source(&c.source, &key("camera", &c.name), folder, reader))
         .collect();
-    let vsps: Vec<Option<VspConfig>> =
-        draft.vsps.iter().map(|v| vsp(v, &draft.effectors, &draft.cameras, reader)).collect();
+    let vsps: Vec<Option<VspConfig>> = draft
+        .vsps
+        .iter()
+        .filter(|v| !v.name.is_empty())
+        .map(|v| vsp(v, &draft.effectors, &draft.cameras, reader))
+        .collect();
+    if root.task != Task::Idle && draft.effectors.len() == 1 {
+        let reason = format!(
+            "`task`: \"{}\" needs two effectors, the one on the track first; there is one",
+            root.task.word()
+        );
+        help(reader, "task", reason, Some("task = \"idle\" takes any number".to_owned()));
+    }
     if root.coordination == Coordination::Sporadic {
         // The visual servo runs in the first effector's ECP: a sensor that delivers elsewhere would leave it blind.
         for vsp in
@@ -97,6 +108,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
             vision: root.vision,
             planner,
             face_turn: root.face_turn,
+            idle: root.idle,
         },
         plant: PlantSection { cube_state, keys: root.plant },
     })
@@ -384,8 +396,23 @@ fn vsp(
         }
         (_, Some(name)) => {
             let index = cameras.iter().position(|c| c.name == name);
-            if index.is_none() {
-                fault(reader, &at, format!("`{at}`: there is no [[camera]] \"{name}\""));
+            match index.map(|i| cameras[i].mount) {
+                None => fault(reader, &at, format!("`{at}`: there is no [[camera]] \"{name}\"")),
+                Some(MountKind::Flange) if keys.kind == VspKind::Cube => {
+                    let reason = format!(
+                        "`{at}`: \"{name}\" rides on a flange; kind = \"cube\" needs a camera that \
+                         stands, mount = \"world\""
+                    );
+                    fault(reader, &at, reason);
+                }
+                Some(MountKind::World) if keys.kind == VspKind::Face => {
+                    let reason = format!(
+                        "`{at}`: \"{name}\" stands alone; kind = \"face\" needs a camera in a hand, \
+                         mount = \"flange\""
+                    );
+                    fault(reader, &at, reason);
+                }
+                Some(_) => {}
             }
             index.map(Some)
         }
@@ -469,6 +496,23 @@ mod tests {
     }
 
     #[test]
+    fn what_a_task_or_a_sensor_cannot_use_is_a_fault() {
+        let one = "camera = []\nvsp = []\n[[effector]]\nname = \"track\"\n";
+        assert!(faults(one, &[]).contains("\"solve\" needs two effectors"), "{}", faults(one, &[]));
+        assert_eq!(faults(&format!("task = \"idle\"\n{one}"), &[]), "");
+
+        let in_hand = faults("[[vsp]]\nname = \"mpc\"\ncamera = \"track_hand\"\n", &[]);
+        assert!(in_hand.contains("rides on a flange"), "{in_hand}");
+        let alone = faults("[[vsp]]\nname = \"gs1\"\ncamera = \"standalone\"\n", &[]);
+        assert!(alone.contains("stands alone"), "{alone}");
+        let nameless = faults("[[vsp]]\nkind = \"cube\"\n", &[]);
+        assert!(nameless.contains("has no name") && !nameless.contains("`vsp.`"), "{nameless}");
+
+        let over = Override::parse("effector.0.name=left").unwrap();
+        assert!(faults("", &[over]).contains("cannot rename"));
+    }
+
+    #[test]
     fn an_empty_scenario_is_the_built_in_cell() {
         let scenario = read(Path::new("t.toml"), "", &[]).unwrap();
 
@@ -521,7 +565,7 @@ mod tests {
 
     #[test]
     fn a_list_of_its_own_replaces_the_built_in_one() {
-        let text = "camera = []\nvsp = []\n[[effector]]\nname = \"track\"\nstart_d0_mm = 100\n";
+        let text = "task = \"idle\"\ncamera = []\nvsp = []\n[[effector]]\nname = \"track\"\nstart_d0_mm = 100\n";
 
         let scenario = read(Path::new("t.toml"), text, &[]).unwrap();
 
@@ -532,7 +576,7 @@ mod tests {
 
     #[test]
     fn what_hangs_on_a_missing_effector_is_left_out() {
-        let text = "[[effector]]\nname = \"postument\"\n";
+        let text = "task = \"idle\"\n[[effector]]\nname = \"postument\"\n";
 
         let scenario = read(Path::new("t.toml"), text, &[]).unwrap();
 

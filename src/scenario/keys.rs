@@ -14,6 +14,8 @@ words! {
         FaceTurn = "face_turn",
         /// Take the cube from the hand, and nothing else.
         Acquire = "acquire",
+        /// Hold the arms where they are: to try an arm, a bridge or the servo's timing.
+        Idle = "idle",
     }
 }
 
@@ -80,6 +82,16 @@ words! {
         Strict = "strict",
         /// The original's two operations, face turn and face change.
         Original = "original",
+    }
+}
+
+words! {
+    /// Which solution of the cube is carried out.
+    Strategy {
+        /// Of many that two-phase finds, the one that takes two arms the least time.
+        Robot = "robot",
+        /// The paper's: Korf's search up to 16 turns, and two-phase where that takes too long; the shortest counts.
+        Paper = "paper",
     }
 }
 
@@ -152,12 +164,14 @@ section! {
         angular_inertia [kgm2]: f64 = 0.5, 0.0..=100.0;
         /// Torque with which a layer is turned.
         turn_torque [nm]: f64 = 2.5, 0.1..=10.0;
+        /// Least mean torque that a turning layer must show: below it a grip slips instead.
+        turn_least_torque [nm]: f64 = 0.04, 0.0..=1.0;
         /// Speed of a turn in free motion.
         turn_speed [deg_s]: f64 = 25.0, 1.0..=180.0;
         /// Grip force of the jaws on the cube.
         grip [n]: f64 = 40.0, 1.0..=100.0;
         /// Force at which a step with contact is broken off.
-        force_limit [n]: f64 = 30.0, 1.0..=65.0;
+        force_limit [n]: f64 = 20.0, 1.0..=65.0;
         /// Torque at which a step with contact is broken off.
         torque_limit [nm]: f64 = 4.5, 0.1..=5.0;
         /// Force with which the last approach and the hand-over stop at contact.
@@ -170,6 +184,8 @@ section! {
         jaw_open_speed [mm_s]: f64 = 30.0, 0.5..=50.0;
         /// Speed of joints in free motion (original: half of 1.5 rad/s).
         joint_speed [deg_s]: f64 = 43.0, 1.0..=90.0;
+        /// Most of it for the tool's roll, whose gear allows half of what the other axes can do.
+        roll_speed [deg_s]: f64 = 45.0, 1.0..=90.0;
         /// Acceleration of joints in free motion (original: a tenth of 7 rad/s2).
         joint_acceleration [deg_s2]: f64 = 80.0, 1.0..=400.0;
         /// Speed of the prismatic track.
@@ -228,12 +244,24 @@ section! {
     Planner {
         /// How regrasps are planned.
         rule: Rule = Rule::Clearance;
+        /// Which solution is carried out.
+        strategy: Strategy = Strategy::Robot;
+        /// Nodes that Korf's search may visit before two-phase takes over (strategy "paper").
+        korf_node_budget: u64 = 20_000_000, 0.0..=1e12;
         /// Nodes that the search for turns may visit.
         node_budget: u64 = 2_000_000, 1000.0..=1e12;
         /// Solutions that are compared by their regrasps.
-        candidates: u32 = 24, 1.0..=10000.0;
+        candidates: u32 = 1000, 1.0..=10000.0;
         /// Declared cost of one node on the virtual clock.
         node_cost [us]: f64 = 0.1, 0.0..=1000.0;
+    }
+}
+
+section! {
+    /// What `task = "idle"` does.
+    Idle {
+        /// How long the arms are held.
+        time [s]: f64 = 10.0, 0.01..=86400.0;
     }
 }
 

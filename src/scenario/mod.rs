@@ -21,8 +21,8 @@ use crate::cube::{Cube, Facelets};
 use crate::servo::regulator::ServoGains;
 use fault::{Faults, Source};
 use keys::{
-    Bridge, CellKeys, Control, Coordination, CubeKeys, FaceTurn, HandKeys, Pace, Planner, Servo,
-    Task, VisionKeys, VisualServo,
+    Bridge, CellKeys, Control, Coordination, CubeKeys, FaceTurn, HandKeys, Idle, Pace, Planner,
+    Servo, Task, VisionKeys, VisualServo,
 };
 use lists::{CameraKeys, Effector, VspKind};
 use plant::PlantKeys;
@@ -76,6 +76,8 @@ pub struct ControllerConfig {
     pub planner: Planner,
     /// What `task = "face_turn"` does.
     pub face_turn: FaceTurn,
+    /// What `task = "idle"` does.
+    pub idle: Idle,
 }
 
 /// What an effector has beside its geometry.
@@ -201,6 +203,8 @@ section::section! {
         planner: Planner,
         /// Turning one layer.
         face_turn: FaceTurn,
+        /// An idle run.
+        idle: Idle,
         /// Regulators of the axes.
         servo: Servo,
         /// What only the simulated plant may read.
@@ -257,6 +261,16 @@ pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario,
         let name = over.option.clone();
         let source = Rc::new(Source { name, text: over.value.clone(), is_file: false });
         let value = tree::parse_value(&source);
+        let parts: Vec<&str> = over.key.split('.').collect();
+        if let [list, element, "name"] = parts[..]
+            && LISTS.contains(&list)
+            && over.value.trim_matches('"') != element
+        {
+            // What hangs on the old name, and the built-in values that come with it, would be lost silently.
+            let reason = format!("`{}`: an option cannot rename an element", over.key);
+            reader.faults.add(Some(&value.place), reason);
+            continue;
+        }
         adopt_list(&mut document, &built_in, &over.key);
         tree::set(&mut document, &over.key, value, &mut reader.faults);
     }

@@ -1,18 +1,34 @@
-//! From a cube to the turns that solve it: Kociemba's two-phase algorithm.
+//! From a cube to the turns that solve it: Kociemba's two-phase algorithm, and shortest solutions.
 //!
 //! - in: a [`Cube`](crate::cube::Cube), which can always be solved, [`Tables`], a [`Budget`] in nodes
 //! - out: turns, the same on every machine: the budget counts nodes, not time
 //! - source: H. Kociemba, <http://kociemba.org/cube.htm>; phase 1 leads into the group <U, D, R2, L2, F2, B2>,
 //!   phase 2 solves within it
 //!
-//! [`coordinates`] numbers what each phase looks at, [`symmetry`] folds it by 16, [`tables`] knows how far each
-//! state is from its goal, [`search`] walks.
+//! [`coordinates`] numbers what each phase looks at, [`symmetry`] folds it by 16, [`phase1`] and [`phase2`] know how
+//! far each state is from its goal, [`tables`] keeps them together, [`search`] walks, [`candidates`] gathers. [`optimal`]
+//! proves, and [`shortest`] has both work together; [`korf`] is how it was done in 2007.
 
+mod candidates;
 pub mod coordinates;
+pub mod korf;
+pub mod optimal;
+pub mod phase1;
+pub mod phase2;
 pub mod search;
+pub mod shortest;
 pub mod symmetry;
 pub mod table;
 pub mod tables;
+mod views;
 
-pub use search::{Budget, Solution, candidates, solve};
+pub use candidates::candidates;
+pub use search::{Budget, Solution, Watch, solve, solve_watched};
 pub use tables::Tables;
+
+/// Every table that a mode of the solver needs, the quickest to build first.
+#[must_use]
+pub fn all_tables() -> Vec<&'static table::TableSpec> {
+    let two_phase = [&phase2::BOUNDS, &phase1::NEAR, &phase2::EIGHT, &phase1::WIDE_TABLE];
+    two_phase.into_iter().chain(&korf::TABLES).chain(&optimal::TABLES).collect()
+}

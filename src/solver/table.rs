@@ -28,6 +28,9 @@ impl Workers for InTurn {
 /// Share of the work that is done, 0..=1.
 pub type Progress<'a> = &'a (dyn Fn(f64) + Sync);
 
+/// Counts the entries at each distance; what is wrong otherwise.
+pub type Verify = fn(&[u8], &dyn Workers) -> Result<Vec<u64>, String>;
+
 /// A table that can be made, kept and checked.
 #[derive(Debug, Clone, Copy)]
 pub struct TableSpec {
@@ -42,5 +45,5 @@ pub struct TableSpec {
     /// Makes all of its bytes, in native byte order.
     pub build: fn(&dyn Workers, Progress<'_>) -> Vec<u8>,
     /// Counts the entries at each distance and compares them with the known counts.
-    pub verify: fn(&[u8], &dyn Workers) -> Result<Vec<u64>, String>,
+    pub verify: Verify,
 }

@@ -5,6 +5,7 @@
 //! macrostep, or the ECPs on their own) is the shells' business.
 
 pub mod cube;
+pub mod idle;
 
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::ArmState;
@@ -18,11 +19,58 @@ pub trait Task: Send {
     /// ... and out.
     type Conclusion: std::fmt::Debug + Send + 'static;
 
-    /// The next action after an event. `arms` are the effectors' present states, in the scenario's order.
-    fn next(&mut self, event: Event<Self::Conclusion>, arms: &[ArmState]) -> Action<Self::Thought>;
+    /// The next action after an event.
+    fn next(
+        &mut self,
+        event: Event<Self::Conclusion>,
+        readings: &Readings<'_>,
+    ) -> Action<Self::Thought>;
+
+    /// What the operator should be told since the last call: where and why something was tried again.
+    fn notes(&mut self) -> Vec<String> {
+        Vec::new()
+    }
 
     /// Does the long work. A pure function of its argument.
     fn think(thought: Self::Thought) -> (Self::Conclusion, Effort);
+}
+
+/// What MP knows of the cell when a kernel decides.
+#[derive(Debug, Clone, Copy)]
+pub struct Readings<'a> {
+    /// The effectors' present states, in the scenario's order.
+    pub arms: &'a [ArmState],
+    /// The wrists' forces as their VSP aggregates them; zeros when the scenario has none.
+    pub forces: Forces,
+}
+
+/// Wrist forces of both effectors, as the VSP of the forces aggregates them.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Forces {
+    /// One entry an effector.
+    pub arms: [Felt; 2],
+}
+
+/// What one wrist feels, as norms at the tool.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Felt {
+    /// Force now [N].
+    pub force: f64,
+    /// Torque now [Nm].
+    pub torque: f64,
+    /// Largest force since the start [N].
+    pub peak_force: f64,
+    /// Largest torque since the start [Nm].
+    pub peak_torque: f64,
+}
+
+/// How a camera in a hand looks at one face.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// Where the face is expected: origin in its centre, x along columns, y along rows of reading order.
+    pub camera_from_face: Pose,
+    /// Exposure, as a multiple of the camera's nominal one.
+    pub exposure: f64,
 }
 
 /// How much work a thought was, for the virtual clock [s]; declared by the kernel, never measured.
@@ -49,8 +97,8 @@ pub enum Action<T> {
     Look {
         /// Effector that owns the camera.
         effector: usize,
-        /// Where the face is expected: origin in its centre, x along columns, y along rows of reading order.
-        camera_from_face: Pose,
+        /// How.
+        view: View,
     },
     /// Long work.
     Think(T),

@@ -6,7 +6,9 @@
 
 use super::homography::{self, GRID, OUTLINE, Point, apply};
 use super::lattice::{self, Lattice};
-use super::segment::{Edges, Tile, TileLimits, percentile};
+pub(super) use super::patch::Patch;
+use super::patch::TileSample;
+use super::segment::{Edges, Tile, TileLimits};
 use super::{FaceSighting, Rect, Refusal, colours, paper};
 use image::RgbImage;
 use nalgebra::Matrix3;
@@ -94,81 +96,7 @@ pub fn detect(
     if kept.is_empty() { Err(Refusal::TooSmall { width_px: widest }) } else { Ok(kept) }
 }
 
-/// The part of an image that is looked at, perhaps at a fraction of its size.
-#[derive(Debug)]
-pub(super) struct Patch {
-    rgb: Vec<u8>,
-    width: usize,
-    height: usize,
-    step: usize,
-    origin: (f64, f64),
-}
-
 impl Patch {
-    /// Copies a window that lies inside the image; `step` x `step` pixels become one.
-    pub(super) fn new(image: &RgbImage, window: Rect, step: usize) -> Self {
-        let stride = 3 * image.width() as usize;
-        let raw = image.as_raw();
-        let (width, height) = (window.width as usize / step, window.height as usize / step);
-        let mut rgb = Vec::with_capacity(3 * width * height);
-        for y in 0..height {
-            let row = (window.y as usize + y * step) * stride + 3 * window.x as usize;
-            if step == 1 {
-                rgb.extend_from_slice(&raw[row..row + 3 * width]);
-                continue;
-            }
-            let n = (step * step) as u32;
-            for x in 0..width {
-                let mut sum = [0u32; 3];
-                for dy in 0..step {
-                    let at = row + dy * stride + 3 * x * step;
-                    for pixel in raw[at..at + 3 * step].chunks_exact(3) {
-                        for (s, &v) in sum.iter_mut().zip(pixel) {
-                            *s += u32::from(v);
-                        }
-                    }
-                }
-                rgb.extend(sum.map(|s| ((s + n / 2) / n) as u8));
-            }
-        }
-        let origin = (f64::from(window.x), f64::from(window.y));
-        Self { rgb, width, height, step, origin }
-    }
-
-    /// Pixel of the whole image of a pixel of the patch.
-    pub(super) fn to_image(&self, p: Point) -> Point {
-        let step = self.step as f64;
-        ((p.0 + 0.5) * step - 0.5 + self.origin.0, (p.1 + 0.5) * step - 0.5 + self.origin.1)
-    }
-
-    /// Pixel of the patch of a pixel of the whole image.
-    pub(super) fn to_patch(&self, p: Point) -> Point {
-        let step = self.step as f64;
-        ((p.0 - self.origin.0 + 0.5) / step - 0.5, (p.1 - self.origin.1 + 0.5) / step - 0.5)
-    }
-
-    /// The pixel nearest to a point; `None` outside.
-    fn pixel(&self, p: Point) -> Option<[f64; 3]> {
-        let (x, y) = (p.0.round(), p.1.round());
-        if !(x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64) {
-            return None;
-        }
-        let at = 3 * (y as usize * self.width + x as usize);
-        Some([self.rgb[at], self.rgb[at + 1], self.rgb[at + 2]].map(f64::from))
-    }
-
-    /// Level of the brightest hundredth, and the share of clipped pixels.
-    pub(super) fn exposure(&self) -> (u8, f64) {
-        let mut counts = [0u32; 256];
-        let (mut total, mut clipped) = (0u32, 0u32);
-        for pixel in self.rgb.chunks_exact(3).step_by(7) {
-            counts[usize::from(pixel[0].max(pixel[1]).max(pixel[2]))] += 1;
-            clipped += u32::from(pixel[0].min(pixel[1]).min(pixel[2]) >= 250);
-            total += 1;
-        }
-        (percentile(&counts, total, 0.99), f64::from(clipped) / f64::from(total.max(1)))
-    }
-
     /// Tile candidates of the edge method at three thresholds, each tile once; the edges and the middle
     /// threshold go with them.
     pub(super) fn candidates(&self) -> (Vec<Tile>, Edges, u8) {
@@ -176,11 +104,11 @@ impl Patch {
         let (brightest, _) = self.exposure();
         // Dark pictures have weak edges; noisy ones need a higher floor.
         let contrast = (f64::from(brightest) / 255.0).clamp(0.2, 1.0);
-        let low = (11.0 * contrast).max(1.3 * f64::from(edges.floor()) + 3.0).min(40.0);
+        let low = (7.0 * contrast).max(1.3 * f64::from(edges.floor()) + 3.0).min(40.0);
         let mut limits = SHAPE;
         limits.area.1 = (self.width * self.height) as f64 / 9.0;
         let mut tiles: Vec<Tile> = Vec::new();
-        for factor in [1.0, 1.8, 3.4] {
+        for factor in [1.0, 1.6, 2.6, 4.2, 7.0] {
             let threshold = (low * factor).round().clamp(2.0, 120.0) as u8;
             merge(&mut tiles, edges.tiles(threshold, &limits).0);
         }
@@ -194,6 +122,8 @@ impl Patch {
             Method::Paper2007 => paper::tiles(&self.rgb, self.width, self.height).0,
         };
         let lattices = lattice::vote(&tiles, settings.least_tiles);
+        let (larger, lattices): (Vec<_>, Vec<_>) =
+            lattices.into_iter().partition(Lattice::is_larger);
         let mut faces: Vec<FaceSighting> =
             lattices.iter().map(|l| self.sighting(l, &tiles)).collect();
         faces.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
@@ -207,6 +137,8 @@ impl Patch {
             Refusal::TooDark { brightest }
         } else if clipped > 0.35 {
             Refusal::Overexposed { share: clipped }
+        } else if !larger.is_empty() {
+            Refusal::LargerLattice { beyond: larger.iter().map(|l| l.beyond).max().unwrap_or(0) }
         } else if let Some(confidence) = best {
             Refusal::Doubtful { confidence }
         } else if tiles.is_empty() {
@@ -243,22 +175,25 @@ impl Patch {
             rgb,
             colours,
             confidences,
-            confidence: support * fit * regular,
+            confidence: support * fit * regular * variety(&rgb),
         }
     }
+}
 
-    /// Samples the inside of the tile at grid place `g`.
-    pub(super) fn sample(&self, h: &Matrix3<f64>, g: Point, sticker: f64) -> TileSample {
-        let reach = 0.36 * sticker.clamp(0.4, 0.95);
-        let mut pixels: Vec<[f64; 3]> = Vec::with_capacity(49);
-        for i in -3..=3 {
-            for j in -3..=3 {
-                let at = (g.0 + reach * f64::from(i) / 3.0, g.1 + reach * f64::from(j) / 3.0);
-                pixels.extend(self.pixel(apply(h, at)));
-            }
-        }
-        TileSample::new(pixels)
-    }
+/// What the colours say for a cube, 0..=1: nine greys alike are a floor, a keyboard, a window more often than a
+/// face that is all white.
+fn variety(rgb: &[[f64; 3]; 9]) -> f64 {
+    let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    let saturation = most(&mut rgb.iter().map(|c| {
+        let (high, low) = (c[0].max(c[1]).max(c[2]), c[0].min(c[1]).min(c[2]));
+        (high - low) / high.max(1.0)
+    }));
+    let spread = most(&mut (0..3).map(|k| {
+        let level = |c: &[f64; 3]| c[k];
+        let high = rgb.iter().map(level).fold(0.0, f64::max);
+        high - rgb.iter().map(level).fold(255.0, f64::min)
+    }));
+    0.6 + 0.4 * (saturation / 0.4).max(spread / 100.0).min(1.0)
 }
 
 /// Adds tiles, each once: of two at one place the larger stays unless it is ragged.
@@ -283,37 +218,11 @@ pub(super) fn merge(tiles: &mut Vec<Tile>, more: Vec<Tile>) {
     }
 }
 
-/// What the pixels of one tile say.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct TileSample {
-    /// Trimmed mean colour, 0..=255.
-    pub(super) rgb: [f64; 3],
-    /// Mean distance from the trimmed mean over 255: 0 is an even tile.
-    pub(super) spread: f64,
-    /// Share of samples that lie in the image.
-    pub(super) inside: f64,
-}
-
-impl TileSample {
-    fn new(mut pixels: Vec<[f64; 3]>) -> Self {
-        let inside = pixels.len() as f64 / 49.0;
-        if pixels.is_empty() {
-            return Self { rgb: [0.0; 3], spread: 1.0, inside };
-        }
-        let sum = |p: &[f64; 3]| p[0] + 2.0 * p[1] + p[2];
-        // The darker half without its darkest: glare covers a part of a tile and makes it brighter, what is
-        // darkest may be a groove or a logo.
-        pixels.sort_by(|a, b| sum(a).total_cmp(&sum(b)));
-        let middle = &pixels[pixels.len() / 8..pixels.len().div_ceil(2)];
-        let n = middle.len() as f64;
-        let rgb = std::array::from_fn(|c| middle.iter().map(|p| p[c]).sum::<f64>() / n);
-        let spread = pixels
-            .iter()
-            .map(|p| (0..3).map(|c| (p[c] - rgb[c]).abs()).fold(0.0, f64::max))
-            .sum::<f64>()
-            / (255.0 * pixels.len() as f64);
-        Self { rgb, spread, inside }
-    }
+/// Tile candidates of a whole picture in its own pixels, as the default method makes them.
+#[must_use]
+pub fn candidates(image: &RgbImage) -> Vec<Tile> {
+    let whole = Rect { x: 0, y: 0, width: image.width(), height: image.height() };
+    Patch::new(image, whole, 1).candidates().0
 }
 
 /// A window around a face predicted by its outline, with a margin in widths of the face.

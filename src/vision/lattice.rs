@@ -26,7 +26,13 @@ pub struct Lattice {
     pub unevenness: f64,
     /// Side of a tile as a share of the pitch.
     pub sticker: f64,
+    /// How many of the 16 cells around the nine are held by a tile that fits as well as the nine do.
+    pub beyond: usize,
 }
+
+/// From this many cells around the nine on, the lattice is larger than 3x3: a floor, a keyboard, a cube of 4x4.
+/// Two faces seen at equal angles continue each other's columns, three cells of them.
+const LARGER: usize = 5;
 
 impl Lattice {
     /// How many cells are held.
@@ -39,6 +45,12 @@ impl Lattice {
     #[must_use]
     pub fn score(&self) -> f64 {
         self.count() as f64 - 30.0 * self.residual - 6.0 * self.unevenness
+    }
+
+    /// Whether the nine cells are a part of a larger lattice, so that they are no face of a 3x3 cube.
+    #[must_use]
+    pub fn is_larger(&self) -> bool {
+        self.beyond >= LARGER
     }
 
     /// The same lattice read so that columns run to the right and rows down the picture.
@@ -77,6 +89,7 @@ const GROWING: f64 = 0.28;
 /// All lattices of 3x3 that do not share tiles, best first.
 #[must_use]
 pub fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
+    let tiles = &Places::new(tiles);
     let near: Vec<Vec<Neighbour>> = (0..tiles.len()).map(|i| neighbours(tiles, i)).collect();
     let mut order: Vec<usize> = (0..tiles.len()).filter(|&i| near[i].len() >= 2).collect();
     order.sort_by_key(|&i| (std::cmp::Reverse(near[i].len().min(8)), i));
@@ -98,7 +111,69 @@ pub fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
         }
         found.push(best);
     }
-    distinct(found, tiles.len())
+    let mut kept = distinct(found, tiles.len());
+    for lattice in &mut kept {
+        lattice.beyond = beyond(tiles, lattice);
+    }
+    kept
+}
+
+/// Tiles that are found by place.
+#[derive(Debug)]
+struct Places<'a> {
+    tiles: &'a [Tile],
+    /// Indices by the column of the centre, and these columns.
+    order: Vec<usize>,
+    columns: Vec<f64>,
+}
+
+impl<'a> Places<'a> {
+    fn new(tiles: &'a [Tile]) -> Self {
+        let mut order: Vec<usize> = (0..tiles.len()).collect();
+        order.sort_by(|&a, &b| tiles[a].centre.0.total_cmp(&tiles[b].centre.0));
+        let columns = order.iter().map(|&i| tiles[i].centre.0).collect();
+        Self { tiles, order, columns }
+    }
+
+    /// The tiles within a square of half side `reach` around a place.
+    fn near(&self, place: Point, reach: f64) -> impl Iterator<Item = usize> {
+        let first = self.columns.partition_point(|&x| x < place.0 - reach);
+        let end = self.columns.partition_point(|&x| x <= place.0 + reach).max(first);
+        self.order[first..end]
+            .iter()
+            .copied()
+            .filter(move |&i| (self.tiles[i].centre.1 - place.1).abs() <= reach)
+    }
+}
+
+impl std::ops::Deref for Places<'_> {
+    type Target = [Tile];
+
+    fn deref(&self) -> &[Tile] {
+        self.tiles
+    }
+}
+
+/// Cells around the nine that hold a tile of the same size and form as the nine.
+fn beyond(tiles: &Places, lattice: &Lattice) -> usize {
+    let h = &lattice.homography;
+    let around = (0..25).map(|i| (f64::from(i % 5) - 2.0, f64::from(i / 5) - 2.0));
+    around
+        .filter(|g| g.0.abs().max(g.1.abs()) > 1.5)
+        .filter(|&g| {
+            let w = h[(2, 0)] * g.0 + h[(2, 1)] * g.1 + h[(2, 2)];
+            if w < 0.2 {
+                return false;
+            }
+            let (place, pitch) = (apply(h, g), cell_area(h, g).abs().sqrt());
+            tiles.near(place, 0.15 * pitch).any(|t| {
+                shape_in_cell(h, g, &tiles[t]).is_some_and(|[a, b, skew]| {
+                    let alike = |side: f64| (0.75..1.33).contains(&(side / lattice.sticker));
+                    alike(a) && alike(b) && skew.abs() < 0.25
+                })
+            })
+        })
+        .count()
 }
 
 /// Keeps the best of the lattices that share tiles or places.
@@ -139,7 +214,7 @@ struct Neighbour {
 }
 
 /// Tiles of about the same shape and size at about one pitch, nearest first.
-fn neighbours(tiles: &[Tile], i: usize) -> Vec<Neighbour> {
+fn neighbours(tiles: &Places, i: usize) -> Vec<Neighbour> {
     let me = &tiles[i];
     let [xx, xy, yy] = me.moments;
     // Cholesky factor of the moments: L^-1 whitens; a unit square has moments 1/12.
@@ -149,15 +224,10 @@ fn neighbours(tiles: &[Tile], i: usize) -> Vec<Neighbour> {
     let unit = 12f64.sqrt();
     let reach = 2.4 * unit * (xx + yy).sqrt();
     let mut near: Vec<Neighbour> = tiles
-        .iter()
-        .enumerate()
-        .filter(|&(j, other)| {
-            j != i
-                && (other.centre.0 - me.centre.0).abs() < reach
-                && (other.centre.1 - me.centre.1).abs() < reach
-                && alike(me, other)
-        })
-        .filter_map(|(j, other)| {
+        .near(me.centre, reach)
+        .filter(|&j| j != i && alike(me, &tiles[j]))
+        .filter_map(|j| {
+            let other = &tiles[j];
             let (dx, dy) = (other.centre.0 - me.centre.0, other.centre.1 - me.centre.1);
             let u = dx / l11;
             let whitened = (u / unit, (dy - l21 * u) / l22 / unit);
@@ -189,7 +259,7 @@ fn alike(a: &Tile, b: &Tile) -> bool {
 
 /// The best lattice that a seed and pairs of its neighbours propose.
 fn propose(
-    tiles: &[Tile],
+    tiles: &Places,
     near: &[Vec<Neighbour>],
     seed: usize,
     taken: &[bool],
@@ -230,7 +300,7 @@ fn propose(
 
 /// Grows a lattice over 5x5 cells around `seed` with `x` and `y` as its neighbours, and picks the best 3x3.
 fn grow(
-    tiles: &[Tile],
+    tiles: &Places,
     near: &[Vec<Neighbour>],
     seed: usize,
     x: usize,
@@ -340,9 +410,8 @@ fn predict(
 }
 
 /// Fits the homography, drops what does not lie on it, fills free cells with tiles that do.
-#[must_use]
-pub(super) fn settle(
-    tiles: &[Tile],
+fn settle(
+    tiles: &Places,
     mut held: [Option<usize>; 9],
     least: usize,
     taken: &[bool],
@@ -387,7 +456,8 @@ pub(super) fn settle(
                 if held[i].is_some() {
                     continue;
                 }
-                let fill = (0..tiles.len())
+                let fill = tiles
+                    .near(centres[i], 0.3 * pitch)
                     .filter(|&t| {
                         !taken[t]
                             && (0.2..1.1).contains(&(tiles[t].area / cell[i]))
@@ -436,7 +506,8 @@ pub(super) fn settle(
         if residual > 0.14 {
             return None;
         }
-        return Some(Lattice { homography: h, tiles: held, residual, unevenness, sticker });
+        let beyond = 0;
+        return Some(Lattice { homography: h, tiles: held, residual, unevenness, sticker, beyond });
     }
     None
 }

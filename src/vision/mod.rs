@@ -23,16 +23,20 @@ mod edges;
 mod fit;
 pub mod homography;
 pub mod lattice;
+pub mod likeliest;
 pub mod paper;
+mod patch;
 pub mod pose;
 pub mod refine;
 pub mod segment;
 pub mod sensor;
+pub mod table;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod tracker;
 pub mod undistort;
 pub mod watcher;
+pub mod whole;
 
 use crate::spatial::Pose;
 
@@ -100,6 +104,12 @@ pub enum Refusal {
     NoLattice {
         /// Number of candidates.
         tiles: usize,
+    },
+    /// Tiles that form a lattice of more than 3x3.
+    #[error("a lattice larger than 3x3: {beyond} more tiles around nine")]
+    LargerLattice {
+        /// Tiles of the same size and pitch beside the nine, of 16.
+        beyond: usize,
     },
     /// A lattice that is not good enough to report.
     #[error("a lattice was found, but its confidence is only {confidence:.2}")]

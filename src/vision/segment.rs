@@ -58,24 +58,29 @@ impl Edges {
         if width < 3 || height < 3 {
             return Self { width, height, strength };
         }
-        let mut range = vec![0u8; row];
+        let inner = row - 6;
+        let (mut range, mut largest) = (vec![0u8; inner + 2], vec![0u8; inner]);
         for y in 1..height - 1 {
             let at = y * row;
             let up = &smooth[at - row..at];
             let here = &smooth[at..at + row];
             let down = &smooth[at + row..at + 2 * row];
-            let inner = row - 6;
             // Five byte-wise streams of equal length: the compiler makes vector code of this loop.
             let (l, c, r) = (&here[..inner], &here[3..3 + inner], &here[6..6 + inner]);
-            let (u, d, out) = (&up[3..3 + inner], &down[3..3 + inner], &mut range[3..3 + inner]);
+            let (u, d, out) = (&up[3..3 + inner], &down[3..3 + inner], &mut range[..inner]);
             for i in 0..inner {
                 let high = l[i].max(c[i]).max(r[i]).max(u[i]).max(d[i]);
                 let low = l[i].min(c[i]).min(r[i]).min(u[i]).min(d[i]);
                 out[i] = high - low;
             }
+            // The largest of three channels, for all bytes at once; each third one is wanted.
+            let (first, second, third) = (&range[..inner], &range[1..=inner], &range[2..]);
+            for (((largest, a), b), c) in largest.iter_mut().zip(first).zip(second).zip(third) {
+                *largest = (*a).max(*b).max(*c);
+            }
             let line = &mut strength[y * width + 1..(y + 1) * width - 1];
-            for (pixel, channels) in line.iter_mut().zip(range[3..3 + inner].chunks_exact(3)) {
-                *pixel = channels[0].max(channels[1]).max(channels[2]);
+            for (pixel, channels) in line.iter_mut().zip(largest.chunks_exact(3)) {
+                *pixel = channels[0];
             }
         }
         Self { width, height, strength }
@@ -94,27 +99,51 @@ impl Edges {
                 total += 1;
             }
         }
-        percentile(&counts, total, 0.5)
+        percentile(&counts, total, 0.15)
     }
 
     /// The 4-connected regions whose edge strength is below `threshold` and that look like tiles.
     #[must_use]
     pub fn tiles(&self, threshold: u8, limits: &TileLimits) -> (Vec<Tile>, usize) {
         let mut runs = Runs::default();
-        for y in 0..self.height {
-            let line = &self.strength[y * self.width..(y + 1) * self.width];
+        for (y, line) in self.strength.chunks_exact(self.width.max(1)).enumerate() {
             runs.begin_row();
-            let mut x = 0;
-            while x < line.len() {
-                let Some(first) = line[x..].iter().position(|&e| e < threshold) else { break };
-                let start = x + first;
-                let length = line[start..].iter().position(|&e| e >= threshold);
-                let end = length.map_or(line.len(), |n| start + n);
-                runs.push(start, end, y);
-                x = end;
-            }
+            runs_below(line, threshold, |start, end| runs.push(start, end, y));
         }
         runs.tiles(limits)
+    }
+}
+
+/// Hands over the first and the one after the last place of each run of values below `threshold`.
+fn runs_below(line: &[u8], threshold: u8, mut run: impl FnMut(usize, usize)) {
+    let mut start = 0;
+    let mut inside = 0u64;
+    for (block, values) in line.chunks(64).enumerate() {
+        // One bit a value: compared eight at a time, gathered by a multiplication.
+        let mut below = [0u8; 64];
+        for (flag, value) in below.iter_mut().zip(values) {
+            *flag = u8::from(*value < threshold);
+        }
+        let mut mask = 0u64;
+        for (k, eight) in below.as_chunks::<8>().0.iter().enumerate() {
+            let gathered = u64::from_le_bytes(*eight).wrapping_mul(0x0102_0408_1020_4080) >> 56;
+            mask |= gathered << (8 * k);
+        }
+        let mut changes = mask ^ (mask << 1 | inside);
+        inside = mask >> 63;
+        while changes != 0 {
+            let bit = changes.trailing_zeros() as usize;
+            changes &= changes - 1;
+            let at = 64 * block + bit;
+            if mask >> bit & 1 == 1 {
+                start = at;
+            } else {
+                run(start, at);
+            }
+        }
+    }
+    if inside == 1 {
+        run(start, line.len());
     }
 }
 
@@ -333,6 +362,26 @@ mod tests {
         });
 
         assert!(Edges::new(&rgb, 80, 60).tiles(20, &LIMITS).0.is_empty());
+    }
+
+    #[test]
+    fn runs_are_those_of_a_plain_scan() {
+        let values: Vec<u8> =
+            (0..333u32).map(|i| ((i * i * 2654) >> 7) as u8 / (1 + (i / 100) as u8)).collect();
+        for length in [0, 1, 63, 64, 65, 128, 200, 333] {
+            let mut plain = Vec::new();
+            for (i, _) in values[..length].iter().enumerate().filter(|(_, v)| **v < 90) {
+                match plain.last_mut() {
+                    Some((_, end)) if *end == i => *end = i + 1,
+                    _ => plain.push((i, i + 1)),
+                }
+            }
+            let mut runs = Vec::new();
+
+            runs_below(&values[..length], 90, |start, end| runs.push((start, end)));
+
+            assert_eq!(runs, plain, "{length}");
+        }
     }
 
     #[test]

@@ -6,14 +6,15 @@
 //!   colour stage inside the predicted window, then the chosen detector there, then in the whole picture; pose on the
 //!   edges of all visible faces; constant-velocity Kalman filter with gating
 
+use super::detect::window_around;
 use super::pose::CubeLocation;
 use super::refine::{locate_in, refine_in};
 use super::tracker::{Prediction, Tracker, TrackerSettings, Update};
-use super::{DetectorSettings, FaceSighting, Method, Refusal, detect};
+use super::{DetectorSettings, FaceSighting, Method, Rect, Refusal, detect};
 use crate::cell::Intrinsics;
 use crate::spatial::Pose;
 use image::RgbImage;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Point3, Vector3};
 
 /// Where the cube is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,16 +66,31 @@ impl CubeWatcher {
         }
     }
 
-    /// Takes a frame exposed at `time` [s].
+    /// Takes a frame exposed at `time` [s]. Searched first is the window that the track predicts, or else the
+    /// surroundings of `near` (centre in the world and reach [m]); `elsewhere` says whether the whole picture is
+    /// searched when nothing is there.
     ///
     /// # Errors
     /// Why no cube was found, or why what was found is not believed.
-    pub fn observe(&mut self, image: &RgbImage, time: f64) -> Result<Watched, Refusal> {
+    pub fn observe(
+        &mut self,
+        image: &RgbImage,
+        time: f64,
+        near: Option<(Vector3<f64>, f64)>,
+        elsewhere: bool,
+    ) -> Result<Watched, Refusal> {
         let predicted = self.tracker.predict(time);
         let tracked = predicted.as_ref().and_then(|p| self.follow(image, p));
         let location = match tracked {
             Some(location) => location,
-            None => self.search(image, time, predicted.as_ref())?,
+            None => {
+                let camera_from_world = self.world_from_camera.inverse();
+                let window = self
+                    .tracker
+                    .window(time, &camera_from_world, &self.intrinsics, self.edge)
+                    .or_else(|| near.and_then(|(centre, reach)| self.around(&centre, reach)));
+                self.search(image, window, elsewhere, predicted.as_ref())?
+            }
         };
         let rotation = self.world_from_camera.rotation.to_rotation_matrix();
         let spread: Matrix3<f64> = location.covariance.fixed_view::<3, 3>(0, 0).into_owned();
@@ -98,32 +114,47 @@ impl CubeWatcher {
         (location.residual_px < FOLLOWED && width >= LEAST_EDGE).then_some(location)
     }
 
-    /// The cube by detection: in the predicted window, then everywhere.
+    /// The cube by detection: in a window by its colours, or else as the settings say; then everywhere, if wanted.
     fn search(
         &self,
         image: &RgbImage,
-        time: f64,
+        window: Option<Rect>,
+        elsewhere: bool,
         predicted: Option<&Prediction>,
     ) -> Result<CubeLocation, Refusal> {
-        let camera_from_world = self.world_from_camera.inverse();
-        let window = self.tracker.window(time, &camera_from_world, &self.intrinsics, self.edge);
         let by_colour = DetectorSettings { method: Method::Paper2007, ..self.settings };
-        let in_window = window.and_then(|window| {
-            [&by_colour, &self.settings]
-                .into_iter()
-                .find_map(|s| detect(image, Some(window), s).ok())
-        });
-        let faces = match in_window {
+        // Colours are quick where a track says that there is a cube; they are no judge of whether there is one.
+        let quick = window
+            .filter(|_| predicted.is_some())
+            .and_then(|window| detect(image, Some(window), &by_colour).ok());
+        let faces = match quick {
             Some(faces) => faces,
-            None => detect(image, None, &self.settings)?,
+            None => match (detect(image, window, &self.settings), window) {
+                (Err(_), Some(_)) if elsewhere => detect(image, None, &self.settings)?,
+                (found, _) => found?,
+            },
         };
         let widest = faces.iter().map(FaceSighting::width_px).fold(0.0, f64::max);
         if widest < LEAST_EDGE {
             return Err(Refusal::TooSmall { width_px: widest });
         }
-        let hint = predicted.map(|p| camera_from_world * p.pose);
+        let hint = predicted.map(|p| self.world_from_camera.inverse() * p.pose);
         locate_in(image, &faces, &self.intrinsics, self.edge, hint.as_ref())
             .filter(|l| l.residual_px < RESIDUAL)
             .ok_or(Refusal::NotExpected { matched: 0 })
+    }
+
+    /// The part of the picture that shows a cube whose centre is within `reach` of a place [m].
+    fn around(&self, centre: &Vector3<f64>, reach: f64) -> Option<Rect> {
+        let seen = self.world_from_camera.inverse() * Point3::from(*centre);
+        if seen.z < 0.1 {
+            return None;
+        }
+        let half_diagonal = 0.5 * 3.0_f64.sqrt() * self.edge;
+        let radius =
+            (half_diagonal + reach) * self.intrinsics.focal.0.max(self.intrinsics.focal.1) / seen.z;
+        let (x, y) = self.intrinsics.project(&seen);
+        let corners = [(x - radius, y - radius), (x + radius, y + radius)];
+        window_around(&corners, 0.0)?.inside(self.intrinsics.width, self.intrinsics.height)
     }
 }

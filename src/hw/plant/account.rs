@@ -1,4 +1,4 @@
-//! The plant's bookkeeping at the end of a period: peaks, slips, drops, pops, jams, collisions.
+//! The plant's bookkeeping at the end of a period: peaks, slips, drops, pops, stuck layers, collisions.
 //!
 //! - in: the plant's state
 //! - out: its [`Verdict`](super::Verdict), and what the operator sees and feels
@@ -15,7 +15,7 @@ use crate::spatial::Twist;
 
 /// Looks for a loaded layer that does not move.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct JamWatch {
+pub(super) struct StillWatch {
     pub(super) angle: f64,
     pub(super) since: u64,
     pub(super) reported: bool,
@@ -51,8 +51,8 @@ impl Plant {
             }
             let grasp = self.grasps[i];
             let (distance, angle) = grasp.slip;
-            if grasp.attached && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians())
-            {
+            let held = grasp.attached && !self.jaws[i].opens();
+            if held && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians()) {
                 self.grasps[i].reported = true;
                 self.verdict.counts.slips += 1;
                 self.record(Incident::Slip { arm: i, distance, angle });
@@ -65,7 +65,7 @@ impl Plant {
             }
         }
         self.look_for_drop();
-        self.look_for_pop_and_jam();
+        self.look_for_pop_and_stuck();
         let sight = Sight {
             cube: self.core,
             speed: self.velocity.linear.norm(),
@@ -142,7 +142,7 @@ impl Plant {
         self.record(Incident::Drop { arm: self.last_holder });
     }
 
-    fn look_for_pop_and_jam(&mut self) {
+    fn look_for_pop_and_stuck(&mut self) {
         let Some(split) = self.balance.split else { return };
         let interface = self.balance.interface;
         self.verdict.turned = self.relative_angle() - self.angle_at_split;
@@ -155,13 +155,13 @@ impl Plant {
         let off = self.puzzle.misalignment(split.axis);
         let loaded = interface.torque.abs() > 0.5 * interface.limit;
         if (angle - self.watch.angle).abs() > 1_f64.to_radians() {
-            self.watch = JamWatch { angle, since: self.period, reported: false };
+            self.watch = StillWatch { angle, since: self.period, reported: false };
         } else if !loaded || off < 3_f64.to_radians() {
             self.watch.since = self.period;
         } else if !self.watch.reported && (self.period - self.watch.since) as f64 * PERIOD > 3.0 {
             self.watch.reported = true;
-            self.verdict.counts.jams += 1;
-            self.record(Incident::Jam {
+            self.verdict.counts.stuck += 1;
+            self.record(Incident::Stuck {
                 axis: Axis::ALL[split.axis],
                 angle: off,
                 torque: interface.torque,

@@ -3,7 +3,7 @@
 //! - in: the pads' contacts
 //! - out: grasps that close and open, the split of the cube
 
-use super::account::JamWatch;
+use super::account::StillWatch;
 use super::balance::{Split, layer_angle};
 use super::cube::{Layers, MIDDLE};
 use super::frame::{Frame, about, nearest_alignment};
@@ -94,7 +94,7 @@ impl Plant {
         self.balance.regroup(split, &mut self.puzzle, &mut self.grasps);
         if split != before {
             self.angle_at_split = self.relative_angle();
-            self.watch = JamWatch { since: self.period, ..JamWatch::default() };
+            self.watch = StillWatch { since: self.period, ..StillWatch::default() };
             if split.is_some() {
                 self.verdict.turned = 0.0;
             }

@@ -9,6 +9,8 @@ use crate::cell::Gripper;
 use crate::servo::io::ArmDrive;
 use std::f64::consts::TAU;
 
+/// Slower than this a jaw that gives way is not one that opens [m/s].
+const OPENS: f64 = 1e-3;
 /// Speed over which the jaw's friction builds up [m/s].
 const CREEP: f64 = 1e-4;
 
@@ -83,6 +85,11 @@ impl PlantJaw {
             self.motor += (stopped - opening) / slope;
             self.speed = 0.0;
         }
+    }
+
+    /// Whether it opens: what moves between the pads then is let go, it does not slip.
+    pub(super) fn opens(&self) -> bool {
+        self.speed > OPENS
     }
 
     /// Encoder counter.

@@ -33,7 +33,7 @@ pub use config::{
 };
 pub use verdict::{Counts, Event, Incident, Part, Verdict, Whereabouts};
 
-use self::account::JamWatch;
+use self::account::StillWatch;
 use self::arm::PlantArm;
 use self::balance::{Balance, HandHold, Surroundings, moved};
 use self::collision::Collisions;
@@ -79,7 +79,7 @@ pub struct Plant {
     period: u64,
     core: Frame,
     velocity: Twist,
-    watch: JamWatch,
+    watch: StillWatch,
     collisions: Collisions,
     fronts: [bool; 2],
     popped: bool,
@@ -161,7 +161,7 @@ impl Plant {
             period: 0,
             core: world_from_cube,
             velocity: Twist::default(),
-            watch: JamWatch::default(),
+            watch: StillWatch::default(),
             collisions: Collisions::default(),
             fronts: [false; 2],
             popped: false,
@@ -233,6 +233,12 @@ impl Plant {
             State::Held => Whereabouts::Hand,
         };
         verdict
+    }
+
+    /// Relative rotation of the two grasped parts since both hold [rad], as in [`Verdict::turned`].
+    #[must_use]
+    pub fn turned(&self) -> f64 {
+        self.verdict.turned
     }
 
     /// The true values of the cell.

@@ -49,8 +49,8 @@ pub struct Verdict {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
     /// A loaded layer stood still for 3 s away from every quarter.
-    pub jams: u32,
-    /// A grip slipped by more than 3 deg or 1 mm.
+    pub stuck: u32,
+    /// A grip slipped by more than 3 deg or 1 mm while its jaws were not opening.
     pub slips: u32,
     /// The cube fell.
     pub drops: u32,
@@ -102,8 +102,8 @@ pub enum Incident {
         /// Which arm.
         arm: usize,
     },
-    /// A layer jammed at this angle [rad].
-    Jam {
+    /// A loaded layer stood still for 3 s at this angle [rad].
+    Stuck {
         /// Axis of the layer.
         axis: Axis,
         /// Distance from the nearest quarter [rad].

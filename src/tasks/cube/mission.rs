@@ -11,15 +11,16 @@ use std::collections::VecDeque;
 
 use super::belief::Belief;
 use super::hold::{Grip, Hand, Hold, Step};
-use super::plan::{Reachable, Terms};
-use super::settings::{ComplianceChoice, CompliantArm, CubeSettings};
-use super::think::{Conclusion, Thought};
+use super::plan::Planner;
+use super::plan::explain::Line;
+use super::settings::{ComplianceChoice, CompliantArm, CubeSettings, LEAVE_SECONDS};
+use super::think::{Conclusion, NoAnswer, Thought};
 use crate::cube::{Axis, Face};
 use crate::generators::{Behaviour, Outcome, visual_servo};
 use crate::motion::{ArmState, Depth, JawCommand, JointPositions};
 use crate::reach::Meeting;
 use crate::spatial::Pose;
-use crate::tasks::{Action, Event, Finish, Task, Until};
+use crate::tasks::{Action, Event, Finish, Readings, Task, Until, View};
 
 /// What the kernel is to do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -129,6 +130,12 @@ pub struct Mission {
     /// Where the track stood when it had taken the cube.
     hand_over: Option<JointPositions>,
     turned: f64,
+    /// The operator has been offered the cube.
+    with_operator: bool,
+    /// How often all faces were looked at.
+    rounds: u32,
+    /// Why the cube goes back unsolved.
+    failure: Option<String>,
     /// The turn of the plan that is being made.
     turning: Option<crate::cube::Turn>,
     /// Facts for the summary.
@@ -147,16 +154,16 @@ pub struct MissionLog {
     /// Jaw closings on the cube between identification and hand-back.
     pub grasps: u32,
     /// The plan's steps in words.
-    pub plan: Vec<String>,
-    /// Notes for the operator: where and why something was tried again.
+    pub plan: Vec<Line>,
+    /// Notes for the operator that were not told yet.
     pub notes: Vec<String>,
 }
 
 const ARMS_APART: [Option<JointPositions>; 2] = [None, None];
-/// Jaw opening with which a hand leaves the operator's hand or the partner: the full one.
-const LEAVE_SECONDS: f64 = 1.2;
 /// Retries of a stalled turn.
 const TURN_TRIES: u32 = 2;
+/// Rounds of looks at all faces, the second at another exposure.
+const LOOK_ROUNDS: u32 = 2;
 /// Looks at one face before it counts as unreadable, and the steps between them in the viewer's tool axes [m].
 const LOOK_TRIES: u32 = 6;
 const NUDGES: [[f64; 3]; 5] = [
@@ -166,6 +173,8 @@ const NUDGES: [[f64; 3]; 5] = [
     [0.014, 0.014, 0.0],
     [-0.028, 0.0, 0.0],
 ];
+/// Exposures of the looks at one face: glare and shadow each hide stickers at one of them.
+const EXPOSURES: [f64; 3] = [1.0, 0.6, 1.6];
 const TAKE_TRIES: u32 = 3;
 /// Least width of a cube between the jaws, as a share of its edge.
 const LEAST_WIDTH: f64 = 0.9;
@@ -190,6 +199,9 @@ impl Mission {
             seen: [None; 54],
             hand_over: None,
             turned: 0.0,
+            with_operator: false,
+            rounds: 1,
+            failure: None,
             turning: None,
             log: MissionLog::default(),
         }
@@ -277,8 +289,8 @@ impl Mission {
         arms: &[ArmState],
     ) -> Result<(), String> {
         for (hand, outcome) in [Hand::Track, Hand::Postument].into_iter().zip(outcomes) {
-            if let Some(Outcome::OverForce(direction, size)) = outcome {
-                return Err(over_force(hand, direction, size, &job));
+            if let Some(alarm) = outcome.filter(Outcome::alarms) {
+                return Err(format!("{alarm}, at the {} hand while {}", name(hand), doing(&job)));
             }
         }
         let of = |hand: Hand| outcomes[hand.index()];
@@ -400,6 +412,7 @@ impl Mission {
                 "jam: the face stands still after {:.0} deg under {torque:.1} Nm",
                 (self.turned + turned).to_degrees()
             )),
+            Some(slipped @ Outcome::Slipped(..)) => Err(slipped.to_string()),
             other => Err(format!("the turn ended otherwise: {}", Outcome::words(other))),
         }
     }
@@ -443,15 +456,53 @@ impl Mission {
                 ]);
                 Ok(())
             }
-            Err(reason) => Err(format!("face {} cannot be read: {reason}", face.letter())),
+            Err(reason) => {
+                self.give_back(format!("face {} cannot be read: {reason}", face.letter()))
+            }
         }
     }
 
+    /// Whoever holds the cube alone.
+    fn holder(&self) -> Result<Hand, String> {
+        [Hand::Track, Hand::Postument]
+            .into_iter()
+            .find(|h| self.belief.held[h.index()].is_some())
+            .ok_or_else(|| "nobody holds the cube".to_owned())
+    }
+
+    /// The task cannot be done: the cube goes back to the operator as it is, with the reason.
+    fn give_back(&mut self, reason: String) -> Result<(), String> {
+        self.log.notes.push(format!("{reason}: the cube is handed back"));
+        let holder = self.holder()?;
+        let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
+        let start = (holder, Grip { hold: held.hold, half_roll: held.half_roll });
+        let way = Planner::new(&self.settings).of(&[Vec::new()], start);
+        let steps = way.map_err(|e| format!("{reason}; {e}"))?.steps;
+        self.failure = Some(reason);
+        self.queue.clear();
+        self.queue.extend(steps.into_iter().map(Job::Step));
+        self.queue.extend([Job::HandBack, Job::Finish { achieved: false }]);
+        Ok(())
+    }
+
     fn planned(&mut self, conclusion: Conclusion) -> Result<(), String> {
-        let answer = conclusion.0.map_err(|refusal| format!("no plan: {refusal}"))?;
+        let answer = match conclusion.0 {
+            Ok(answer) => answer,
+            Err(NoAnswer::Unread(reason)) if self.rounds < LOOK_ROUNDS => {
+                self.log.notes.push(format!("{reason}: all faces are looked at again"));
+                self.rounds += 1;
+                self.seen = [None; 54];
+                let holder = self.holder()?;
+                self.queue.extend([Job::Phase("identify again"), Job::LooksFrom(holder)]);
+                return Ok(());
+            }
+            Err(NoAnswer::Unread(reason) | NoAnswer::Unplanned(reason)) => {
+                return self.give_back(reason);
+            }
+        };
         self.log.identified = Some(answer.identified);
         self.log.solution.clone_from(&answer.turns);
-        self.log.plan = answer.explanation;
+        self.log.plan = answer.lines;
         self.log.grasps = 0;
         self.belief.renamed(answer.rotation);
         self.queue.push_back(Job::Phase("solve"));
@@ -600,21 +651,20 @@ impl Mission {
                 self.unfold_step(step)?;
                 return Ok(None);
             }
-            Job::Look { viewer, face, .. } => {
+            Job::Look { viewer, face, tries } => {
                 let camera_from_face = self
                     .belief
                     .face_in_camera(viewer, face, arms)
                     .ok_or("there is no camera in that hand, or no cube in the other")?;
-                Action::Look { effector: viewer.index(), camera_from_face }
+                let exposure = EXPOSURES[(tries + self.rounds - 2) as usize % EXPOSURES.len()];
+                let view = View { camera_from_face, exposure };
+                Action::Look { effector: viewer.index(), view }
             }
             Job::LooksFrom(hand) => {
                 let held = self.belief.held[hand.index()].ok_or("nothing is held")?;
-                let steps = super::identify::looks(
-                    (hand, Grip { hold: held.hold, half_roll: held.half_roll }),
-                    &Terms::of(self.settings.rule),
-                    &Reachable { table: &self.settings.meetings },
-                )
-                .map_err(|e| e.to_string())?;
+                let start = (hand, Grip { hold: held.hold, half_roll: held.half_roll });
+                let (steps, _) =
+                    Planner::new(&self.settings).looks(start).map_err(|e| e.to_string())?;
                 self.queue.extend(steps.into_iter().map(Job::Step));
                 self.queue.extend([Job::Phase("plan"), Job::Plan]);
                 return Ok(None);
@@ -640,24 +690,35 @@ impl Mission {
                 return Ok(None);
             }
             Job::Present { .. } => {
-                let order =
-                    Behaviour::Present { pull: s.pull, selector: [false; 6], seconds: 20.0 };
+                self.with_operator = true;
+                let selector = s.grasp_selector();
+                let order = Behaviour::Present { pull: s.pull, selector, seconds: 20.0 };
                 behave(Hand::Track, order)
             }
             Job::Finish { achieved } => {
-                Action::Finish(Finish { achieved, reason: "the cube was handed back".into() })
+                let back = "the cube was handed back";
+                let reason = match &self.failure {
+                    Some(failure) => format!("{failure}; {back} as it is"),
+                    None => back.to_owned(),
+                };
+                Action::Finish(Finish { achieved, reason })
             }
         };
         Ok(Some(action))
     }
 
     fn open(&self, hand: Hand, opening: f64) -> Behaviour {
-        // While the partner holds the cube too, what is strained between the hands gives way before the pads do.
+        // While the partner or the operator holds the cube too, what is strained between the hands gives way before
+        // the pads do.
         let chained = self.belief.held[hand.other().index()].is_some() && !self.apart;
         Behaviour::Jaw {
             jaw: JawCommand { opening, force_limit: self.settings.grip, stops: Depth::One },
             seconds: LEAVE_SECONDS,
-            selector: if chained { self.settings.grasp_selector() } else { [false; 6] },
+            selector: if chained || self.with_operator {
+                self.settings.grasp_selector()
+            } else {
+                [false; 6]
+            },
         }
     }
 
@@ -741,8 +802,7 @@ impl Mission {
         Ok(match quarters {
             1 => quarter,
             3 => -quarter,
-            _ if room.1 > -room.0 => 2.0 * quarter,
-            _ => -2.0 * quarter,
+            _ => half_turn(room),
         })
     }
 
@@ -760,6 +820,7 @@ impl Mission {
             angle,
             speed: s.turn_speed,
             torque: s.turn_torque,
+            least_torque: s.turn_least_torque,
             selector: turner_selector,
             stiff,
         });
@@ -772,19 +833,17 @@ impl Mission {
         for (i, seen) in self.seen.iter().enumerate() {
             rgb[i] = seen.ok_or_else(|| format!("sticker {i} was never seen"))?;
         }
-        let holder = [Hand::Track, Hand::Postument]
-            .into_iter()
-            .find(|h| self.belief.held[h.index()].is_some())
-            .ok_or("nobody holds the cube")?;
+        let holder = self.holder()?;
         let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
         Ok(Action::Think(Thought {
             rgb,
+            particular: self.rounds < LOOK_ROUNDS,
             start: (holder, Grip { hold: held.hold, half_roll: held.half_roll }),
-            rule: self.settings.rule,
+            strategy: self.settings.strategy.clone(),
+            planner: Planner::new(&self.settings),
             nodes: self.settings.nodes,
             candidates: self.settings.candidates,
             seconds_per_node: self.settings.seconds_per_node,
-            meetings: self.settings.meetings.clone(),
         }))
     }
 
@@ -808,7 +867,8 @@ impl Task for Mission {
     type Thought = Thought;
     type Conclusion = Conclusion;
 
-    fn next(&mut self, event: Event<Conclusion>, arms: &[ArmState]) -> Action<Thought> {
+    fn next(&mut self, event: Event<Conclusion>, readings: &Readings<'_>) -> Action<Thought> {
+        let arms = readings.arms;
         if let Err(reason) = self.digest(event, arms) {
             return self.fail(reason);
         }
@@ -825,9 +885,18 @@ impl Task for Mission {
         self.fail("the task has nothing left to do")
     }
 
+    fn notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.log.notes)
+    }
+
     fn think(thought: Thought) -> (Conclusion, crate::tasks::Effort) {
         super::think::think(&thought)
     }
+}
+
+/// A half turn goes where the wrist has room.
+fn half_turn(room: (f64, f64)) -> f64 {
+    if room.1 > -room.0 { std::f64::consts::PI } else { -std::f64::consts::PI }
 }
 
 fn behave(hand: Hand, behaviour: Behaviour) -> Action<Thought> {
@@ -843,17 +912,12 @@ fn name(hand: Hand) -> &'static str {
     }
 }
 
-fn over_force(hand: Hand, direction: usize, size: f64, job: &Job) -> String {
-    let doing = match job {
+fn doing(job: &Job) -> &'static str {
+    match job {
         Job::Turn { .. } => "turning",
         Job::Approach { .. } | Job::VisualServo { .. } => "approaching",
         Job::Close { .. } | Job::Take { .. } => "closing the jaws",
         Job::Secure { .. } => "securing",
         _ => "moving",
-    };
-    let (unit, axis) = (if direction < 3 { "N" } else { "Nm" }, ["x", "y", "z"][direction % 3]);
-    format!(
-        "over-force: {size:.1} {unit} at the {} hand, mostly about or along {axis}, while {doing}",
-        name(hand)
-    )
+    }
 }

@@ -4,39 +4,84 @@
 //! - out: the cube as read, the plan, or why there is none
 
 use super::hold::{Grip, Hand, Step};
-use super::plan::{self, Reachable, Rule, Terms};
-use crate::cube::{Cube, Facelets, Rotation24, Turn};
-use crate::reach::MeetingTable;
-use crate::solver::{self, Budget, Tables};
+use super::plan::Planner;
+use super::plan::explain::Line;
+use crate::cube::{Cube, Face, Facelets, Rotation24, Turn};
+use crate::solver::korf::Korf;
+use crate::solver::optimal::{Answer as Exact, Limits};
+use crate::solver::table::InTurn;
+use crate::solver::tables::Bytes;
+use crate::solver::{self, Budget, Solution, Tables};
 use crate::tasks::Effort;
 use crate::vision::colours;
 use std::sync::LazyLock;
+use std::sync::atomic::AtomicBool;
 
 /// Built once in a process: the same for every cube.
 static TABLES: LazyLock<Tables> = LazyLock::new(Tables::build);
+
+/// Which solution of the cube is carried out.
+#[derive(Clone)]
+pub enum Strategy {
+    /// Of many that two-phase finds, the one that takes two arms the least time.
+    Robot,
+    /// The paper's (p. 374): Korf's search up to 16 turns, and two-phase where that takes too long.
+    Paper {
+        /// Korf's tables, in the order of [`korf::TABLES`].
+        tables: [Bytes; 3],
+        /// Nodes that Korf's search may visit.
+        nodes: u64,
+    },
+}
+
+impl std::fmt::Debug for Strategy {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Robot => f.write_str("Robot"),
+            Self::Paper { nodes, .. } => write!(f, "Paper {{ nodes: {nodes} }}"),
+        }
+    }
+}
+
+/// The longest solution that Korf's search is asked for.
+const KORF_LENGTH: u8 = 16;
 
 /// What to think about.
 #[derive(Debug, Clone)]
 pub struct Thought {
     /// Measured colours, by facelet of the cube frame at acquisition.
     pub rgb: [[f64; 3]; 54],
+    /// Whether stickers that are not certain should be looked at again, rather than decided by the whole cube.
+    pub particular: bool,
     /// Who holds the cube, and how, in the same frame.
     pub start: (Hand, Grip),
-    /// Rule of the plan.
-    pub rule: Rule,
+    /// Which solution is carried out.
+    pub strategy: Strategy,
+    /// What the arms may do, and what it costs them.
+    pub planner: Planner,
     /// Nodes that the solver may visit.
     pub nodes: u64,
     /// Declared time of a node [s].
     pub seconds_per_node: f64,
     /// Solutions among which the regrasps choose.
     pub candidates: usize,
-    /// Where the arms can meet.
-    pub meetings: MeetingTable,
 }
 
 /// The result, or the reason why there is none.
 #[derive(Debug)]
-pub struct Conclusion(pub Result<Answer, String>);
+pub struct Conclusion(pub Result<Answer, NoAnswer>);
+
+/// Why there is no plan.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NoAnswer {
+    /// What was seen is no cube, or not for certain: another look may help.
+    Unread(String),
+    /// The cube is clear, and yet there is no plan.
+    Unplanned(String),
+}
+
+/// A facelet with less margin than this is looked at again.
+const LEAST_MARGIN: f64 = 0.05;
 
 /// A plan.
 #[derive(Debug, Clone)]
@@ -50,45 +95,113 @@ pub struct Answer {
     /// What the hands do.
     pub steps: Vec<Step>,
     /// The same in words.
-    pub explanation: Vec<String>,
+    pub lines: Vec<Line>,
 }
 
 /// Does it. A pure function: the same thought has the same conclusion and the same effort.
 #[must_use]
 pub fn think(thought: &Thought) -> (Conclusion, Effort) {
     match reason(thought) {
-        Ok((answer, nodes)) => {
-            let effort = Effort(0.2 + nodes as f64 * thought.seconds_per_node);
-            (Conclusion(Ok(answer)), effort)
-        }
+        Ok((answer, seconds)) => (Conclusion(Ok(answer)), Effort(0.2 + seconds)),
         Err(refusal) => (Conclusion(Err(refusal)), Effort(0.2)),
     }
 }
 
-fn reason(thought: &Thought) -> Result<(Answer, u64), String> {
+/// Declared time in which the grasps of one solution are tried [s].
+const SECONDS_PER_CANDIDATE: f64 = 4e-4;
+
+/// The plan, if what was seen is certain enough.
+fn reason(thought: &Thought) -> Result<(Answer, f64), NoAnswer> {
     let decision =
-        colours::decide_cube(&thought.rgb, &Cube::is_possible).map_err(|e| e.to_string())?;
+        colours::decide_cube(&thought.rgb).map_err(|e| NoAnswer::Unread(e.to_string()))?;
+    if let Some(doubt) = doubt(&decision.margins).filter(|_| thought.particular) {
+        return Err(NoAnswer::Unread(doubt));
+    }
+    named(thought, decision.colours).map_err(NoAnswer::Unplanned)
+}
+
+/// The facelets that might have another colour, in words.
+fn doubt(margins: &[f64; 54]) -> Option<String> {
+    let unsure: Vec<String> = (0..54)
+        .filter(|&i| margins[i] < LEAST_MARGIN)
+        .map(|i| format!("{}{}", Face::ALL[i / 9].letter(), i % 9 + 1))
+        .collect();
+    (!unsure.is_empty()).then(|| format!("stickers {} are not certain", unsure.join(", ")))
+}
+
+/// The plan for a cube of these colours, and the declared time of finding it [s].
+fn named(thought: &Thought, colours: [u8; 54]) -> Result<(Answer, f64), String> {
     // Named by the colours themselves, so that the words do not depend on how the cube is held.
-    let read = Facelets::try_from(decision.colours).map_err(|e| e.to_string())?;
+    let read = Facelets::try_from(colours).map_err(|e| e.to_string())?;
     let (named, rotation) = read.normalised().map_err(|e| e.to_string())?;
     let cube = Cube::try_from(named).map_err(|e| e.to_string())?;
 
     let (hand, grip) = thought.start;
-    let budget = Budget { nodes: thought.nodes, max_length: 0 };
-    let candidates = solver::candidates(&cube, &TABLES, &budget, thought.candidates);
-    let plan = plan::plan(
-        &candidates,
-        (hand, grip.renamed(rotation)),
-        &Terms::of(thought.rule),
-        &Reachable { table: &thought.meetings },
-    )
-    .map_err(|e| e.to_string())?;
+    let (candidates, nodes) = match &thought.strategy {
+        Strategy::Robot => {
+            let budget = Budget { nodes: thought.nodes, max_length: 0 };
+            (solver::candidates(&cube, &TABLES, &budget, thought.candidates), thought.nodes)
+        }
+        Strategy::Paper { tables, nodes } => {
+            let (turns, nodes) = papers_rule(&cube, tables, *nodes, thought.nodes)?;
+            (vec![turns], nodes)
+        }
+    };
+    let plan = thought
+        .planner
+        .of(&candidates, (hand, grip.renamed(rotation)))
+        .map_err(|e| e.to_string())?;
     let answer = Answer {
         identified: named.to_string(),
         rotation,
         turns: plan.turns,
         steps: plan.steps,
-        explanation: plan.explanation,
+        lines: plan.lines,
     };
-    Ok((answer, thought.nodes))
+    let seconds =
+        nodes as f64 * thought.seconds_per_node + candidates.len() as f64 * SECONDS_PER_CANDIDATE;
+    Ok((answer, seconds))
+}
+
+/// The paper's choice of turns, and the nodes that it took.
+fn papers_rule(
+    cube: &Cube,
+    tables: &[Bytes; 3],
+    korf_nodes: u64,
+    nodes: u64,
+) -> Result<(Vec<Turn>, u64), String> {
+    let tables = [0, 1, 2].map(|i| (*tables[i]).as_ref());
+    let korf = Korf::new(tables).map_err(|e| e.to_string())?;
+    let limits = Limits { max_length: KORF_LENGTH, max_nodes: korf_nodes };
+    let exact = korf.solve(cube, limits, &InTurn, &AtomicBool::new(false));
+    let two_phase = || solver::solve(cube, &TABLES, &Budget { nodes, max_length: 0 });
+    Ok(or_two_phase(exact, two_phase))
+}
+
+/// Korf's solution, or that of two-phase where Korf's search was given up; and the nodes of both.
+fn or_two_phase(exact: Exact, two_phase: impl FnOnce() -> Solution) -> (Vec<Turn>, u64) {
+    match exact.turns {
+        Some(turns) => (turns, exact.nodes),
+        None => {
+            let found = two_phase();
+            (found.turns, exact.nodes + found.nodes)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::parse_turns;
+
+    #[test]
+    fn two_phase_works_only_where_korf_was_given_up() {
+        let (short, long) = (parse_turns("F' U2 R'").unwrap(), parse_turns("F U R B L D").unwrap());
+        let exact = Exact { turns: Some(short.clone()), at_least: 3, nodes: 50 };
+        let given_up = Exact { turns: None, at_least: 14, nodes: 100 };
+        let two_phase = || Solution { turns: long.clone(), nodes: 7, proven: false };
+
+        assert_eq!(or_two_phase(exact, || unreachable!()), (short, 50));
+        assert_eq!(or_two_phase(given_up, two_phase), (long, 107));
+    }
 }

@@ -1,0 +1,100 @@
+//! The plans of two arms over seeded cubes, by rule: `cargo bench --bench planner -- --cubes 1000`.
+//!
+//! Each plan is for the built-in cell's own reach and speeds, begins as the mission's does after its looks, and was
+//! replayed on a cube of stickers with two hands before it counts. The baseline is the original's rule on the shortest
+//! solution that the same search finds.
+
+use rubik_robot::cube::Cube;
+use rubik_robot::solver::{Budget, Tables, candidates};
+use rubik_robot::tasks::cube::plan::{Effort, Plan, Planner, Rule, taken};
+use rubik_robot::{actors, scenario};
+use std::path::Path;
+use std::time::Instant;
+
+fn main() {
+    let number = |name: &str, default: u64| {
+        let mut arguments = std::env::args().skip_while(|a| a != name).skip(1);
+        arguments.next().and_then(|n| n.parse().ok()).unwrap_or(default)
+    };
+    let cubes = number("--cubes", 20);
+    let effort = Effort {
+        nodes: number("--nodes", 2_000_000),
+        candidates: number("--candidates", 1000) as usize,
+    };
+    let scenario = match scenario::read(Path::new("built-in"), "", &[]) {
+        Ok(scenario) => scenario,
+        Err(faults) => return eprintln!("{faults}"),
+    };
+    let planner = match actors::planner(&scenario.controller) {
+        Ok(planner) => planner,
+        Err(reason) => return eprintln!("{reason}"),
+    };
+    let tables = Tables::build();
+    println!(
+        "{cubes} seeded cubes, {} nodes, up to {} solutions each\n",
+        effort.nodes, effort.candidates
+    );
+    println!(
+        "| plan | turns | grasps | a turn | most | robot time s | planned in ms, mean | longest |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    let baseline = row("original, shortest", cubes, |cube| {
+        let list = candidates(cube, &tables, &Budget { nodes: effort.nodes, max_length: 0 }, 1);
+        of(&planner.by_rule(Rule::Original), &list)
+    });
+    row("strict, shortest", cubes, |cube| {
+        let list = candidates(cube, &tables, &Budget { nodes: effort.nodes, max_length: 0 }, 1);
+        of(&planner.by_rule(Rule::Strict), &list)
+    });
+    for rule in [Rule::Strict, Rule::Clearance] {
+        let planner = planner.by_rule(rule);
+        let start = planner.looks(taken()).map(|(_, start)| start);
+        let name = format!("{rule:?}, best of many").to_lowercase();
+        let grasps = row(&name, cubes, |cube| {
+            start.clone().and_then(|start| planner.best(cube, start, &tables, effort)).ok()
+        });
+        println!(
+            "{:.0} % fewer grasps than the original's rule",
+            100.0 * (1.0 - grasps / baseline)
+        );
+    }
+}
+
+fn of(planner: &Planner, list: &[Vec<rubik_robot::cube::Turn>]) -> Option<Plan> {
+    let (_, start) = planner.looks(taken()).ok()?;
+    planner.of(list, start).ok()
+}
+
+/// Plans all cubes and prints the means; returns that of the grasps.
+fn row(name: &str, cubes: u64, plan: impl Fn(&Cube) -> Option<Plan>) -> f64 {
+    let (mut turns, mut grasps, mut most, mut seconds) = (0.0, 0.0, 0, 0.0);
+    let (mut whole, mut longest, mut missing) = (0.0, 0.0_f64, 0);
+    for seed in 0..cubes {
+        let begun = Instant::now();
+        let found = plan(&Cube::scrambled(seed));
+        let took = begun.elapsed().as_secs_f64() * 1e3;
+        whole += took;
+        longest = longest.max(took);
+        let Some(plan) = found else {
+            missing += 1;
+            continue;
+        };
+        turns += plan.turns.len() as f64;
+        grasps += plan.grasps as f64;
+        most = most.max(plan.grasps);
+        seconds += plan.cost;
+    }
+    let n = (cubes - missing).max(1) as f64;
+    println!(
+        "| {name} | {:.1} | {:.1} | {:.2} | {most} | {:.0} | {:.0} | {longest:.0} |",
+        turns / n,
+        grasps / n,
+        grasps / turns.max(1.0),
+        seconds / n,
+        whole / cubes.max(1) as f64,
+    );
+    if missing > 0 {
+        println!("{missing} cubes without a plan");
+    }
+    grasps / n
+}

@@ -1,0 +1,287 @@
+//! Whole cubes on the command line: `vision colours` and `vision scan`, and the line that all cubes get.
+//!
+//! Facelets are named by face and number in reading order: U1..U9, R1.., F, D, L, B.
+
+use super::vision::load;
+use crate::vision::colours::{Decision, LETTERS, Undecided, decide_cube, face_letter};
+use crate::vision::{DetectorSettings, FaceSighting, detect};
+use anyhow::{Context, Result, anyhow, bail};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Why a cube was not read: by its facelets, or already by its file or picture.
+#[derive(Debug)]
+pub(super) enum Refused {
+    Colours(Undecided),
+    Input(anyhow::Error),
+}
+
+impl From<Undecided> for Refused {
+    fn from(reason: Undecided) -> Self {
+        Self::Colours(reason)
+    }
+}
+
+impl From<anyhow::Error> for Refused {
+    fn from(reason: anyhow::Error) -> Self {
+        Self::Input(reason)
+    }
+}
+
+fn facelet_name(facelet: usize) -> String {
+    format!("{}{}", face_letter(facelet / 9), facelet % 9 + 1)
+}
+
+fn names(facelets: &[usize]) -> Vec<String> {
+    facelets.iter().map(|&f| facelet_name(f)).collect()
+}
+
+pub(super) fn face_letters(facelets: &[u8; 54]) -> String {
+    facelets.iter().map(|&f| face_letter(usize::from(f))).collect()
+}
+
+/// The name of an error's variant as one word for programs: `CornerTwisted` -> `corner-twisted`.
+fn kind(reason: &impl std::fmt::Debug) -> String {
+    let name = format!("{reason:?}");
+    let mut word = String::new();
+    for (i, c) in name.chars().take_while(|c| c.is_alphanumeric()).enumerate() {
+        if c.is_uppercase() && i > 0 {
+            word.push('-');
+        }
+        word.extend(c.to_lowercase());
+    }
+    word
+}
+
+/// One line about one cube; the flag is false when it could not be read.
+pub(super) fn report(
+    name: &str,
+    decided: std::result::Result<Decision, Refused>,
+    json: bool,
+) -> (String, bool) {
+    let round = |v: f64| (v * 1000.0).round() / 1000.0;
+    let (line, read) = match decided {
+        Ok(decision) => {
+            let facelets = face_letters(&decision.facelets);
+            let weakest = decision.margins.iter().copied().fold(1.0, f64::min);
+            let doubtful = names(&decision.doubtful);
+            let line = if json {
+                let colours: String =
+                    decision.colours.iter().map(|&c| LETTERS[usize::from(c)]).collect();
+                json!({ "file": name, "facelets": facelets, "colours": colours,
+                    "margins": decision.margins.map(round).to_vec(), "doubtful": doubtful })
+                .to_string()
+            } else if doubtful.is_empty() {
+                format!("{name}: {facelets}  least margin {weakest:.2}")
+            } else {
+                let doubtful = doubtful.join(" ");
+                format!("{name}: {facelets}  least margin {weakest:.2}, doubtful: {doubtful}")
+            };
+            (line, true)
+        }
+        Err(Refused::Input(reason)) => {
+            let line = if json {
+                json!({ "file": name, "reason": format!("{reason:#}"), "refusal": "input" })
+                    .to_string()
+            } else {
+                format!("{name}: {reason:#}")
+            };
+            (line, false)
+        }
+        Err(Refused::Colours(Undecided::Impossible { reason, facelets, doubtful })) => {
+            let (read, doubtful) = (face_letters(&facelets), names(&doubtful));
+            let line = if json {
+                json!({ "file": name, "reason": format!("this cube cannot exist: {reason}"),
+                    "refusal": kind(&reason), "read": read, "doubtful": doubtful })
+                .to_string()
+            } else {
+                format!(
+                    "{name}: this cube cannot exist: {reason}; read {read}; look again at {}",
+                    doubtful.join(" ")
+                )
+            };
+            (line, false)
+        }
+        Err(Refused::Colours(reason)) => {
+            let line = if json {
+                json!({ "file": name, "reason": reason.to_string(), "refusal": kind(&reason) })
+                    .to_string()
+            } else {
+                format!("{name}: {reason}")
+            };
+            (line, false)
+        }
+    };
+    (line + "\n", read)
+}
+
+/// Where the first square of each face is in the files of measured squares: faces U, L, F, R, B, D there,
+/// URFDLB here.
+const FIRST_SQUARE: [usize; 6] = [1, 28, 19, 46, 10, 37];
+
+/// The 54 triples of a file, in the order URFDLB.
+///
+/// # Errors
+/// What is missing.
+pub fn measured_squares(text: &str) -> Result<[[f64; 3]; 54]> {
+    let squares: BTreeMap<String, [f64; 3]> =
+        serde_json::from_str(text).context("expected {\"1\": [r, g, b], ... \"54\": [r, g, b]}")?;
+    if squares.len() != 54 {
+        bail!("expected 54 squares, found {}", squares.len());
+    }
+    let mut rgb = [[0.0; 3]; 54];
+    for (i, value) in rgb.iter_mut().enumerate() {
+        let key = (FIRST_SQUARE[i / 9] + i % 9).to_string();
+        *value = *squares.get(&key).ok_or_else(|| anyhow!("square {key} is missing"))?;
+        if value.iter().any(|v| !(0.0..=255.0).contains(v)) {
+            bail!("square {key}: {value:?} is not within 0..=255");
+        }
+    }
+    Ok(rgb)
+}
+
+/// `vision colours FILE...`: the facelets (URFDLB) of each file of 54 measured squares. The flag is false when
+/// a cube could not be decided.
+#[must_use]
+pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
+    let (mut text, mut all) = (String::new(), true);
+    for path in files {
+        let decided = || -> std::result::Result<Decision, Refused> {
+            let text = std::fs::read_to_string(path.as_ref()).map_err(anyhow::Error::from)?;
+            Ok(decide_cube(&measured_squares(&text)?)?)
+        };
+        let (line, read) = report(&path.as_ref().display().to_string(), decided(), json);
+        text += &line;
+        all &= read;
+    }
+    (text, all)
+}
+
+/// The face that a picture is about: the widest of those that are nearly as certain as the best one.
+fn dominant(mut faces: Vec<FaceSighting>) -> Option<FaceSighting> {
+    let best = faces.first()?.confidence;
+    faces.retain(|f| f.confidence >= 0.8 * best);
+    faces.into_iter().max_by(|a, b| a.width_px().total_cmp(&b.width_px()))
+}
+
+/// `vision scan IMAGE x6`: one cube from pictures of its faces U, R, F, D, L, B, each upright as in the usual net.
+/// The flag is false when it could not be read.
+#[must_use]
+pub fn scan(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
+    let mut faults = String::new();
+    let decided = || -> std::result::Result<Decision, Refused> {
+        if images.len() != 6 {
+            return Err(anyhow!("expected six pictures, U R F D L B, got {}", images.len()).into());
+        }
+        let mut rgb = [[0.0; 3]; 54];
+        for (face, path) in images.iter().enumerate() {
+            let path = path.as_ref();
+            let sighting = load(path).and_then(|image| {
+                let faces = detect(&image, None, &DetectorSettings::default());
+                let face = faces.map_err(|r| anyhow!("{}: {r}", path.display()))?;
+                dominant(face).ok_or_else(|| anyhow!("{}: no face", path.display()))
+            });
+            match sighting {
+                Ok(sighting) => rgb[9 * face..9 * face + 9].copy_from_slice(&sighting.rgb),
+                // Every picture is looked at, so that all that must be taken again are named at once.
+                Err(reason) => {
+                    let between = if faults.is_empty() { "" } else { "; " };
+                    let _ = write!(faults, "{between}face {}: {reason:#}", face_letter(face));
+                }
+            }
+        }
+        if !faults.is_empty() {
+            return Err(anyhow!(faults).into());
+        }
+        Ok(decide_cube(&rgb)?)
+    };
+    let decided = decided();
+    let names: Vec<String> = images.iter().map(|p| p.as_ref().display().to_string()).collect();
+    report(&names.join(" "), decided, json)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::{Cube, Facelets};
+    use serde_json::Value;
+
+    /// The file of a cube with these facelets in clean light.
+    fn file(facelets: &[u8; 54]) -> String {
+        const STICKERS: [[f64; 3]; 6] = [
+            [235.0, 235.0, 235.0],
+            [183.0, 18.0, 52.0],
+            [0.0, 155.0, 72.0],
+            [255.0, 213.0, 0.0],
+            [255.0, 88.0, 0.0],
+            [0.0, 70.0, 173.0],
+        ];
+        let squares: BTreeMap<String, [f64; 3]> = (0..54)
+            .map(|i| {
+                let key = FIRST_SQUARE[i / 9] + i % 9;
+                (key.to_string(), STICKERS[usize::from(facelets[i])])
+            })
+            .collect();
+        serde_json::to_string(&squares).unwrap()
+    }
+
+    #[test]
+    fn squares_are_taken_in_the_order_of_their_faces() {
+        let text = serde_json::to_string(
+            &(1..=54)
+                .map(|k| (k.to_string(), [f64::from(k), 0.0, 0.0]))
+                .collect::<BTreeMap<_, _>>(),
+        )
+        .unwrap();
+
+        let rgb = measured_squares(&text).unwrap();
+
+        // URFDLB: U is 1.., R is 28.., F is 19.., D is 46.., L is 10.., B is 37...
+        assert_eq!([0, 9, 18, 27, 36, 45].map(|i| rgb[i][0]), [1.0, 28.0, 19.0, 46.0, 10.0, 37.0]);
+    }
+
+    #[test]
+    fn a_missing_square_is_named() {
+        let mut squares: BTreeMap<String, [f64; 3]> =
+            (1..=53).map(|k| (k.to_string(), [0.0; 3])).collect();
+        squares.insert("x".into(), [0.0; 3]);
+
+        let error = measured_squares(&serde_json::to_string(&squares).unwrap()).unwrap_err();
+
+        assert_eq!(error.to_string(), "square 54 is missing");
+    }
+
+    #[test]
+    fn a_cube_in_a_file_is_read_or_refused_with_a_word_for_programs() {
+        let truth = *Facelets::from(&Cube::scrambled(4)).colours();
+        let mut flipped = truth;
+        flipped.swap(5, 10);
+
+        let read = |facelets| {
+            let rgb = measured_squares(&file(facelets)).unwrap();
+            report("x.json", decide_cube(&rgb).map_err(Refused::from), true)
+        };
+
+        let (line, ok) = read(&truth);
+        let line: Value = serde_json::from_str(&line).unwrap();
+        assert!(ok);
+        assert_eq!(line["facelets"], face_letters(&truth));
+        let (line, ok) = read(&flipped);
+        let line: Value = serde_json::from_str(&line).unwrap();
+        assert!(!ok);
+        assert_eq!(line["refusal"], "edge-flipped");
+    }
+
+    #[test]
+    fn a_scan_names_every_picture_that_must_be_taken_again() {
+        let (text, ok) = scan(&["a.png", "b.png", "c.png", "d.png", "e.png", "f.png"], false);
+
+        assert!(!ok);
+        for face in ["face U", "face R", "face F", "face D", "face L", "face B"] {
+            assert!(text.contains(face), "{text}");
+        }
+        assert!(!scan(&["a.png"], false).1);
+    }
+}

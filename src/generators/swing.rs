@@ -1,0 +1,122 @@
+//! Names an oscillation: a wrench component that swings from one side to the other, again and again.
+//!
+//! - in: the wrench of each macrostep
+//! - out: direction, amplitude and frequency once it has swung long enough
+//! - why: a force loop that is late or has too much gain grows a swing whose peaks may stay below the force limit
+//!   for long; the limit's own words would then name the wrong cause
+
+use super::{Inputs, Outcome};
+use crate::motion::PERIOD;
+
+/// A component counts beyond this [N], [Nm]: contact makes steps to one side, seldom to both.
+const LEAST: [f64; 2] = [5.0, 0.5];
+/// From one side to the other within this time [s]; slower is a load that comes and goes.
+const LONGEST_SWING: f64 = 0.6;
+/// So many changes of side in a row are an oscillation.
+const SWINGS: u32 = 5;
+
+/// Memory of one arm's wrench.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Swing([Side; 6]);
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Side {
+    /// -1, 1, or 0 before the first excursion.
+    sign: i8,
+    /// Largest excursion to either side since the swinging began.
+    amplitude: f64,
+    swings: u32,
+    /// Period of the last change of side, and of the first.
+    changed: u64,
+    began: u64,
+}
+
+impl Side {
+    fn outcome(&self, direction: usize) -> Outcome {
+        let time = self.changed.saturating_sub(self.began) as f64 * PERIOD;
+        let hertz = f64::from(self.swings) / (2.0 * time.max(PERIOD));
+        Outcome::Oscillates(direction, self.amplitude, hertz)
+    }
+}
+
+impl Swing {
+    /// Takes the wrench of a macrostep.
+    pub fn note(&mut self, inputs: &Inputs<'_>) -> Option<Outcome> {
+        let wrench = inputs.arm.wrench_in_tool.directions();
+        for (direction, (side, value)) in self.0.iter_mut().zip(wrench).enumerate() {
+            if value.abs() < LEAST[direction / 3] {
+                continue;
+            }
+            let sign = if value > 0.0 { 1 } else { -1 };
+            let since = inputs.period.saturating_sub(side.changed) as f64 * PERIOD;
+            if sign != side.sign {
+                let goes_on = side.sign != 0 && since < LONGEST_SWING;
+                let before =
+                    if goes_on { *side } else { Side { began: inputs.period, ..Side::default() } };
+                *side = Side {
+                    sign,
+                    swings: before.swings + u32::from(goes_on),
+                    changed: inputs.period,
+                    ..before
+                };
+            } else if since > LONGEST_SWING {
+                // It stays on this side: whatever swung has come to rest.
+                (side.swings, side.amplitude) = (0, 0.0);
+            }
+            side.amplitude = side.amplitude.max(value.abs());
+            if side.swings >= SWINGS {
+                return Some(side.outcome(direction));
+            }
+        }
+        None
+    }
+
+    /// What to call an over-force in a direction that has just come from the other side: a load that runs away does
+    /// so to one side.
+    #[must_use]
+    pub fn swinging(&self, direction: usize) -> Option<Outcome> {
+        let side = self.0.get(direction)?;
+        (side.swings > 0).then(|| side.outcome(direction))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::ArmState;
+    use crate::spatial::Wrench;
+
+    /// Runs a force along z over 4 s of macrosteps of 16 ms.
+    fn run(force: impl Fn(f64) -> f64) -> Option<Outcome> {
+        let mut swing = Swing::default();
+        (0..250).find_map(|step| {
+            let period = step * 8;
+            let wrench_in_tool =
+                Wrench::from_directions([0.0, 0.0, force(period as f64 * PERIOD), 0.0, 0.0, 0.0]);
+            let arm = ArmState { wrench_in_tool, ..ArmState::default() };
+            swing.note(&Inputs { arm: &arm, target: None, period, pace: 1.0 })
+        })
+    }
+
+    #[test]
+    fn a_swing_is_named_with_its_frequency() {
+        let outcome = run(|t| 16.0 * (2.8 * std::f64::consts::TAU * t).sin());
+
+        let Some(Outcome::Oscillates(2, amplitude, hertz)) = outcome else {
+            panic!("{outcome:?}");
+        };
+        assert!((amplitude - 16.0).abs() < 0.5 && (hertz - 2.8).abs() < 0.3, "{amplitude} {hertz}");
+    }
+
+    #[test]
+    fn contact_noise_and_slow_loads_are_none() {
+        assert_eq!(run(|t| if t > 1.0 { 12.0 } else { 0.0 }), None);
+        assert_eq!(run(|t| 4.5 * (3.0 * std::f64::consts::TAU * t).sin()), None);
+        assert_eq!(run(|t| 15.0 * (0.5 * std::f64::consts::TAU * t).sin()), None);
+        // A knock that rings out.
+        assert_eq!(
+            run(|t| 20.0 * (-6.0 * t).exp() * (3.0 * std::f64::consts::TAU * t).sin()),
+            None
+        );
+    }
+}

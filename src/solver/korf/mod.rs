@@ -1,0 +1,436 @@
+//! Korf's solver, the paper's: IDA* with three pattern databases.
+//!
+//! - in: a [`Cube`], the databases of [`TABLES`], [`Limits`], [`Workers`], a flag that stops
+//! - out: an [`Answer`]
+//! - source: R. Korf, "Finding optimal solutions to Rubik's cube using pattern databases", AAAI 1997; Zieliński et al.
+//!   (2007), p. 376, where it solves what needs up to about 16 turns
+//!
+//! One database has the distance of each state of the eight corners, the other two those of six edges each. The bound
+//! for a cube is the greatest of the three, and depth-first searches to more and more turns go on until one succeeds.
+//! It is kept as it was, as the baseline; [`super::optimal`] is what to use.
+//!
+//! [`pattern`] numbers the pieces' states, [`fill`] makes the databases.
+
+mod fill;
+mod pattern;
+
+use super::coordinates::{PERMUTATIONS, TWISTS, corner_moves, rank, twist, twist_moves};
+use super::optimal::{Answer, Limits};
+use super::table::{TableSpec, Workers};
+use crate::cube::{Cube, Turn};
+use fill::{count, distance, fill};
+use pattern::{Corners, EdgeMoves, Edges, edge_moves, edge_states, edges_number};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+/// Corners at each distance: as the table in Korf's paper has them.
+const CORNERS: [u64; 12] =
+    [1, 18, 243, 2874, 28000, 205416, 1168516, 5402628, 20776176, 45391616, 15139616, 64736];
+/// UR, UF, UL, UB, DR, DF at each distance.
+const FIRST_EDGES: [u64; 11] =
+    [1, 18, 230, 2747, 30847, 308783, 2508618, 13189082, 23497569, 3039786, 239];
+/// DL, DB, FR, FL, BL, BR at each distance.
+const LAST_EDGES: [u64; 11] =
+    [1, 15, 190, 2360, 27139, 281416, 2380459, 13065209, 23961831, 2859244, 56];
+
+/// The pattern databases; all three are needed.
+pub const TABLES: [TableSpec; 3] = [
+    TableSpec {
+        name: "korf-corners",
+        version: 1,
+        bytes: Corners::STATES / 2,
+        purpose: "Korf's solver: all corners",
+        build: |workers, progress| fill(&Corners::new(), u8::MAX, workers, progress),
+        verify: |table, workers| verify(table, Corners::STATES, &CORNERS, workers),
+    },
+    TableSpec {
+        name: "korf-edges-first",
+        version: 1,
+        bytes: Edges::<6>::STATES / 2,
+        purpose: "Korf's solver: six edges",
+        build: |workers, progress| fill(&Edges::<6>::new(0), u8::MAX, workers, progress),
+        verify: |table, workers| verify(table, Edges::<6>::STATES, &FIRST_EDGES, workers),
+    },
+    TableSpec {
+        name: "korf-edges-last",
+        version: 1,
+        bytes: Edges::<6>::STATES / 2,
+        purpose: "Korf's solver: the other six edges",
+        build: |workers, progress| fill(&Edges::<6>::new(6), u8::MAX, workers, progress),
+        verify: |table, workers| verify(table, Edges::<6>::STATES, &LAST_EDGES, workers),
+    },
+];
+
+fn verify(
+    table: &[u8],
+    states: usize,
+    known: &[u64],
+    workers: &dyn Workers,
+) -> Result<Vec<u64>, String> {
+    if table.len() != states / 2 {
+        return Err(format!("{} bytes instead of {}", table.len(), states / 2));
+    }
+    let counts = count(table, workers);
+    let deepest = counts.iter().rposition(|&n| n > 0).unwrap_or(0);
+    if counts[..=deepest] == *known {
+        Ok(known.to_vec())
+    } else {
+        Err(format!("{:?} states at each distance instead of {known:?}", &counts[..=deepest]))
+    }
+}
+
+/// A database has the wrong size.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the pattern database {name} has {bytes} bytes instead of {expected}")]
+pub struct WrongSize {
+    /// Its name.
+    pub name: &'static str,
+    /// Its size.
+    pub bytes: usize,
+    /// What that should be.
+    pub expected: usize,
+}
+
+/// Korf's solver.
+#[derive(Debug)]
+pub struct Korf<'a> {
+    corners: &'a [u8],
+    edges: [&'a [u8]; 2],
+    /// `[order * 18 + turn]`.
+    orders: Vec<u16>,
+    /// `[twist * 18 + turn]`.
+    twists: Vec<u16>,
+    edge_moves: EdgeMoves,
+}
+
+/// A cube as the databases see it.
+#[derive(Debug, Clone, Copy)]
+struct State {
+    order: u16,
+    twist: u16,
+    /// For each edge 2 * its place + its flip.
+    edges: [u8; 12],
+}
+
+/// Turns that are left to search, and those made.
+#[derive(Debug, Clone)]
+struct Task {
+    state: State,
+    made: Vec<u8>,
+}
+
+/// States between two looks at whether to stop.
+const PATIENCE: u64 = 1 << 14;
+/// Turns at which the search is divided into tasks.
+const TASK_DEPTH: u8 = 2;
+
+impl<'a> Korf<'a> {
+    /// Takes the three [`TABLES`], in their order.
+    ///
+    /// # Errors
+    /// Where one has another size.
+    pub fn new(tables: [&'a [u8]; 3]) -> Result<Self, WrongSize> {
+        for (table, spec) in tables.iter().zip(&TABLES) {
+            if table.len() != spec.bytes {
+                let (name, bytes, expected) = (spec.name, table.len(), spec.bytes);
+                return Err(WrongSize { name, bytes, expected });
+            }
+        }
+        let by_state = |moves: &[u16], states: usize| {
+            (0..states * 18).map(|i| moves[i % 18 * states + i / 18]).collect()
+        };
+        Ok(Self {
+            corners: tables[0],
+            edges: [tables[1], tables[2]],
+            orders: by_state(&corner_moves(), PERMUTATIONS),
+            twists: by_state(&twist_moves(), TWISTS),
+            edge_moves: edge_moves(),
+        })
+    }
+
+    /// Finds a shortest solution. Its length is the same whatever the number of workers; with one worker, so are the
+    /// turns.
+    #[must_use]
+    pub fn solve(
+        &self,
+        cube: &Cube,
+        limits: Limits,
+        workers: &dyn Workers,
+        stop: &AtomicBool,
+    ) -> Answer {
+        let root = State {
+            order: rank(&cube.corners) as u16,
+            twist: twist(cube) as u16,
+            edges: edge_states(cube),
+        };
+        let least = self.bound(&root);
+        let mut answer = Answer { turns: None, at_least: least, nodes: 0 };
+        for length in least..=limits.max_length {
+            let round = Round {
+                tasks: self.tasks(root, TASK_DEPTH.min(length)),
+                left: length - TASK_DEPTH.min(length),
+                taken: AtomicUsize::new(0),
+                nodes: AtomicU64::new(answer.nodes),
+                max_nodes: limits.max_nodes,
+                stop,
+                ended: AtomicBool::new(false),
+                found: Mutex::new(None),
+            };
+            workers.run(workers.count().max(1), &|_| self.work(&round));
+            answer.nodes = round.nodes.into_inner();
+            answer.turns = round.found.into_inner().unwrap_or_else(PoisonError::into_inner);
+            if round.ended.into_inner() {
+                return answer;
+            }
+            answer.at_least = length + 1;
+        }
+        answer
+    }
+
+    fn bound(&self, state: &State) -> u8 {
+        self.corner_distance(state)
+            .max(self.edge_distance(state, 0))
+            .max(self.edge_distance(state, 1))
+    }
+
+    #[inline]
+    fn corner_distance(&self, state: &State) -> u8 {
+        distance(self.corners, usize::from(state.order) * TWISTS + usize::from(state.twist))
+    }
+
+    #[inline]
+    fn edge_distance(&self, state: &State, half: usize) -> u8 {
+        let edges: &[u8; 6] = if half == 0 { &state.edges[..6] } else { &state.edges[6..] }
+            .try_into()
+            .unwrap_or(&[0; 6]);
+        distance(self.edges[half], edges_number(edges))
+    }
+
+    #[inline]
+    fn turned(&self, state: &State, turn: usize) -> State {
+        State {
+            order: self.orders[usize::from(state.order) * 18 + turn],
+            twist: self.twists[usize::from(state.twist) * 18 + turn],
+            edges: state.edges.map(|e| self.edge_moves[turn][usize::from(e)]),
+        }
+    }
+
+    /// The states after each row of turns of a length.
+    fn tasks(&self, root: State, depth: u8) -> Vec<Task> {
+        let mut tasks = vec![Task { state: root, made: Vec::new() }];
+        for _ in 0..depth {
+            tasks = tasks
+                .iter()
+                .flat_map(|task| {
+                    let last = task.made.last().map(|turn| turn / 3);
+                    (0..18).filter(move |turn| follows(last, turn / 3)).map(|turn| {
+                        let made = [task.made.as_slice(), &[turn]].concat();
+                        Task { state: self.turned(&task.state, usize::from(turn)), made }
+                    })
+                })
+                .collect();
+        }
+        tasks
+    }
+
+    /// Takes tasks until there are none.
+    fn work(&self, round: &Round<'_>) {
+        let mut walk = Walk { korf: self, round, made: Vec::new(), nodes: 0 };
+        while let Some(task) = round.tasks.get(round.taken.fetch_add(1, Ordering::Relaxed)) {
+            walk.made.clone_from(&task.made);
+            let last = task.made.last().map(|turn| turn / 3);
+            let solved =
+                self.bound(&task.state) <= round.left && walk.search(&task.state, round.left, last);
+            if solved {
+                let turns = walk.made.iter().map(|&t| Turn::from_index(usize::from(t))).collect();
+                *round.found.lock().unwrap_or_else(PoisonError::into_inner) = Some(turns);
+                round.ended.store(true, Ordering::Relaxed);
+            }
+            if round.ended.load(Ordering::Relaxed) {
+                break;
+            }
+        }
+        round.nodes.fetch_add(walk.nodes, Ordering::Relaxed);
+    }
+}
+
+/// One search to one number of turns, by all workers.
+struct Round<'a> {
+    tasks: Vec<Task>,
+    left: u8,
+    taken: AtomicUsize,
+    nodes: AtomicU64,
+    max_nodes: u64,
+    stop: &'a AtomicBool,
+    /// Solved, stopped, or at the end of the nodes.
+    ended: AtomicBool,
+    found: Mutex<Option<Vec<Turn>>>,
+}
+
+/// One worker's way.
+struct Walk<'a> {
+    korf: &'a Korf<'a>,
+    round: &'a Round<'a>,
+    made: Vec<u8>,
+    nodes: u64,
+}
+
+impl Walk<'_> {
+    /// Whether a state is solved by just as many turns as are left; then they are in `made`.
+    fn search(&mut self, state: &State, left: u8, last: Option<u8>) -> bool {
+        if left == 0 {
+            // All three distances are 0, so nothing is out of place.
+            return true;
+        }
+        for turn in 0..18 {
+            if !follows(last, turn / 3) {
+                continue;
+            }
+            let next = self.korf.turned(state, usize::from(turn));
+            self.nodes += 1;
+            if self.nodes == PATIENCE {
+                self.report();
+            }
+            if self.korf.corner_distance(&next) >= left
+                || self.korf.edge_distance(&next, 0) >= left
+                || self.korf.edge_distance(&next, 1) >= left
+            {
+                continue;
+            }
+            self.made.push(turn);
+            if self.search(&next, left - 1, Some(turn / 3)) {
+                return true;
+            }
+            self.made.pop();
+            if self.round.ended.load(Ordering::Relaxed) {
+                return false;
+            }
+        }
+        false
+    }
+
+    fn report(&mut self) {
+        let nodes = self.round.nodes.fetch_add(self.nodes, Ordering::Relaxed) + self.nodes;
+        self.nodes = 0;
+        if nodes >= self.round.max_nodes || self.round.stop.load(Ordering::Relaxed) {
+            self.round.ended.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Whether a face may be turned after another: never the same, and of opposite ones the first of the six first.
+fn follows(last: Option<u8>, face: u8) -> bool {
+    last.is_none_or(|last| face != last && face + 3 != last)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::parse_turns;
+    use crate::solver::table::InTurn;
+    use std::collections::HashMap;
+    use std::sync::LazyLock;
+
+    /// The databases up to distance 4, as 5 from there on: quick to make, and as admissible.
+    static NEAR: LazyLock<[Vec<u8>; 3]> = LazyLock::new(|| {
+        [
+            fill(&Corners::new(), 4, &InTurn, &|_| ()),
+            fill(&Edges::<6>::new(0), 4, &InTurn, &|_| ()),
+            fill(&Edges::<6>::new(6), 4, &InTurn, &|_| ()),
+        ]
+    });
+
+    fn near() -> Korf<'static> {
+        Korf::new([&NEAR[0], &NEAR[1], &NEAR[2]]).unwrap()
+    }
+
+    fn solve(korf: &Korf<'_>, cube: &Cube, limits: Limits) -> Answer {
+        korf.solve(cube, limits, &InTurn, &AtomicBool::new(false))
+    }
+
+    /// All cubes within three turns, with their distances.
+    fn within_three(cube: Cube) -> HashMap<Cube, u8> {
+        let mut distances = HashMap::from([(cube, 0)]);
+        let mut last = vec![cube];
+        for distance in 1..=3 {
+            let next = last.iter().flat_map(|c| Turn::all().map(|t| c.apply(t)));
+            last = next
+                .filter(|c| !distances.contains_key(c))
+                .collect::<std::collections::HashSet<_>>()
+                .into_iter()
+                .collect();
+            distances.extend(last.iter().map(|c| (*c, distance)));
+        }
+        distances
+    }
+
+    #[test]
+    fn databases_begin_with_the_known_numbers_of_states() {
+        for (table, known) in NEAR.iter().zip([&CORNERS[..], &FIRST_EDGES, &LAST_EDGES]) {
+            let counts = count(table, &InTurn);
+
+            assert_eq!(counts[..5], known[..5]);
+            assert_eq!(counts[5], known[5..].iter().sum::<u64>());
+        }
+    }
+
+    #[test]
+    fn solutions_are_as_short_as_a_search_from_both_sides_finds_them() {
+        let (korf, from_solved) = (near(), within_three(Cube::SOLVED));
+        for text in
+            ["", "R", "U2 D", "F R U' L2", "R U2 F' D L", "B2 U L' D F2 R'", "R2 U2 R2 U2 R2 U2"]
+        {
+            let cube = Cube::SOLVED.apply_all(&parse_turns(text).unwrap());
+            let from_cube = within_three(cube);
+            let meetings = from_cube.iter().filter_map(|(c, d)| Some(d + from_solved.get(c)?));
+            let length = meetings.min().unwrap();
+
+            let answer = solve(&korf, &cube, Limits::NONE);
+
+            let turns = answer.turns.unwrap();
+            assert_eq!((turns.len(), answer.at_least), (usize::from(length), length), "{text}");
+            assert!(cube.apply_all(&turns).is_solved());
+        }
+    }
+
+    #[test]
+    fn a_limit_or_a_flag_ends_the_search_with_what_is_proven() {
+        let cube = Cube::SOLVED.apply_all(&parse_turns("R U2 F' D L B").unwrap());
+
+        let short = solve(&near(), &cube, Limits { max_length: 5, ..Limits::NONE });
+        assert_eq!((short.turns, short.at_least), (None, 6));
+
+        let far = Cube::scrambled(1);
+        let few = solve(&near(), &far, Limits { max_nodes: 100_000, ..Limits::NONE });
+        assert_eq!(few.turns, None);
+        assert!(few.nodes < 200_000, "{} nodes", few.nodes);
+
+        let stopped = near().solve(&far, Limits::NONE, &InTurn, &AtomicBool::new(true));
+        assert_eq!(stopped.turns, None);
+    }
+
+    #[test]
+    fn databases_of_other_sizes_are_refused() {
+        let wrong = Korf::new([&NEAR[1], &NEAR[1], &NEAR[2]]).unwrap_err();
+
+        assert_eq!(wrong.name, "korf-corners");
+    }
+
+    /// About 8 s, and a minute for the cube: `cargo test --release --lib korf -- --ignored`.
+    #[test]
+    #[ignore = "makes all three databases and solves a cube of fifteen turns"]
+    fn whole_databases_hold_the_known_numbers_and_solve() {
+        let tables = TABLES.map(|spec| {
+            let table = (spec.build)(&InTurn, &|_| ());
+            (spec.verify)(&table, &InTurn).unwrap();
+            table
+        });
+        let korf = Korf::new([&tables[0], &tables[1], &tables[2]]).unwrap();
+        let text = "R L' B R L' D R L' F R L' U R' L F R L' D R L' B R L' U";
+        let cube = Cube::SOLVED.apply_all(&parse_turns(text).unwrap());
+
+        let answer = solve(&korf, &cube, Limits::NONE);
+
+        assert_eq!(answer.turns.map(|turns| turns.len()), Some(15));
+    }
+}

@@ -1,0 +1,215 @@
+//! The patterns: all corners, and six edges. What they are numbered by, and what turns do to the numbers.
+//!
+//! - in: a cube, or the number of a state of the pattern's pieces
+//! - out: the number; the numbers after each turn
+//! - source: R. Korf (1997); the pieces left out are as if their stickers were peeled off
+//!
+//! A number is row * columns + column. A turn carries a row as a whole to another row, and permutes its columns in one
+//! of a few ways. That keeps the filling of a table within a few thousand bytes at a time.
+
+use crate::cube::{Cube, Turn};
+use crate::solver::coordinates::{PERMUTATIONS, TWISTS, corner_moves, rank, twist, twist_moves};
+
+/// Where a turn carries a row, and how it permutes the columns.
+pub(super) type Step = (u32, u16);
+
+/// Some pieces of the cube.
+pub(super) trait Pattern: Sync {
+    /// Rows of its table.
+    fn rows(&self) -> usize;
+    /// Columns of its table.
+    fn columns(&self) -> usize;
+    /// Where each turn carries a row.
+    fn steps(&self, row: usize) -> [Step; 18];
+    /// What a permutation of the columns does to one.
+    fn column(&self, permutation: u16, column: usize) -> usize;
+    /// Number of a cube's state.
+    fn number(&self, cube: &Cube) -> usize;
+}
+
+/// All corners: a row for each order, a column for each twist.
+#[derive(Debug, Clone)]
+pub(super) struct Corners {
+    /// `[turn * PERMUTATIONS + order]`.
+    orders: Vec<u16>,
+    /// `[turn * TWISTS + twist]`.
+    twists: Vec<u16>,
+}
+
+impl Corners {
+    /// States of the corners.
+    pub(super) const STATES: usize = PERMUTATIONS * TWISTS;
+
+    pub(super) fn new() -> Self {
+        Self { orders: corner_moves(), twists: twist_moves() }
+    }
+}
+
+impl Pattern for Corners {
+    fn rows(&self) -> usize {
+        PERMUTATIONS
+    }
+
+    fn columns(&self) -> usize {
+        TWISTS
+    }
+
+    fn steps(&self, row: usize) -> [Step; 18] {
+        std::array::from_fn(|turn| (u32::from(self.orders[turn * PERMUTATIONS + row]), turn as u16))
+    }
+
+    #[inline]
+    fn column(&self, turn: u16, twist: usize) -> usize {
+        usize::from(self.twists[usize::from(turn) * TWISTS + twist])
+    }
+
+    fn number(&self, cube: &Cube) -> usize {
+        rank(&cube.corners) * TWISTS + twist(cube)
+    }
+}
+
+/// `COUNT` edges from number `first` on: a row for their places, a column for their flips.
+#[derive(Debug, Clone)]
+pub(super) struct Edges<const COUNT: usize> {
+    first: u8,
+    moves: EdgeMoves,
+}
+
+impl<const COUNT: usize> Edges<COUNT> {
+    /// Places of these edges in order.
+    const ROWS: usize = {
+        let (mut rows, mut k) = (1, 0);
+        while k < COUNT {
+            rows *= 12 - k;
+            k += 1;
+        }
+        rows
+    };
+    /// States of these edges.
+    pub(super) const STATES: usize = Self::ROWS << COUNT;
+
+    pub(super) fn new(first: u8) -> Self {
+        Self { first, moves: edge_moves() }
+    }
+}
+
+impl<const COUNT: usize> Pattern for Edges<COUNT> {
+    fn rows(&self) -> usize {
+        Self::ROWS
+    }
+
+    fn columns(&self) -> usize {
+        1 << COUNT
+    }
+
+    fn steps(&self, row: usize) -> [Step; 18] {
+        let edges: [u8; COUNT] = places::<COUNT>(row).map(|place| place * 2);
+        std::array::from_fn(|turn| {
+            let number = edges_number(&edges.map(|e| self.moves[turn][usize::from(e)]));
+            ((number >> COUNT) as u32, (number & ((1 << COUNT) - 1)) as u16)
+        })
+    }
+
+    #[inline]
+    fn column(&self, inverted: u16, flips: usize) -> usize {
+        flips ^ usize::from(inverted)
+    }
+
+    fn number(&self, cube: &Cube) -> usize {
+        let all = edge_states(cube);
+        edges_number::<COUNT>(&std::array::from_fn(|k| all[usize::from(self.first) + k]))
+    }
+}
+
+/// `[turn][2 * place + flip]`: the same after the turn.
+pub(super) type EdgeMoves = [[u8; 24]; 18];
+
+pub(super) fn edge_moves() -> EdgeMoves {
+    std::array::from_fn(|turn| {
+        let turned = Cube::SOLVED.apply(Turn::from_index(turn));
+        let mut moves = [0; 24];
+        for to in 0..12 {
+            let (from, flip) = (turned.edges[to], turned.flips[to]);
+            for before in 0..2 {
+                moves[usize::from(from * 2 + before)] = to as u8 * 2 + (before ^ flip);
+            }
+        }
+        moves
+    })
+}
+
+/// For each edge 2 * its place + its flip.
+pub(super) fn edge_states(cube: &Cube) -> [u8; 12] {
+    let mut states = [0; 12];
+    for (place, (&edge, &flip)) in cube.edges.iter().zip(&cube.flips).enumerate() {
+        states[usize::from(edge)] = place as u8 * 2 + flip;
+    }
+    states
+}
+
+/// Number of the states 2 * place + flip of some edges: places as a mixed-radix number, each counted among those
+/// still free, then a bit for each flip.
+#[inline]
+pub(super) fn edges_number<const COUNT: usize>(states: &[u8; COUNT]) -> usize {
+    let (mut row, mut flips, mut taken) = (0, 0, 0_u32);
+    for (k, &state) in states.iter().enumerate() {
+        let place = u32::from(state >> 1);
+        let before = (taken & ((1 << place) - 1)).count_ones();
+        row = row * (12 - k) + (place - before) as usize;
+        flips = flips << 1 | usize::from(state & 1);
+        taken |= 1 << place;
+    }
+    row << COUNT | flips
+}
+
+/// The places of a row.
+fn places<const COUNT: usize>(mut row: usize) -> [u8; COUNT] {
+    let mut places = [0; COUNT];
+    for k in (0..COUNT).rev() {
+        places[k] = (row % (12 - k)) as u8;
+        row /= 12 - k;
+    }
+    for k in 1..COUNT {
+        let mut earlier = [u8::MAX; COUNT];
+        earlier[..k].copy_from_slice(&places[..k]);
+        earlier.sort_unstable();
+        for &place in &earlier[..k] {
+            places[k] += u8::from(places[k] >= place);
+        }
+    }
+    places
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn numbers_follow_turns(pattern: &impl Pattern) {
+        assert_eq!(pattern.number(&Cube::SOLVED), pattern.number(&Cube::SOLVED.inverse()));
+        for seed in 0..50 {
+            let cube = Cube::scrambled(seed);
+            let number = pattern.number(&cube);
+            let (row, column) = (number / pattern.columns(), number % pattern.columns());
+            assert!(row < pattern.rows());
+            for (turn, (to, permutation)) in Turn::all().zip(pattern.steps(row)) {
+                let expected = pattern.number(&cube.apply(turn));
+                let column = pattern.column(permutation, column);
+                assert_eq!(to as usize * pattern.columns() + column, expected);
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_after_a_turn_are_those_of_the_turned_cube() {
+        numbers_follow_turns(&Corners::new());
+        numbers_follow_turns(&Edges::<6>::new(0));
+        numbers_follow_turns(&Edges::<6>::new(6));
+        numbers_follow_turns(&Edges::<3>::new(5));
+    }
+
+    #[test]
+    fn tables_have_korfs_numbers_of_states() {
+        assert_eq!(Corners::STATES, 88_179_840);
+        assert_eq!(Edges::<6>::STATES, 42_577_920);
+    }
+}

@@ -1,0 +1,295 @@
+//! Fills a table, one distance after the other, 256 to 2048 states at a time.
+//!
+//! - in: the cosets' numbers, the distance up to which a table does not tell states apart
+//! - out: the table's bytes, and how many cosets there are at each distance
+//! - source: two bits an entry relative to a base and a bound for what is below it in the same line: T. Rokicki, nxopt
+//!
+//! Each row is pulled from those of its eighteen neighbours: what was reached before, carried over as sets of flips.
+//! Two sets take turns, so that all rows of a distance can be made side by side.
+//!
+//! A line of 64 bytes has the first bits of 256 entries and then their second bits: (1, 1) for `base` and less, (0, 1)
+//! for one more, (1, 0) for two more, (0, 0) for all above. Its first two entries give their room to four bits that
+//! tell the least distance in the line.
+
+use super::coset::{
+    Cosets, SLICES, Shape, corners_of, edges_of, turned_corners, turned_edges, turns,
+};
+use super::flips::{BITS, Carrier};
+use super::geometry::UPRIGHT;
+use crate::cube::Cube;
+use crate::solver::table::{Progress, Workers};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+/// Bytes of a line, which is what a processor fetches at once.
+pub(super) const LINE: usize = 64;
+/// Entries of a line.
+const ENTRIES: usize = 256;
+/// Words of one of a line's two halves.
+const HALF: usize = ENTRIES / 64;
+
+/// A table, as it is made.
+pub(super) struct Filled {
+    /// Its bytes.
+    pub(super) table: Vec<u8>,
+    /// How many cosets there are at each distance up to `base + 2`.
+    pub(super) counts: Vec<u64>,
+}
+
+/// Makes a table.
+pub(super) fn fill(
+    cosets: &Cosets,
+    base: u8,
+    workers: &dyn Workers,
+    progress: Progress<'_>,
+) -> Filled {
+    if cosets.shape.full {
+        Filler::<32>::new(cosets).fill(base, workers, progress)
+    } else {
+        Filler::<4>::new(cosets).fill(base, workers, progress)
+    }
+}
+
+/// Bytes of a row.
+pub(super) const fn row_bytes(shape: Shape) -> usize {
+    SLICES * shape.words() / HALF * LINE
+}
+
+/// What a turn and then a symmetry do to the edges.
+#[derive(Debug, Clone)]
+struct Motion {
+    carriers: Vec<([u16; BITS], Carrier)>,
+    /// For each slice: which it becomes, which carrier takes its flips there, and the offset.
+    slices: Vec<(u16, u16, u16)>,
+}
+
+impl Motion {
+    fn new(cosets: &Cosets, turn: &Cube, symmetry: usize) -> Self {
+        let mut motion = Self { carriers: Vec::new(), slices: Vec::with_capacity(SLICES) };
+        let bits = cosets.shape.words().trailing_zeros() as usize + 6;
+        for &slice in &cosets.slices {
+            let image = |number: u16| {
+                let edges = turned_edges(cosets.edges(slice, number), turn);
+                cosets.edges_image(edges, symmetry)
+            };
+            let zero = image(0);
+            let offset = cosets.flip_number(zero);
+            let columns = std::array::from_fn(|k| {
+                let bit = 1 << k;
+                if k < bits { cosets.flip_number(image(bit)) ^ offset } else { bit }
+            });
+            let known = motion.carriers.iter().position(|(c, _)| *c == columns);
+            let carrier = known.unwrap_or_else(|| {
+                motion.carriers.push((columns, Carrier::new(&columns)));
+                motion.carriers.len() - 1
+            });
+            let to = cosets.slice_of[usize::from(zero.0)];
+            motion.slices.push((to, carrier as u16, offset));
+        }
+        motion
+    }
+}
+
+/// The work on one table, whose sets of flips have so many words.
+struct Filler<'a, const WORDS: usize> {
+    cosets: &'a Cosets,
+    motions: Vec<Motion>,
+    /// For each row where each turn leads: row and symmetry.
+    neighbours: Vec<[(usize, usize); 18]>,
+}
+
+/// One step: from the cosets up to a distance to those one further away.
+struct Step<'a> {
+    distance: u8,
+    /// Whether new cosets are added to the set instead of all that are reached.
+    only_new: bool,
+    from: &'a [u64],
+    /// Which rows of `from` have anything in them.
+    filled: &'a [bool],
+}
+
+impl<'a, const WORDS: usize> Filler<'a, WORDS> {
+    const ROW: usize = SLICES * WORDS;
+    const LINES: usize = Self::ROW / HALF;
+
+    fn new(cosets: &'a Cosets) -> Self {
+        let turns = turns();
+        let motions = (0..18 * UPRIGHT)
+            .map(|i| Motion::new(cosets, &turns[i / UPRIGHT], i % UPRIGHT))
+            .collect();
+        let neighbours = cosets
+            .representatives
+            .iter()
+            .map(|corners| turns.each_ref().map(|turn| cosets.row(&turned_corners(corners, turn))))
+            .collect();
+        Self { cosets, motions, neighbours }
+    }
+
+    fn fill(&self, base: u8, workers: &dyn Workers, progress: Progress<'_>) -> Filled {
+        let rows = self.neighbours.len();
+        let (mut near, mut next) = (vec![0_u64; rows * Self::ROW], vec![0_u64; rows * Self::ROW]);
+        let mut least = vec![base + 3; rows * Self::LINES];
+        let start = self.start();
+        near[start] = 1;
+        least[start / HALF] = 0;
+        let mut filled = vec![false; rows];
+        filled[start / Self::ROW] = true;
+        let mut counts = vec![1];
+        let done = AtomicUsize::new(0);
+        for distance in 1..=base + 2 {
+            let last = distance == base + 2;
+            // In the last step `near` keeps what is up to the base, and gets what is two further away.
+            let (from, into) = if last { (&next, &mut near) } else { (&near, &mut next) };
+            let step = Step { distance, only_new: last, from, filled: &filled };
+            let touched: Vec<AtomicBool> = filled.iter().map(|&f| AtomicBool::new(f)).collect();
+            let count = AtomicU64::new(0);
+            let parts: Vec<_> = into
+                .chunks_mut(Self::ROW)
+                .zip(least.chunks_mut(Self::LINES))
+                .map(Mutex::new)
+                .collect();
+            workers.run(rows, &|row| {
+                let mut part = parts[row].lock().unwrap_or_else(PoisonError::into_inner);
+                let (into, least) = &mut *part;
+                let new = self.pull(&step, row, into, least);
+                count.fetch_add(new * u64::from(self.cosets.sizes[row]), Ordering::Relaxed);
+                touched[row].fetch_or(new > 0, Ordering::Relaxed);
+                let rows_done = done.fetch_add(1, Ordering::Relaxed) + 1;
+                if rows_done.is_multiple_of(64) {
+                    progress(rows_done as f64 / (rows * usize::from(base + 2)) as f64);
+                }
+            });
+            drop(parts);
+            filled = touched.into_iter().map(AtomicBool::into_inner).collect();
+            counts.push(count.into_inner());
+            if distance <= base {
+                std::mem::swap(&mut near, &mut next);
+            }
+        }
+        progress(1.0);
+        Filled { table: lines(&near, &next, &least), counts }
+    }
+
+    /// Where the solved cube stands, as a word.
+    fn start(&self) -> usize {
+        let (row, symmetry) = self.cosets.row(&corners_of(&Cube::SOLVED));
+        let (slice, _) = self.cosets.edges_image(edges_of(&Cube::SOLVED), symmetry);
+        row * Self::ROW + usize::from(self.cosets.slice_of[usize::from(slice)]) * WORDS
+    }
+
+    /// Makes one row; returns how many of its states are new.
+    fn pull(&self, step: &Step<'_>, row: usize, into: &mut [u64], least: &mut [u8]) -> u64 {
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") {
+            #[allow(unsafe_code, reason = "the processor has what the function needs")]
+            // SAFETY: checked the line before.
+            return unsafe { self.pull_with_avx2(step, row, into, least) };
+        }
+        self.pull_anywhere(step, row, into, least)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn pull_with_avx2(
+        &self,
+        step: &Step<'_>,
+        row: usize,
+        into: &mut [u64],
+        least: &mut [u8],
+    ) -> u64 {
+        self.pull_anywhere(step, row, into, least)
+    }
+
+    #[inline(always)]
+    fn pull_anywhere(
+        &self,
+        step: &Step<'_>,
+        row: usize,
+        into: &mut [u64],
+        least: &mut [u8],
+    ) -> u64 {
+        let mut count = 0;
+        let own = sets::<WORDS>(&step.from[row * Self::ROW..][..Self::ROW]);
+        let (into, _) = into.as_chunks_mut::<WORDS>();
+        let mut sources: Vec<(&[[u64; WORDS]], &Motion)> = Vec::with_capacity(18);
+        for (turn, &(neighbour, symmetry)) in self.neighbours[row].iter().enumerate() {
+            if step.filled[neighbour] {
+                let from = sets(&step.from[neighbour * Self::ROW..][..Self::ROW]);
+                sources.push((from, &self.motions[turn * UPRIGHT + symmetry]));
+            }
+        }
+        for slice in 0..SLICES {
+            let mut set = own[slice];
+            for (from, motion) in &sources {
+                let (at, carrier, offset) = motion.slices[slice];
+                let source = &from[usize::from(at)];
+                if source.iter().fold(0, |any, word| any | word) == 0 {
+                    continue;
+                }
+                let image = motion.carriers[usize::from(carrier)].1.carry(source, offset);
+                let mut all = u64::MAX;
+                for (word, more) in set.iter_mut().zip(&image) {
+                    *word |= more;
+                    all &= *word;
+                }
+                if all == u64::MAX {
+                    break;
+                }
+            }
+            for (word, before) in own[slice].iter().enumerate() {
+                let new = set[word] & !before;
+                if new != 0 {
+                    count += u64::from(new.count_ones());
+                    let least = &mut least[(slice * WORDS + word) / HALF];
+                    *least = step.distance.min(*least);
+                }
+                if step.only_new {
+                    into[slice][word] |= new;
+                } else {
+                    into[slice][word] = set[word];
+                }
+            }
+        }
+        count
+    }
+}
+
+fn sets<const WORDS: usize>(row: &[u64]) -> &[[u64; WORDS]] {
+    row.as_chunks().0
+}
+
+/// Puts the two bits of each entry, and the least distance, into lines.
+fn lines(first: &[u64], second: &[u64], least: &[u8]) -> Vec<u8> {
+    let mut table = Vec::with_capacity(first.len() * 16);
+    for (line, least) in least.iter().enumerate() {
+        for (half, bits) in [(first, least & 3), (second, least >> 2)] {
+            let words = &half[line * HALF..][..HALF];
+            table.extend((words[0] & !3 | u64::from(bits)).to_le_bytes());
+            words[1..].iter().for_each(|word| table.extend(word.to_le_bytes()));
+        }
+    }
+    table
+}
+
+/// How many cosets a table has up to `base`, one further away, two, and more; those without room of their own are
+/// left out.
+pub(super) fn count(cosets: &Cosets, table: &[u8], workers: &dyn Workers) -> [u64; 4] {
+    let counts = [const { AtomicU64::new(0) }; 4];
+    let row_bytes = row_bytes(cosets.shape);
+    workers.run(cosets.sizes.len(), &|row| {
+        let mut found = [0; 4];
+        for line in table[row * row_bytes..][..row_bytes].chunks_exact(LINE) {
+            let (halves, _) = line.as_chunks::<8>();
+            for (k, mask) in [!3, u64::MAX, u64::MAX, u64::MAX].into_iter().enumerate() {
+                let (a, b) = (u64::from_le_bytes(halves[k]), u64::from_le_bytes(halves[k + HALF]));
+                for (n, set) in [a & b, !a & b, a & !b, !a & !b].into_iter().enumerate() {
+                    found[n] += u64::from((set & mask).count_ones());
+                }
+            }
+        }
+        for (count, found) in counts.iter().zip(found) {
+            count.fetch_add(found * u64::from(cosets.sizes[row]), Ordering::Relaxed);
+        }
+    });
+    counts.map(AtomicU64::into_inner)
+}

@@ -1,0 +1,191 @@
+//! Sets of flips as bits, and what turns and symmetries make of a whole set at once.
+//!
+//! - in: a linear map of the bits that number the flips
+//! - out: a short list of exchanges of words and of bits within words, which carries a set to its image
+//!
+//! A turn permutes flips and inverts some; where all twelve are known, the twelfth is the sum of the others. So the map
+//! is a permutation of bits, but for one bit that may be the sum of all. Flips number `64 w + b` are bit `b` of word
+//! `w`. Treating 2048 states with some hundred instructions is what makes the tables cheap to build.
+
+/// Bits of the longest numbers.
+pub(super) const BITS: usize = 11;
+
+/// Positions within a word whose bit `p` is 0.
+const LOW: [u64; 6] = [
+    0x5555_5555_5555_5555,
+    0x3333_3333_3333_3333,
+    0x0f0f_0f0f_0f0f_0f0f,
+    0x00ff_00ff_00ff_00ff,
+    0x0000_ffff_0000_ffff,
+    0x0000_0000_ffff_ffff,
+];
+
+/// One step: `new[i] = old[e(i)]`.
+#[derive(Debug, Clone, Copy)]
+enum Step {
+    /// Exchanges bits `p` and `q` of the number, `p < q`.
+    Swap(u8, u8),
+    /// Adds the sum of some other bits to bit `p`.
+    Add(u8, u16),
+}
+
+/// Takes `set` to `image`, `image[i] = set[matrix * i + offset]`.
+#[derive(Debug, Clone)]
+pub(super) struct Carrier {
+    steps: Vec<Step>,
+}
+
+impl Carrier {
+    /// From the matrix by columns, `columns[k]` being the image of bit `k`; all but one of its rows have a single bit.
+    pub(super) fn new(columns: &[u16; BITS]) -> Self {
+        // rows[p]: which bits of the argument sum up to bit p of the image.
+        let mut rows: [u16; BITS] =
+            std::array::from_fn(|p| (0..BITS).fold(0, |row, k| row | (columns[k] >> p & 1) << k));
+        let mut steps = Vec::new();
+        // matrix = steps[0] * steps[1] * ...; each step is taken off from the left, by its own inverse.
+        if let Some(p) = rows.iter().position(|r| r.count_ones() > 1) {
+            let single = (0..BITS).find(|&k| rows.iter().all(|r| *r != 1 << k)).unwrap_or(0);
+            let others = rows[p] & !(1 << single);
+            let sum = (0..BITS)
+                .filter(|&q| q != p && rows[q] & others != 0)
+                .fold(0, |sum, q| sum | 1 << q);
+            rows[p] = 1 << single;
+            steps.push(Step::Add(p as u8, sum));
+        }
+        for p in 0..BITS {
+            let q = rows.iter().position(|r| *r == 1 << p).unwrap_or(p);
+            if q != p {
+                rows.swap(p, q);
+                steps.push(Step::Swap(p.min(q) as u8, p.max(q) as u8));
+            }
+        }
+        Self { steps }
+    }
+
+    /// `image[i] = set[matrix * i + offset]`.
+    #[inline(always)]
+    pub(super) fn carry<const WORDS: usize>(
+        &self,
+        set: &[u64; WORDS],
+        offset: u16,
+    ) -> [u64; WORDS] {
+        let high = usize::from(offset >> 6);
+        let mut words: [u64; WORDS] = std::array::from_fn(|w| set[w ^ high]);
+        for (p, low) in LOW.iter().enumerate() {
+            if offset >> p & 1 == 1 {
+                let shift = 1 << p;
+                for word in &mut words {
+                    *word = *word >> shift & low | (*word & low) << shift;
+                }
+            }
+        }
+        for step in &self.steps {
+            match *step {
+                Step::Swap(p, q) => swap(&mut words, p, q),
+                Step::Add(p, sum) => add(&mut words, p, sum),
+            }
+        }
+        words
+    }
+}
+
+#[inline(always)]
+fn swap<const WORDS: usize>(words: &mut [u64; WORDS], p: u8, q: u8) {
+    if q < 6 {
+        // Numbers with p set and q not change places with those with q set and p not.
+        let mask = !LOW[usize::from(p)] & LOW[usize::from(q)];
+        let shift = (1_u32 << q) - (1 << p);
+        for word in words {
+            let change = (*word ^ *word >> shift) & mask;
+            *word ^= change ^ change << shift;
+        }
+    } else if p < 6 {
+        let (apart, mask, shift) = (1 << (q - 6), LOW[usize::from(p)], 1_u32 << p);
+        for w in 0..WORDS {
+            if w & apart == 0 {
+                let (a, b) = (words[w], words[w | apart]);
+                let change = (a >> shift ^ b) & mask;
+                words[w] = a ^ change << shift;
+                words[w | apart] = b ^ change;
+            }
+        }
+    } else {
+        let (p, q) = (p - 6, q - 6);
+        for w in 0..WORDS {
+            if w >> p & 1 == 1 && w >> q & 1 == 0 {
+                words.swap(w, w ^ 1 << p ^ 1 << q);
+            }
+        }
+    }
+}
+
+/// `new[i] = old[i + sum(i) * 2^p]`, where `sum(i)` is the sum of the bits `sum` of `i`, of which `p` is none.
+#[inline(always)]
+fn add<const WORDS: usize>(words: &mut [u64; WORDS], p: u8, sum: u16) {
+    let within = (0..64_u64)
+        .fold(0, |mask, b| mask | u64::from((b as u16 & sum & 63).count_ones() & 1) << b);
+    let between = sum >> 6;
+    let odd = |w: usize| (w as u16 & between).count_ones() & 1 == 1;
+    if p < 6 {
+        let (low, shift) = (LOW[usize::from(p)], 1_u32 << p);
+        for (w, word) in words.iter_mut().enumerate() {
+            let mask = if odd(w) { !within } else { within } & low;
+            let change = (*word ^ *word >> shift) & mask;
+            *word ^= change ^ change << shift;
+        }
+    } else {
+        let apart = 1 << (p - 6);
+        for w in 0..WORDS {
+            if w & apart == 0 {
+                let mask = if odd(w) { !within } else { within };
+                let change = (words[w] ^ words[w | apart]) & mask;
+                words[w] ^= change;
+                words[w | apart] ^= change;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check<const WORDS: usize>(columns: [u16; BITS], offset: u16) {
+        let carrier = Carrier::new(&columns);
+        let set: [u64; WORDS] = std::array::from_fn(|w| {
+            (w as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(w as u32)
+        });
+
+        let image = carrier.carry(&set, offset);
+
+        let at = |set: &[u64; WORDS], i: u16| set[usize::from(i >> 6)] >> (i & 63) & 1;
+        for i in 0..WORDS as u16 * 64 {
+            let product = (0..BITS).filter(|k| i >> k & 1 == 1).fold(0, |sum, k| sum ^ columns[k]);
+            assert_eq!(at(&image, i), at(&set, product ^ offset));
+        }
+    }
+
+    #[test]
+    fn permutations_of_bits_carry_each_number_to_its_place() {
+        check::<32>(std::array::from_fn(|k| 1 << k), 0b101_0010_1101);
+        check::<32>(std::array::from_fn(|k| 1 << (k * 7 % 11)), 0b110_0110_0011);
+        check::<32>(std::array::from_fn(|k| 1 << (10 - k)), 1);
+        check::<4>(std::array::from_fn(|k| if k < 8 { 1 << (7 - k) } else { 1 << k }), 0b1011_0110);
+    }
+
+    /// The bit that goes out to the place of the twelfth flip stands in no other place but in the sum.
+    #[test]
+    fn a_bit_may_be_the_sum_of_all() {
+        for sum in [0, 3, 6, 10] {
+            let columns = std::array::from_fn(|k| {
+                let alone = match (k, (k + 6) % 11) {
+                    (4, _) => 0,
+                    (_, place) if place == sum => 1 << 10,
+                    (_, place) => 1 << place,
+                };
+                alone | 1 << sum
+            });
+            check::<32>(columns, 0b001_0111_0100);
+        }
+    }
+}

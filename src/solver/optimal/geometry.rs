@@ -1,0 +1,135 @@
+//! The 48 symmetries of a cube on the cubie level: where each place goes, and how its stickers turn on the way.
+//!
+//! - in: what a symmetry does to the six faces
+//! - out: permutations of places with the turns of their stickers
+//! - source: Kociemba's conventions for twists and flips, of which [`crate::cube::Cube`] is made
+//!
+//! A piece `p` with twist `o` on place `i` has its first sticker on the `o`-th facelet of `i`. A symmetry carries
+//! that facelet to number `turn(i) + sense * o` of the image of `i`, hence the image has the piece `image(p)` with
+//! the twist `turn(i) + sense * o - turn(p)`.
+
+use crate::cube::{CORNERS, EDGES, Face};
+
+/// A rotation or reflection of the cube onto itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Symmetry {
+    /// Where each face goes, in the order of [`Face::ALL`].
+    faces: [Face; 6],
+    /// Where each corner place goes.
+    pub(super) corners: [u8; 8],
+    /// On which facelet of its new place the first facelet of each corner place comes to lie.
+    pub(super) corner_turns: [u8; 8],
+    /// Where each edge place goes.
+    pub(super) edges: [u8; 12],
+    /// On which facelet of its new place the first facelet of each edge place comes to lie.
+    pub(super) edge_turns: [u8; 12],
+    /// Whether it reflects, so that twists count the other way round.
+    pub(super) mirrors: bool,
+}
+
+impl Symmetry {
+    /// The symmetry that carries each face to `faces[face]`.
+    fn new(faces: [Face; 6]) -> Self {
+        let carry = |f: Face| faces[f.index()];
+        let corners = CORNERS.map(|c| place(&CORNERS, c.map(carry), carry(c[0])));
+        let edges = EDGES.map(|e| place(&EDGES, e.map(carry), carry(e[0])));
+        let [u, r, f] = [Face::U, Face::R, Face::F].map(|f| carry(f).normal());
+        Self {
+            faces,
+            corners: corners.map(|(place, _)| place),
+            corner_turns: corners.map(|(_, turn)| turn),
+            edges: edges.map(|(place, _)| place),
+            edge_turns: edges.map(|(_, turn)| turn),
+            // U x R = B on a cube that is no mirror image.
+            mirrors: u.cross(&r).dot(&f) > 0.0,
+        }
+    }
+
+    /// First this, then the other.
+    pub(super) fn then(&self, other: &Self) -> Self {
+        Self::new(self.faces.map(|f| other.faces[f.index()]))
+    }
+}
+
+/// The place with these faces, and which of its facelets is on the face `first`.
+fn place<const N: usize>(places: &[[Face; N]], faces: [Face; N], first: Face) -> (u8, u8) {
+    let found = places.iter().position(|p| faces.iter().all(|f| p.contains(f))).unwrap_or(0);
+    let turn = places[found].iter().position(|&f| f == first).unwrap_or(0);
+    (found as u8, turn as u8)
+}
+
+/// How many symmetries keep the up-down axis.
+pub(super) const UPRIGHT: usize = 16;
+
+/// The symmetries that keep the up-down axis; number 0 changes nothing.
+pub(super) fn upright() -> [Symmetry; UPRIGHT] {
+    use Face::{B, D, F, L, R, U};
+    let quarter = [U, F, L, D, B, R];
+    let half_over = [D, L, F, U, R, B];
+    let mirror = [U, L, F, D, R, B];
+    std::array::from_fn(|s| {
+        let mut faces = Face::ALL;
+        let steps = std::iter::repeat_n(quarter, s % 4)
+            .chain(std::iter::repeat_n(half_over, s / 4 % 2))
+            .chain(std::iter::repeat_n(mirror, s / 8));
+        for step in steps {
+            faces = faces.map(|f| step[f.index()]);
+        }
+        Symmetry::new(faces)
+    })
+}
+
+/// The three rotations about the corner URF: number `k` brings axis `k` (0: U-D, 1: R-L, 2: F-B) upright.
+pub(super) fn tilts() -> [Symmetry; 3] {
+    use Face::{B, D, F, L, R, U};
+    // R to U, F to R, U to F.
+    let once = Symmetry::new([F, U, R, B, D, L]);
+    [Symmetry::new(Face::ALL), once, once.then(&once)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::{Cube, Turn};
+
+    /// The image of a cube: pieces and places carried alike.
+    fn image(symmetry: &Symmetry, cube: &Cube) -> Cube {
+        let mut image = Cube::SOLVED;
+        for i in 0..8 {
+            let (to, piece) = (usize::from(symmetry.corners[i]), usize::from(cube.corners[i]));
+            let turned = if symmetry.mirrors { 3 - cube.twists[i] } else { cube.twists[i] };
+            let (at, of) = (symmetry.corner_turns[i], symmetry.corner_turns[piece]);
+            image.corners[to] = symmetry.corners[piece];
+            image.twists[to] = (turned + at + 3 - of) % 3;
+        }
+        for i in 0..12 {
+            let (to, piece) = (usize::from(symmetry.edges[i]), usize::from(cube.edges[i]));
+            image.edges[to] = symmetry.edges[piece];
+            image.flips[to] = cube.flips[i] ^ symmetry.edge_turns[i] ^ symmetry.edge_turns[piece];
+        }
+        image
+    }
+
+    #[test]
+    fn images_of_turns_are_turns() {
+        let turns: Vec<Cube> = Turn::all().map(|t| Cube::SOLVED.apply(t)).collect();
+        for upright in upright() {
+            for tilt in tilts() {
+                let symmetry = tilt.then(&upright);
+                for (turn, cube) in Turn::all().zip(&turns) {
+                    let quarters = if symmetry.mirrors { 4 - turn.quarters } else { turn.quarters };
+                    let face = symmetry.faces[turn.face.index()];
+                    let expected = Cube::SOLVED.apply(Turn { face, quarters });
+                    assert_eq!(image(&symmetry, cube), expected);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn each_tilt_brings_its_axis_upright() {
+        for (tilt, face) in tilts().iter().zip([Face::U, Face::R, Face::F]) {
+            assert_eq!(tilt.faces[face.index()].axis(), Face::U.axis());
+        }
+    }
+}

@@ -1,0 +1,201 @@
+//! A cube as bytes: how it turns, and where it stands in a table.
+//!
+//! - in: a cube, a turn at either of its ends, an axis that is taken for upright
+//! - out: the cube turned; the line and the bit of its entry
+//! - source: a cube in two vectors, turned by one look-up each: A. Skalski, vcube
+
+use super::build::{LINE, row_bytes};
+use super::coset::{Cosets, turns};
+use super::geometry::{UPRIGHT, tilts};
+use super::lanes::Lanes;
+use crate::cube::Cube;
+
+/// A cube: for each place its piece + 16 * twist or flip. Places that are none keep a piece that is none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(C, align(32))]
+pub(super) struct Bytes {
+    edges: [u8; 16],
+    corners: [u8; 16],
+}
+
+impl Bytes {
+    pub(super) fn new(cube: &Cube) -> Self {
+        let mut bytes = Self { edges: NONE, corners: NONE };
+        for i in 0..12 {
+            bytes.edges[i] = cube.edges[i] | cube.flips[i] << 4;
+        }
+        for i in 0..8 {
+            bytes.corners[i] = cube.corners[i] | cube.twists[i] << 4;
+        }
+        bytes
+    }
+}
+
+/// Each place has the piece of its own number.
+const NONE: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+const PIECE: u8 = 0x0f;
+const FLIP: [u8; 16] = [0x10; 16];
+/// All that a twist may be; also one more than the greatest twist.
+const TWIST: [u8; 16] = [0x30; 16];
+
+/// A turn, as it is done to a cube and as it is done before all others.
+#[derive(Debug, Clone, Copy)]
+struct TurnBytes {
+    from: Bytes,
+    add: Bytes,
+    whole: Bytes,
+}
+
+/// A symmetry: what it makes of each piece, from where each place gets its image, and what is added there.
+#[derive(Debug, Clone, Copy)]
+struct Image {
+    pieces: [u8; 16],
+    from: [u8; 16],
+    add: [u8; 16],
+}
+
+/// Where the bound for a cube stands.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Entry {
+    /// First byte of the line.
+    pub(super) line: u32,
+    /// Number in the line.
+    pub(super) bit: u8,
+}
+
+/// What is needed to turn cubes and to find their entries.
+#[derive(Debug, Clone)]
+pub(super) struct Prober {
+    full: bool,
+    turns: [TurnBytes; 18],
+    tilted_corners: [Image; 3],
+    /// `[axis * 16 + symmetry]`.
+    edges: [Image; 3 * UPRIGHT],
+    /// `[twist * splits + split]`: first byte of the row + the symmetry that carries there.
+    rows: Vec<u32>,
+    splits: u32,
+    split_of: [u8; 256],
+    /// By the middle edges' places as bits: first byte in the row.
+    slices: Box<[u32; 4096]>,
+}
+
+impl Prober {
+    pub(super) fn new(cosets: &Cosets) -> Self {
+        let tilts = tilts();
+        let row = row_bytes(cosets.shape) as u32;
+        let slice = (cosets.shape.words() / 4 * LINE) as u32;
+        let upright = UPRIGHT as u32;
+        Self {
+            full: cosets.shape.full,
+            turns: turns().each_ref().map(turn_bytes),
+            tilted_corners: tilts.each_ref().map(|tilt| {
+                let mut image = Image { pieces: [0; 16], from: NONE, add: [0; 16] };
+                for i in 0..8 {
+                    let (to, turn) = (tilt.corners[i], tilt.corner_turns[i]);
+                    image.pieces[i] = to | (3 - turn) % 3 << 4;
+                    image.from[usize::from(to)] = i as u8;
+                    image.add[usize::from(to)] = turn << 4;
+                }
+                image
+            }),
+            edges: std::array::from_fn(|q| {
+                let symmetry = tilts[q / UPRIGHT].then(&cosets.upright[q % UPRIGHT]);
+                let mut image = Image { pieces: [0; 16], from: NONE, add: [0; 16] };
+                for i in 0..12 {
+                    let (to, turn) = (symmetry.edges[i], symmetry.edge_turns[i]);
+                    image.pieces[i] = turn << 4 | u8::from(to >= 8) << 7;
+                    image.from[usize::from(to)] = i as u8;
+                    image.add[usize::from(to)] = turn << 4;
+                }
+                image
+            }),
+            rows: cosets.rows.iter().map(|r| r / upright * row + r % upright).collect(),
+            splits: cosets.splits as u32,
+            split_of: std::array::from_fn(|bits| cosets.split_of[bits]),
+            slices: Box::new(std::array::from_fn(|b| u32::from(cosets.slice_of[b]) * slice)),
+        }
+    }
+
+    /// The cube after a turn.
+    #[inline(always)]
+    pub(super) fn turned<L: Lanes>(&self, cube: &Bytes, turn: usize) -> Bytes {
+        let TurnBytes { from, add, .. } = &self.turns[turn];
+        let edges = L::load(&cube.edges).look_up(L::load(&from.edges)).xor(L::load(&add.edges));
+        let corners = L::load(&cube.corners)
+            .look_up(L::load(&from.corners))
+            .add(L::load(&add.corners))
+            .wrap(L::load(&TWIST));
+        Bytes { edges: edges.store(), corners: corners.store() }
+    }
+
+    /// The cube with a turn before all others.
+    #[inline(always)]
+    pub(super) fn begun<L: Lanes>(&self, cube: &Bytes, turn: usize) -> Bytes {
+        let whole = &self.turns[turn].whole;
+        let (edges, corners) = (L::load(&cube.edges), L::load(&cube.corners));
+        let turned_edges = L::load(&whole.edges).look_up(edges).xor(edges.and(L::load(&FLIP)));
+        let turned_corners = L::load(&whole.corners)
+            .look_up(corners)
+            .add(corners.and(L::load(&TWIST)))
+            .wrap(L::load(&TWIST));
+        Bytes { edges: turned_edges.store(), corners: turned_corners.store() }
+    }
+
+    /// Where the bound for a cube stands that is looked at along an axis: 0 U-D, 1 R-L, 2 F-B.
+    #[inline(always)]
+    pub(super) fn entry<L: Lanes>(&self, cube: &Bytes, axis: usize) -> Entry {
+        let mut corners = L::load(&cube.corners);
+        if axis != 0 {
+            let image = &self.tilted_corners[axis];
+            corners = L::load(&image.pieces)
+                .look_up(corners)
+                .add(corners.and(L::load(&TWIST)))
+                .wrap(L::load(&TWIST))
+                .look_up(L::load(&image.from))
+                .add(L::load(&image.add))
+                .wrap(L::load(&TWIST));
+        }
+        // Corners 0, 2, 5, 7 are those whose lowest and third bit are equal.
+        let split = self.split_of[(!(corners.bits::<5>() ^ corners.bits::<7>()) & 255) as usize];
+        let row = self.rows[(corners.ternary() * self.splits + u32::from(split)) as usize];
+        let image = &self.edges[axis * UPRIGHT + row as usize % UPRIGHT];
+        let edges = L::load(&cube.edges);
+        let edges = L::load(&image.pieces)
+            .look_up(edges)
+            .xor(edges.and(L::load(&FLIP)))
+            .look_up(L::load(&image.from))
+            .xor(L::load(&image.add));
+        let slice = edges.bits::<0>() & 0xfff;
+        let flips = edges.bits::<3>();
+        let line = row / UPRIGHT as u32 * UPRIGHT as u32 + self.slices[slice as usize];
+        if self.full {
+            Entry { line: line + (flips >> 8 & 7) * LINE as u32, bit: flips as u8 }
+        } else {
+            Entry { line, bit: L::gathered(flips, !slice & 0xfff) as u8 }
+        }
+    }
+}
+
+fn turn_bytes(turn: &Cube) -> TurnBytes {
+    let whole = Bytes::new(turn);
+    let part = |mask: u8| Bytes {
+        edges: whole.edges.map(|b| b & mask),
+        corners: whole.corners.map(|b| b & mask),
+    };
+    TurnBytes { from: part(PIECE), add: part(!PIECE), whole }
+}
+
+/// The bound that stands at an entry.
+#[inline(always)]
+pub(super) fn bound(table: &[u8], base: u8, entry: Entry) -> u8 {
+    let line = &table[entry.line as usize..][..LINE];
+    let (byte, shift) = (usize::from(entry.bit >> 3), entry.bit & 7);
+    let first = line[byte] >> shift & 1;
+    let second = line[byte + LINE / 2] >> shift & 1;
+    if first & second == 1 || entry.bit < 2 {
+        line[0] & 3 | (line[LINE / 2] & 3) << 2
+    } else {
+        // (0, 1): one above the base, (1, 0): two, (0, 0): three and more.
+        base + 3 - first - 2 * second
+    }
+}

@@ -1,0 +1,138 @@
+//! The part of an image that is looked at, perhaps at a fraction of its size.
+//!
+//! - in: RGB pixels, a window, a whole-numbered reduction
+//! - out: a copy with its own pixel coordinates; colours of tiles in it
+
+use super::Rect;
+use super::homography::{Point, apply};
+use super::segment::percentile;
+use image::RgbImage;
+use nalgebra::Matrix3;
+
+/// The part of an image that is looked at, perhaps at a fraction of its size.
+#[derive(Debug)]
+pub(super) struct Patch {
+    pub(super) rgb: Vec<u8>,
+    pub(super) width: usize,
+    pub(super) height: usize,
+    step: usize,
+    origin: (f64, f64),
+}
+
+impl Patch {
+    /// Copies a window that lies inside the image; `step` x `step` pixels become one.
+    pub(super) fn new(image: &RgbImage, window: Rect, step: usize) -> Self {
+        let stride = 3 * image.width() as usize;
+        let raw = image.as_raw();
+        let (width, height) = (window.width as usize / step, window.height as usize / step);
+        let mut rgb = Vec::with_capacity(3 * width * height);
+        // Sums of `step` rows, then of `step` pixels of these.
+        let mut sums = vec![0u32; 3 * width * step];
+        let n = (step * step) as u32;
+        for y in 0..height {
+            let row = (window.y as usize + y * step) * stride + 3 * window.x as usize;
+            if step == 1 {
+                rgb.extend_from_slice(&raw[row..row + 3 * width]);
+                continue;
+            }
+            sums.fill(0);
+            for dy in 0..step {
+                let line = &raw[row + dy * stride..][..3 * width * step];
+                for (sum, value) in sums.iter_mut().zip(line) {
+                    *sum += u32::from(*value);
+                }
+            }
+            for block in sums.chunks_exact(3 * step) {
+                let mut pixel = [n / 2; 3];
+                for one in block.chunks_exact(3) {
+                    for (sum, value) in pixel.iter_mut().zip(one) {
+                        *sum += value;
+                    }
+                }
+                rgb.extend(pixel.map(|sum| (sum / n) as u8));
+            }
+        }
+        let origin = (f64::from(window.x), f64::from(window.y));
+        Self { rgb, width, height, step, origin }
+    }
+
+    /// Pixel of the whole image of a pixel of the patch.
+    pub(super) fn to_image(&self, p: Point) -> Point {
+        let step = self.step as f64;
+        ((p.0 + 0.5) * step - 0.5 + self.origin.0, (p.1 + 0.5) * step - 0.5 + self.origin.1)
+    }
+
+    /// Pixel of the patch of a pixel of the whole image.
+    pub(super) fn to_patch(&self, p: Point) -> Point {
+        let step = self.step as f64;
+        ((p.0 - self.origin.0 + 0.5) / step - 0.5, (p.1 - self.origin.1 + 0.5) / step - 0.5)
+    }
+
+    /// The pixel nearest to a point; `None` outside.
+    fn pixel(&self, p: Point) -> Option<[f64; 3]> {
+        let (x, y) = (p.0.round(), p.1.round());
+        if !(x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64) {
+            return None;
+        }
+        let at = 3 * (y as usize * self.width + x as usize);
+        Some([self.rgb[at], self.rgb[at + 1], self.rgb[at + 2]].map(f64::from))
+    }
+
+    /// Level of the brightest hundredth, and the share of clipped pixels.
+    pub(super) fn exposure(&self) -> (u8, f64) {
+        let mut counts = [0u32; 256];
+        let (mut total, mut clipped) = (0u32, 0u32);
+        for pixel in self.rgb.chunks_exact(3).step_by(7) {
+            counts[usize::from(pixel[0].max(pixel[1]).max(pixel[2]))] += 1;
+            clipped += u32::from(pixel[0].min(pixel[1]).min(pixel[2]) >= 250);
+            total += 1;
+        }
+        (percentile(&counts, total, 0.99), f64::from(clipped) / f64::from(total.max(1)))
+    }
+
+    /// Samples the inside of the tile at grid place `g`.
+    pub(super) fn sample(&self, h: &Matrix3<f64>, g: Point, sticker: f64) -> TileSample {
+        let reach = 0.36 * sticker.clamp(0.4, 0.95);
+        let mut pixels: Vec<[f64; 3]> = Vec::with_capacity(49);
+        for i in -3..=3 {
+            for j in -3..=3 {
+                let at = (g.0 + reach * f64::from(i) / 3.0, g.1 + reach * f64::from(j) / 3.0);
+                pixels.extend(self.pixel(apply(h, at)));
+            }
+        }
+        TileSample::new(pixels)
+    }
+}
+
+/// What the pixels of one tile say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct TileSample {
+    /// Trimmed mean colour, 0..=255.
+    pub(super) rgb: [f64; 3],
+    /// Mean distance from the trimmed mean over 255: 0 is an even tile.
+    pub(super) spread: f64,
+    /// Share of samples that lie in the image.
+    pub(super) inside: f64,
+}
+
+impl TileSample {
+    fn new(mut pixels: Vec<[f64; 3]>) -> Self {
+        let inside = pixels.len() as f64 / 49.0;
+        if pixels.is_empty() {
+            return Self { rgb: [0.0; 3], spread: 1.0, inside };
+        }
+        let sum = |p: &[f64; 3]| p[0] + 2.0 * p[1] + p[2];
+        // The darker half without its darkest: glare covers a part of a tile and makes it brighter, what is
+        // darkest may be a groove or a logo.
+        pixels.sort_by(|a, b| sum(a).total_cmp(&sum(b)));
+        let middle = &pixels[pixels.len() / 8..pixels.len().div_ceil(2)];
+        let n = middle.len() as f64;
+        let rgb = std::array::from_fn(|c| middle.iter().map(|p| p[c]).sum::<f64>() / n);
+        let spread = pixels
+            .iter()
+            .map(|p| (0..3).map(|c| (p[c] - rgb[c]).abs()).fold(0.0, f64::max))
+            .sum::<f64>()
+            / (255.0 * pixels.len() as f64);
+        Self { rgb, spread, inside }
+    }
+}

@@ -1,0 +1,189 @@
+//! A colour table of a rig that never moves, learned from cubes of known state.
+//!
+//! In a rig the reflections are always at the same places: so each facelet has its own mean shift from what its
+//! colour looks like, and its own spread, both drawn towards none as long as few samples are known.
+//!
+//! - in: mean RGB of 54 facelets with their true colours, several times
+//! - out: [`ColourTable`]; with it, 54 mean colours -> [`Decision`]
+//! - source: own work; shrinkage of means after Stein (1956)
+
+use super::whole::{Decision, Expected, Undecided, coordinates, decide_cube, decide_expected};
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// What the colours look like in a rig.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ColourTable {
+    /// Mean place in the colour space (lightness weighted down, a*, b*) of each colour, 0..=5 = URFDLB.
+    means: [[f64; 3]; 6],
+    /// Mean shift of each facelet from that, in the order URFDLB.
+    shifts: Vec<[f64; 3]>,
+    /// Variance of each facelet against the common one.
+    variances: Vec<f64>,
+    /// Covariance that all of them have in common, row by row.
+    covariance: [[f64; 3]; 3],
+    /// How many cubes it was learned from.
+    pub cubes: usize,
+}
+
+/// A cube whose state is known: mean RGB of each facelet, 0..=255, and its colour, 0..=5 = URFDLB.
+pub type KnownCube = ([[f64; 3]; 54], [u8; 54]);
+
+/// Samples' worth of belief that a facelet is not shifted, and that its spread is the common one.
+const UNSHIFTED: f64 = 2.0;
+const COMMON: f64 = 6.0;
+
+/// Samples' worth of belief in a standard deviation of [`SPREAD`] units.
+const SPREAD_PRIOR: f64 = 18.0;
+const SPREAD: f64 = 5.0;
+
+/// No table.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Unlearned {
+    /// A colour was never seen.
+    #[error("colour {0} is on none of the cubes")]
+    Unseen(char),
+    /// The covariance cannot be inverted, or the table has values that are no numbers.
+    #[error("the table has no usable spread")]
+    NoSpread,
+}
+
+impl ColourTable {
+    /// Learns from cubes of known state.
+    ///
+    /// # Errors
+    /// [`Unlearned::Unseen`] when a colour does not occur.
+    pub fn learn(cubes: &[KnownCube]) -> Result<Self, Unlearned> {
+        let samples: Vec<(usize, usize, Vector3<f64>)> = cubes
+            .iter()
+            .flat_map(|(rgb, truth)| {
+                let points = coordinates(rgb);
+                (0..54).map(move |i| (i, usize::from(truth[i]), points[i]))
+            })
+            .collect();
+        let each = cubes.len() as f64;
+        let mut means = [Vector3::zeros(); 6];
+        let mut shifts = [Vector3::zeros(); 54];
+        for _ in 0..10 {
+            for (colour, mean) in means.iter_mut().enumerate() {
+                let own = samples.iter().filter(|(_, c, _)| *c == colour);
+                let (n, sum) = own.fold((0.0, Vector3::zeros()), |(n, sum), (i, _, p)| {
+                    (n + 1.0, sum + (p - shifts[*i]))
+                });
+                if n == 0.0 {
+                    return Err(Unlearned::Unseen(super::colours::face_letter(colour)));
+                }
+                *mean = sum / n;
+            }
+            let mut sums = [Vector3::zeros(); 54];
+            for (i, colour, p) in &samples {
+                sums[*i] += p - means[*colour];
+            }
+            shifts = sums.map(|sum| sum / (each + UNSHIFTED));
+        }
+        let mut scatter = Matrix3::identity() * (SPREAD_PRIOR * SPREAD * SPREAD);
+        let mut squares = [0.0; 54];
+        for (i, colour, p) in &samples {
+            let d = p - means[*colour] - shifts[*i];
+            scatter += d * d.transpose();
+            squares[*i] += d.norm_squared();
+        }
+        let covariance: Matrix3<f64> = scatter / (SPREAD_PRIOR + samples.len() as f64);
+        let variances = squares
+            .map(|sum| (sum + COMMON * covariance.trace()) / (each + COMMON) / covariance.trace());
+        Ok(Self {
+            means: means.map(Into::into),
+            shifts: shifts.map(Into::into).to_vec(),
+            variances: variances.to_vec(),
+            covariance: covariance.transpose().into(),
+            cubes: cubes.len(),
+        })
+    }
+
+    /// Decides the 54 facelets of a cube in the rig.
+    ///
+    /// # Errors
+    /// [`Undecided`] as for a cube without a table.
+    pub fn decide(&self, rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
+        match self.expected() {
+            Ok(expected) => decide_expected(rgb, expected),
+            // A table without a spread knows nothing.
+            Err(_) => decide_cube(rgb),
+        }
+    }
+
+    /// Whether the table can be used: for one that was read from a file.
+    ///
+    /// # Errors
+    /// [`Unlearned::NoSpread`].
+    pub fn check(&self) -> Result<(), Unlearned> {
+        self.expected().map(|_| ())
+    }
+
+    fn expected(&self) -> Result<Expected, Unlearned> {
+        let covariance = Matrix3::from(self.covariance);
+        let precision = covariance.cholesky().map(|f| f.inverse()).ok_or(Unlearned::NoSpread)?;
+        let shifts: [[f64; 3]; 54] =
+            self.shifts.as_slice().try_into().map_err(|_| Unlearned::NoSpread)?;
+        let variances: [f64; 54] =
+            self.variances.as_slice().try_into().map_err(|_| Unlearned::NoSpread)?;
+        let numbers = self.means.iter().chain(&shifts).flatten().all(|v| v.is_finite());
+        let positive = variances.iter().all(|v| v.is_finite() && *v > 0.0);
+        if !numbers || !positive {
+            return Err(Unlearned::NoSpread);
+        }
+        Ok(Expected {
+            means: self.means.map(Vector3::from),
+            shifts: shifts.map(Vector3::from),
+            variances,
+            precision,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::{Cube, Facelets};
+
+    /// Stickers under a rig's light: each face has its own haze, and lightens some colours into others.
+    fn measured(state: &[u8; 54], noise: u64) -> [[f64; 3]; 54] {
+        const STICKERS: [[f64; 3]; 6] = [
+            [220.0, 220.0, 220.0],
+            [160.0, 20.0, 30.0],
+            [20.0, 130.0, 60.0],
+            [210.0, 190.0, 30.0],
+            [200.0, 70.0, 20.0],
+            [20.0, 50.0, 130.0],
+        ];
+        std::array::from_fn(|i| {
+            let haze = [0.0, 90.0, 20.0, 60.0, 110.0, 30.0][i / 9];
+            let wobble = ((i as u64 * 7919 + noise * 104_729) % 13) as f64 - 6.0;
+            STICKERS[usize::from(state[i])].map(|v| v + haze * (1.0 - v / 255.0) + wobble)
+        })
+    }
+
+    fn state(seed: u64) -> [u8; 54] {
+        *Facelets::from(&Cube::scrambled(seed)).colours()
+    }
+
+    #[test]
+    fn a_table_learned_from_four_cubes_reads_others() {
+        let known: Vec<KnownCube> = (0..4).map(|k| (measured(&state(k), k), state(k))).collect();
+
+        let table = ColourTable::learn(&known).unwrap();
+
+        table.check().unwrap();
+        for k in 10..30 {
+            assert_eq!(table.decide(&measured(&state(k), k)).unwrap().facelets, state(k));
+        }
+    }
+
+    #[test]
+    fn a_colour_that_was_never_seen_is_named() {
+        let mut known = (measured(&state(1), 1), state(1));
+        known.1.iter_mut().filter(|c| **c == 2).for_each(|c| *c = 1);
+
+        assert_eq!(ColourTable::learn(&[known]), Err(Unlearned::Unseen('F')));
+    }
+}
