@@ -71,7 +71,8 @@ fn benches(c: &mut Criterion) {
         group.bench_function("a frame of the whole tracker", |b| {
             b.iter(|| {
                 time += 0.04;
-                let image = if (time / 0.04).round() as u64 % 2 == 0 { &image } else { &moved };
+                let image =
+                    if ((time / 0.04).round() as u64).is_multiple_of(2) { &image } else { &moved };
                 watcher.observe(black_box(image), time, None, true)
             });
         });

@@ -503,10 +503,10 @@ fn view(rig: Rig, setup: &Setup, arm: &Pose, image: &RgbImage) -> Option<View> {
     let expected = setup.camera.inverse() * motion * setup.cube;
     let located = detect(image, None, &DetectorSettings::default())
         .ok()
-        .and_then(|faces| locate_in(image, &faces, &setup.lens, setup.edge, Some(&expected)))
+        .and_then(|faces| locate_in(image, &faces, setup.lens, setup.edge, Some(&expected)))
         .filter(|location| agrees(location, &expected));
     // After the first round the place is known well enough to do without a detection.
-    let location = located.or_else(|| refine_in(image, &setup.lens, setup.edge, &expected))?;
+    let location = located.or_else(|| refine_in(image, setup.lens, setup.edge, &expected))?;
     if !agrees(&location, &expected) {
         return None;
     }

@@ -219,7 +219,8 @@ pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
         let truth = truth(image, camera, &camera_from_cube, edge, &facelets);
         visible += truth.faces.len();
         manifest += &manifest_lines(&truth);
-        frames += &format!("{}\n", serde_json::to_string(&truth)?);
+        frames += &serde_json::to_string(&truth)?;
+        frames.push('\n');
     }
     for (path, text) in
         [(frames_of(&args.output), frames), (args.output.join("manifest.jsonl"), manifest)]
@@ -308,8 +309,11 @@ fn picture(
         .render(&scene, 1.0)
 }
 
+/// A direction of the cube frame.
+type Direction = [f64; 3];
+
 /// Letters of the faces, the outward normal and the directions of columns and rows of each in the cube frame.
-const FACES: [(&str, [f64; 3], [f64; 3], [f64; 3]); 6] = [
+const FACES: [(&str, Direction, Direction, Direction); 6] = [
     ("U", [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]),
     ("R", [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]),
     ("F", [0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]),
@@ -402,7 +406,8 @@ fn manifest_lines(truth: &FrameTruth) -> String {
             "note": format!("rendered; shorter diagonal {narrow:.0} px"),
             "min_pitch_px": pitch, "n_faces": truth.faces.len(),
         });
-        lines += &format!("{line}\n");
+        lines += &line.to_string();
+        lines.push('\n');
     }
     lines
 }

@@ -7,7 +7,7 @@
 //!
 //! - in: [`View`]s: the arm's pose as measured, and the grooves seen; a first guess with its spreads
 //! - out: [`Calibrated`] with the standard deviation of each number, or why it cannot be had
-//! - source: bundle adjustment, Triggs et al. (2000); camera_from_cube = fixed^-1 * moved * held
+//! - source: bundle adjustment, Triggs et al. (2000); `camera_from_cube = fixed^-1 * moved * held`
 
 use super::edges::{Kind, Probe};
 use super::fit::moved;

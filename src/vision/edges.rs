@@ -92,6 +92,8 @@ impl Crossing {
 
 /// Samples along a side over which a profile is averaged.
 const ALONG: [f64; 5] = [-0.26, -0.13, 0.0, 0.13, 0.26];
+/// Share of one of them.
+const ROW: f32 = 1.0 / ALONG.len() as f32;
 /// Depth of a profile into a tile, and of the part of it that is its plateau, in shares of the sticker.
 const DEPTH: (f64, f64) = (0.29, 0.14);
 /// Most taps of a profile.
@@ -211,14 +213,13 @@ impl<'a> Probe<'a> {
         if !(inside(from) && inside((from.0 + last * step.0, from.1 + last * step.1))) {
             return None;
         }
-        const SHARE: f32 = 1.0 / ALONG.len() as f32;
         let stride = 3 * self.width;
         let (mut x, mut y) = (from.0 as f32, from.1 as f32);
         let (dx, dy) = (step.0 as f32, step.1 as f32);
         for tap in taps {
             let (column, row) = (x as usize, y as usize);
             let (fx, fy) = (x - column as f32, y - row as f32);
-            let (upper, lower) = ((1.0 - fy) * SHARE, fy * SHARE);
+            let (upper, lower) = ((1.0 - fy) * ROW, fy * ROW);
             let (a, b, c, d) = (upper * (1.0 - fx), upper * fx, lower * (1.0 - fx), lower * fx);
             let at = row * stride + 3 * column;
             let up = self.raw.get(at..at + 6)?;
@@ -265,7 +266,7 @@ impl<'a> Probe<'a> {
             let (across, along) =
                 if way == 0 { ((1.0, 0.0), (0.0, 1.0)) } else { ((0.0, 1.0), (1.0, 0.0)) };
             let at = (line * across.0 + cell * along.0, line * across.1 + cell * along.1);
-            Side { face, side: at, across, along, outer: false }
+            Side { face, middle: at, across, along, outer: false }
         };
         let cells = [0, 1].into_iter().flat_map(|way| [-1.0, 0.0, 1.0].map(|cell| (way, cell)));
         let mut inner: Vec<(Side, Across)> = Vec::with_capacity(12);
@@ -282,7 +283,7 @@ impl<'a> Probe<'a> {
             let groove = groove.as_ref().filter(|g| g.detour)?;
             (across.width(groove)? >= WIDE_GAP).then(|| across.profile.taps[groove.middle])
         });
-        let body = median(wide.collect()).or(body);
+        let body = median(&wide.collect::<Vec<Rgb>>()).or(body);
         for ((side, across), groove) in inner.iter().zip(&grooves) {
             if let Some(groove) = groove {
                 across.between(side, groove, share, body, out);
@@ -306,8 +307,8 @@ impl<'a> Probe<'a> {
         let place = |across: f64, along: f64| {
             let (a, b) = (side.across, side.along);
             let at = (
-                side.side.0 + across * a.0 + along * b.0,
-                side.side.1 + across * a.1 + along * b.1,
+                side.middle.0 + across * a.0 + along * b.0,
+                side.middle.1 + across * a.1 + along * b.1,
             );
             self.project(camera_from_face, at)
         };
@@ -343,7 +344,7 @@ impl<'a> Probe<'a> {
 }
 
 /// Median of each channel.
-fn median(colours: Vec<Rgb>) -> Option<Rgb> {
+fn median(colours: &[Rgb]) -> Option<Rgb> {
     if colours.is_empty() {
         return None;
     }
@@ -459,7 +460,7 @@ impl Across {
 
     fn crossing(&self, side: &Side, kind: Kind, at: f64, sigma: f64) -> Crossing {
         let measured = if kind == Kind::Gap { at } else { self.origin + at };
-        let (face, across, side) = (side.face, side.across, side.side);
+        let (face, across, side) = (side.face, side.across, side.middle);
         Crossing {
             face,
             kind,
@@ -585,7 +586,7 @@ impl Across {
 /// A side of a cell to be measured.
 struct Side {
     face: usize,
-    side: Point,
+    middle: Point,
     across: Point,
     along: Point,
     outer: bool,

@@ -81,16 +81,15 @@ impl CubeWatcher {
     ) -> Result<Watched, Refusal> {
         let predicted = self.tracker.predict(time);
         let tracked = predicted.as_ref().and_then(|p| self.follow(image, p));
-        let location = match tracked {
-            Some(location) => location,
-            None => {
-                let camera_from_world = self.world_from_camera.inverse();
-                let window = self
-                    .tracker
-                    .window(time, &camera_from_world, &self.intrinsics, self.edge)
-                    .or_else(|| near.and_then(|(centre, reach)| self.around(&centre, reach)));
-                self.search(image, window, elsewhere, predicted.as_ref())?
-            }
+        let location = if let Some(location) = tracked {
+            location
+        } else {
+            let camera_from_world = self.world_from_camera.inverse();
+            let window = self
+                .tracker
+                .window(time, &camera_from_world, &self.intrinsics, self.edge)
+                .or_else(|| near.and_then(|(centre, reach)| self.around(&centre, reach)));
+            self.search(image, window, elsewhere, predicted.as_ref())?
         };
         let rotation = self.world_from_camera.rotation.to_rotation_matrix();
         let spread: Matrix3<f64> = location.covariance.fixed_view::<3, 3>(0, 0).into_owned();
