@@ -4,6 +4,7 @@
 //! `oneshot`, states go up by `watch`; so there is no cycle of waiting.
 
 mod build;
+pub mod calibrate;
 pub mod clock;
 pub mod control;
 pub mod ecp;

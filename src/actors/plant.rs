@@ -7,10 +7,12 @@ use crate::cell::Cell;
 use crate::hw::plant::render::{Look, Renderer, Setting};
 use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
 use crate::hw::plant::{CubeMechanics, HandScript, Jaws, Plant, PlantConfig, SensorNoise, Start};
+use crate::motion::JointPositions;
 use crate::reach::MeetingTable;
 use crate::scenario::Scenario;
 use crate::scenario::plant::{CubeKind, Jaws as JawsKey};
 use crate::servo::period::Length;
+use crate::spatial::Pose;
 
 /// Creates the plant; a face turn starts with the cube in the postument's hand.
 pub(super) fn create(
@@ -20,7 +22,6 @@ pub(super) fn create(
 ) -> Result<Plant, String> {
     let mut belief = scenario.controller.cell.clone();
     let keys = &scenario.plant.keys;
-    let e = &keys.errors;
     let mut grasp = GraspError::default();
     if let Some(start) = face_turn {
         place_for_face_turn(&mut belief, start);
@@ -34,6 +35,42 @@ pub(super) fn create(
                 * arm.flange_from_tool,
         };
     }
+    let mut config = config(scenario, &belief, meetings, grasp);
+    if let Some(start) = face_turn {
+        let edge = config.cell.cube.edge;
+        let tool_from_cube = start.body.cube_from_tool(start.half_roll, edge).inverse();
+        config.start = Start::Held { arm: 1, tool_from_cube };
+        config.start_grip = scenario.controller.control.grip;
+    }
+    Plant::new(config, scenario.seed).map_err(|e| e.to_string())
+}
+
+/// Creates the plant with the cube in an arm's hand and both arms where they are to be at first.
+pub(super) fn create_holding(
+    scenario: &Scenario,
+    arm: usize,
+    tool_from_cube: Pose,
+    starts: &[JointPositions],
+) -> Result<Plant, String> {
+    let mut belief = scenario.controller.cell.clone();
+    for (arm, start) in belief.arms.iter_mut().zip(starts) {
+        arm.start = *start;
+    }
+    let mut config = config(scenario, &belief, None, GraspError::default());
+    config.start = Start::Held { arm, tool_from_cube };
+    config.start_grip = scenario.controller.control.grip;
+    Plant::new(config, scenario.seed).map_err(|e| e.to_string())
+}
+
+/// What the plant is made of, around the controller's belief.
+fn config(
+    scenario: &Scenario,
+    belief: &Cell,
+    meetings: Option<&MeetingTable>,
+    grasp: GraspError,
+) -> PlantConfig {
+    let keys = &scenario.plant.keys;
+    let e = &keys.errors;
     let errors = ErrorSpreads {
         base: e.base,
         base_tilt: e.base_tilt,
@@ -46,10 +83,9 @@ pub(super) fn create(
         weight: e.weight,
         weight_centre: e.weight_centre,
         grasp,
-        pivot: meetings
-            .map_or(ErrorSpreads::default().pivot, |table| meeting_place(&belief, table)),
+        pivot: meetings.map_or(ErrorSpreads::default().pivot, |table| meeting_place(belief, table)),
     };
-    let truth = truth::draw(&belief, &errors, scenario.seed);
+    let truth = truth::draw(belief, &errors, scenario.seed);
     let mut config = PlantConfig::new(truth);
     config.cube = match keys.cube_kind {
         CubeKind::Of2007 => CubeMechanics::of_2007(),
@@ -102,13 +138,7 @@ pub(super) fn create(
         pull: h.pull,
     };
     config.facelets = *scenario.cube().colours();
-    if let Some(start) = face_turn {
-        let edge = config.cell.cube.edge;
-        let tool_from_cube = start.body.cube_from_tool(start.half_roll, edge).inverse();
-        config.start = Start::Held { arm: 1, tool_from_cube };
-        config.start_grip = scenario.controller.control.grip;
-    }
-    Plant::new(config, scenario.seed).map_err(|e| e.to_string())
+    config
 }
 
 /// Both arms stand where the hands meet, the track's drawn back.

@@ -1,7 +1,7 @@
 //! `rubik-robot vision` and `rubik-robot picture`: pictures in, and pictures out.
 
 use super::output::Output;
-use super::{ScenarioArgs, WRONG, complain, cubes, evaluate, rig, stages, vision};
+use super::{ScenarioArgs, WRONG, complain, cubes, evaluate, frames, locate, rig, stages, vision};
 use crate::cube::{Axis, Facelets};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
 use crate::hw::scene::{Scene, SceneArm, SceneCube};
@@ -21,6 +21,7 @@ Examples:
   rubik-robot vision colours measured.json                 54 RGB triples -> the cube's facelets
   rubik-robot vision learn known/*.png --boxes rig.txt > rig.json
   rubik-robot vision rig new.png --boxes rig.txt --table rig.json
+  rubik-robot vision locate photo.jpg --fx 600             where the cube is
   rubik-robot vision eval photographs/manifest.jsonl       found right, read right, ms a picture
   rubik-robot vision stages photo.jpg -o stages            the paper's figure 4 of a picture
 Exit code 1 when a picture shows no face, or colours make no cube.")]
@@ -106,6 +107,12 @@ enum What {
         #[arg(long)]
         misses: bool,
     },
+    /// Say where the cube is, from pictures and their optics
+    Locate(locate::LocateArgs),
+    /// Compare poses with the truth of frames that `vision render` wrote
+    Accuracy(locate::AccuracyArgs),
+    /// Write frames of the plant's renderer with exact truth
+    Render(frames::RenderArgs),
     /// Show what each stage of the paper's method leaves of a picture: its regions, and the square they make
     ///
     /// With -o, a picture of each stage (regions, area, boundary, circularity, quadrilaterals, neighbours) and one of
@@ -140,6 +147,13 @@ pub(super) fn look_at(args: &VisionArgs, output: &mut Output) -> anyhow::Result<
             evaluate::evaluate(manifest, *json, *misses).map(|text| (text, true))
         }
         What::Stages { images, out, json } => stages::stages(images, out.as_deref(), *json),
+        What::Locate(args) => Ok(locate::locate(args)),
+        What::Accuracy(args) => locate::accuracy(args),
+        What::Render(args) => {
+            let (text, code) = frames::render(args)?;
+            output.text(&text)?;
+            return Ok(code);
+        }
     };
     match done {
         Ok((text, all)) => {

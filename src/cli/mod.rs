@@ -3,11 +3,14 @@
 //! Exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
+mod calibrate;
 pub mod cubes;
 mod doctor;
 mod engine;
 pub mod evaluate;
+mod frames;
 pub mod kinematics;
+mod locate;
 mod look;
 pub mod output;
 mod plan;
@@ -127,6 +130,8 @@ Examples:
     Vision(look::VisionArgs),
     /// Say what this machine can give a real-time servo, and what helps where it falls short
     Doctor(doctor::DoctorArgs),
+    /// Calibrate the cameras of a scenario in the simulated cell
+    Calibrate(calibrate::CalibrateArgs),
     /// Draw the cell of a scenario, or what one of its cameras sees
     Picture(look::PictureArgs),
 }
@@ -213,6 +218,7 @@ pub fn main() -> ExitCode {
         Command::Tables(args) => tables::run(&args, &mut output),
         Command::Vision(args) => look::look_at(&args, &mut output),
         Command::Doctor(args) => doctor::run(&args, &mut output),
+        Command::Calibrate(args) => calibrate::calibrate(&args, &mut output),
         Command::Picture(args) => look::picture(&args, &mut output),
     };
     let code = done.and_then(|code| output.flush().map(|()| code));

@@ -328,7 +328,15 @@ fn camera(
     effectors: &[Effector],
     reader: &mut Reader,
 ) -> Option<Camera> {
-    let pose = match (keys.rpy, keys.look_at) {
+    // One that was given takes the place of the other that a built-in camera of this name has.
+    let given = |key: &str| reader.place(&format!("{path}.{key}")).is_some();
+    let (mut rpy, mut look_at) = (keys.rpy, keys.look_at);
+    match (given("rpy_deg"), given("look_at_mm")) {
+        (true, false) => look_at = None,
+        (false, true) => rpy = None,
+        _ => {}
+    }
+    let pose = match (rpy, look_at) {
         (Some(_), Some(_)) => {
             let reason = format!("`{path}` has both rpy_deg and look_at_mm; give one");
             fault(reader, &format!("{path}.look_at_mm"), reason);

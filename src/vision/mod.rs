@@ -5,7 +5,10 @@
 //! | segmentation | [`segment`] (edges), [`paper`] (colour tables, run lengths) | image -> tile candidates |
 //! | lattice | [`lattice`] | candidates -> 3x3 lattices |
 //! | detection | [`mod@detect`] | image -> [`FaceSighting`]s or a [`Refusal`] that says why |
-//! | pose | [`pose`] | sighting, intrinsics -> [`CubeSighting`], [`pose::CubeLocation`] |
+//! | lens | [`undistort`] | five coefficients: point -> pixel, pixel -> direction |
+//! | pose | [`pose`] | sighting, lens -> [`CubeSighting`], [`pose::CubeLocation`] |
+//! | refinement | [`refine`] | image, first pose -> pose on sub-pixel edges of all faces, covariance |
+//! | calibration | [`calibration`] | views at known arm poses -> optics, place of the camera |
 //! | time | [`tracker`] | poses -> position, velocity, window, age |
 //! | colours | [`colours`] | nine mean colours -> names, with a confidence each |
 //! | whole cubes | [`whole`], [`likeliest`], [`table`] | 54 mean colours -> a cube that can exist, with margins, or why not |
@@ -14,20 +17,25 @@
 //! Pixels: the centre of the first pixel is (0, 0), x to the right, y down.
 
 pub mod assignment;
+pub mod calibration;
 pub mod colours;
 pub mod detect;
+mod edges;
+mod fit;
 pub mod homography;
 pub mod lattice;
 pub mod likeliest;
 pub mod paper;
 mod patch;
 pub mod pose;
+pub mod refine;
 pub mod segment;
 pub mod sensor;
 pub mod table;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod tracker;
+pub mod undistort;
 pub mod watcher;
 pub mod whole;
 
@@ -35,8 +43,10 @@ use crate::spatial::Pose;
 
 pub use detect::{DetectorSettings, Method, detect};
 pub use pose::{CubeLocation, locate, locate_cube};
+pub use refine::{locate_in, refine_in};
 pub use sensor::{FaceReading, read_face};
 pub use tracker::Tracker;
+pub use undistort::Lens;
 
 /// A rectangle of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

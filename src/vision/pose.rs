@@ -9,14 +9,13 @@
 //! - out: [`CubeSighting`] of a face, [`CubeLocation`] of the cube
 //! - source: Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV 109 (2014)
 
+use super::fit::{minimise, moved};
 use super::homography::{self, GRID, Point, polygon};
+use super::undistort::Lens;
 use super::{CubeSighting, FaceSighting};
-use crate::cell::Intrinsics;
 use crate::spatial::Pose;
-use image::RgbImage;
 use nalgebra::{
-    DMatrix, DVector, Matrix2, Matrix3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion,
-    Vector3, Vector6,
+    Matrix2, Matrix3, Matrix6, Point3, Rotation3, SVector, Translation3, UnitQuaternion, Vector3,
 };
 
 /// Where the cube is.
@@ -34,19 +33,34 @@ pub struct CubeLocation {
     pub faces: Vec<FaceSighting>,
     /// The other orientation, when one face alone cannot tell two apart.
     pub other: Option<Pose>,
+    /// Where the faces that took part lie in the cube's frame, dominant one first: origin in the face's centre, x
+    /// along its columns, y along its rows, z into the cube.
+    pub used: Vec<Pose>,
+    /// Which of `used` each of `faces` is.
+    pub sightings: Vec<usize>,
 }
 
-/// Localises a face. `image` allows a refinement on sub-pixel edges; without it the tile centroids serve.
+impl CubeLocation {
+    /// The dominant face: origin in its centre, z into the cube.
+    #[must_use]
+    pub fn camera_from_face(&self) -> Pose {
+        self.used.first().map_or(self.camera_from_cube, |face| self.camera_from_cube * face)
+    }
+
+    /// The detected face at place `index` of `used`; `None` for one that only edges bear out.
+    #[must_use]
+    pub fn sighting(&self, index: usize) -> Option<&FaceSighting> {
+        let place = self.sightings.iter().position(|used| *used == index)?;
+        self.faces.get(place)
+    }
+}
+
+/// Localises a face from the centroids of its tiles.
 ///
 /// A frontal face leaves two poses: the better fit comes first, the other one goes with it.
 #[must_use]
-pub fn locate(
-    face: &FaceSighting,
-    image: Option<&RgbImage>,
-    camera: &Intrinsics,
-    edge: f64,
-) -> CubeSighting {
-    let _ = image;
+pub fn locate(face: &FaceSighting, camera: impl Into<Lens>, edge: f64) -> CubeSighting {
+    let camera = &camera.into();
     let mut solutions: Vec<(Pose, f64)> = planar_poses(face, camera, edge)
         .into_iter()
         .map(|start| {
@@ -71,10 +85,11 @@ pub fn locate(
 #[must_use]
 pub fn locate_cube(
     faces: &[FaceSighting],
-    camera: &Intrinsics,
+    camera: impl Into<Lens>,
     edge: f64,
     hint: Option<&Pose>,
 ) -> Option<CubeLocation> {
+    let camera = &camera.into();
     let mut order: Vec<usize> = (0..faces.len()).collect();
     let area = |i: usize| polygon(&faces[i].corners).0;
     order.sort_by(|&a, &b| area(b).total_cmp(&area(a)));
@@ -82,14 +97,14 @@ pub fn locate_cube(
     let first = faces.first()?;
 
     let mut best: Option<(f64, CubeLocation)> = None;
-    let dominant = locate(first, None, camera, edge);
+    let dominant = locate(first, camera, edge);
     for (start, _) in [(dominant.camera_from_face, 0), (dominant.other.0, 1)] {
         let camera_from_cube = start * Translation3::new(0.0, 0.0, edge / 2.0);
         // Each further face is a quarter turn of the dominant one about an axis of the cube, if it is one.
         let mut members: Vec<(usize, Pose)> =
             vec![(0, cube_from_face(&Rotation3::identity(), edge))];
         for (i, face) in faces.iter().enumerate().skip(1).take(4) {
-            let seen = locate(face, None, camera, edge);
+            let seen = locate(face, camera, edge);
             let nearest = [seen.camera_from_face, seen.other.0]
                 .into_iter()
                 .filter_map(|pose| {
@@ -128,6 +143,8 @@ pub fn locate_cube(
             residual_px: fit.rms,
             faces: members.iter().map(|(i, _)| faces[*i].clone()).collect(),
             other: None,
+            used: members.iter().map(|(_, cube_from_face)| *cube_from_face).collect(),
+            sightings: (0..members.len()).collect(),
         };
         match &mut best {
             Some((least, kept)) if *least <= cost => kept.other = Some(location.camera_from_cube),
@@ -147,7 +164,7 @@ pub fn locate_cube(
 }
 
 /// Pose of a face in the cube frame: the face whose frame is turned by `rotation` against the cube's.
-fn cube_from_face(rotation: &Rotation3<f64>, edge: f64) -> Pose {
+pub(super) fn cube_from_face(rotation: &Rotation3<f64>, edge: f64) -> Pose {
     let z = rotation * Vector3::z();
     Pose::from_parts(
         Translation3::from(-0.5 * edge * z),
@@ -188,11 +205,12 @@ pub fn cube_rotations() -> impl Iterator<Item = UnitQuaternion<f64>> {
 
 /// Both poses of a plane (Collins and Bartoli): zero, one or two `camera_from_face`.
 #[must_use]
-pub fn planar_poses(face: &FaceSighting, camera: &Intrinsics, edge: f64) -> Vec<Pose> {
+pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> {
     let pitch = edge / 3.0;
-    let pairs: Vec<(Point, Point)> = (0..9)
-        .map(|i| ((GRID[i].0 * pitch, GRID[i].1 * pitch), camera.unproject(face.centres[i])))
-        .collect();
+    let place = |i: usize| (GRID[i].0 * pitch, GRID[i].1 * pitch);
+    let pairs: Option<Vec<(Point, Point)>> =
+        (0..9).map(|i| Some((place(i), camera.unproject(face.centres[i])?))).collect();
+    let Some(pairs) = pairs else { return Vec::new() };
     let Some(h) = homography::fit(&pairs) else { return Vec::new() };
     let h = h / h[(2, 2)];
     // Value and Jacobian of the map at the face's centre.
@@ -248,7 +266,7 @@ pub fn planar_poses(face: &FaceSighting, camera: &Intrinsics, edge: f64) -> Vec<
 pub(super) fn residuals(
     face: &FaceSighting,
     camera_from_face: &Pose,
-    camera: &Intrinsics,
+    camera: &Lens,
     edge: f64,
     out: &mut Vec<f64>,
 ) {
@@ -281,75 +299,27 @@ pub(super) struct Fit {
     pub(super) covariance: Matrix6<f64>,
 }
 
-/// Levenberg-Marquardt over the six freedoms of a pose, with a numerical Jacobian.
+/// Fits the six freedoms of a pose.
 pub(super) fn refine(start: &Pose, residuals: impl Fn(&Pose, &mut Vec<f64>)) -> Fit {
-    const STEP: f64 = 1e-6;
-    let evaluate = |pose: &Pose| {
-        let mut out = Vec::with_capacity(64);
-        residuals(pose, &mut out);
-        DVector::from_vec(out)
-    };
-    let mut pose = *start;
-    let mut error = evaluate(&pose);
-    let mut cost = error.norm_squared();
-    let mut damping = 1e-3;
-    let mut normal = Matrix6::identity();
-    if error.is_empty() {
-        return Fit { pose, rms: f64::INFINITY, covariance: Matrix6::identity() };
+    let pose = |delta: &SVector<f64, 6>| moved(start, (*delta).into());
+    let found = minimise(SVector::zeros(), [1e-6; 6], |delta, out| residuals(&pose(delta), out));
+    let count = found.residuals.len();
+    if count == 0 {
+        return Fit { pose: *start, rms: f64::INFINITY, covariance: Matrix6::identity() };
     }
-    for _ in 0..25 {
-        let mut jacobian = DMatrix::zeros(error.len(), 6);
-        for k in 0..6 {
-            let mut delta = Vector6::zeros();
-            delta[k] = STEP;
-            let ahead = evaluate(&moved(&pose, &delta));
-            delta[k] = -STEP;
-            let behind = evaluate(&moved(&pose, &delta));
-            jacobian.set_column(k, &((ahead - behind) / (2.0 * STEP)));
-        }
-        let jt = jacobian.transpose();
-        normal = Matrix6::from_iterator((&jt * &jacobian).iter().copied());
-        let gradient = Vector6::from_iterator((&jt * &error).iter().copied());
-        let mut moved_on = false;
-        for _ in 0..8 {
-            let mut damped = normal;
-            for k in 0..6 {
-                damped[(k, k)] *= 1.0 + damping;
-            }
-            let Some(factor) = damped.cholesky() else { break };
-            let delta = -factor.solve(&gradient);
-            let candidate = moved(&pose, &delta);
-            let next = evaluate(&candidate);
-            let next_cost = next.norm_squared();
-            if next_cost < cost {
-                moved_on = cost - next_cost > 1e-10 * cost;
-                (pose, error, cost) = (candidate, next, next_cost);
-                damping = (damping * 0.1).max(1e-9);
-                break;
-            }
-            damping *= 10.0;
-        }
-        if !moved_on {
-            break;
-        }
+    let freedom = (count as f64 - 6.0).max(1.0);
+    let inverse = found.normal.try_inverse().unwrap_or_else(Matrix6::identity);
+    Fit {
+        pose: pose(&found.at),
+        rms: (2.0 * found.cost / count as f64).sqrt(),
+        covariance: inverse * (found.cost / freedom),
     }
-    let freedom = (error.len() as f64 - 6.0).max(1.0);
-    let covariance = normal.try_inverse().unwrap_or_else(Matrix6::identity) * (cost / freedom);
-    Fit { pose, rms: (2.0 * cost / error.len() as f64).sqrt(), covariance }
-}
-
-/// A pose after a small motion expressed in the camera's axes: translation, rotation about its origin.
-fn moved(pose: &Pose, delta: &Vector6<f64>) -> Pose {
-    let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(delta[3], delta[4], delta[5]));
-    Pose::from_parts(
-        Translation3::from(pose.translation.vector + Vector3::new(delta[0], delta[1], delta[2])),
-        rotation * pose.rotation,
-    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::Intrinsics;
     use crate::vision::homography::OUTLINE;
     use proptest::prelude::*;
 
@@ -378,7 +348,7 @@ mod tests {
             confidence: 1.0,
         };
         let mut errors = Vec::new();
-        residuals(&face, camera_from_face, &CAMERA, EDGE, &mut errors);
+        residuals(&face, camera_from_face, &Lens::from(&CAMERA), EDGE, &mut errors);
         for i in 0..9 {
             face.centres[i] = (-errors[2 * i], -errors[2 * i + 1]);
         }
@@ -397,7 +367,7 @@ mod tests {
                 UnitQuaternion::from_euler_angles(tilt_x, tilt_y, roll),
             );
 
-            let found = locate(&sighting(&truth), None, &CAMERA, EDGE);
+            let found = locate(&sighting(&truth), &CAMERA, EDGE);
 
             let near = |p: &Pose| {
                 (p.translation.vector - truth.translation.vector).norm() < 1e-5

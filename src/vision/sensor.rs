@@ -10,9 +10,10 @@
 use super::detect::{Patch, SHAPE, centres_of, window_around};
 use super::homography::{self, GRID, OUTLINE, Point, apply, distance, polygon};
 use super::pose::{refine, residuals};
+use super::refine::refine_in;
 use super::segment::{Edges, Tile};
+use super::undistort::Lens;
 use super::{DetectorSettings, FaceSighting, Refusal, colours, detect};
-use crate::cell::Intrinsics;
 use crate::spatial::Pose;
 use image::RgbImage;
 use nalgebra::{Matrix3, Point3, Translation3};
@@ -46,10 +47,11 @@ const ASTRAY: f64 = 0.6;
 /// [`Refusal::NotExpected`] when too few tiles fit the prediction, or why nothing can be seen.
 pub fn read_face(
     image: &RgbImage,
-    camera: &Intrinsics,
+    camera: impl Into<Lens>,
     edge: f64,
     predicted: &Pose,
 ) -> Result<FaceReading, Refusal> {
+    let camera = &camera.into();
     let corners =
         project(camera, predicted, edge, &OUTLINE).ok_or(Refusal::NotExpected { matched: 0 })?;
     let window = window_around(&corners, 0.6)
@@ -75,6 +77,8 @@ pub fn read_face(
             Refusal::NotExpected { matched: 0 }
         })?;
     let (pose, face, residual_px) = aligned(&tiles, camera, edge, &start)?;
+
+    let (pose, residual_px) = on_edges(image, camera, edge, &pose).unwrap_or((pose, residual_px));
 
     let centres = project(camera, &pose, edge, &GRID).ok_or(Refusal::NotExpected { matched: 0 })?;
     let pairs: Vec<(Point, Point)> =
@@ -106,9 +110,19 @@ pub fn read_face(
     })
 }
 
+/// The pose on the edges of all tiles in sight, when these agree with that of the centroids.
+fn on_edges(image: &RgbImage, camera: &Lens, edge: f64, pose: &Pose) -> Option<(Pose, f64)> {
+    let face_from_cube = Translation3::new(0.0, 0.0, edge / 2.0);
+    let found = refine_in(image, camera, edge, &(pose * face_from_cube))?;
+    let refined = found.camera_from_cube * face_from_cube.inverse();
+    let apart = (refined.translation.vector - pose.translation.vector).norm();
+    (apart < 0.06 * edge && refined.rotation.angle_to(&pose.rotation) < 0.1)
+        .then_some((refined, found.residual_px))
+}
+
 /// Pixels of places of a face (grid units); `None` when one is not before the camera.
 fn project<const N: usize>(
-    camera: &Intrinsics,
+    camera: &Lens,
     camera_from_face: &Pose,
     edge: f64,
     places: &[Point; N],
@@ -126,7 +140,7 @@ fn project<const N: usize>(
 }
 
 /// The shift in the image that lets most tiles fit the prediction, as a pose.
-fn vote(tiles: &[Tile], camera: &Intrinsics, edge: f64, predicted: &Pose) -> Option<Pose> {
+fn vote(tiles: &[Tile], camera: &Lens, edge: f64, predicted: &Pose) -> Option<Pose> {
     let centres = project(camera, predicted, edge, &GRID)?;
     let corners = project(camera, predicted, edge, &OUTLINE)?;
     let pitch = homography::smallest_pitch(&centres);
@@ -165,7 +179,7 @@ fn vote(tiles: &[Tile], camera: &Intrinsics, edge: f64, predicted: &Pose) -> Opt
 /// The same by a full detection, in the reading order nearest to the prediction: for larger tilts.
 fn by_detection(
     image: &RgbImage,
-    camera: &Intrinsics,
+    camera: &Lens,
     edge: f64,
     predicted: &Pose,
     window: super::Rect,
@@ -190,7 +204,7 @@ fn by_detection(
 /// more than half a tile from its prediction matches it with two of three columns.
 fn aligned(
     tiles: &[Tile],
-    camera: &Intrinsics,
+    camera: &Lens,
     edge: f64,
     start: &Pose,
 ) -> Result<(Pose, FaceSighting, f64), Refusal> {
@@ -211,7 +225,7 @@ fn aligned(
 /// Matches tiles to the nine cells and fits the pose, three times over.
 fn settle(
     tiles: &[Tile],
-    camera: &Intrinsics,
+    camera: &Lens,
     edge: f64,
     start: &Pose,
 ) -> Result<(Pose, FaceSighting, f64), Refusal> {
@@ -297,6 +311,7 @@ fn bounded(edges: &Edges, h: &Matrix3<f64>, g: Point, threshold: u8) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::Intrinsics;
     use crate::vision::testing::Drawing;
     use nalgebra::{Translation3, UnitQuaternion};
 

@@ -2,13 +2,15 @@
 //!
 //! - in: an image and its time; believed optics and place of the camera; the cube's edge
 //! - out: `world_from_cube`, up to the cube's own symmetry, filtered; its speed; or why there is none
-//! - method: the face detector, inside the window that the track predicts when there is one; pose from all visible
-//!   faces; constant-velocity Kalman filter with gating
+//! - method: with a track, the edges of the tiles where it predicts them; when these do not bear it out, the paper's
+//!   colour stage inside the predicted window, then the chosen detector there, then in the whole picture; pose on the
+//!   edges of all visible faces; constant-velocity Kalman filter with gating
 
 use super::detect::window_around;
-use super::pose::locate_cube;
-use super::tracker::{Tracker, TrackerSettings, Update};
-use super::{DetectorSettings, Rect, Refusal, detect};
+use super::pose::CubeLocation;
+use super::refine::{locate_in, refine_in};
+use super::tracker::{Prediction, Tracker, TrackerSettings, Update};
+use super::{DetectorSettings, FaceSighting, Method, Rect, Refusal, detect};
 use crate::cell::Intrinsics;
 use crate::spatial::Pose;
 use image::RgbImage;
@@ -41,6 +43,10 @@ const FLOOR: f64 = 0.0005;
 const LEAST_EDGE: f64 = 60.0;
 /// Largest residual of a pose that is believed [px].
 const RESIDUAL: f64 = 2.0;
+/// The same of a pose that only edges bear out.
+const FOLLOWED: f64 = 0.6;
+/// A prediction older than this is searched for, not followed [s].
+const FRESH: f64 = 0.2;
 
 impl CubeWatcher {
     /// A camera at a believed place.
@@ -73,24 +79,18 @@ impl CubeWatcher {
         near: Option<(Vector3<f64>, f64)>,
         elsewhere: bool,
     ) -> Result<Watched, Refusal> {
-        let camera_from_world = self.world_from_camera.inverse();
-        let window = self
-            .tracker
-            .window(time, &camera_from_world, &self.intrinsics, self.edge)
-            .or_else(|| near.and_then(|(centre, reach)| self.around(&centre, reach)));
-        let found = detect(image, window, &self.settings);
-        let faces = match (found, window) {
-            (Err(_), Some(_)) if elsewhere => detect(image, None, &self.settings)?,
-            (found, _) => found?,
+        let predicted = self.tracker.predict(time);
+        let tracked = predicted.as_ref().and_then(|p| self.follow(image, p));
+        let location = if let Some(location) = tracked {
+            location
+        } else {
+            let camera_from_world = self.world_from_camera.inverse();
+            let window = self
+                .tracker
+                .window(time, &camera_from_world, &self.intrinsics, self.edge)
+                .or_else(|| near.and_then(|(centre, reach)| self.around(&centre, reach)));
+            self.search(image, window, elsewhere, predicted.as_ref())?
         };
-        let hint = self.tracker.predict(time).map(|p| camera_from_world * p.pose);
-        let widest = faces.iter().map(super::FaceSighting::width_px).fold(0.0, f64::max);
-        if widest < LEAST_EDGE {
-            return Err(Refusal::TooSmall { width_px: widest });
-        }
-        let location = locate_cube(&faces, &self.intrinsics, self.edge, hint.as_ref())
-            .filter(|l| l.residual_px < RESIDUAL)
-            .ok_or(Refusal::NotExpected { matched: 0 })?;
         let rotation = self.world_from_camera.rotation.to_rotation_matrix();
         let spread: Matrix3<f64> = location.covariance.fixed_view::<3, 3>(0, 0).into_owned();
         let spread = rotation * spread * rotation.inverse() + Matrix3::identity() * FLOOR * FLOOR;
@@ -100,6 +100,47 @@ impl CubeWatcher {
         }
         let now = self.tracker.predict(time).ok_or(Refusal::NotExpected { matched: 0 })?;
         Ok(Watched { world_from_cube: now.pose, speed: now.speed() })
+    }
+
+    /// The cube at its predicted place, by the edges of its tiles alone.
+    fn follow(&self, image: &RgbImage, predicted: &Prediction) -> Option<CubeLocation> {
+        if predicted.age > FRESH {
+            return None;
+        }
+        let camera_from_cube = self.world_from_camera.inverse() * predicted.pose;
+        let location = refine_in(image, &self.intrinsics, self.edge, &camera_from_cube)?;
+        let width = self.intrinsics.focal.0 * self.edge / location.camera_from_cube.translation.z;
+        (location.residual_px < FOLLOWED && width >= LEAST_EDGE).then_some(location)
+    }
+
+    /// The cube by detection: in a window by its colours, or else as the settings say; then everywhere, if wanted.
+    fn search(
+        &self,
+        image: &RgbImage,
+        window: Option<Rect>,
+        elsewhere: bool,
+        predicted: Option<&Prediction>,
+    ) -> Result<CubeLocation, Refusal> {
+        let by_colour = DetectorSettings { method: Method::Paper2007, ..self.settings };
+        // Colours are quick where a track says that there is a cube; they are no judge of whether there is one.
+        let quick = window
+            .filter(|_| predicted.is_some())
+            .and_then(|window| detect(image, Some(window), &by_colour).ok());
+        let faces = match quick {
+            Some(faces) => faces,
+            None => match (detect(image, window, &self.settings), window) {
+                (Err(_), Some(_)) if elsewhere => detect(image, None, &self.settings)?,
+                (found, _) => found?,
+            },
+        };
+        let widest = faces.iter().map(FaceSighting::width_px).fold(0.0, f64::max);
+        if widest < LEAST_EDGE {
+            return Err(Refusal::TooSmall { width_px: widest });
+        }
+        let hint = predicted.map(|p| self.world_from_camera.inverse() * p.pose);
+        locate_in(image, &faces, &self.intrinsics, self.edge, hint.as_ref())
+            .filter(|l| l.residual_px < RESIDUAL)
+            .ok_or(Refusal::NotExpected { matched: 0 })
     }
 
     /// The part of the picture that shows a cube whose centre is within `reach` of a place [m].

@@ -1,0 +1,309 @@
+//! `rubik-robot calibrate`: cameras are calibrated in the simulated cell and written as a part of a scenario.
+//!
+//! - in: a scenario, which camera, how many views
+//! - out: a table of what was found and of the error that it leaves; the camera section as TOML
+
+use super::output::Output;
+use super::{ScenarioArgs, WRONG, complain};
+use crate::actors::calibrate::{self, Errors, Report};
+use crate::cell::{Camera, Mount};
+use crate::scenario::{CameraSource, Scenario};
+use crate::vision::calibration::Calibrated;
+use anyhow::Context;
+use clap::Args;
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::PathBuf;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The track arm shows the cube to a camera that stands; a camera in a hand is carried around the cube that the other
+arm holds. The arms are driven through the hardware port, the frames come from the camera, and one adjustment finds
+focal lengths, principal point, k1, k2, the camera's place, how the cube lies in the hand, and its edge. The lines
+`off by` compare with the plant's truth: a check that only a simulation can print.
+Examples:
+  rubik-robot calibrate scenarios/solve.toml
+  rubik-robot calibrate scenarios/solve.toml --camera standalone --views 40 --seed 3
+  rubik-robot calibrate scenarios/solve.toml -o cameras.toml      [[camera]] and [plant.errors], to be put into a scenario
+Exit code 1 when a camera could not be calibrated.")]
+pub(super) struct CalibrateArgs {
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+    /// Only this camera of the scenario
+    #[arg(long)]
+    camera: Option<String>,
+    /// Poses of the arm for each camera
+    #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(6..=200))]
+    views: u32,
+    /// Seed of the plant's truth and noise
+    #[arg(long)]
+    seed: Option<u64>,
+    /// File to write the section to
+    #[arg(short, long)]
+    output: Option<PathBuf>,
+    /// One object instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+/// Returns the exit code.
+pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Result<u8> {
+    let mut scenario = match args.scenario.load(&[]) {
+        Ok(scenario) => scenario,
+        Err(faults) => {
+            complain(&faults);
+            return Ok(WRONG);
+        }
+    };
+    scenario.seed = args.seed.unwrap_or(scenario.seed);
+    let cameras = &scenario.controller.cell.cameras;
+    let wanted = match &args.camera {
+        None => None,
+        Some(name) => {
+            let Some(index) = cameras.iter().position(|c| c.name == *name) else {
+                let names: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
+                complain(&format!("--camera {name}: there are {}", names.join(", ")));
+                return Ok(WRONG);
+            };
+            Some(index)
+        }
+    };
+    let reports = calibrate::run(&scenario, wanted, args.views as usize, complain)
+        .map_err(|error| anyhow::anyhow!("{error}"))?;
+    if args.json {
+        let all: Vec<Value> = reports.iter().map(|r| object(&scenario, r)).collect();
+        output.line(&json!({ "seed": scenario.seed, "cameras": all }).to_string())?;
+    } else {
+        for report in &reports {
+            output.text(&words(&scenario, report))?;
+        }
+    }
+    if let Some(path) = &args.output {
+        std::fs::write(path, section(&scenario, &reports))
+            .with_context(|| path.display().to_string())?;
+    }
+    Ok(u8::from(reports.iter().any(|r| r.found.is_err())))
+}
+
+fn name<'a>(scenario: &'a Scenario, report: &Report) -> &'a str {
+    &scenario.controller.cell.cameras[report.camera].name
+}
+
+fn errors_object(errors: &Errors) -> Value {
+    json!({ "focal_percent": errors.focal * 100.0, "centre_px": errors.centre,
+        "place_mm": errors.place * 1e3, "tilt_deg": errors.tilt.to_degrees(),
+        "lateral_mm": errors.lateral * 1e3, "depth_mm": errors.depth * 1e3 })
+}
+
+fn object(scenario: &Scenario, report: &Report) -> Value {
+    let mut object = json!({ "camera": name(scenario, report), "poses": report.views.0,
+        "views": report.views.1, "sim_time_s": report.time,
+        "off_before": errors_object(&report.errors.0),
+        "off_after": report.errors.1.as_ref().map(errors_object),
+        "sag_mm": report.sag.map(|s| s * 1e3),
+        "hand_before_mm": report.hand.0.map(|e| e * 1e3),
+        "hand_after_mm": report.hand.1.map(|h| h.map(|e| e * 1e3)) });
+    match &report.found {
+        Ok(found) => {
+            let (lens, at) = (&found.setup.lens, found.setup.camera.translation.vector * 1e3);
+            object["focal_px"] = json!([lens.focal.0, lens.focal.1]);
+            object["centre_px"] = json!([lens.centre.0, lens.centre.1]);
+            object["distortion"] = json!([lens.radial[0], lens.radial[1]]);
+            object["xyz_mm"] = json!([at.x, at.y, at.z]);
+            object["rpy_deg"] = json!(rpy(found));
+            object["cube_edge_mm"] = json!(found.setup.edge * 1e3);
+            object["residual_px"] = json!(found.residual_px);
+            object["deviations"] = json!(found.deviations);
+        }
+        Err(reason) => object["reason"] = json!(reason.to_string()),
+    }
+    object
+}
+
+fn rpy(found: &Calibrated) -> [f64; 3] {
+    let (roll, pitch, yaw) = found.setup.camera.rotation.euler_angles();
+    [roll, pitch, yaw].map(f64::to_degrees)
+}
+
+fn words(scenario: &Scenario, report: &Report) -> String {
+    let mut text = format!(
+        "{}: {} of {} views, {:.0} s of simulated time\n",
+        name(scenario, report),
+        report.views.1,
+        report.views.0,
+        report.time
+    );
+    let off = |label: &str, e: &Errors| {
+        format!(
+            "  {label:<16} off by: focal {:+.3} %, centre {:.2} px, place {:.2} mm, tilt {:.3} deg; at work {:.2} mm across, {:.2} mm along the sight\n",
+            e.focal * 100.0,
+            e.centre,
+            e.place * 1e3,
+            e.tilt.to_degrees(),
+            e.lateral * 1e3,
+            e.depth * 1e3
+        )
+    };
+    match &report.found {
+        Ok(found) => {
+            let (lens, d) = (&found.setup.lens, &found.deviations);
+            let at = found.setup.camera.translation.vector * 1e3;
+            let turn = rpy(found);
+            // Writing to a string cannot fail.
+            let _ = write!(
+                text,
+                "  focal {:.1} {:.1} px (s.d. {:.1}), centre {:.1} {:.1} px (s.d. {:.1} {:.1}), k1 {:.4} k2 {:.4} (s.d. {:.4} {:.4})\n  \
+                place {:.1} {:.1} {:.1} mm (s.d. {:.2} {:.2} {:.2}), roll pitch yaw {:.2} {:.2} {:.2} deg (s.d. {:.3})\n  \
+                cube's edge {:.2} mm (s.d. {:.2}); residual {:.2} px over {} grooves; the arm was off by {:.2} mm, {:.3} deg\n",
+                lens.focal.0,
+                lens.focal.1,
+                d[0],
+                lens.centre.0,
+                lens.centre.1,
+                d[2],
+                d[3],
+                lens.radial[0],
+                lens.radial[1],
+                d[4],
+                d[5],
+                at.x,
+                at.y,
+                at.z,
+                d[6] * 1e3,
+                d[7] * 1e3,
+                d[8] * 1e3,
+                turn[0],
+                turn[1],
+                turn[2],
+                d[9].max(d[10]).max(d[11]).to_degrees(),
+                found.setup.edge * 1e3,
+                d[18] * 1e3,
+                found.residual_px,
+                found.grooves,
+                found.arm.0 * 1e3,
+                found.arm.1.to_degrees(),
+            );
+        }
+        Err(reason) => {
+            let _ = writeln!(text, "  not calibrated: {reason}");
+        }
+    }
+    text += &off("the scenario is", &report.errors.0);
+    if let Some(after) = &report.errors.1 {
+        text += &off("this result is", after);
+    }
+    let [x, y, z] = report.sag.map(|s| s * 1e3);
+    let _ = write!(text, "  the hand was {x:+.2} {y:+.2} {z:+.2} mm beside what its encoders say");
+    let _ = match report.hand {
+        ([a, b], Some([c, d])) if a + b > 0.0 => writeln!(
+            text,
+            "; seen from the camera, encoders and camera together miss it by {:.2} mm across, {:.2} mm along the sight (before: {:.2}, {:.2})",
+            c * 1e3,
+            d * 1e3,
+            a * 1e3,
+            b * 1e3
+        ),
+        _ => writeln!(text),
+    };
+    text
+}
+
+/// All cameras of the scenario, the calibrated ones with their new values, and the errors that the plant is to draw
+/// around them from now on.
+fn section(scenario: &Scenario, reports: &[Report]) -> String {
+    let mut text = String::from(
+        "# Cameras as `rubik-robot calibrate` found them; a list replaces the built-in one.\n",
+    );
+    let cell = &scenario.controller.cell;
+    for (index, camera) in cell.cameras.iter().enumerate() {
+        let found = reports.iter().find(|r| r.camera == index).and_then(|r| r.found.as_ref().ok());
+        let source = match &scenario.controller.cameras[index] {
+            CameraSource::Renderer => "renderer".to_owned(),
+            CameraSource::Folder(folder) => folder.display().to_string(),
+        };
+        text += &camera_section(camera, &source, found, |arm| cell.arms[arm].name.clone());
+    }
+    let all: Vec<&Calibrated> = reports.iter().filter_map(|r| r.found.as_ref().ok()).collect();
+    if !all.is_empty() {
+        let rms = |of: &dyn Fn(&Calibrated) -> f64| {
+            (all.iter().map(|c| of(c).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
+        };
+        let mean = |d: &[f64]| (d.iter().map(|x| x * x).sum::<f64>() / d.len() as f64).sqrt();
+        let _ = write!(
+            text,
+            "\n# What calibration leaves, by its own standard deviations.\n[plant.errors]\nfocal_percent = {:.4}\ncentre_px = {:.3}\ncamera_mm = {:.3}\ncamera_deg = {:.4}\n",
+            100.0 * rms(&|c| c.deviations[0] / c.setup.lens.focal.0),
+            rms(&|c| mean(&c.deviations[2..4])),
+            1e3 * rms(&|c| mean(&c.deviations[6..9])),
+            rms(&|c| mean(&c.deviations[9..12])).to_degrees(),
+        );
+    }
+    text
+}
+
+fn camera_section(
+    camera: &Camera,
+    source: &str,
+    found: Option<&Calibrated>,
+    arm: impl Fn(usize) -> String,
+) -> String {
+    let optics = &camera.intrinsics;
+    let (mount, pose) = match camera.mount {
+        Mount::World { world_from_camera } => ("mount = \"world\"\n".to_owned(), world_from_camera),
+        Mount::Flange { arm: index, flange_from_camera } => {
+            (format!("mount = \"flange\"\neffector = {:?}\n", arm(index)), flange_from_camera)
+        }
+    };
+    let (pose, focal, centre, distortion) = match found {
+        Some(c) => {
+            let lens = &c.setup.lens;
+            (c.setup.camera, lens.focal, lens.centre, (lens.radial[0], lens.radial[1]))
+        }
+        None => (pose, optics.focal, optics.centre, optics.distortion),
+    };
+    let at = pose.translation.vector * 1e3;
+    let (roll, pitch, yaw) = pose.rotation.euler_angles();
+    format!(
+        "\n[[camera]]\nname = {:?}\nsource = {source:?}\n{mount}width_px = {}\nheight_px = {}\nfocal_px = [{:.3}, {:.3}]\ncentre_px = [{:.3}, {:.3}]\ndistortion = [{:.6}, {:.6}]\nxyz_mm = [{:.3}, {:.3}, {:.3}]\nrpy_deg = [{:.5}, {:.5}, {:.5}]\n",
+        camera.name,
+        optics.width,
+        optics.height,
+        focal.0,
+        focal.1,
+        centre.0,
+        centre.1,
+        distortion.0,
+        distortion.1,
+        at.x,
+        at.y,
+        at.z,
+        roll.to_degrees(),
+        pitch.to_degrees(),
+        yaw.to_degrees(),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario;
+    use std::path::Path;
+
+    #[test]
+    fn a_written_section_is_read_back_as_the_same_cameras() {
+        let path = Path::new("test.toml");
+        let built_in = scenario::read(path, "", &[]).unwrap();
+
+        let again = scenario::read(path, &section(&built_in, &[]), &[]).unwrap();
+
+        for (a, b) in built_in.controller.cell.cameras.iter().zip(&again.controller.cell.cameras) {
+            assert_eq!((&a.name, a.intrinsics), (&b.name, b.intrinsics));
+            let (Mount::World { world_from_camera: p }
+            | Mount::Flange { flange_from_camera: p, .. }) = a.mount;
+            let (Mount::World { world_from_camera: q }
+            | Mount::Flange { flange_from_camera: q, .. }) = b.mount;
+            assert!((p.translation.vector - q.translation.vector).norm() < 1e-6);
+            assert!(p.rotation.angle_to(&q.rotation) < 1e-6);
+        }
+    }
+}

@@ -1,0 +1,454 @@
+//! `vision render`: frames of the plant's renderer with exact truth, for any tool to check its poses with.
+//!
+//! - in: a scenario (camera, cube), how many poses, their spread, a seed
+//! - out: a folder of PNG files, `frames.jsonl` (a line a frame: optics, pose, faces) and `manifest.jsonl` (a line
+//!   a face, in the form that `vision eval` reads)
+
+use super::locate::positive;
+use super::{ScenarioArgs, WRONG, complain};
+use crate::cell::{Camera, Intrinsics, Mount};
+use crate::hw::plant::render::{Look, Renderer, Setting, cube_alone};
+use crate::scenario::Scenario;
+use crate::spatial::Pose;
+use crate::vision::Lens;
+use crate::vision::colours::LETTERS;
+use crate::vision::homography::{GRID, OUTLINE, distance, smallest_pitch};
+use crate::vision::pose::cube_rotations;
+use anyhow::{Context, Result, bail};
+use clap::{Args, ValueEnum};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Writes NNNN.png, and the truth as JSON lines:
+  frames.jsonl     a frame: image, width, height, intrinsics (fx fy cx cy k1 k2 p1 p2 k3), cube_mm, camera_from_cube
+                   (three rows of four, m; OpenCV's camera axes; cube axes R = +x, B = +y, U = +z), and its visible
+                   faces: face (U R F D L B), camera_from_face (x along columns, y along rows, z into the cube),
+                   corners and centres [px], colours in reading order
+  manifest.jsonl   a visible face a line, as `vision eval` wants it
+Examples:
+  rubik-robot vision render scenarios/solve.toml --poses 200 --seed 1 -o frames \\
+      --set camera.standalone.focal_px=[600,600] --noise 6
+  rubik-robot vision accuracy frames
+  rubik-robot vision eval frames/manifest.jsonl")]
+pub(super) struct RenderArgs {
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+    /// How many frames
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    poses: u32,
+    /// Seed of poses, colours, light and noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder to write; it is created
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Which camera of the scenario
+    #[arg(long, default_value = "standalone")]
+    camera: String,
+    /// Length of the dominant face's edge when seen frontally [px]
+    #[arg(long, default_value_t = 100.0, value_parser = positive)]
+    width_px: f64,
+    /// Largest tilt of the dominant face off the sight [deg]
+    #[arg(long, default_value_t = 40.0)]
+    tilt_deg: f64,
+    /// Standard deviation of the noise, of 255; the scenario's plant.noise.image when not given
+    #[arg(long)]
+    noise: Option<f64>,
+    /// How it looks
+    #[arg(long, value_enum, default_value_t = LookWord::Drawn)]
+    look: LookWord,
+}
+
+#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum LookWord {
+    /// Light, stickers and lens drawn for each frame; mosaic, blur, reflections
+    Drawn,
+    /// Even light, no blur, no mosaic: geometry and noise alone
+    Studio,
+}
+
+/// Optics as calibration tools name them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(super) struct Optics {
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    #[serde(default)]
+    k1: f64,
+    #[serde(default)]
+    k2: f64,
+    #[serde(default)]
+    p1: f64,
+    #[serde(default)]
+    p2: f64,
+    #[serde(default)]
+    k3: f64,
+}
+
+impl Optics {
+    fn of(camera: &Intrinsics) -> Self {
+        let ((fx, fy), (cx, cy), (k1, k2)) = (camera.focal, camera.centre, camera.distortion);
+        Self { fx, fy, cx, cy, k1, k2, p1: 0.0, p2: 0.0, k3: 0.0 }
+    }
+
+    pub(super) fn lens(&self) -> Lens {
+        Lens {
+            focal: (self.fx, self.fy),
+            centre: (self.cx, self.cy),
+            radial: [self.k1, self.k2, self.k3],
+            tangential: [self.p1, self.p2],
+        }
+    }
+}
+
+/// The truth of all frames in a folder.
+fn frames_of(folder: &Path) -> PathBuf {
+    folder.join("frames.jsonl")
+}
+
+type Rows = [[f64; 4]; 3];
+
+/// A pose as three rows of four.
+pub(super) fn rows(pose: &Pose) -> Rows {
+    let m = pose.to_homogeneous();
+    std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
+}
+
+/// A visible face of a frame.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct FaceTruth {
+    face: String,
+    camera_from_face: Rows,
+    corners: [(f64, f64); 4],
+    centres: [(f64, f64); 9],
+    colours: String,
+}
+
+/// What is true of a frame.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct FrameTruth {
+    pub(super) image: String,
+    width: u32,
+    height: u32,
+    pub(super) intrinsics: Optics,
+    pub(super) cube_mm: f64,
+    camera_from_cube: Rows,
+    #[serde(default)]
+    faces: Vec<FaceTruth>,
+}
+
+impl FrameTruth {
+    /// The truths of a folder.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or a line that is none.
+    pub(super) fn read_all(folder: &Path) -> Result<Vec<Self>> {
+        let path = frames_of(folder);
+        let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        let lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
+        lines
+            .map(|(number, line)| {
+                serde_json::from_str(line)
+                    .with_context(|| format!("{}:{}", path.display(), number + 1))
+            })
+            .collect()
+    }
+
+    /// `camera_from_cube`.
+    ///
+    /// # Errors
+    /// When the rows are no rotation.
+    pub(super) fn pose(&self) -> Result<Pose> {
+        let r = &self.camera_from_cube;
+        let matrix = Matrix3::from_fn(|i, j| r[i][j]);
+        if (matrix.transpose() * matrix - Matrix3::identity()).amax() > 1e-5
+            || matrix.determinant() < 0.0
+        {
+            bail!("camera_from_cube is not a rigid motion");
+        }
+        Ok(Isometry3::from_parts(
+            Translation3::new(r[0][3], r[1][3], r[2][3]),
+            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix)),
+        ))
+    }
+}
+
+/// Writes the folder. Returns what to say and the exit code.
+pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
+    let scenario = match args.scenario.load(&[]) {
+        Ok(scenario) => scenario,
+        Err(faults) => {
+            complain(&faults);
+            return Ok((String::new(), WRONG));
+        }
+    };
+    let cameras = &scenario.controller.cell.cameras;
+    let Some(camera) = cameras.iter().find(|c| c.name == args.camera) else {
+        let names: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
+        complain(&format!("--camera {}: there are {}", args.camera, names.join(", ")));
+        return Ok((String::new(), WRONG));
+    };
+    let edge = scenario.controller.cell.cube.edge;
+    let distance = edge * camera.intrinsics.focal.0 / args.width_px;
+    if distance < 0.05 {
+        complain(&format!("--width-px {}: nearer than 50 mm to the camera", args.width_px));
+        return Ok((String::new(), WRONG));
+    }
+    std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
+    let mut random = Pcg64::seed_from_u64(args.seed);
+    let (mut frames, mut manifest, mut visible) = (String::new(), String::new(), 0);
+    for number in 0..args.poses {
+        let image = format!("{number:04}.png");
+        let Some(camera_from_cube) = draw_pose(&mut random, camera, edge, distance, args.tilt_deg)
+        else {
+            complain("the cube does not fit into the picture at this --width-px");
+            return Ok((String::new(), WRONG));
+        };
+        let facelets: [u8; 54] = std::array::from_fn(|_| random.random_range(0..6));
+        picture(args, &scenario, camera, number, &camera_from_cube, edge, facelets)
+            .save(args.output.join(&image))
+            .with_context(|| args.output.join(&image).display().to_string())?;
+        let truth = truth(image, camera, &camera_from_cube, edge, &facelets);
+        visible += truth.faces.len();
+        manifest += &manifest_lines(&truth);
+        frames += &serde_json::to_string(&truth)?;
+        frames.push('\n');
+    }
+    for (path, text) in
+        [(frames_of(&args.output), frames), (args.output.join("manifest.jsonl"), manifest)]
+    {
+        std::fs::write(&path, text).with_context(|| path.display().to_string())?;
+    }
+    let told = format!(
+        "{}: {} frames of camera {}, {visible} faces, truth in frames.jsonl and manifest.jsonl\n",
+        args.output.display(),
+        args.poses,
+        args.camera
+    );
+    Ok((told, 0))
+}
+
+/// A cube wholly in the picture whose dominant face is at most `tilt` off the sight; `None` when there is no room.
+fn draw_pose(
+    random: &mut Pcg64,
+    camera: &Camera,
+    edge: f64,
+    distance: f64,
+    tilt_deg: f64,
+) -> Option<Pose> {
+    let lens = Lens::from(&camera.intrinsics);
+    let (width, height) = (f64::from(camera.intrinsics.width), f64::from(camera.intrinsics.height));
+    for _ in 0..1000 {
+        let pixel = (random.random_range(0.0..width), random.random_range(0.0..height));
+        let tilt = random.random_range(0.0..=1.0) * tilt_deg.to_radians();
+        let way: f64 = random.random_range(0.0..std::f64::consts::TAU);
+        let roll: f64 = random.random_range(0.0..std::f64::consts::TAU);
+        let named = random.random_range(0..24);
+        let Some((x, y)) = lens.unproject(pixel) else { continue };
+        let sight = Vector3::new(x, y, 1.0).normalize();
+        let towards = UnitQuaternion::rotation_between(&Vector3::z(), &sight)
+            .unwrap_or_else(UnitQuaternion::identity);
+        let lean = UnitQuaternion::from_scaled_axis(Vector3::new(way.cos(), way.sin(), 0.0) * tilt);
+        let rolled = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll);
+        let rotation = towards * lean * rolled;
+        let centre = sight * distance + rotation * Vector3::z() * (edge / 2.0);
+        let named = cube_rotations().nth(named).unwrap_or_else(UnitQuaternion::identity);
+        let pose = Pose::from_parts(centre.into(), rotation * named);
+        let inside = (0..8).all(|i| {
+            let half = |bit: usize| if i & bit == 0 { -edge / 2.0 } else { edge / 2.0 };
+            let corner = pose * Point3::new(half(1), half(2), half(4));
+            let (x, y) = lens.project(&corner);
+            corner.z > 0.03 && x > 3.0 && y > 3.0 && x < width - 4.0 && y < height - 4.0
+        });
+        if inside {
+            return Some(pose);
+        }
+    }
+    None
+}
+
+fn picture(
+    args: &RenderArgs,
+    scenario: &Scenario,
+    camera: &Camera,
+    number: u32,
+    camera_from_cube: &Pose,
+    edge: f64,
+    facelets: [u8; 54],
+) -> image::RgbImage {
+    let seed = args.seed.wrapping_mul(0x9e37_79b9).wrapping_add(u64::from(number));
+    let keys = &scenario.plant.keys;
+    let mut look = match args.look {
+        LookWord::Drawn => Look::draw(seed),
+        LookWord::Studio => Look::studio(),
+    };
+    look.sensor.read_noise = args.noise.unwrap_or(keys.noise.image);
+    look.sensor.shot_noise = 0.0;
+    look.light.ambient *= keys.light.level as f32;
+    look.light.key *= keys.light.level as f32;
+    let world_from_camera = match camera.mount {
+        Mount::World { world_from_camera } => world_from_camera,
+        // A camera in a hand has no arm here: it stands where the stand-alone one would.
+        Mount::Flange { .. } => Pose::from_parts(
+            Translation3::new(0.0, 0.0, 1.2),
+            UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -std::f64::consts::FRAC_PI_2),
+        ),
+    };
+    let camera = Camera { mount: Mount::World { world_from_camera }, ..camera.clone() };
+    let scene = cube_alone(world_from_camera * camera_from_cube, edge, facelets);
+    Renderer::new(camera, look, seed)
+        .with_setting(Setting::of(&scenario.controller.cell))
+        .render(&scene, 1.0)
+}
+
+/// A direction of the cube frame.
+type Direction = [f64; 3];
+
+/// Letters of the faces, the outward normal and the directions of columns and rows of each in the cube frame.
+const FACES: [(&str, Direction, Direction, Direction); 6] = [
+    ("U", [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]),
+    ("R", [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]),
+    ("F", [0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]),
+    ("D", [0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]),
+    ("L", [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]),
+    ("B", [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]),
+];
+
+/// Least cosine between the sight and a face's normal for the face to count as visible.
+const VISIBLE: f64 = 0.26;
+
+fn truth(
+    image: String,
+    camera: &Camera,
+    camera_from_cube: &Pose,
+    edge: f64,
+    facelets: &[u8; 54],
+) -> FrameTruth {
+    let optics = Optics::of(&camera.intrinsics);
+    let lens = optics.lens();
+    let mut faces: Vec<(f64, FaceTruth)> = Vec::new();
+    for (index, (letter, normal, columns, rows_)) in FACES.iter().enumerate() {
+        let (normal, x, y) =
+            (Vector3::from(*normal), Vector3::from(*columns), Vector3::from(*rows_));
+        let cube_from_face =
+            crate::spatial::pose_from_axes(x, y, -normal, Point3::from(normal * (edge / 2.0)));
+        let mut camera_from_face = camera_from_cube * cube_from_face;
+        let sight = camera_from_face.translation.vector;
+        let facing = (camera_from_face.rotation * Vector3::z()).dot(&sight) / sight.norm();
+        if facing < VISIBLE {
+            continue;
+        }
+        let mut colours: [u8; 9] = std::array::from_fn(|i| facelets[9 * index + i]);
+        let place = |pose: &Pose, (u, v): (f64, f64)| {
+            lens.project(&(pose * Point3::new(u * edge / 3.0, v * edge / 3.0, 0.0)))
+        };
+        // Read as it stands in the picture: columns to the right.
+        for _ in 0..4 {
+            let (a, b) =
+                (place(&camera_from_face, (-1.0, 0.0)), place(&camera_from_face, (1.0, 0.0)));
+            if b.0 - a.0 > 0.0 && b.0 - a.0 >= (b.1 - a.1).abs() {
+                break;
+            }
+            let quarter =
+                UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
+            camera_from_face.rotation *= quarter;
+            let old = colours;
+            for row in 0..3 {
+                for column in 0..3 {
+                    colours[3 * row + column] = old[3 * column + 2 - row];
+                }
+            }
+        }
+        faces.push((
+            facing,
+            FaceTruth {
+                face: (*letter).to_owned(),
+                camera_from_face: rows(&camera_from_face),
+                corners: OUTLINE.map(|p| place(&camera_from_face, p)),
+                centres: GRID.map(|p| place(&camera_from_face, p)),
+                colours: colours.iter().map(|&c| LETTERS[usize::from(c)]).collect(),
+            },
+        ));
+    }
+    faces.sort_by(|a, b| b.0.total_cmp(&a.0));
+    FrameTruth {
+        image,
+        width: camera.intrinsics.width,
+        height: camera.intrinsics.height,
+        intrinsics: optics,
+        cube_mm: edge * 1e3,
+        camera_from_cube: rows(camera_from_cube),
+        faces: faces.into_iter().map(|(_, face)| face).collect(),
+    }
+}
+
+/// A line for each visible face, in the form of a manifest of photographs.
+fn manifest_lines(truth: &FrameTruth) -> String {
+    let mut lines = String::new();
+    for (index, face) in truth.faces.iter().enumerate() {
+        let pitch = smallest_pitch(&face.centres);
+        let narrow = distance(face.corners[0], face.corners[2])
+            .min(distance(face.corners[1], face.corners[3]));
+        let corners = [0, 2, 8, 6].map(|i| face.centres[i]);
+        let line = json!({
+            "id": format!("{}#{index}", truth.image), "source": "rendered", "image": truth.image,
+            "width": truth.width, "height": truth.height, "face": face.colours,
+            "corner_centres": corners, "all_centres": face.centres,
+            "tier": if pitch < 14.0 { "C" } else if index == 0 { "A" } else { "B" },
+            "note": format!("rendered; shorter diagonal {narrow:.0} px"),
+            "min_pitch_px": pitch, "n_faces": truth.faces.len(),
+        });
+        lines += &line.to_string();
+        lines.push('\n');
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_faces_of_the_cube_are_right_handed_and_read_from_outside() {
+        for (letter, normal, columns, rows) in FACES {
+            let (x, y) = (Vector3::from(columns), Vector3::from(rows));
+            assert_eq!(x.cross(&y), -Vector3::from(normal), "{letter}");
+        }
+    }
+
+    #[test]
+    fn drawn_poses_keep_the_dominant_face_at_its_width_and_in_the_picture() {
+        let camera = Camera {
+            name: "c".into(),
+            mount: Mount::World { world_from_camera: Pose::identity() },
+            intrinsics: Intrinsics {
+                width: 640,
+                height: 480,
+                focal: (600.0, 600.0),
+                centre: (319.5, 239.5),
+                distortion: (-0.05, 0.0),
+            },
+        };
+        let mut random = Pcg64::seed_from_u64(2);
+        for _ in 0..50 {
+            let pose = draw_pose(&mut random, &camera, 0.057, 0.342, 30.0).unwrap();
+            let truth = truth("x".into(), &camera, &pose, 0.057, &[0; 54]);
+
+            let face = &truth.faces[0];
+            let at = Vector3::from(face.camera_from_face.map(|r| r[3]));
+            assert!((at.norm() - 0.342).abs() < 1e-9, "{at}");
+            assert!(
+                face.corners.iter().all(|c| c.0 > 0.0 && c.0 < 639.0 && c.1 > 0.0 && c.1 < 479.0)
+            );
+            assert!((truth.pose().unwrap().inverse() * pose).translation.vector.norm() < 1e-12);
+        }
+    }
+}

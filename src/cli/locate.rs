@@ -1,0 +1,360 @@
+//! `vision locate` and `vision accuracy`: where the cube is in a picture, and how well that is known.
+//!
+//! - in: picture files with their optics; or a folder that `vision render` wrote, with its truth
+//! - out: one line of JSON or text a picture; or a table of errors
+
+use super::frames::{FrameTruth, Optics, rows};
+use super::vision::load;
+use crate::spatial::Pose;
+use crate::vision::colours::LETTERS;
+use crate::vision::pose::nearest_of_24;
+use crate::vision::{CubeLocation, DetectorSettings, Lens, detect, locate_in};
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use nalgebra::{Matrix6, Point3, Vector3, Vector6};
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::time::Instant;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Answers, one line a picture:
+  camera_from_cube   three rows of four [m]: takes cube coordinates to the camera's (x right, y down, z forward);
+                     origin in the cube's centre, axes along its edges (any of the 24 ways to name them)
+  camera_from_face   the dominant face: origin in its centre, x along its columns and y along its rows as the face
+                     is read in the picture, z into the cube
+  covariance         6x6 of a small error of camera_from_cube in the camera's axes: x, y, z [m], then the rotation
+                     about the cube's centre [rad]; of noise and model, not of the optics given
+  other              the second pose that fits, where one face alone leaves two
+  faces              those that were used, dominant one first
+  reason             in place of all these when there is no pose
+Examples:
+  rubik-robot vision locate photo.png --fx 600 --fy 600 --cx 319.5 --cy 239.5
+  rubik-robot vision locate frames/*.png --fx 1150 --k1 -0.08 --k2 0.02 --json
+Exit code 1 when a picture gives no pose.")]
+pub(super) struct LocateArgs {
+    /// Picture files (PNG, JPEG)
+    #[arg(required = true)]
+    images: Vec<PathBuf>,
+    #[command(flatten)]
+    optics: OpticsArgs,
+    /// Length of the cube's edge [mm]
+    #[arg(long, default_value_t = 57.0, value_parser = positive)]
+    cube_mm: f64,
+    /// One line of JSON a picture
+    #[arg(long)]
+    json: bool,
+}
+
+/// Optics on the command line, as calibration tools print them.
+#[derive(Debug, Args)]
+struct OpticsArgs {
+    /// Focal length along x [px]
+    #[arg(long, value_parser = positive)]
+    fx: f64,
+    /// Focal length along y [px]; that along x when not given
+    #[arg(long, value_parser = positive)]
+    fy: Option<f64>,
+    /// Principal point, x [px], the first pixel's centre is 0; the picture's middle when not given
+    #[arg(long, allow_hyphen_values = true)]
+    cx: Option<f64>,
+    /// Principal point, y [px]
+    #[arg(long, allow_hyphen_values = true)]
+    cy: Option<f64>,
+    /// Radial distortion of r^2
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    k1: f64,
+    /// Radial distortion of r^4
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    k2: f64,
+    /// Tangential distortion
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    p1: f64,
+    /// Tangential distortion
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    p2: f64,
+    /// Radial distortion of r^6
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    k3: f64,
+}
+
+impl OpticsArgs {
+    fn lens(&self, width: u32, height: u32) -> Lens {
+        let middle = |n: u32| 0.5 * (f64::from(n) - 1.0);
+        Lens {
+            focal: (self.fx, self.fy.unwrap_or(self.fx)),
+            centre: (self.cx.unwrap_or(middle(width)), self.cy.unwrap_or(middle(height))),
+            radial: [self.k1, self.k2, self.k3],
+            tangential: [self.p1, self.p2],
+        }
+    }
+}
+
+/// A finite number above 0.
+pub(super) fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
+        _ => Err("a number above 0 is wanted".to_owned()),
+    }
+}
+
+/// The cube in one picture, or why not.
+fn find(image: &image::RgbImage, lens: &Lens, edge: f64) -> Result<CubeLocation> {
+    let faces = detect(image, None, &DetectorSettings::default())?;
+    let Some(location) = locate_in(image, &faces, lens, edge, None) else {
+        bail!("a face was found, but no pose of a cube fits it with these optics")
+    };
+    Ok(location)
+}
+
+/// Answers for every picture, and whether all have a pose.
+pub(super) fn locate(args: &LocateArgs) -> (String, bool) {
+    let (mut text, mut all) = (String::new(), true);
+    for path in &args.images {
+        let name = path.display().to_string();
+        let found = load(path).and_then(|image| {
+            find(&image, &args.optics.lens(image.width(), image.height()), args.cube_mm * 1e-3)
+        });
+        all &= found.is_ok();
+        // Writing to a string cannot fail.
+        let _ = match found {
+            Ok(location) if args.json => writeln!(text, "{}", answer(&name, &location)),
+            Ok(location) => writeln!(text, "{name}: {}", words(&location)),
+            Err(reason) if args.json => {
+                let reason = format!("{reason:#}");
+                writeln!(text, "{}", json!({ "image": name, "reason": reason }))
+            }
+            Err(reason) => writeln!(text, "{name}: {reason:#}"),
+        };
+    }
+    (text, all)
+}
+
+fn answer(name: &str, location: &CubeLocation) -> Value {
+    let covariance: Vec<Vec<f64>> =
+        (0..6).map(|i| (0..6).map(|j| location.covariance[(i, j)]).collect()).collect();
+    let faces: Vec<Value> = location
+        .used
+        .iter()
+        .enumerate()
+        .map(|(i, cube_from_face)| {
+            let mut face = json!({
+                "camera_from_face": rows(&(location.camera_from_cube * cube_from_face)),
+                "detected": location.sighting(i).is_some(),
+            });
+            if let Some(sighting) = location.sighting(i) {
+                face["corners"] = sighting.corners.iter().map(|c| json!([c.0, c.1])).collect();
+                let letters = sighting.colours.iter().map(|&c| LETTERS[usize::from(c)]);
+                face["colours"] = letters.collect::<String>().into();
+            }
+            face
+        })
+        .collect();
+    json!({
+        "image": name,
+        "camera_from_cube": rows(&location.camera_from_cube),
+        "camera_from_face": rows(&location.camera_from_face()),
+        "covariance": covariance,
+        "residual_px": location.residual_px,
+        "other": location.other.as_ref().map(rows),
+        "faces": faces,
+    })
+}
+
+fn words(location: &CubeLocation) -> String {
+    let at = location.camera_from_cube.translation.vector * 1e3;
+    let spread = |i: usize| location.covariance[(i, i)].max(0.0).sqrt();
+    let turn = (3..6).map(spread).fold(0.0, f64::max).to_degrees();
+    format!(
+        "cube at x {:.2}, y {:.2}, z {:.2} mm (s.d. {:.2}, {:.2}, {:.2} mm, {turn:.2} deg), {} face{}, residual {:.2} px{}",
+        at.x,
+        at.y,
+        at.z,
+        spread(0) * 1e3,
+        spread(1) * 1e3,
+        spread(2) * 1e3,
+        location.used.len(),
+        if location.used.len() == 1 { "" } else { "s" },
+        location.residual_px,
+        if location.other.is_some() { ", another orientation fits, too" } else { "" },
+    )
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Localises the cube in every frame of a folder that `vision render` wrote and compares with the truth beside them.
+Lateral is across the sight to the point, depth along it. NEES: squared error over the covariance reported; 6 on
+average when the covariance is right (5.3 at the median, 12.6 at 95 %).
+Examples:
+  rubik-robot vision accuracy frames
+  rubik-robot vision accuracy frames --focal-error-percent 1
+Exit code 1 when a frame gives no pose, or a wrong one (more than 15 mm astray).")]
+pub(super) struct AccuracyArgs {
+    /// Folder with frames.jsonl
+    folder: PathBuf,
+    /// Localise with focal lengths that are wrong by so much
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    focal_error_percent: f64,
+    /// One object instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+/// Errors of a point over many frames [m].
+#[derive(Debug, Default)]
+struct Errors {
+    lateral: Vec<f64>,
+    depth: Vec<f64>,
+}
+
+impl Errors {
+    fn push(&mut self, found: Point3<f64>, truth: Point3<f64>) {
+        let sight = truth.coords.normalize();
+        let error = found - truth;
+        let depth = error.dot(&sight);
+        self.depth.push(depth.abs());
+        self.lateral.push((error - sight * depth).norm());
+    }
+
+    fn figures(&self) -> [f64; 4] {
+        let rms = |v: &[f64]| (v.iter().map(|x| x * x).sum::<f64>() / v.len() as f64).sqrt() * 1e3;
+        let p95 = |v: &[f64]| quantile(v, 0.95) * 1e3;
+        [rms(&self.lateral), p95(&self.lateral), rms(&self.depth), p95(&self.depth)]
+    }
+
+    fn json(&self) -> Value {
+        let [a, b, c, d] = self.figures();
+        json!({ "frames": self.depth.len(), "lateral_rms_mm": a, "lateral_p95_mm": b,
+            "depth_rms_mm": c, "depth_p95_mm": d })
+    }
+
+    fn line(&self, name: &str) -> String {
+        if self.depth.is_empty() {
+            return format!("{name:<38} {:6}\n", 0);
+        }
+        let [a, b, c, d] = self.figures();
+        format!("{name:<38} {:6} {a:10.3} {b:10.3} {c:10.3} {d:10.3}\n", self.depth.len())
+    }
+}
+
+fn quantile(values: &[f64], share: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let at = (values.len() as f64 * share) as usize;
+    sorted.get(at.min(values.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
+}
+
+/// A dominant face farther from the truth than this is a wrong report [m].
+const ASTRAY: f64 = 0.015;
+
+/// The table, and whether every frame gave a pose.
+///
+/// # Errors
+/// A folder that cannot be read.
+pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(String, bool)> {
+    let frames = FrameTruth::read_all(&args.folder)?;
+    let [mut face, mut several, mut single] =
+        [Errors::default(), Errors::default(), Errors::default()];
+    let (mut nees, mut times, mut misses) = (Vec::new(), Vec::new(), Vec::new());
+    let mut turns = Vec::new();
+    for frame in &frames {
+        let image = load(&args.folder.join(&frame.image))?;
+        let lens = scaled(&frame.intrinsics, 1.0 + args.focal_error_percent / 100.0);
+        let edge = frame.cube_mm * 1e-3;
+        let begun = Instant::now();
+        let found = find(&image, &lens, edge);
+        times.push(begun.elapsed().as_secs_f64() * 1e3);
+        let location = match found {
+            Ok(location) => location,
+            Err(reason) => {
+                misses.push(format!("{}: {reason:#}", frame.image));
+                continue;
+            }
+        };
+        let truth = frame.pose().with_context(|| frame.image.clone())?;
+        let centre = Point3::from(location.camera_from_face().translation.vector);
+        let nearest = face_nearest(&truth, edge, &centre);
+        if (centre - nearest).norm()
+            > ASTRAY + 0.02 * args.focal_error_percent.abs() * nearest.coords.norm()
+        {
+            let far = (centre - nearest).norm() * 1e3;
+            misses.push(format!("{}: {far:.0} mm astray", frame.image));
+            continue;
+        }
+        face.push(centre, nearest);
+        let cube = if location.used.len() > 1 { &mut several } else { &mut single };
+        cube.push(
+            location.camera_from_cube.translation.vector.into(),
+            truth.translation.vector.into(),
+        );
+        let error = error_of(&location.camera_from_cube, &truth);
+        turns.push(error.fixed_rows::<3>(3).norm());
+        nees.extend(nees_of(&error, &location.covariance));
+    }
+    let mean = nees.iter().sum::<f64>() / nees.len().max(1) as f64;
+    let turn = (turns.iter().map(|t| t * t).sum::<f64>() / turns.len().max(1) as f64).sqrt();
+    let all = misses.is_empty() && !frames.is_empty();
+    if args.json {
+        let object = json!({ "frames": frames.len(), "focal_error_percent": args.focal_error_percent,
+            "face_centre": face.json(), "cube_centre_several_faces": several.json(),
+            "cube_centre_one_face": single.json(), "rotation_rms_deg": turn.to_degrees(),
+            "nees_mean": mean, "nees_median": quantile(&nees, 0.5), "nees_p95": quantile(&nees, 0.95),
+            "median_ms": quantile(&times, 0.5), "misses": misses });
+        return Ok((format!("{object}\n"), all));
+    }
+    let mut out = String::from(
+        "point                                  frames   lateral mm: r.m.s., p95     depth mm: r.m.s., p95\n",
+    );
+    out += &face.line("centre of the dominant face");
+    out += &several.line("centre of the cube, two or three faces");
+    out += &single.line("centre of the cube, one face");
+    writeln!(
+        out,
+        "rotation {:.2} deg r.m.s.; NEES mean {mean:.1}, median {:.1}, p95 {:.1}; {} of {} frames, median {:.1} ms (with detection)",
+        turn.to_degrees(),
+        quantile(&nees, 0.5),
+        quantile(&nees, 0.95),
+        frames.len() - misses.len(),
+        frames.len(),
+        quantile(&times, 0.5)
+    )?;
+    for miss in misses {
+        writeln!(out, "  {miss}")?;
+    }
+    Ok((out, all))
+}
+
+fn scaled(optics: &Optics, factor: f64) -> Lens {
+    let mut lens = optics.lens();
+    lens.focal = (lens.focal.0 * factor, lens.focal.1 * factor);
+    lens
+}
+
+/// The centre of the true face that is nearest to a point.
+fn face_nearest(truth: &Pose, edge: f64, to: &Point3<f64>) -> Point3<f64> {
+    let half = edge / 2.0;
+    let mut best = (f64::INFINITY, *to);
+    for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+        for sign in [-half, half] {
+            let centre = truth * Point3::from(axis * sign);
+            if (centre - to).norm() < best.0 {
+                best = ((centre - to).norm(), centre);
+            }
+        }
+    }
+    best.1
+}
+
+/// Small motion, in the camera's axes, from the truth to what was found, up to the cube's symmetry.
+fn error_of(found: &Pose, truth: &Pose) -> Vector6<f64> {
+    let relative = found.rotation.inverse() * truth.rotation;
+    let named_alike = found.rotation * nearest_of_24(&relative);
+    let turn = (named_alike * truth.rotation.inverse()).scaled_axis();
+    let shift = found.translation.vector - truth.translation.vector;
+    Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
+}
+
+fn nees_of(error: &Vector6<f64>, covariance: &Matrix6<f64>) -> Option<f64> {
+    Some(error.dot(&covariance.cholesky()?.solve(error)))
+}

@@ -1,0 +1,545 @@
+//! Calibration of a camera by a cube that an arm shows it, or that an arm carries it around.
+//!
+//! One adjustment over everything that is not known: the optics, where the camera is fixed, where the cube is held,
+//! the cube's edge, and by how much each pose of the arm is off. A camera that stands sees a cube that the arm moves
+//! (extrinsics); a camera in a hand moves around a cube that stands (hand-eye). Only grooves between tiles are used:
+//! their places do not depend on the size of the stickers.
+//!
+//! - in: [`View`]s: the arm's pose as measured, and the grooves seen; a first guess with its spreads
+//! - out: [`Calibrated`] with the standard deviation of each number, or why it cannot be had
+//! - source: bundle adjustment, Triggs et al. (2000); `camera_from_cube = fixed^-1 * moved * held`
+
+use super::edges::{Kind, Probe};
+use super::fit::moved;
+use super::pose::CubeLocation;
+use super::undistort::Lens;
+use crate::spatial::Pose;
+use image::RgbImage;
+use nalgebra::{DMatrix, DVector, Point3};
+
+/// Where a groove of the cube crosses the picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Groove {
+    /// Middle of the groove between two tiles, in the cube frame, in edges of the cube: -0.5..=0.5.
+    pub point: Point3<f64>,
+    /// Unit normal of its image.
+    pub normal: (f64, f64),
+    /// Where it lies along the normal [px].
+    pub measured: f64,
+    /// Standard deviation of that [px].
+    pub sigma: f64,
+}
+
+/// What was seen at one pose of the arm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct View {
+    /// The arm's pose as measured: `world_from_tool` of the arm that shows the cube, or `base_from_flange` of the
+    /// one that carries the camera.
+    pub arm: Pose,
+    /// The grooves, in the frame of the cube as it is held.
+    pub grooves: Vec<Groove>,
+}
+
+/// What moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rig {
+    /// The camera stands, the arm moves the cube.
+    Standing,
+    /// The arm moves the camera, the cube stands.
+    InHand,
+}
+
+/// All that calibration finds, or begins with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Setup {
+    /// Optics; of the distortion k1 and k2 are estimated.
+    pub lens: Lens,
+    /// `world_from_camera`, or `flange_from_camera`.
+    pub camera: Pose,
+    /// `tool_from_cube`, or `base_from_cube`.
+    pub cube: Pose,
+    /// Edge of the cube [m].
+    pub edge: f64,
+}
+
+/// Standard deviations of a first guess, and of the arm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spreads {
+    /// Focal lengths, relative.
+    pub focal: f64,
+    /// Principal point [px].
+    pub centre: f64,
+    /// k1 and k2.
+    pub distortion: f64,
+    /// Place [m] and orientation [rad] of the camera.
+    pub camera: (f64, f64),
+    /// Place [m] and orientation [rad] of the cube.
+    pub cube: (f64, f64),
+    /// Edge of the cube [m].
+    pub edge: f64,
+    /// What each pose of the arm is off: place [m] and orientation [rad].
+    pub arm: (f64, f64),
+}
+
+impl Default for Spreads {
+    fn default() -> Self {
+        Self {
+            focal: 0.02,
+            centre: 8.0,
+            distortion: 0.05,
+            camera: (0.02, 0.03),
+            cube: (0.01, 0.05),
+            edge: 0.3e-3,
+            arm: (0.7e-3, 1.0e-3),
+        }
+    }
+}
+
+/// The result.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibrated {
+    /// What was found.
+    pub setup: Setup,
+    /// Standard deviations: fx, fy, cx, cy [px], k1, k2, the camera's place [m] and orientation [rad] each axis, the
+    /// cube's place and orientation, the edge [m].
+    pub deviations: [f64; GLOBALS],
+    /// Root mean square of the residuals [px].
+    pub residual_px: f64,
+    /// Root mean square of what the arm's poses were off [m], and [rad].
+    pub arm: (f64, f64),
+    /// Grooves that were used.
+    pub grooves: usize,
+}
+
+/// Why there is no calibration.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum NotCalibrated {
+    /// Too few views.
+    #[error("{views} usable views are too few: at least {} are needed", LEAST_VIEWS)]
+    TooFewViews {
+        /// How many there were.
+        views: usize,
+    },
+    /// The views do not tell all unknowns apart.
+    #[error("the views do not determine the camera")]
+    Undetermined,
+    /// The model does not describe what was seen.
+    #[error("the residual is {residual_px:.1} px: the views contradict each other")]
+    Contradiction {
+        /// Root mean square [px].
+        residual_px: f64,
+    },
+}
+
+/// Unknowns beside those of each view.
+pub const GLOBALS: usize = 19;
+/// Unknowns of a view.
+const LOCALS: usize = 6;
+/// Views that are enough to be told from chance.
+pub const LEAST_VIEWS: usize = 6;
+/// What the model of a groove leaves unsaid [px].
+const FLOOR: f64 = 0.06;
+/// A calibration with a larger residual is none [px].
+const WORST: f64 = 2.0;
+/// Steps of the numerical derivatives.
+const STEPS: [f64; GLOBALS] = [
+    1e-4, 1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7,
+    1e-7, 1e-7, 1e-8,
+];
+
+/// The grooves of a located cube, in the frame in which it is held: `camera_from_held` says roughly how that lies
+/// before the camera, and decides between the 24 names of the cube's axes.
+#[must_use]
+pub fn grooves_in(
+    image: &RgbImage,
+    lens: &Lens,
+    edge: f64,
+    location: &CubeLocation,
+    camera_from_held: &Pose,
+) -> Vec<Groove> {
+    let pitch = edge / 3.0;
+    let probe = Probe::new(image, lens, pitch);
+    let relative = camera_from_held.rotation.inverse() * location.camera_from_cube.rotation;
+    let held_from_cube = super::pose::nearest_of_24(&relative);
+    let share = location.faces.first().map_or(0.86, |f| f.sticker.clamp(0.6, 0.97));
+    let mut crossings = Vec::new();
+    for (i, face) in location.used.iter().enumerate() {
+        let camera_from_face = location.camera_from_cube * face;
+        probe.measure(i, &camera_from_face, share, 0.08, None, &mut crossings);
+    }
+    let mut grooves = Vec::new();
+    for crossing in crossings.iter().filter(|c| c.kind == Kind::Middle) {
+        let face = &location.used[crossing.face];
+        let at = face * Point3::new(crossing.side.0 * pitch, crossing.side.1 * pitch, 0.0);
+        let seen = lens.project(&(location.camera_from_cube * at));
+        let apart = crossing.measured - seen.0 * crossing.normal.0 - seen.1 * crossing.normal.1;
+        // The optics are not known yet, so the pose fits only roughly: what is farther off is no groove.
+        if apart.abs() < 1.0 + 0.02 * crossing.scale {
+            grooves.push(Groove {
+                point: held_from_cube * Point3::from(at.coords / edge),
+                normal: crossing.normal,
+                measured: crossing.measured,
+                sigma: crossing.sigma,
+            });
+        }
+    }
+    grooves
+}
+
+/// Adjusts everything to the views.
+///
+/// # Errors
+/// [`NotCalibrated`] with the reason.
+pub fn calibrate(
+    rig: Rig,
+    views: &[View],
+    guess: &Setup,
+    spreads: &Spreads,
+) -> Result<Calibrated, NotCalibrated> {
+    if views.len() < LEAST_VIEWS {
+        return Err(NotCalibrated::TooFewViews { views: views.len() });
+    }
+    let size = GLOBALS + LOCALS * views.len();
+    let problem = Problem { rig, views, guess };
+    let widths = widths(guess, spreads, size);
+    let mut at = DVector::zeros(size);
+    let (mut cost, mut residuals) = problem.cost(&at, &widths, 1.0);
+    let mut damping = 1e-4;
+    let mut spread = spread_of(&residuals);
+    let mut normal = DMatrix::zeros(size, size);
+    for round in 0..40 {
+        // The scale of the robust weights settles first, and then stays, so that costs can be compared.
+        if round < 6 {
+            spread = spread_of(&residuals);
+            cost = problem.cost(&at, &widths, spread).0;
+        }
+        let gradient = problem.linearise(&at, &widths, spread, &mut normal);
+        let mut gained = 0.0;
+        for _ in 0..8 {
+            let mut damped = normal.clone();
+            for k in 0..size {
+                damped[(k, k)] *= 1.0 + damping;
+            }
+            let factor = damped.cholesky().ok_or(NotCalibrated::Undetermined)?;
+            let candidate = &at + factor.solve(&gradient);
+            let (next, next_residuals) = problem.cost(&candidate, &widths, spread);
+            if next < cost {
+                gained = (cost - next) / cost;
+                (at, cost, residuals) = (candidate, next, next_residuals);
+                damping = (damping * 0.1_f64).max(1e-9);
+                break;
+            }
+            damping *= 10.0;
+        }
+        if round >= 6 && gained < 1e-6 {
+            break;
+        }
+    }
+    let inverse = normal.cholesky().ok_or(NotCalibrated::Undetermined)?.inverse();
+    problem.result(&at, &residuals, &inverse, spread)
+}
+
+/// Standard deviation of the first guess of each unknown, counted from the guess.
+fn widths(guess: &Setup, s: &Spreads, size: usize) -> DVector<f64> {
+    let mut widths = DVector::zeros(size);
+    let pose = |(place, turn): (f64, f64)| [place, place, place, turn, turn, turn];
+    let focal = (guess.lens.focal.0 * s.focal, guess.lens.focal.1 * s.focal);
+    let optics = [focal.0, focal.1, s.centre, s.centre, s.distortion, s.distortion];
+    let all = optics.into_iter().chain(pose(s.camera)).chain(pose(s.cube)).chain([s.edge]);
+    for (width, value) in widths.iter_mut().zip(all.chain(pose(s.arm).into_iter().cycle())) {
+        *width = value;
+    }
+    widths
+}
+
+/// Robust standard deviation of normalised residuals, at least 1.
+fn spread_of(residuals: &[f64]) -> f64 {
+    let mut sizes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    sizes.get(sizes.len() / 2).map_or(1.0, |median| (1.4826 * median).max(1.0))
+}
+
+struct Problem<'a> {
+    rig: Rig,
+    views: &'a [View],
+    guess: &'a Setup,
+}
+
+impl Problem<'_> {
+    fn setup(&self, x: &[f64]) -> Setup {
+        let part = |from: usize| std::array::from_fn(|k| x[from + k]);
+        let mut setup = *self.guess;
+        setup.lens.focal.0 += x[0];
+        setup.lens.focal.1 += x[1];
+        setup.lens.centre.0 += x[2];
+        setup.lens.centre.1 += x[3];
+        setup.lens.radial[0] += x[4];
+        setup.lens.radial[1] += x[5];
+        setup.camera = moved(&setup.camera, part(6));
+        setup.cube = moved(&setup.cube, part(12));
+        setup.edge += x[18];
+        setup
+    }
+
+    /// Measured minus predicted of each groove of a view, over its standard deviation.
+    fn residuals(&self, setup: &Setup, view: &View, off: [f64; LOCALS], out: &mut Vec<f64>) {
+        let arm = moved(&view.arm, off);
+        let motion = match self.rig {
+            Rig::Standing => arm,
+            Rig::InHand => arm.inverse(),
+        };
+        let camera_from_cube = setup.camera.inverse() * motion * setup.cube;
+        out.extend(view.grooves.iter().map(|g| {
+            let p = camera_from_cube * Point3::from(g.point.coords * setup.edge);
+            let (x, y) = setup.lens.project(&Point3::new(p.x, p.y, p.z.max(1e-3)));
+            (g.measured - x * g.normal.0 - y * g.normal.1) / g.sigma.hypot(FLOOR)
+        }));
+    }
+
+    fn off(x: &DVector<f64>, view: usize) -> [f64; LOCALS] {
+        std::array::from_fn(|k| x[GLOBALS + LOCALS * view + k])
+    }
+
+    /// Cauchy's cost of all grooves, and the distance from the guess.
+    fn cost(&self, x: &DVector<f64>, widths: &DVector<f64>, spread: f64) -> (f64, Vec<f64>) {
+        let setup = self.setup(x.as_slice());
+        let mut residuals = Vec::new();
+        for (i, view) in self.views.iter().enumerate() {
+            self.residuals(&setup, view, Self::off(x, i), &mut residuals);
+        }
+        let scale = (2.4 * spread).powi(2);
+        let robust: f64 = residuals.iter().map(|r| scale * (r * r / scale).ln_1p()).sum();
+        let belief: f64 =
+            x.iter().zip(widths).map(|(x, w)| (x / w).powi(2)).sum::<f64>() * spread * spread;
+        (robust + belief, residuals)
+    }
+
+    /// Fills the normal matrix and returns the right-hand side.
+    fn linearise(
+        &self,
+        x: &DVector<f64>,
+        widths: &DVector<f64>,
+        spread: f64,
+        normal: &mut DMatrix<f64>,
+    ) -> DVector<f64> {
+        normal.fill(0.0);
+        let mut right = DVector::zeros(x.len());
+        for k in 0..x.len() {
+            let weight = (spread / widths[k]).powi(2);
+            normal[(k, k)] = weight;
+            right[k] = -x[k] * weight;
+        }
+        let setup = self.setup(x.as_slice());
+        let ahead: Vec<Setup> = (0..GLOBALS)
+            .map(|k| {
+                let mut x = x.as_slice()[..GLOBALS].to_vec();
+                x[k] += STEPS[k];
+                self.setup(&x)
+            })
+            .collect();
+        let (mut here, mut there) = (Vec::new(), Vec::new());
+        for (i, view) in self.views.iter().enumerate() {
+            let off = Self::off(x, i);
+            here.clear();
+            self.residuals(&setup, view, off, &mut here);
+            let mut rows = DMatrix::<f64>::zeros(here.len(), GLOBALS + LOCALS);
+            for k in 0..GLOBALS + LOCALS {
+                there.clear();
+                let step = if k < GLOBALS {
+                    self.residuals(&ahead[k], view, off, &mut there);
+                    STEPS[k]
+                } else {
+                    let mut off = off;
+                    off[k - GLOBALS] += 1e-7;
+                    self.residuals(&setup, view, off, &mut there);
+                    1e-7
+                };
+                for (j, (a, b)) in there.iter().zip(&here).enumerate() {
+                    rows[(j, k)] = (b - a) / step;
+                }
+            }
+            let place = |k: usize| if k < GLOBALS { k } else { LOCALS * i + k };
+            for (j, residual) in here.iter().enumerate() {
+                let weight = 1.0 / (1.0 + (residual / (2.4 * spread)).powi(2));
+                for a in 0..GLOBALS + LOCALS {
+                    let scaled = weight * rows[(j, a)];
+                    right[place(a)] += scaled * residual;
+                    for b in 0..GLOBALS + LOCALS {
+                        normal[(place(a), place(b))] += scaled * rows[(j, b)];
+                    }
+                }
+            }
+        }
+        right
+    }
+
+    fn result(
+        &self,
+        x: &DVector<f64>,
+        residuals: &[f64],
+        inverse: &DMatrix<f64>,
+        spread: f64,
+    ) -> Result<Calibrated, NotCalibrated> {
+        let sigmas = self.views.iter().flat_map(|v| v.grooves.iter().map(|g| g.sigma.hypot(FLOOR)));
+        let fitting: Vec<f64> = residuals
+            .iter()
+            .zip(sigmas)
+            .filter(|(r, _)| r.abs() < 4.0 * spread)
+            .map(|(r, s)| (r * s).powi(2))
+            .collect();
+        let residual_px = (fitting.iter().sum::<f64>() / fitting.len().max(1) as f64).sqrt();
+        if residual_px.is_nan() || residual_px > WORST {
+            return Err(NotCalibrated::Contradiction { residual_px });
+        }
+        let views = self.views.len();
+        let rms = |from: usize| {
+            let sum: f64 = (0..views)
+                .flat_map(|i| (0..3).map(move |k| x[GLOBALS + LOCALS * i + from + k].powi(2)))
+                .sum();
+            (sum / (3 * views) as f64).sqrt()
+        };
+        Ok(Calibrated {
+            setup: self.setup(x.as_slice()),
+            deviations: std::array::from_fn(|k| spread * inverse[(k, k)].max(0.0).sqrt()),
+            residual_px,
+            arm: (rms(0), rms(3)),
+            grooves: fitting.len(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Translation3, UnitQuaternion, Vector3};
+    use rand::{Rng, SeedableRng};
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_pcg::Pcg64;
+
+    fn truth() -> Setup {
+        Setup {
+            lens: Lens {
+                focal: (1153.0, 1153.0),
+                centre: (321.0, 238.0),
+                radial: [-0.06, 0.01, 0.0],
+                tangential: [0.0; 2],
+            },
+            camera: Pose::identity(),
+            cube: Pose::from_parts(
+                Translation3::new(0.001, -0.002, 0.003),
+                UnitQuaternion::from_scaled_axis(Vector3::new(0.01, 0.02, -0.01)),
+            ),
+            edge: 0.0571,
+        }
+    }
+
+    /// Views of three faces' grooves with 0.05 px of noise, the arm off by `arm`.
+    fn views(rig: Rig, truth: &Setup, arm: (f64, f64), count: usize, seed: u64) -> Vec<View> {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let mut views = Vec::new();
+        while views.len() < count {
+            let mut within = |size: f64| random.random_range(-size..size);
+            let place = Vector3::new(within(0.12), within(0.09), 0.55 + within(0.2));
+            let turn = Vector3::new(0.6 + within(0.4), 0.6 + within(0.4), within(1.5));
+            let camera_from_cube =
+                Pose::from_parts(place.into(), UnitQuaternion::from_scaled_axis(turn));
+            let motion = truth.camera * camera_from_cube * truth.cube.inverse();
+            let real = match rig {
+                Rig::Standing => motion,
+                Rig::InHand => motion.inverse(),
+            };
+            let mut normal = |size: f64| -> f64 {
+                let x: f64 = StandardNormal.sample(&mut random);
+                x * size
+            };
+            let off = [arm.0, arm.0, arm.0, arm.1, arm.1, arm.1].map(&mut normal);
+            let mut grooves = Vec::new();
+            for face in 0..6 {
+                let (axis, sign) = (face / 2, if face % 2 == 0 { -0.5 } else { 0.5 });
+                let mut outward = Vector3::zeros();
+                outward[axis] = sign;
+                let centre = camera_from_cube * Point3::from(outward * truth.edge);
+                if (camera_from_cube.rotation * outward).dot(&centre.coords) > -0.1 * centre.z {
+                    continue;
+                }
+                for (u, v) in [(-1.0, 0.5), (0.0, 0.5), (1.0, -0.5), (0.5, 0.0), (-0.5, 1.0)] {
+                    let mut point = Point3::from(outward);
+                    point[(axis + 1) % 3] = u / 3.0;
+                    point[(axis + 2) % 3] = v / 3.0;
+                    let p = camera_from_cube * Point3::from(point.coords * truth.edge);
+                    let (x, y) = truth.lens.project(&p);
+                    let angle = normal(3.0);
+                    let n = (angle.cos(), angle.sin());
+                    let measured = x * n.0 + y * n.1 + normal(0.05);
+                    grooves.push(Groove { point, normal: n, measured, sigma: 0.05 });
+                }
+            }
+            if grooves.len() >= 10 {
+                views.push(View { arm: moved(&real, off), grooves });
+            }
+        }
+        views
+    }
+
+    fn guess(truth: &Setup) -> Setup {
+        let mut guess = *truth;
+        guess.lens.focal = (1150.0, 1150.0);
+        guess.lens.centre = (319.5, 239.5);
+        guess.lens.radial = [0.0; 3];
+        guess.camera = moved(&guess.camera, [0.004, -0.003, 0.002, 0.004, -0.003, 0.005]);
+        guess.cube = Pose::identity();
+        guess.edge = 0.057;
+        guess
+    }
+
+    #[test]
+    fn both_rigs_are_found_from_views_with_an_exact_arm() {
+        for rig in [Rig::Standing, Rig::InHand] {
+            let truth = truth();
+            let views = views(rig, &truth, (0.0, 0.0), 25, 3);
+            let spreads = Spreads { arm: (2e-5, 5e-5), ..Spreads::default() };
+
+            let found = calibrate(rig, &views, &guess(&truth), &spreads).unwrap();
+
+            let setup = &found.setup;
+            assert!(
+                (setup.lens.focal.0 / truth.lens.focal.0 - 1.0).abs() < 1e-3,
+                "{rig:?} {found:?}"
+            );
+            assert!((setup.lens.centre.0 - truth.lens.centre.0).abs() < 1.5, "{rig:?} {found:?}");
+            assert!((setup.lens.radial[0] - truth.lens.radial[0]).abs() < 0.03);
+            let camera = setup.camera.translation.vector - truth.camera.translation.vector;
+            assert!(camera.norm() < 1.5e-3, "{rig:?} {camera}");
+            assert!((setup.edge - truth.edge).abs() < 0.1e-3);
+            assert!(found.residual_px < 0.1);
+        }
+    }
+
+    #[test]
+    fn an_arm_that_is_off_costs_accuracy_but_the_deviations_tell_it() {
+        let truth = truth();
+        let mut squares = Vec::new();
+        for seed in 0..6 {
+            let views = views(Rig::Standing, &truth, (0.4e-3, 0.7e-3), 30, seed);
+
+            let found =
+                calibrate(Rig::Standing, &views, &guess(&truth), &Spreads::default()).unwrap();
+
+            let error = found.setup.lens.focal.0 - truth.lens.focal.0;
+            assert!((error / truth.lens.focal.0).abs() < 4e-3, "{error}");
+            squares.push((error / found.deviations[0]).powi(2));
+        }
+        let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+        assert!((0.1..4.0).contains(&mean), "{squares:?}");
+    }
+
+    #[test]
+    fn too_few_views_are_refused() {
+        let truth = truth();
+        let few = views(Rig::Standing, &truth, (0.0, 0.0), 4, 1);
+
+        let refused = calibrate(Rig::Standing, &few, &truth, &Spreads::default());
+
+        assert_eq!(refused, Err(NotCalibrated::TooFewViews { views: 4 }));
+    }
+}

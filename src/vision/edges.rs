@@ -1,0 +1,593 @@
+//! Sub-pixel edges of the tiles of a face whose pose is nearly known.
+//!
+//! Across each side of each tile a profile is sampled along the normal of the side's image, averaged over the
+//! side's middle half, so that rounded corners play no part. Its plateau is the tile's colour; half way from there
+//! to what lies beyond is the edge. No colour, no blackness of the gap and no size of the stickers is assumed: a
+//! groove may be wide, a dark line or only the step between two colours.
+//!
+//! - in: RGB pixels, lens, `camera_from_face`, share of the pitch that is sticker
+//! - out: [`Crossing`]s: places along image normals [px], with their standard deviations
+//! - source: own work; normal search as in Harris, "Tracking with rigid models" (1992)
+
+use super::homography::Point;
+use super::undistort::Lens;
+use crate::spatial::Pose;
+use image::RgbImage;
+use nalgebra::Point3;
+
+/// What a crossing measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// The middle between the edges of two neighbouring tiles: independent of the stickers' size.
+    Middle,
+    /// The distance of these edges.
+    Gap,
+    /// The edge of the first tile alone.
+    First,
+    /// The edge of the second tile alone.
+    Second,
+    /// The edge of an outer tile towards the rim.
+    Outer,
+}
+
+/// One measured crossing of the side between two cells, or of the outer side of one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Crossing {
+    /// The caller's number of the face.
+    pub(super) face: usize,
+    pub(super) kind: Kind,
+    /// Middle of the side between the cells, in pitches from the face's centre.
+    pub(super) side: Point,
+    /// Direction from the first cell to the second, in the face.
+    pub(super) across: Point,
+    /// Unit normal of the side's image, the same way.
+    pub(super) normal: Point,
+    /// What was measured along the normal [px].
+    pub(super) measured: f64,
+    /// Standard deviation of that, of the noise alone [px].
+    pub(super) sigma: f64,
+    /// Pixels a pitch along the normal.
+    pub(super) scale: f64,
+}
+
+/// Size of the stickers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Stickers {
+    /// Side as a share of the pitch.
+    pub(super) share: f64,
+    /// What blur and tone add to a sticker on each side [px].
+    pub(super) bloom: f64,
+    /// What the narrow rim beside them adds to outer edges [px].
+    pub(super) outer: f64,
+}
+
+impl Crossing {
+    /// What the model predicts for `measured`.
+    pub(super) fn predicted(
+        &self,
+        lens: &Lens,
+        camera_from_face: &Pose,
+        pitch: f64,
+        stickers: Stickers,
+    ) -> f64 {
+        let half = 0.5 * (1.0 - stickers.share);
+        let along = |sign: f64| {
+            let (u, v) = (
+                self.side.0 + sign * half * self.across.0,
+                self.side.1 + sign * half * self.across.1,
+            );
+            let p = camera_from_face * Point3::new(u * pitch, v * pitch, 0.0);
+            let (x, y) = lens.project(&Point3::new(p.x, p.y, p.z.max(1e-3)));
+            x * self.normal.0 + y * self.normal.1
+        };
+        match self.kind {
+            Kind::Middle => 0.5 * (along(-1.0) + along(1.0)),
+            Kind::Gap => along(1.0) - along(-1.0) - 2.0 * stickers.bloom,
+            Kind::First => along(-1.0) + stickers.bloom,
+            Kind::Second => along(1.0) - stickers.bloom,
+            Kind::Outer => along(-1.0) + stickers.bloom + stickers.outer,
+        }
+    }
+}
+
+/// Samples along a side over which a profile is averaged.
+const ALONG: [f64; 5] = [-0.26, -0.13, 0.0, 0.13, 0.26];
+/// Share of one of them.
+const ROW: f32 = 1.0 / ALONG.len() as f32;
+/// Depth of a profile into a tile, and of the part of it that is its plateau, in shares of the sticker.
+const DEPTH: (f64, f64) = (0.29, 0.14);
+/// Most taps of a profile.
+const TAPS: usize = 96;
+/// Least contrast of an edge, of 255 (Euclidean in RGB), beside five times the noise.
+const CONTRAST: f32 = 14.0;
+/// A gap shows its own colour from this width on [px].
+const WIDE_GAP: f64 = 3.0;
+/// What a groove as narrow as the blur adds to the standard deviation of its place, and a rim of unknown colour to that
+/// of an outer edge [px].
+const NARROW: f64 = 0.07;
+const RIM: f64 = 0.2;
+/// A side seen at fewer pixels a pitch is not measured.
+const LEAST_PITCH: f64 = 5.0;
+
+/// A colour, 0..=255.
+pub(super) type Rgb = [f32; 3];
+
+fn difference(a: Rgb, b: Rgb) -> Rgb {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn dot(a: Rgb, b: Rgb) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn length(a: Rgb) -> f32 {
+    dot(a, a).sqrt()
+}
+
+/// Colours along a normal.
+struct Profile {
+    taps: [Rgb; TAPS],
+    count: usize,
+    /// Place of the first tap and distance of two [px]; 0 is the side's middle.
+    start: f64,
+    step: f64,
+}
+
+impl Profile {
+    fn at(&self, tap: usize) -> f64 {
+        self.start + self.step * tap as f64
+    }
+
+    fn tap(&self, at: f64) -> usize {
+        (((at - self.start) / self.step).round().max(0.0) as usize).min(self.count - 1)
+    }
+
+    /// Mean colour of taps `from..=to`, and the standard deviation of one of them.
+    fn plateau(&self, from: usize, to: usize) -> (Rgb, f32) {
+        let taps = &self.taps[from..=to];
+        let n = taps.len() as f32;
+        let mean: Rgb = std::array::from_fn(|c| taps.iter().map(|t| t[c]).sum::<f32>() / n);
+        let sum: f32 = taps.iter().map(|t| dot(difference(*t, mean), difference(*t, mean))).sum();
+        (mean, (sum / (3.0 * (n - 1.0).max(1.0))).sqrt())
+    }
+
+    /// Where the colour is half way from `beyond` to `plateau`, walking from tap `from` by `way` until `last`; with the
+    /// slope there, in contrasts a pixel. `None` when it is already beyond half way at first.
+    fn half_way(
+        &self,
+        from: usize,
+        plateau: Rgb,
+        beyond: Rgb,
+        way: isize,
+        last: usize,
+    ) -> Option<(f64, f64)> {
+        let axis = difference(plateau, beyond);
+        let square = dot(axis, axis);
+        let level = |tap: usize| dot(difference(self.taps[tap], beyond), axis) / square;
+        let (mut tap, mut before) = (from, level(from));
+        if before >= 0.5 {
+            return None;
+        }
+        while tap != last {
+            let next = tap.checked_add_signed(way)?;
+            let here = level(next);
+            if here >= 0.5 {
+                let share = f64::from((0.5 - before) / (here - before).max(1e-6));
+                let place = self.at(tap) + share * (self.at(next) - self.at(tap));
+                // The slope over three taps: a pair is at the mercy of the noise.
+                let (low, high) =
+                    (tap.min(next).saturating_sub(1), (tap.max(next) + 1).min(self.count - 1));
+                let rise = f64::from((level(high) - level(low)).abs());
+                return Some((place, (rise / (self.step * (high - low) as f64)).max(0.02)));
+            }
+            (tap, before) = (next, here);
+        }
+        None
+    }
+}
+
+/// Measures edges in an image.
+pub(super) struct Probe<'a> {
+    raw: &'a [u8],
+    width: usize,
+    height: usize,
+    lens: &'a Lens,
+    pitch: f64,
+}
+
+impl<'a> Probe<'a> {
+    pub(super) fn new(image: &'a RgbImage, lens: &'a Lens, pitch: f64) -> Self {
+        let (width, height) = (image.width() as usize, image.height() as usize);
+        Self { raw: image.as_raw(), width, height, lens, pitch }
+    }
+
+    /// Adds bilinear samples at equal steps, each with its share of the mean; `None` when one is not inside the image.
+    fn sample(&self, from: Point, step: Point, taps: &mut [Rgb]) -> Option<()> {
+        let last = (taps.len() - 1) as f64;
+        let inside = |p: Point| {
+            p.0 >= 0.0
+                && p.1 >= 0.0
+                && p.0 < (self.width - 1) as f64 - 0.01
+                && p.1 < (self.height - 1) as f64 - 0.01
+        };
+        if !(inside(from) && inside((from.0 + last * step.0, from.1 + last * step.1))) {
+            return None;
+        }
+        let stride = 3 * self.width;
+        let (mut x, mut y) = (from.0 as f32, from.1 as f32);
+        let (dx, dy) = (step.0 as f32, step.1 as f32);
+        for tap in taps {
+            let (column, row) = (x as usize, y as usize);
+            let (fx, fy) = (x - column as f32, y - row as f32);
+            let (upper, lower) = ((1.0 - fy) * ROW, fy * ROW);
+            let (a, b, c, d) = (upper * (1.0 - fx), upper * fx, lower * (1.0 - fx), lower * fx);
+            let at = row * stride + 3 * column;
+            let up = self.raw.get(at..at + 6)?;
+            let down = self.raw.get(at + stride..at + stride + 6)?;
+            tap[0] += a * f32::from(up[0])
+                + b * f32::from(up[3])
+                + c * f32::from(down[0])
+                + d * f32::from(down[3]);
+            tap[1] += a * f32::from(up[1])
+                + b * f32::from(up[4])
+                + c * f32::from(down[1])
+                + d * f32::from(down[4]);
+            tap[2] += a * f32::from(up[2])
+                + b * f32::from(up[5])
+                + c * f32::from(down[2])
+                + d * f32::from(down[5]);
+            x += dx;
+            y += dy;
+        }
+        Some(())
+    }
+
+    fn project(&self, camera_from_face: &Pose, at: Point) -> Option<Point> {
+        let p = camera_from_face * Point3::new(at.0 * self.pitch, at.1 * self.pitch, 0.0);
+        (p.z > 0.02).then(|| self.lens.project(&p))
+    }
+
+    /// Appends what can be measured of a face; edges are sought up to `tolerance` pitches from their prediction.
+    /// `body` is the colour between the stickers if it is known from a face with wider gaps; returned is the one to
+    /// go on with.
+    pub(super) fn measure(
+        &self,
+        face: usize,
+        camera_from_face: &Pose,
+        share: f64,
+        tolerance: f64,
+        body: Option<Rgb>,
+        out: &mut Vec<Crossing>,
+    ) -> Option<Rgb> {
+        if self.width < 2 || self.height < 2 {
+            return body;
+        }
+        let side = |line: f64, cell: f64, way: usize| {
+            let (across, along) =
+                if way == 0 { ((1.0, 0.0), (0.0, 1.0)) } else { ((0.0, 1.0), (1.0, 0.0)) };
+            let at = (line * across.0 + cell * along.0, line * across.1 + cell * along.1);
+            Side { face, middle: at, across, along, outer: false }
+        };
+        let cells = [0, 1].into_iter().flat_map(|way| [-1.0, 0.0, 1.0].map(|cell| (way, cell)));
+        let mut inner: Vec<(Side, Across)> = Vec::with_capacity(12);
+        for (way, cell) in cells.clone() {
+            for line in [-0.5, 0.5] {
+                let side = side(line, cell, way);
+                inner.extend(self.across(&side, camera_from_face, share).map(|a| (side, a)));
+            }
+        }
+        let grooves: Vec<Option<Groove>> =
+            inner.iter().map(|(_, across)| across.groove(share, tolerance)).collect();
+        // Where the gap is too narrow to show its own colour, another face's must serve.
+        let wide = inner.iter().zip(&grooves).filter_map(|((_, across), groove)| {
+            let groove = groove.as_ref().filter(|g| g.detour)?;
+            (across.width(groove)? >= WIDE_GAP).then(|| across.profile.taps[groove.middle])
+        });
+        let body = median(&wide.collect::<Vec<Rgb>>()).or(body);
+        for ((side, across), groove) in inner.iter().zip(&grooves) {
+            if let Some(groove) = groove {
+                across.between(side, groove, share, body, out);
+            }
+        }
+        for (way, cell) in cells {
+            for (line, sign) in [(-1.5, -1.0), (1.5, 1.0)] {
+                let mut side = side(line, cell, way);
+                side.across = (sign * side.across.0, sign * side.across.1);
+                side.outer = true;
+                if let Some(across) = self.across(&side, camera_from_face, share) {
+                    across.outside(&side, share, tolerance, body, out);
+                }
+            }
+        }
+        body
+    }
+
+    /// The profile across a side; `None` where it leaves the image or the face is seen too obliquely.
+    fn across(&self, side: &Side, camera_from_face: &Pose, share: f64) -> Option<Across> {
+        let place = |across: f64, along: f64| {
+            let (a, b) = (side.across, side.along);
+            let at = (
+                side.middle.0 + across * a.0 + along * b.0,
+                side.middle.1 + across * a.1 + along * b.1,
+            );
+            self.project(camera_from_face, at)
+        };
+        let (a, b) = (place(0.0, -0.25)?, place(0.0, 0.25)?);
+        let (c, d) = (place(-0.1, 0.0)?, place(0.1, 0.0)?);
+        let tangent = (b.0 - a.0, b.1 - a.1);
+        let long = tangent.0.hypot(tangent.1);
+        let across = (5.0 * (d.0 - c.0), 5.0 * (d.1 - c.1));
+        let mut normal = (-tangent.1 / long, tangent.0 / long);
+        let mut scale = across.0 * normal.0 + across.1 * normal.1;
+        if scale < 0.0 {
+            (normal, scale) = ((-normal.0, -normal.1), -scale);
+        }
+        if !(scale >= LEAST_PITCH && 2.0 * long >= LEAST_PITCH) {
+            return None;
+        }
+        let gap = 0.5 * (1.0 - share) * scale;
+        let reach = gap + DEPTH.0 * share * scale;
+        let end = if side.outer { 0.12 * scale + 1.5 } else { reach };
+        let step = 0.5_f64.max((reach + end) / (TAPS - 2) as f64);
+        let count = ((reach + end) / step) as usize + 1;
+        let mut profile = Profile { taps: [[0.0; 3]; TAPS], count, start: -reach, step };
+        // Along the tile's own rows, so that a slanting profile does not leave them; counted along the normal.
+        let (dx, dy) = (across.0 / scale, across.1 / scale);
+        for along in ALONG {
+            let (x, y) = place(0.0, along * share)?;
+            let from = (x - reach * dx, y - reach * dy);
+            self.sample(from, (step * dx, step * dy), &mut profile.taps[..count])?;
+        }
+        let origin = place(0.0, 0.0)?;
+        Some(Across { profile, normal, scale, origin: origin.0 * normal.0 + origin.1 * normal.1 })
+    }
+}
+
+/// Median of each channel.
+fn median(colours: &[Rgb]) -> Option<Rgb> {
+    if colours.is_empty() {
+        return None;
+    }
+    Some(std::array::from_fn(|c| {
+        let mut levels: Vec<f32> = colours.iter().map(|rgb| rgb[c]).collect();
+        levels.sort_by(f32::total_cmp);
+        levels[levels.len() / 2]
+    }))
+}
+
+/// A profile across a side and where it lies.
+struct Across {
+    profile: Profile,
+    normal: Point,
+    /// Pixels a pitch along the normal.
+    scale: f64,
+    /// Place of the side's middle along the normal [px].
+    origin: f64,
+}
+
+/// What lies between two tiles.
+struct Groove {
+    first: (Rgb, f32),
+    second: (Rgb, f32),
+    /// Tap of the gap's middle.
+    middle: usize,
+    /// Whether there is a gap or a line at all.
+    detour: bool,
+    /// Taps between which edges are sought, and those where the plateaus begin.
+    reach: (usize, usize),
+    inner: (usize, usize),
+}
+
+impl Across {
+    /// Plateaus and gap of the side between two tiles.
+    fn groove(&self, share: f64, tolerance: f64) -> Option<Groove> {
+        let profile = &self.profile;
+        let gap = 0.5 * (1.0 - share) * self.scale;
+        let inner = gap + DEPTH.1 * share * self.scale;
+        let inner = (profile.tap(-inner), profile.tap(inner));
+        let first = profile.plateau(0, inner.0);
+        let second = profile.plateau(inner.1, profile.count - 1);
+        let reach = gap + tolerance * self.scale + 0.5;
+        let reach = (profile.tap(-reach), profile.tap(reach));
+        // The way from one colour to the other over a third one is longer: by that a gap or a dark line shows.
+        let direct = length(difference(first.0, second.0));
+        let detour = |tap: usize| {
+            let t = profile.taps[tap];
+            length(difference(t, first.0)) + length(difference(t, second.0)) - direct
+        };
+        let middle = (reach.0..=reach.1).max_by(|a, b| detour(*a).total_cmp(&detour(*b)))?;
+        let detour = detour(middle) >= CONTRAST.max(5.0 * first.1.max(second.1));
+        Some(Groove { first, second, middle, detour, reach, inner })
+    }
+
+    /// Width of a groove at half its depth [px].
+    fn width(&self, groove: &Groove) -> Option<f64> {
+        let here = self.profile.taps[groove.middle];
+        let half_way = |plateau, way, last| {
+            self.profile.half_way(groove.middle, plateau, here, way, last).map(|(at, _)| at)
+        };
+        Some(
+            half_way(groove.second.0, 1, groove.inner.1)?
+                - half_way(groove.first.0, -1, groove.inner.0)?,
+        )
+    }
+
+    /// Place of a line or step that is as narrow as the blur: the colours on either side and a bump of any colour
+    /// between them, all blurred alike.
+    fn line(&self, groove: &Groove, start: f64) -> Option<f64> {
+        let profile = &self.profile;
+        let (a, b) = (groove.first.0, groove.second.0);
+        let step = difference(b, a);
+        let (low, high) = (profile.tap(start - 4.0), profile.tap(start + 4.0));
+        let misfit = |at: f64, blur: f64| {
+            // The logistic curve and its slope stand for the blurred step and line.
+            let (mut across, mut bumps) = ([0.0_f32; 3], 0.0_f32);
+            let mut rest = [[0.0_f32; 3]; TAPS];
+            let mut bump = [0.0_f32; TAPS];
+            for tap in low..=high {
+                let s = 1.0 / (1.0 + ((at - profile.at(tap)) * 1.7 / blur).exp()) as f32;
+                bump[tap] = s * (1.0 - s);
+                bumps += bump[tap] * bump[tap];
+                for c in 0..3 {
+                    rest[tap][c] = profile.taps[tap][c] - a[c] - s * step[c];
+                    across[c] += bump[tap] * rest[tap][c];
+                }
+            }
+            let height = across.map(|c| c / bumps.max(1e-6));
+            (low..=high)
+                .map(|tap| {
+                    (0..3).map(|c| (rest[tap][c] - height[c] * bump[tap]).powi(2)).sum::<f32>()
+                })
+                .sum::<f32>()
+        };
+        let mut best = (f32::INFINITY, start, 1.0);
+        for blur in [0.6, 0.85, 1.2, 1.7] {
+            let mut at = start;
+            for reach in [0.6, 0.3, 0.15] {
+                let (l, m, r) =
+                    (misfit(at - reach, blur), misfit(at, blur), misfit(at + reach, blur));
+                let bend = f64::from(l - 2.0 * m + r);
+                let shift = if bend > 1e-9 { 0.5 * f64::from(l - r) / bend } else { 0.0 };
+                at += shift.clamp(-1.0, 1.0) * reach;
+            }
+            let cost = misfit(at, blur);
+            if cost < best.0 {
+                best = (cost, at, blur);
+            }
+        }
+        ((best.1 - start).abs() < 1.5).then_some(best.1)
+    }
+
+    fn crossing(&self, side: &Side, kind: Kind, at: f64, sigma: f64) -> Crossing {
+        let measured = if kind == Kind::Gap { at } else { self.origin + at };
+        let (face, across, side) = (side.face, side.across, side.middle);
+        Crossing {
+            face,
+            kind,
+            side,
+            across,
+            normal: self.normal,
+            measured,
+            sigma,
+            scale: self.scale,
+        }
+    }
+
+    /// The side between two tiles.
+    fn between(
+        &self,
+        side: &Side,
+        groove: &Groove,
+        share: f64,
+        body: Option<Rgb>,
+        out: &mut Vec<Crossing>,
+    ) {
+        let profile = &self.profile;
+        let gap = 0.5 * (1.0 - share) * self.scale;
+        let ((first, noise_a), (second, noise_b)) = (groove.first, groove.second);
+        let mut push = |kind, at, sigma| out.push(self.crossing(side, kind, at, sigma));
+        if groove.detour {
+            let here = profile.taps[groove.middle];
+            let edge = |(plateau, noise): (Rgb, f32), beyond: Rgb, way: isize, last: usize| {
+                let contrast = length(difference(plateau, beyond));
+                if contrast < CONTRAST.max(5.0 * noise) {
+                    return None;
+                }
+                let (at, slope) = profile.half_way(groove.middle, plateau, beyond, way, last)?;
+                Some((at, f64::from(noise / contrast) / slope))
+            };
+            let a = edge(groove.first, here, -1, groove.inner.0);
+            let b = edge(groove.second, here, 1, groove.inner.1);
+            match (a, b) {
+                (Some(a), Some(b)) => {
+                    let half = 0.5 * (a.0 + b.0);
+                    let narrow = b.0 - a.0 < WIDE_GAP;
+                    let middle = if narrow { self.line(groove, half) } else { Some(half) };
+                    if let Some(middle) = middle {
+                        let more = if narrow { NARROW } else { 0.0 };
+                        push(Kind::Middle, middle, (0.5 * a.1.hypot(b.1)).hypot(more));
+                    }
+                    // The width needs the gap's own colour, which a narrow one does not show.
+                    let beyond = body.unwrap_or(here);
+                    if let (Some(a), Some(b)) = (
+                        edge(groove.first, beyond, -1, groove.inner.0),
+                        edge(groove.second, beyond, 1, groove.inner.1),
+                    ) {
+                        push(Kind::Gap, b.0 - a.0, a.1.hypot(b.1));
+                    }
+                }
+                (Some(a), None) => push(Kind::First, a.0, a.1),
+                (None, Some(b)) => push(Kind::Second, b.0, b.1),
+                (None, None) => {}
+            }
+            return;
+        }
+        let direct = length(difference(first, second));
+        if direct < CONTRAST.max(5.0 * noise_a.max(noise_b)) {
+            return;
+        }
+        // One step: between two tiles without a gap, or at the edge of one whose neighbour is like the gap.
+        let Some((at, slope)) = profile.half_way(groove.reach.1, first, second, -1, groove.reach.0)
+        else {
+            return;
+        };
+        let sigma = f64::from(noise_a.max(noise_b) / direct) / slope;
+        if gap < 0.6 || at.abs() < 0.4 * gap {
+            push(Kind::Middle, at, sigma);
+        } else if at.abs() > 0.6 * gap {
+            push(if at < 0.0 { Kind::First } else { Kind::Second }, at, sigma);
+        }
+    }
+
+    /// The outer side of an outer tile.
+    fn outside(
+        &self,
+        side: &Side,
+        share: f64,
+        tolerance: f64,
+        body: Option<Rgb>,
+        out: &mut Vec<Crossing>,
+    ) {
+        let (profile, scale) = (&self.profile, self.scale);
+        let edge = -0.5 * (1.0 - share) * scale;
+        let inner = profile.tap(edge - DEPTH.1 * share * scale);
+        let (plateau, noise) = profile.plateau(0, inner);
+        let last = profile.tap(edge + tolerance * scale + 1.0).min(profile.count - 2);
+        let change = |tap: usize| length(difference(profile.taps[tap + 1], profile.taps[tap - 1]));
+        // The first steep place on the way out: beyond it is the rim, and only then the background.
+        let least = (0.7 * CONTRAST).max(4.0 * noise);
+        let Some(steep) = (inner.max(1)..=last)
+            .find(|&k| change(k) >= least && (k == last || change(k) >= change(k + 1)))
+        else {
+            return;
+        };
+        let mut beyond = steep;
+        while beyond + 2 < profile.count && change(beyond + 1) < change(beyond) {
+            beyond += 1;
+        }
+        let beyond = (beyond + 1).min(profile.count - 1);
+        // Light from beyond fills a narrow rim: its own colour is that of the wider gaps.
+        let here = profile.taps[beyond];
+        let rim = body.unwrap_or(here);
+        let contrast = length(difference(plateau, rim));
+        if contrast < CONTRAST.max(5.0 * noise) {
+            return;
+        }
+        let Some((at, slope)) = profile.half_way(beyond, plateau, rim, -1, inner) else { return };
+        if (at - edge).abs() > tolerance * scale + 1.0 {
+            return;
+        }
+        let more = if body.is_none() { RIM } else { 0.0 };
+        let sigma = (f64::from(noise / contrast) / slope).hypot(more);
+        out.push(self.crossing(side, Kind::Outer, at, sigma));
+    }
+}
+
+/// A side of a cell to be measured.
+struct Side {
+    face: usize,
+    middle: Point,
+    across: Point,
+    along: Point,
+    outer: bool,
+}
