@@ -271,8 +271,14 @@ mod tests {
             Err(ArmFault::SwitchExpected { axis: 4, travelled }) if travelled > 79.0
         ));
 
-        let mut run_over = Axis { cam: (-3.2, -3.0), ..Axis::new(20.0) };
-        assert!(matches!(run_over.home(), Err(ArmFault::SwitchExpected { axis: 4, .. })));
+        // A cam that is passed between two readings is none.
+        let mut run_over = Axis { cam: (-3.02, -3.0), ..Axis::new(20.0) };
+        let ended = run_over.home();
+        assert!(
+            matches!(ended, Err(ArmFault::SwitchExpected { axis: 4, .. })),
+            "{ended:?} {}",
+            run_over.at
+        );
 
         let mut no_zero = Axis { has_zero: false, ..Axis::new(20.0) };
         assert!(matches!(no_zero.home(), Err(ArmFault::ZeroExpected { axis: 4, .. })));
