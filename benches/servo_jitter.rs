@@ -188,7 +188,7 @@ fn servo(spin: u64, late: &mut Histogram<u64>, jitter: &mut Histogram<u64>) -> u
     timing.missed
 }
 
-/// The same period and priority; it holds /dev/cpu_dma_latency at 0 as we do.
+/// The same period and priority; it holds `/dev/cpu_dma_latency` at 0 as we do.
 fn cyclictest(late: &mut Histogram<u64>) {
     let loops = SECOND.as_nanos() as u64 / PERIOD_NANOS;
     let done = Command::new("cyclictest")

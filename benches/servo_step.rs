@@ -162,7 +162,7 @@ fn parts(c: &mut Criterion) {
     near.0[1] += 0.001;
     group.bench_function("forward", |b| b.iter(|| model.base_from_flange(black_box(&START))));
     group.bench_function("jacobian", |b| {
-        b.iter(|| model.jacobian(black_box(&START), &Pose::identity()))
+        b.iter(|| model.jacobian(black_box(&START), &Pose::identity()));
     });
     group.bench_function("inverse", |b| {
         b.iter(|| model.inverse(black_box(&flange), black_box(&near)));

@@ -79,7 +79,7 @@ impl RecordSink for Watch {
             MARKED.set(true);
             filter_system_calls();
         }
-        if record.period % 100 == 0 {
+        if record.period.is_multiple_of(100) {
             match self.sin {
                 Sin::None => {}
                 Sin::Allocates => drop(std::hint::black_box(Box::new(record.period))),

@@ -200,7 +200,6 @@ pub(super) fn wall(scenario: &Scenario, options: RunOptions) -> WallOptions {
         core: keys.core.map(|core| core as usize),
         missed_limit: u64::from(keys.missed_limit),
         require_real_time: options.require_real_time,
-        ..WallOptions::default()
     }
 }
 

@@ -280,7 +280,7 @@ section! {
         period [ms]: f64 = 2.0, 0.5..=20.0;
         /// Length of the last part of each wait that is spun away; 0 sleeps all of it.
         spin [us]: f64 = 100.0, 0.0..=1000.0;
-        /// Priority of the servo's thread under SCHED_FIFO; the bridge's thread has 5 less.
+        /// Priority of the servo's thread in the first-in, first-out class; the bridge's thread has 5 less.
         priority: i32 = 85, 6.0..=99.0;
         /// Core that the servo's thread stays on; the scheduler's choice when not given.
         core: Option<u32> = None, 0.0..=1023.0;

@@ -212,7 +212,7 @@ impl ArmServo {
         }
         self.refused = None;
         let blind = matches!(command.motion, Motion::Hold | Motion::MotorsBy(_));
-        if self.homing.is_some() || !self.synchronised && !(blind && command.jaw.is_none()) {
+        if self.homing.is_some() || !(self.synchronised || blind && command.jaw.is_none()) {
             self.refused = Some(MoveRefused::NotSynchronised);
             return;
         }
@@ -355,7 +355,7 @@ impl ArmServo {
         let Some(path) = self.running else { return };
         let (model, seconds) = (&self.config.model, self.config.period.seconds());
         let next = path
-            .at(period, &self.set, model, &self.flange_from_tool, &mut self.law, wrench, seconds)
+            .at((period, seconds), &self.set, model, &self.flange_from_tool, &mut self.law, wrench)
             .and_then(|next| self.check(&next).map(|()| next));
         match next {
             Ok(next) => {

@@ -150,19 +150,18 @@ impl Path {
         Self { kind, begin, end }
     }
 
-    /// Set values of `period`, which lasts `seconds`, the last ones being `last`.
+    /// Set values of a period, given as its number and its length [s]; the last ones are `last`.
     ///
     /// # Errors
     /// Why there are none: the pose cannot be reached.
     pub fn at(
         &self,
-        period: u64,
+        (period, seconds): (u64, f64),
         last: &SetValues,
         model: &ArmModel,
         flange_from_tool: &Pose,
         law: &mut ForceLaw,
         wrench: &Wrench,
-        seconds: f64,
     ) -> Result<SetValues, MoveRefused> {
         let share = (period + 1 - self.begin) as f64 / (self.end + 1 - self.begin) as f64;
         let mix = |a: &[f64; AXES], b: &[f64; AXES]| {
