@@ -15,6 +15,7 @@ use super::work::Work;
 use super::{ecp, edp};
 use crate::cube::{Facelets, format_turns};
 use crate::error::{Error, Fatal, System};
+use crate::generators::Behaviour;
 use crate::hw::camera::FrameSource;
 use crate::hw::driver::{self, Core, ServoLink, ServoRecord, Switches, WallEnd};
 use crate::hw::folder::FolderCamera;
@@ -309,8 +310,9 @@ async fn perform(
         .zip(links)
         .map(|(arm, link)| edp::spawn(&arm.name, link, clock, tape.clone()))
         .collect();
-    let blind = edps.iter().zip(&config.cell.arms).zip(synchronised).filter(|(_, yes)| !yes);
-    for ((edp, arm), _) in blind {
+    let blind: Vec<usize> = (0..edps.len()).filter(|&i| !synchronised[i]).collect();
+    for &i in &blind {
+        let (edp, arm) = (&edps[i], &config.cell.arms[i]);
         let now = clock.period() as f64 * PERIOD;
         ui.tell(ui::Notice::Phase(now, format!("synchronise {}", arm.name)));
         if let Err(error) = edp.synchronise().await {
@@ -381,6 +383,15 @@ async fn perform(
         })
         .collect();
 
+    // Homing leaves an axis at its switch; a task begins where the scenario says.
+    for &i in &blind {
+        let target = config.cell.arms[i].start;
+        let home = Behaviour::Joints { target, speed: 0.5, seconds: 0.0 };
+        if let Err(error) = ecps[i].behave(home).await {
+            switches.stop.store(true, Ordering::Release);
+            return Err(error);
+        }
+    }
     let mut kernel = match goal {
         None => Kernel::Idle(Idle::new(config.idle.time)),
         Some(goal) => Kernel::Cube(Box::new(cube_kernel(config, goal, meetings, face_turn)?)),
