@@ -8,6 +8,7 @@ pub mod clock;
 pub mod control;
 pub mod ecp;
 pub mod edp;
+pub mod emulate;
 mod interrupt;
 pub mod move_instruction;
 pub mod mp;
@@ -17,5 +18,6 @@ pub mod ui;
 pub mod vsp;
 pub mod witness;
 pub mod work;
+mod world;
 
 pub use supervisor::{RunOptions, run};

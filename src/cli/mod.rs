@@ -3,6 +3,7 @@
 //! Exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
+mod emulate;
 pub mod kinematics;
 mod look;
 pub mod output;
@@ -46,6 +47,8 @@ struct Cli {
 enum Command {
     /// Perform a scenario and print what it came to
     Run(run::RunArgs),
+    /// Stand in for a robot: the cell of a scenario behind serial lines, datagrams and sockets
+    Emulate(emulate::EmulateArgs),
     /// Say everything that is wrong with a scenario, without running it
     #[command(after_help = "\
 Examples:
@@ -152,6 +155,7 @@ pub fn main() -> ExitCode {
     let mut output = Output::stdout();
     let done = match cli.command {
         Command::Run(args) => run::run(&args, &mut output),
+        Command::Emulate(args) => emulate::run(&args, &mut output),
         Command::Check(args) => check(&args, &mut output),
         Command::Keys { word } => keys(word.as_deref(), &mut output),
         Command::Kinematics(args) => rows(&args, &mut output),

@@ -6,6 +6,7 @@ use crate::actors::{self, RunOptions};
 use crate::error::Error;
 use crate::record::summary::{EndedBy, Summary};
 use crate::scenario::Override;
+use crate::scenario::keys::BridgeKind;
 use clap::{Args, ValueEnum};
 use std::io::IsTerminal;
 
@@ -93,10 +94,12 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
                 Error::Fatal { .. } => EndedBy::Fatal,
                 Error::System { .. } => EndedBy::System,
             };
+            let truth =
+                (scenario.bridge.kind == BridgeKind::Plant).then(|| scenario.cube().to_string());
             let summary = Summary::not_started(
                 scenario.controller.task.word(),
                 scenario.seed,
-                &scenario.cube().to_string(),
+                truth.as_deref(),
                 &error.to_string(),
                 ended_by,
             );

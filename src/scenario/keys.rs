@@ -44,9 +44,9 @@ words! {
     BridgeKind {
         /// The simulated plant.
         Plant = "plant",
-        /// The original's serial axis controllers: comes with the real-time work.
+        /// The original's serial axis controllers, one line an axis.
         Serial = "serial",
-        /// The original's ISA boards: comes with the real-time work.
+        /// The original's ISA boards.
         Isa = "isa",
     }
 }
@@ -100,6 +100,18 @@ section! {
     Bridge {
         /// The simulated plant, or real controllers.
         kind: BridgeKind = BridgeKind::Plant;
+        /// File that names the devices of real controllers, from the scenario's folder; `rubik-robot emulate` writes it.
+        devices: String = "/tmp/rubik-robot-devices.toml".to_owned();
+        /// Answers that an axis may miss in a row before its line is given up.
+        missed_answers: u32 = 3, 1.0..=50.0;
+    }
+}
+
+impl Bridge {
+    /// Where the file of devices is, for the scenario at `path`.
+    #[must_use]
+    pub fn devices_at(&self, path: &std::path::Path) -> std::path::PathBuf {
+        path.parent().map_or_else(Default::default, |folder| folder.join(&self.devices))
     }
 }
 
