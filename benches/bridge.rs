@@ -76,14 +76,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let stop = Arc::new(AtomicBool::new(false));
     let ends = Arc::clone(&stop);
     let server = std::thread::spawn(move || {
-        let _rights = RealTime::acquire(70);
+        let _rights = RealTime::acquire(70, None);
         emulator.run(&ends, |_, _| {})
     });
     let (to, mut noted) = notes();
     let rules = Rules { misses: 1000, ..Rules::default() };
     let mut port = devices.serial(&arms, rules, to)?;
 
-    let rights = RealTime::acquire(80);
+    let rights = RealTime::acquire(80, None);
     for warning in &rights.warnings {
         println!("not had: {warning}");
     }

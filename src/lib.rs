@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | edge | [`cli`] | words and units of the workshop (mm, degrees, ms), exit codes |
 //! | shells | [`actors`] | mailboxes, lifecycles, clocks, errors |
-//! | configuration, results | [`scenario`], [`record`] | files in, data to the actors; hash and summary out |
+//! | configuration, results | [`scenario`], [`record`], [`tables`] | files in, data to the actors; hash and summary out; the solver's tables kept |
 //! | hardware | [`hw`] | ports, the servo's drivers of time, cameras, the simulated plant |
 //! | task kernels | [`tasks`] | event -> next action; the regrasp plan |
 //! | pure | [`generators`], [`vision`], [`solver`], [`reach`], [`servo`] | step(inputs) -> output |
@@ -34,5 +34,6 @@ pub mod scenario;
 pub mod servo;
 pub mod solver;
 pub mod spatial;
+pub mod tables;
 pub mod tasks;
 pub mod vision;

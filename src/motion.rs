@@ -74,6 +74,8 @@ pub enum Motion {
     Hold,
     /// Reaches these motor positions at the end, linearly.
     Motors(MotorPositions),
+    /// Turns the motors by these angles, linearly: the one motion of an arm that is not synchronised.
+    MotorsBy(MotorPositions),
     /// Reaches these joint positions at the end, linearly.
     Joints(JointPositions),
     /// Reaches this `base_from_tool` at the end along a straight line; d0 stays.
@@ -153,9 +155,70 @@ pub enum ArmFault {
         /// Measured.
         reading: f64,
     },
+    /// A power stage's own fault, or no power.
+    #[error("axis {axis}: the power stage reports a fault")]
+    PowerStage {
+        /// As above.
+        axis: usize,
+    },
+    /// Homing ended at a limit, or went round, without the synchronisation switch.
+    #[error("axis {axis}: no synchronisation switch within {travelled:.0} rad of motor angle")]
+    SwitchExpected {
+        /// As above.
+        axis: usize,
+        /// How far it went [rad].
+        travelled: f64,
+    },
+    /// Homing left the switch and no encoder zero came, or the switch was not left.
+    #[error("axis {axis}: no encoder zero within {travelled:.1} rad of motor angle off the switch")]
+    ZeroExpected {
+        /// As above.
+        axis: usize,
+        /// How far it went [rad].
+        travelled: f64,
+    },
+    /// A controller forgot where it is: it was reset.
+    #[error("axis {axis}: the controller has lost its synchronisation")]
+    SynchronisationLost {
+        /// As above.
+        axis: usize,
+    },
+    /// The actors have been silent.
+    #[error("no heart beat of the actors for {seconds:.2} s")]
+    HeartBeat {
+        /// For how long.
+        seconds: f64,
+    },
+    /// The servo's thread did not run.
+    #[error("the servo missed {periods} periods in a row")]
+    Missed {
+        /// How many.
+        periods: u64,
+    },
+    /// The bridge's thread does not answer.
+    #[error("no reading from the bridge for {periods} periods")]
+    BridgeSilent {
+        /// How many.
+        periods: u64,
+    },
     /// Emergency stop.
     #[error("emergency stop")]
     EmergencyStop,
+}
+
+/// Whether the counters of an arm mean positions (the states of the original's EDP).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum Synchronisation {
+    /// Counters start anywhere: only [`Motion::MotorsBy`] and synchronising are possible.
+    No,
+    /// On the way to the switch and the encoder zero of an axis.
+    Under {
+        /// 0 the track, 1..=6 the rotary axes, 7 the jaw.
+        axis: u8,
+    },
+    /// Every counter is zero at the synchronisation position.
+    #[default]
+    Yes,
 }
 
 /// Why a command could not be carried out (the arm holds; non-fatal).
@@ -198,6 +261,12 @@ pub enum MoveRefused {
         /// Allowed [rad/s].
         limit: f64,
     },
+    /// The arm does not know where it is.
+    #[error("the arm is not synchronised: only relative motor moves are possible")]
+    NotSynchronised,
+    /// Broken off from outside; the arm was brought to a stand.
+    #[error("the motion was broken off: the actors were silent")]
+    BrokenOff,
     /// A number that is none.
     #[error("the command or its result is not a finite number")]
     NotANumber,
@@ -230,6 +299,8 @@ pub struct ArmState {
     pub refused: Option<MoveRefused>,
     /// Set until reset: the arm is stopped.
     pub fault: Option<ArmFault>,
+    /// Whether joints and poses can be believed.
+    pub synchronisation: Synchronisation,
 }
 
 impl Default for ArmState {
@@ -247,6 +318,7 @@ impl Default for ArmState {
             command_end: 0,
             refused: None,
             fault: None,
+            synchronisation: Synchronisation::Yes,
         }
     }
 }

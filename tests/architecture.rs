@@ -14,7 +14,7 @@ use std::path::Path;
 const LAYERS: &[&[&str]] = &[
     &["cli"],
     &["actors"],
-    &["record", "scenario"],
+    &["record", "scenario", "tables"],
     &["hw"],
     &["tasks"],
     &["generators", "vision", "solver", "reach", "servo"],

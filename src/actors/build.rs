@@ -1,12 +1,14 @@
 //! From a scenario's controller section to what the shells and kernels are made of.
 
 use super::move_instruction::Manner;
+use super::supervisor::RunOptions;
 use crate::cell::{Cell, Mount};
 use crate::cube::{Axis, Face};
 use crate::generators::{Compliance, position::Speeds, visual_servo};
+use crate::hw::driver::WallOptions;
 use crate::motion::{AXES, Depth};
 use crate::reach::{Meeting, MeetingTable};
-use crate::scenario::{ControllerConfig, keys};
+use crate::scenario::{ControllerConfig, Scenario, keys};
 use crate::spatial::Pose;
 use crate::tasks::cube::hold::Hold;
 use crate::tasks::cube::mission::Goal;
@@ -87,6 +89,8 @@ pub(super) fn cube_settings(
         turn_least_torque: c.turn_least_torque,
         pull: c.approach_force,
         speed: 1.0,
+        speeds: manner(config).speeds,
+        jaw_speeds: (c.jaw_close_speed, c.jaw_open_speed),
         compliant_arm: match c.compliant_arm {
             keys::CompliantArm::Body => CompliantArm::Body,
             keys::CompliantArm::Turner => CompliantArm::Turner,
@@ -149,6 +153,19 @@ pub(super) fn meeting_place(cell: &Cell, table: &MeetingTable) -> Point3<f64> {
         })
         .collect();
     Point3::from(places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64)
+}
+
+/// How the servo's thread runs.
+pub(super) fn wall(scenario: &Scenario, options: RunOptions) -> WallOptions {
+    let keys = &scenario.real_time;
+    WallOptions {
+        spin: (keys.spin * 1e9).round() as u64,
+        priority: keys.priority,
+        core: keys.core.map(|core| core as usize),
+        missed_limit: u64::from(keys.missed_limit),
+        require_real_time: options.require_real_time,
+        ..WallOptions::default()
+    }
 }
 
 /// What the cube's kernel is to do; `None` when the task is another one. A face turn by `angle` [rad] is positive

@@ -7,7 +7,7 @@
 use super::clock::Clock;
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::hw::driver::ServoLink;
-use crate::motion::{ArmState, MoveCommand};
+use crate::motion::{ArmState, MoveCommand, MoveRefused, Synchronisation};
 use crate::record::tape::Tape;
 use crate::servo::ServoCommand;
 use crate::spatial::Pose;
@@ -18,6 +18,8 @@ use tokio::sync::{mpsc, oneshot, watch};
 const EARLY: u64 = 2;
 /// Periods that taking a bias lasts: ten samples and the filters before them.
 const BIAS_PERIODS: u64 = 16;
+/// Periods between two looks at an arm that is being synchronised.
+const PROGRESS: u64 = 25;
 /// How often the servo is asked again whether it is done.
 const POLL: Duration = Duration::from_millis(1);
 /// Time without an answer after which the servo counts as gone [s].
@@ -32,6 +34,7 @@ enum Request {
     SetTool { flange_from_tool: Pose, reply: oneshot::Sender<Result<ArmState, Error>> },
     Bias { reply: oneshot::Sender<Result<ArmState, Error>> },
     State { reply: oneshot::Sender<Result<ArmState, Error>> },
+    Synchronise { reply: oneshot::Sender<Result<ArmState, Error>> },
 }
 
 /// The far end of an EDP's mailbox. Dropping the last clone ends the EDP.
@@ -65,6 +68,15 @@ impl EdpHandle {
     /// Fatal when the arm has stopped.
     pub async fn bias(&self) -> Result<ArmState, Error> {
         self.ask("bias", |reply| Request::Bias { reply }).await
+    }
+
+    /// Finds the synchronisation position, axis by axis; at once when the arm knows it. Until then the arm takes
+    /// no other motion than relative ones of its motors.
+    ///
+    /// # Errors
+    /// Fatal when a switch or an encoder's zero does not come, or another fault stops the arm.
+    pub async fn synchronise(&self) -> Result<ArmState, Error> {
+        self.ask("synchronise", |reply| Request::Synchronise { reply }).await
     }
 
     /// The present state.
@@ -137,6 +149,7 @@ impl Edp {
                     let sent = self.send("bias", ServoCommand::Bias);
                     (self.after(sent, BIAS_PERIODS).await, reply)
                 }
+                Request::Synchronise { reply } => (self.synchronise().await, reply),
                 Request::State { reply } => (self.check("state"), reply),
             };
             self.tape.message(&self.name, "ecp", &answer);
@@ -171,6 +184,31 @@ impl Edp {
         let ticket = sent?;
         self.done("service", ticket, self.free.max(self.clock.period()) + periods).await?;
         self.check("service")
+    }
+
+    /// The state in between is published at each period of [`PROGRESS`].
+    async fn synchronise(&mut self) -> Result<ArmState, Error> {
+        if self.check("synchronise")?.synchronisation == Synchronisation::Yes {
+            return self.check("synchronise");
+        }
+        let ticket = self.send("synchronise", ServoCommand::Synchronise)?;
+        self.done("synchronise", ticket, self.clock.period() + 2).await?;
+        loop {
+            let state = self.check("synchronise")?;
+            match state.synchronisation {
+                Synchronisation::Yes => return Ok(state),
+                Synchronisation::Under { .. } => {}
+                Synchronisation::No => {
+                    let cause = NonFatal::Refused(MoveRefused::BrokenOff);
+                    let actor = self.name.clone();
+                    return Err(Error::NonFatal { actor, place: "synchronise", cause });
+                }
+            }
+            if self.link.is_closed() {
+                return Err(self.silent("synchronise"));
+            }
+            self.clock.until(self.clock.period() + PROGRESS).await;
+        }
     }
 
     /// Waits until a period has come and the servo has dealt with a command. Under the wall clock the servo's

@@ -125,7 +125,7 @@ pub fn emulate(
     }
 
     // The cameras' threads were started before: they keep an ordinary priority.
-    let rights = RealTime::acquire(PRIORITY);
+    let rights = RealTime::acquire(PRIORITY, None);
     announce(&places, &rights.warnings);
     let course = emulator
         .run(&stop, |_, plant| {

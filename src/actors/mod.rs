@@ -16,6 +16,7 @@ mod plant;
 pub mod supervisor;
 pub mod ui;
 pub mod vsp;
+pub mod weigh;
 pub mod witness;
 pub mod work;
 mod world;

@@ -143,7 +143,7 @@ impl Mp {
             for note in task.notes() {
                 self.parts.ui.tell(Notice::Note(self.now(), note));
             }
-            tracing::debug!(?action, "action");
+            tracing::debug!(now = self.now(), ?action, "action");
             event = match action {
                 Action::Finish(finish) => return Ok(finish),
                 Action::Phase(name) => {

@@ -56,6 +56,9 @@ pub(super) fn create(
         CubeKind::Dry => CubeMechanics::dry(),
     };
     config.substeps = keys.substeps;
+    for (now, wanted) in config.synchronised.iter_mut().zip(&scenario.plant.synchronised) {
+        *now = *wanted;
+    }
     for arm in &mut config.arms {
         for (motor, trip) in arm.motors.iter_mut().zip(keys.trip_current) {
             motor.trip_current = trip;

@@ -40,7 +40,7 @@ use tokio::sync::watch;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[allow(
     clippy::struct_excessive_bools,
-    reason = "four switches of the command line, independent of each other"
+    reason = "switches of the command line, independent of each other"
 )]
 pub struct RunOptions {
     /// Asks nothing and listens to no keys; otherwise p, r and t on stdin pause, resume and terminate.
@@ -49,6 +49,8 @@ pub struct RunOptions {
     pub wait: bool,
     /// Tells nothing on stderr.
     pub quiet: bool,
+    /// Under the wall clock: refuses to run unless every real-time right is granted.
+    pub require_real_time: bool,
     /// Takes the process's SIGINT and SIGTERM as the operator's terminate.
     pub interruptible: bool,
 }
@@ -267,11 +269,13 @@ async fn perform(
         seeing.lock().unwrap_or_else(PoisonError::into_inner).look(period, turned);
     };
     let clock = Clock::new(tokio::time::Instant::now());
+    let synchronised: Vec<bool>;
     let driver = match scenario.pace {
         Pace::Virtual => {
             let mut core =
                 Core::new(configs, ends, Arc::clone(&switches), Box::new(tape.clone()), &mut world)
                     .map_err(|e| not_created("servo", &e.to_string()))?;
+            synchronised = core.synchronised().collect();
             Driver::Virtual(tokio::spawn(async move {
                 let result = driver::run_virtual(&mut core, &mut world, |period, world| {
                     if period % 50 == 0
@@ -296,6 +300,7 @@ async fn perform(
             let core =
                 Core::new(configs, ends, Arc::clone(&switches), Box::new(records), &mut world)
                     .map_err(|e| not_created("servo", &e.to_string()))?;
+            synchronised = core.synchronised().collect();
             let sink = tape.clone();
             let writer = std::thread::spawn(move || {
                 while !written.is_abandoned() || !written.is_empty() {
@@ -305,10 +310,10 @@ async fn perform(
                     std::thread::sleep(Duration::from_millis(20));
                 }
             });
-            let wall = driver::spawn_wall(core, world, observe, driver::WallOptions::default())
+            let wall = driver::spawn_wall(core, world, observe, build::wall(scenario, options))
                 .map_err(|e| not_created("servo thread", &e.to_string()))?;
             for warning in &wall.warnings {
-                tracing::warn!("{warning}");
+                tracing::warn!("not real time: {warning}; `rubik-robot doctor` says what helps");
             }
             Driver::Wall(wall, writer)
         }
@@ -331,6 +336,15 @@ async fn perform(
         .zip(links)
         .map(|(arm, link)| edp::spawn(&arm.name, link, clock, tape.clone()))
         .collect();
+    let blind = edps.iter().zip(&config.cell.arms).zip(synchronised).filter(|(_, yes)| !yes);
+    for ((edp, arm), _) in blind {
+        let now = clock.period() as f64 * PERIOD;
+        ui.tell(ui::Notice::Phase(now, format!("synchronise {}", arm.name)));
+        if let Err(error) = edp.synchronise().await {
+            switches.stop.store(true, Ordering::Release);
+            return Err(error);
+        }
+    }
     let mut sensors = Sensors::default();
     for (index, wanted) in config.vsps.iter().enumerate() {
         // Under continuous coordination the ECPs only transmit: all readings go to MP.
@@ -434,7 +448,10 @@ async fn perform(
         }
         Driver::Wall(wall, writer) => {
             let WallEnd { port, fault, timing } = wall.stop();
-            tracing::info!(?timing, "servo timing");
+            for line in timing.to_string().lines() {
+                ui.tell(ui::Notice::Note(ending.end, format!("servo: {line}")));
+            }
+            tokio::task::yield_now().await;
             let _ = writer.join();
             (port.ok_or_else(|| not_created("bridge", "its thread died"))?, fault)
         }

@@ -4,11 +4,16 @@
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
 mod emulate;
+mod engine;
 pub mod kinematics;
 mod look;
 pub mod output;
+mod progress;
 mod run;
+mod solve;
+mod tables;
 pub mod vision;
+mod weigh;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::io::Write;
@@ -29,6 +34,8 @@ Try these, in this order:
   rubik-robot keys control                                every key, its unit, default and meaning
   echo 0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics fk --arm postument
   rubik-robot vision face photo.jpg                       the faces of a cube in a photograph
+  rubik-robot solve --scramble \"R U2 F' L\"               the fewest turns that solve a cube
+  rubik-robot tables build                                larger tables, for shorter solutions
   rubik-robot picture scenarios/solve.toml                the cell as cell.png
 
 Exit codes: 0 done, 1 the task failed or was aborted, 2 usage or scenario, 3 fatal (an effector),
@@ -49,6 +56,8 @@ enum Command {
     Run(run::RunArgs),
     /// Stand in for a robot: the cell of a scenario behind serial lines, datagrams and sockets
     Emulate(emulate::EmulateArgs),
+    /// Find the weight of a tool, its centre and the force sensor's bias, from several orientations
+    Weigh(weigh::WeighArgs),
     /// Say everything that is wrong with a scenario, without running it
     #[command(after_help = "\
 Examples:
@@ -76,6 +85,34 @@ Examples:
   rubik-robot kinematics ik --arm postument < rows.csv
       each row: 12 numbers of base_from_tool by rows (3 x 4), then the current joints")]
     Kinematics(KinematicsArgs),
+    /// Solve cubes: the fewest turns of faces
+    #[command(after_help = "\
+Answers come on stdout in the order of the cubes, what is refused says why. Exit code 2 if any cube was refused.
+Examples:
+  rubik-robot solve --scramble \"R U2 M' y Fw\"
+  rubik-robot solve DRLUUBFBRBLURRLRUBLRDDFDLFUFUFFDBRDUBRUFLLFDDBFLUBLRBD
+  rubik-robot solve --mode first --json - < cubes.txt
+  rubik-robot solve --max-length 20 --scramble \"R U R' U'\"
+  rubik-robot solve --budget-ms 1000 --threads 2 CUBE
+  rubik-robot scramble --count 5 --facelets | rubik-robot solve -")]
+    Solve(solve::SolveArgs),
+    /// Draw cubes uniformly from all there are, and say which turns make them
+    #[command(after_help = "\
+Examples:
+  rubik-robot scramble
+  rubik-robot scramble --seed 7 --json
+  rubik-robot scramble --count 1000 --seed 1 --facelets > cubes.txt")]
+    Scramble(solve::ScrambleArgs),
+    /// Make, list, check and remove the solver's tables
+    #[command(after_help = "\
+Without them `solve` builds what its mode needs when it needs it; the large ones for two-phase only here.
+Examples:
+  rubik-robot tables build            everything that any mode needs
+  rubik-robot tables list
+  rubik-robot tables verify
+  rubik-robot tables remove phase1-large
+  RUBIK_ROBOT_TABLES=/data/tables rubik-robot tables build")]
+    Tables(tables::TablesArgs),
     /// Run the vision on pictures and on measured colours
     Vision(look::VisionArgs),
     /// Draw the cell of a scenario, or what one of its cameras sees
@@ -156,9 +193,13 @@ pub fn main() -> ExitCode {
     let done = match cli.command {
         Command::Run(args) => run::run(&args, &mut output),
         Command::Emulate(args) => emulate::run(&args, &mut output),
+        Command::Weigh(args) => weigh::run(&args, &mut output),
         Command::Check(args) => check(&args, &mut output),
         Command::Keys { word } => keys(word.as_deref(), &mut output),
         Command::Kinematics(args) => rows(&args, &mut output),
+        Command::Solve(args) => solve::run(&args, &mut output),
+        Command::Scramble(args) => solve::scramble(&args, &mut output),
+        Command::Tables(args) => tables::run(&args, &mut output),
         Command::Vision(args) => look::look_at(&args, &mut output),
         Command::Picture(args) => look::picture(&args, &mut output),
     };

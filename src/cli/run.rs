@@ -6,7 +6,7 @@ use crate::actors::{self, RunOptions};
 use crate::error::Error;
 use crate::record::summary::{EndedBy, Summary};
 use crate::scenario::Override;
-use crate::scenario::keys::BridgeKind;
+use crate::scenario::keys::{BridgeKind, Pace};
 use clap::{Args, ValueEnum};
 use std::io::IsTerminal;
 
@@ -17,6 +17,7 @@ Examples:
   rubik-robot run scenarios/solve.toml --seed 7 --set coordination=continuous
   rubik-robot run scenarios/solve.toml --cube UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB
   rubik-robot run scenarios/solve.toml --pace real-time
+  rubik-robot run scenarios/idle.toml --pace real-time --require-rt
   rubik-robot run scenarios/face_turn.toml --set control.force_sign=-1     a spoilt controller
   rubik-robot run scenarios/solve.toml --json | tail -1
 
@@ -33,6 +34,9 @@ pub(super) struct RunArgs {
     /// Which clock drives the run
     #[arg(long, value_enum)]
     pace: Option<PaceWord>,
+    /// Refuse to run unless every real-time right is granted (with --pace real-time)
+    #[arg(long)]
+    require_rt: bool,
     /// Wait for the operator's start (s, Enter)
     #[arg(long)]
     wait: bool,
@@ -72,7 +76,12 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
             return Ok(WRONG);
         }
     };
+    if args.require_rt && scenario.pace != Pace::RealTime {
+        complain("--require-rt: the pace is virtual; add --pace real-time");
+        return Ok(WRONG);
+    }
     let options = RunOptions {
+        require_real_time: args.require_rt,
         automatic: args.json || !(args.wait || std::io::stdin().is_terminal()),
         wait: args.wait && !args.json,
         quiet: false,

@@ -187,6 +187,18 @@ impl Facelets {
         Ok((self.rotated(rotation), rotation))
     }
 
+    /// The same cube held alike, each colour named by the face on whose centre it is now: what slices and rotations
+    /// make of a cube is so a matter of face turns again.
+    ///
+    /// # Errors
+    /// As [`Facelets::normalised`].
+    pub fn named_by_position(&self) -> Result<Self, ImpossibleCube> {
+        let (_, rotation) = self.normalised()?;
+        // The rotation takes each face to the one that is named like its centre.
+        let back = rotation.inverse();
+        Ok(Self::from_faces(std::array::from_fn(|i| back.face(self.colour(i)))))
+    }
+
     /// Whether each face has one colour, in any orientation.
     #[must_use]
     pub fn is_solved(&self) -> bool {
@@ -294,6 +306,23 @@ mod tests {
             assert_eq!(home, scrambled);
             assert_eq!(back, rotation.inverse());
         }
+    }
+
+    #[test]
+    fn colours_named_by_position_undo_only_the_names() {
+        let scrambled = Facelets::from(&Cube::scrambled(7));
+        for rotation in Rotation24::all() {
+            let named = scrambled.rotated(rotation).named_by_position().unwrap();
+
+            assert!(Cube::try_from(named).is_ok());
+            assert_eq!(named.is_solved(), scrambled.is_solved());
+        }
+        // After a slice, the outer layers are where they were: by their names it is the other two that turned.
+        let slice =
+            crate::cube::after_moves(&Facelets::solved(), &crate::cube::parse_moves("M").unwrap());
+        let outer =
+            parse_turns("L' R").unwrap().iter().fold(Facelets::solved(), |f, &t| f.turned(t));
+        assert_eq!(slice.named_by_position().unwrap(), outer);
     }
 
     #[test]

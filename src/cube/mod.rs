@@ -9,12 +9,18 @@ use serde::{Deserialize, Serialize};
 
 mod cubies;
 mod facelets;
+mod legality;
+mod moves;
+mod repair;
 mod rotation;
 mod turn;
 
+pub use cubies::Cube;
 pub(crate) use cubies::{CORNERS, EDGES};
-pub use cubies::{Cube, ImpossibleCube, Piece};
 pub use facelets::{FaceletPlace, Facelets, ParseFacelets, facelet_at, facelet_place};
+pub use legality::{ImpossibleCube, Piece};
+pub use moves::{Layers, Move, ParseMoves, after_moves, parse_moves};
+pub use repair::{Repair, StickerChange};
 pub use rotation::{Rotation24, rotation_index, rotations};
 pub use turn::{ParseTurns, format_turns, parse_turns};
 

@@ -463,7 +463,11 @@ fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
                 from.rotation.slerp(&pose.rotation, inputs.pace),
             );
         }
-        Motion::Pose(_) | Motion::Hold | Motion::Motors(_) | Motion::Joints(_) => {}
+        Motion::Pose(_)
+        | Motion::Hold
+        | Motion::Motors(_)
+        | Motion::MotorsBy(_)
+        | Motion::Joints(_) => {}
     }
     Next::Go(command)
 }

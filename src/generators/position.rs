@@ -30,6 +30,35 @@ pub struct Speeds {
 const PEAK_SPEED: f64 = 1.875;
 const PEAK_ACCELERATION: f64 = 5.774;
 
+/// Shortest duration of a way at `fraction` of a full speed and acceleration.
+fn seconds(way: f64, speed: f64, acceleration: f64, fraction: f64) -> f64 {
+    let by_speed = PEAK_SPEED * way.abs() / (speed * fraction);
+    let by_acceleration = (PEAK_ACCELERATION * way.abs() / (acceleration * fraction)).sqrt();
+    by_speed.max(by_acceleration)
+}
+
+impl Speeds {
+    /// How long a motion between joint positions takes at a fraction of the full speeds [s].
+    #[must_use]
+    pub fn joints_seconds(&self, from: &JointPositions, to: &JointPositions, fraction: f64) -> f64 {
+        let way = |i: usize| to.0[i] - from.0[i];
+        (0..AXES)
+            .map(|i| seconds(way(i), self.joint[i], self.joint_acceleration[i], fraction))
+            .fold(0.0, f64::max)
+    }
+
+    /// How long a straight way of the tool [m] with a rotation [rad] takes at a fraction of the full speeds [s].
+    #[must_use]
+    pub fn line_seconds(&self, way: f64, turn: f64, fraction: f64) -> f64 {
+        seconds(way, self.linear, self.linear_acceleration, fraction).max(seconds(
+            turn,
+            self.angular,
+            self.angular_acceleration,
+            fraction,
+        ))
+    }
+}
+
 #[derive(Debug, Clone, Copy)]
 enum Goal {
     Joints { start: Option<JointPositions>, target: JointPositions },
@@ -89,34 +118,20 @@ impl Position {
     }
 
     fn begin(&mut self, inputs: &Inputs<'_>) {
-        let mut seconds: f64 = 0.0;
-        let mut take = |way: f64, speed: f64, acceleration: f64| {
-            let by_speed = PEAK_SPEED * way.abs() / (speed * self.fraction);
-            let by_acceleration =
-                (PEAK_ACCELERATION * way.abs() / (acceleration * self.fraction)).sqrt();
-            seconds = seconds.max(by_speed).max(by_acceleration);
-        };
-        match &mut self.goal {
+        let seconds = match &mut self.goal {
             Goal::Joints { start, target } => {
                 let from = inputs.arm.desired_joints;
-                for i in 0..AXES {
-                    take(
-                        target.0[i] - from.0[i],
-                        self.speeds.joint[i],
-                        self.speeds.joint_acceleration[i],
-                    );
-                }
                 *start = Some(from);
+                self.speeds.joints_seconds(&from, target, self.fraction)
             }
             Goal::Line { start, target } => {
                 let from = inputs.arm.desired_base_from_tool;
-                let way = (target.translation.vector - from.translation.vector).norm();
-                take(way, self.speeds.linear, self.speeds.linear_acceleration);
-                let turn = from.rotation.angle_to(&target.rotation);
-                take(turn, self.speeds.angular, self.speeds.angular_acceleration);
                 *start = Some(from);
+                let way = (target.translation.vector - from.translation.vector).norm();
+                let turn = from.rotation.angle_to(&target.rotation);
+                self.speeds.line_seconds(way, turn, self.fraction)
             }
-        }
+        };
         let step = f64::from(self.macrostep) * PERIOD;
         self.steps = (seconds / step).ceil().max(1.0);
     }

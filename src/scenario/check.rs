@@ -81,6 +81,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         fault(reader, "control.force_sign", "`control.force_sign`: 0 is neither 1 nor -1".into());
     }
 
+    let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
     let hand = HandZone {
         world_from_cube: pose(root.hand.centre_xyz, root.hand.cube_rpy),
         half_extent: Vector3::from(root.hand.half_extent_xyz),
@@ -89,6 +90,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         path: path.to_path_buf(),
         seed: root.seed,
         pace: root.pace,
+        real_time: root.real_time,
         bridge: root.bridge,
         controller: ControllerConfig {
             task: root.task,
@@ -110,7 +112,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
             face_turn: root.face_turn,
             idle: root.idle,
         },
-        plant: PlantSection { cube_state, keys: root.plant },
+        plant: PlantSection { cube_state, synchronised, keys: root.plant },
     })
 }
 

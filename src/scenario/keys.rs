@@ -102,7 +102,7 @@ section! {
         kind: BridgeKind = BridgeKind::Plant;
         /// File that names the devices of real controllers, from the scenario's folder; `rubik-robot emulate` writes it.
         devices: String = "/tmp/rubik-robot-devices.toml".to_owned();
-        /// Answers that an axis may miss in a row before its line is given up.
+        /// Answers that one axis misses in a row before its line is given up.
         missed_answers: u32 = 3, 1.0..=50.0;
     }
 }
@@ -268,6 +268,21 @@ section! {
     FaceTurn {
         /// How far the layer is turned; positive is clockwise seen from outside.
         angle [deg]: f64 = 90.0, -180.0..=180.0;
+    }
+}
+
+section! {
+    /// The servo's thread under the wall clock.
+    RealTime {
+        /// Length of the last part of each wait that is spun away; 0 sleeps all of it.
+        spin [us]: f64 = 100.0, 0.0..=1000.0;
+        /// Priority of the servo's thread under SCHED_FIFO; the bridge's thread has 5 less.
+        priority: i32 = 85, 6.0..=99.0;
+        /// Core that the servo's thread stays on; the scheduler's choice when not given.
+        core: Option<u32> = None, 0.0..=1023.0;
+        /// Periods missed in a row after which the arms are brought to a stand and stop: 0.1 s, since gaps of up
+        /// to 45 ms come from below virtual machines.
+        missed_limit: u32 = 50, 1.0..=10000.0;
     }
 }
 

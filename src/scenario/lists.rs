@@ -49,6 +49,9 @@ section! {
         start_d0 [mm]: f64 = 0.0, -200.0..=2000.0;
         /// Joints q1..q6 when the run begins; the default stands before the hand-over place.
         start_joints [deg]: [f64; 6] = [0.0, -101.07, 29.03, 72.04, 90.0, 0.0], -600.0..=600.0;
+        /// Whether its controllers know where the arm is when the run begins; an arm that does not is synchronised
+        /// first: axis by axis to its switch and the encoder's zero.
+        start_synchronised: bool = true;
     } with {
         /// Gripper.
         gripper: GripperKeys,

@@ -22,7 +22,7 @@ use crate::servo::regulator::ServoGains;
 use fault::{Faults, Source};
 use keys::{
     Bridge, CellKeys, Control, Coordination, CubeKeys, FaceTurn, HandKeys, Idle, Pace, Planner,
-    Servo, Task, VisionKeys, VisualServo,
+    RealTime, Servo, Task, VisionKeys, VisualServo,
 };
 use lists::{CameraKeys, Effector, VspKind};
 use plant::PlantKeys;
@@ -43,6 +43,8 @@ pub struct Scenario {
     pub seed: u64,
     /// Which clock drives the run.
     pub pace: Pace,
+    /// How the servo's thread runs under the wall clock.
+    pub real_time: RealTime,
     /// What is behind the hardware port.
     pub bridge: Bridge,
     /// What the controller may know.
@@ -138,6 +140,8 @@ impl Scenario {
 pub struct PlantSection {
     /// The cube's state, a possible one; `None` is drawn from the seed.
     pub cube_state: Option<Facelets>,
+    /// Per effector: whether its controllers are synchronised when the run begins.
+    pub synchronised: Vec<bool>,
     /// Keys under `plant`.
     pub keys: PlantKeys,
 }
@@ -207,6 +211,8 @@ section::section! {
         idle: Idle,
         /// Regulators of the axes.
         servo: Servo,
+        /// The servo's thread.
+        real_time: RealTime,
         /// What only the simulated plant may read.
         plant: PlantKeys,
     }

@@ -1,6 +1,7 @@
 //! A whole 2 ms period of one arm.
 
-use super::io::{ArmDrive, ArmReading};
+use super::homing::{Homing, HomingStep};
+use super::io::{ArmDrive, ArmReading, JAW};
 use super::jaw::Jaw;
 use super::path::{Path, SetValues, check_end};
 use super::regulator::Regulator;
@@ -9,7 +10,8 @@ use super::watch::Watch;
 use super::wrench::WristForce;
 use super::{ForceSettings, ServoCommand, ServoConfig};
 use crate::motion::{
-    AXES, ArmFault, ArmState, JointPositions, MotorPositions, MoveCommand, MoveRefused,
+    AXES, ArmFault, ArmState, JointPositions, Motion, MotorPositions, MoveCommand, MoveRefused,
+    Synchronisation,
 };
 use crate::spatial::{Pose, Wrench};
 use std::f64::consts::TAU;
@@ -35,6 +37,12 @@ pub struct ArmServo {
     command_end: u64,
     refused: Option<MoveRefused>,
     fault: Option<ArmFault>,
+    synchronised: bool,
+    homing: Option<Homing>,
+    /// What homing does in this period.
+    homing_step: Option<HomingStep>,
+    /// Steps of the motors that are given up little by little [rad].
+    braking: Option<[f64; AXES]>,
 }
 
 /// What was measured in a period.
@@ -49,12 +57,17 @@ struct Measured {
 impl ArmServo {
     /// Periods before the end of a macrostep from which on the next one waits for its end.
     pub const EARLY: u64 = 2;
+    /// Share of a speed that is left after a period of braking: 0.1 s for all but a hundredth of it.
+    const FADE: f64 = 0.92;
+    /// A step of a motor that counts as none [rad].
+    const STANDS: f64 = 1e-5;
 
     /// Stands where the first reading says.
     #[must_use]
     pub fn new(config: ServoConfig, first: &ArmReading) -> Self {
-        let motors = motors_at(&config, first);
-        let set = SetValues::of_motors(&config.model, &config.flange_from_tool, motors);
+        let (model, tool) = (&config.model, &config.flange_from_tool);
+        let set = SetValues::of_joints(model, tool, JointPositions::default());
+        let set = set.moved_to(model, tool, motors_at(&config, first));
         Self {
             flange_from_tool: config.flange_from_tool,
             set,
@@ -72,6 +85,10 @@ impl ArmServo {
             command_end: 0,
             refused: None,
             fault: None,
+            synchronised: is_synchronised(&config, first),
+            homing: None,
+            homing_step: None,
+            braking: None,
             config,
         }
     }
@@ -88,6 +105,7 @@ impl ArmServo {
         if let Some(command) = command {
             self.accept(period, reading, command);
         }
+        self.home(period, reading, &measured);
         self.begin_waiting(period);
         self.watch(period, reading, &measured);
         let before = self.set.motors;
@@ -97,6 +115,7 @@ impl ArmServo {
             self.jaw.advance(period);
         }
         self.steps = std::array::from_fn(|i| self.set.motors.0[i] - before.0[i]);
+        self.homing_step = self.homing_step.filter(|_| self.fault.is_none());
         (self.drive(reading), self.state(period, reading, &measured))
     }
 
@@ -106,12 +125,30 @@ impl ArmServo {
         self.hold(period);
     }
 
+    /// Brings the arm to a stand within about 0.1 s: set values that stop dead trip the power stages.
+    pub fn brake(&mut self, period: u64) {
+        if self.running.is_none() && self.waiting.is_none() && self.homing.is_none() {
+            return;
+        }
+        self.hold(period);
+        self.braking = Some(self.steps);
+        self.refused = Some(MoveRefused::BrokenOff);
+    }
+
     /// Breaks off what is going on and keeps the present set values.
     pub fn hold(&mut self, period: u64) {
         self.running = None;
         self.waiting = None;
+        self.homing = None;
+        self.braking = None;
         self.jaw.hold();
         self.command_end = self.command_end.min(period);
+    }
+
+    /// Whether the arm knows where it is.
+    #[must_use]
+    pub fn is_synchronised(&self) -> bool {
+        self.synchronised
     }
 
     /// Why the arm is stopped.
@@ -152,6 +189,13 @@ impl ArmServo {
             }
             ServoCommand::ForceSettings(settings) => self.late.settings = settings,
             ServoCommand::Reset => self.reset(reading),
+            ServoCommand::Synchronise => {
+                if self.fault.is_none() && !self.synchronised {
+                    self.hold(period);
+                    self.refused = None;
+                    self.homing = Some(Homing::new(self.config.model.has_track));
+                }
+            }
         }
     }
 
@@ -160,6 +204,12 @@ impl ArmServo {
             return;
         }
         self.refused = None;
+        let blind = matches!(command.motion, Motion::Hold | Motion::MotorsBy(_));
+        if self.homing.is_some() || !self.synchronised && !(blind && command.jaw.is_none()) {
+            self.refused = Some(MoveRefused::NotSynchronised);
+            return;
+        }
+        self.braking = None;
         let follows = self.running.is_some_and(|path| path.end <= period + Self::EARLY);
         let after = if follows { self.running.map_or(0, |path| path.end + 1) } else { 0 };
         let begin = start.max(period).max(after);
@@ -176,7 +226,7 @@ impl ArmServo {
             return;
         }
         self.flange_from_tool = flange_from_tool;
-        self.set = SetValues::of_motors(&self.config.model, &flange_from_tool, self.set.motors);
+        self.set = self.set.moved_to(&self.config.model, &flange_from_tool, self.set.motors);
         if let Some(path) = &mut self.running {
             path.retarget(self.set.base_from_tool, period);
         }
@@ -184,8 +234,9 @@ impl ArmServo {
 
     fn reset(&mut self, reading: &ArmReading) {
         let motors = motors_at(&self.config, reading);
-        self.set = SetValues::of_motors(&self.config.model, &self.flange_from_tool, motors);
+        self.set = self.set.moved_to(&self.config.model, &self.flange_from_tool, motors);
         self.steps = [0.0; AXES];
+        self.synchronised = is_synchronised(&self.config, reading);
         for regulator in &mut self.regulators {
             regulator.reset();
         }
@@ -195,8 +246,53 @@ impl ArmServo {
         self.law = ForceLaw::default();
         self.running = None;
         self.waiting = None;
+        self.homing = None;
+        self.braking = None;
         self.refused = None;
         self.fault = None;
+    }
+
+    /// Homing's share of the period, before anything is believed of the counters.
+    fn home(&mut self, period: u64, reading: &ArmReading, measured: &Measured) {
+        self.homing_step = None;
+        if self.synchronised && self.fault.is_none() {
+            let lost = required(&self.config) & !reading.synchronised;
+            if lost != 0 {
+                self.synchronised = false;
+                let axis = lost.trailing_zeros() as usize;
+                self.trip(period, ArmFault::SynchronisationLost { axis });
+            }
+        }
+        let Some(homing) = &mut self.homing else { return };
+        match homing.step(reading) {
+            Ok(Some(step)) => {
+                if step.zeroed {
+                    self.rebase(step.axis, reading, measured);
+                }
+                self.homing_step = Some(step);
+            }
+            Ok(None) => {
+                self.homing = None;
+                self.synchronised = true;
+                let (model, tool) = (&self.config.model, &self.flange_from_tool);
+                self.set = self.set.moved_to(model, tool, self.set.motors);
+                self.jaw.rebase(reading.jaw_count);
+            }
+            Err(fault) => self.trip(period, fault),
+        }
+    }
+
+    /// The counter of an axis was set to zero: the set value jumps along and keeps its lead.
+    fn rebase(&mut self, axis: usize, reading: &ArmReading, measured: &Measured) {
+        if axis == JAW {
+            self.jaw.rebase(reading.jaw_count);
+            return;
+        }
+        let increments = self.config.model.increments[axis];
+        let lead = self.set.motors.0[axis] - self.last_counts[axis] as f64 * TAU / increments;
+        self.set.motors.0[axis] = measured.motors.0[axis] + lead;
+        self.last_counts[axis] = reading.counts[axis];
+        self.watch.rebase(axis, reading.counts[axis]);
     }
 
     fn begin_waiting(&mut self, period: u64) {
@@ -243,11 +339,15 @@ impl ArmServo {
     }
 
     fn advance(&mut self, period: u64, wrench: &Wrench) {
+        if self.homing_step.is_some() || self.braking.is_some() {
+            self.advance_blindly();
+            return;
+        }
         let Some(path) = self.running else { return };
         let model = &self.config.model;
         let next = path
             .at(period, &self.set, model, &self.flange_from_tool, &mut self.law, wrench)
-            .and_then(|next| next.check(model, &self.set).map(|()| next));
+            .and_then(|next| self.check(&next).map(|()| next));
         match next {
             Ok(next) => {
                 self.set = next;
@@ -259,9 +359,46 @@ impl ArmServo {
         }
     }
 
+    /// Motors alone: homing, or the last of a motion that was broken off.
+    fn advance_blindly(&mut self) {
+        let mut motors = self.set.motors;
+        if let Some(step) = self.homing_step {
+            match motors.0.get_mut(step.axis) {
+                Some(motor) => *motor += step.step,
+                None => self.jaw.turn(step.step),
+            }
+        }
+        if let Some(steps) = &mut self.braking {
+            for (motor, step) in motors.0.iter_mut().zip(steps.iter_mut()) {
+                *step *= Self::FADE;
+                *motor += *step;
+            }
+            if steps.iter().all(|step| step.abs() < Self::STANDS) {
+                self.braking = None;
+            }
+        }
+        let next = self.set.moved_to(&self.config.model, &self.flange_from_tool, motors);
+        if self.check(&next).is_ok() {
+            self.set = next;
+        } else {
+            self.braking = None;
+        }
+    }
+
+    /// Limits of joints, motors and speeds, as far as the arm knows where it is.
+    fn check(&self, next: &SetValues) -> Result<(), MoveRefused> {
+        let model = &self.config.model;
+        if self.synchronised {
+            next.check(model, &self.set)
+        } else {
+            next.check_speed(model, &self.set)
+        }
+    }
+
     fn drive(&mut self, reading: &ArmReading) -> ArmDrive {
         let mut drive = ArmDrive { enabled: self.fault.is_none(), ..ArmDrive::OFF };
         drive.stops = self.jaw.stops();
+        drive.synchronise = self.homing_step.map_or(0, |step| step.synchronise);
         if self.fault.is_some() {
             self.last_counts = reading.counts;
             return drive;
@@ -290,6 +427,11 @@ impl ArmServo {
             command_end: self.command_end,
             refused: self.refused,
             fault: self.fault,
+            synchronisation: match (self.homing_step, self.synchronised) {
+                (Some(step), _) => Synchronisation::Under { axis: step.axis as u8 },
+                (None, true) => Synchronisation::Yes,
+                (None, false) => Synchronisation::No,
+            },
         }
     }
 
@@ -323,6 +465,15 @@ impl Late {
         let seen = self.past[(self.now + Self::LENGTH - delay) % Self::LENGTH];
         Wrench { force: self.settings.sign * seen.force, torque: self.settings.sign * seen.torque }
     }
+}
+
+/// Bits of the axes that an arm has.
+fn required(config: &ServoConfig) -> u8 {
+    if config.model.has_track { u8::MAX } else { !1 }
+}
+
+fn is_synchronised(config: &ServoConfig, reading: &ArmReading) -> bool {
+    required(config) & !reading.synchronised == 0
 }
 
 fn motors_at(config: &ServoConfig, reading: &ArmReading) -> MotorPositions {

@@ -93,6 +93,21 @@ impl Jaw {
         (self.from, self.to, self.end) = (self.opening, self.opening, 0);
     }
 
+    /// Turns the set value's motor by a step [rad]: homing, when the opening is not known.
+    pub fn turn(&mut self, step: f64) {
+        let increments = step * self.gripper.increments / TAU;
+        self.step += increments;
+        self.set_increments += increments;
+    }
+
+    /// Takes what is measured for the set value: the counter was set to zero, or begins to mean something.
+    pub fn rebase(&mut self, count: i64) {
+        self.last_count = count;
+        self.set_increments = count as f64;
+        self.opening = self.opening_at(count);
+        self.hold();
+    }
+
     /// Set value of period `period`.
     pub fn advance(&mut self, period: u64) {
         if period < self.begin || period > self.end {

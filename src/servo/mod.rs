@@ -10,12 +10,14 @@
 //! No allocation, lock, log or clock in here: the real-time thread calls it every 2 ms.
 
 mod arm;
+pub mod homing;
 pub mod io;
 pub mod jaw;
 pub mod path;
 pub mod regulator;
 pub mod tff;
 pub mod watch;
+pub mod weigh;
 pub mod wrench;
 
 pub use arm::ArmServo;
@@ -86,6 +88,8 @@ pub enum ServoCommand {
     ForceSettings(ForceSettings),
     /// Clears a fault: set values become what is measured.
     Reset,
+    /// Finds the synchronisation position of every axis that has none: see [`homing`].
+    Synchronise,
 }
 
 /// How the force law sees the wrench: spoilt controllers, for demonstration.

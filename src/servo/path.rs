@@ -37,6 +37,18 @@ impl SetValues {
         Self { motors, joints, base_from_tool }
     }
 
+    /// With other motor positions, whatever they mean: where they have no joints, those of before stay.
+    #[must_use]
+    pub fn moved_to(
+        &self,
+        model: &ArmModel,
+        flange_from_tool: &Pose,
+        motors: MotorPositions,
+    ) -> Self {
+        let next = Self::of_motors(model, flange_from_tool, motors);
+        if next.joints.0.iter().all(|q| q.is_finite()) { next } else { Self { motors, ..*self } }
+    }
+
     /// Of a pose, by the solution nearest to `near`.
     ///
     /// # Errors
@@ -58,11 +70,22 @@ impl SetValues {
     pub fn check(&self, model: &ArmModel, last: &Self) -> Result<(), MoveRefused> {
         model.check_joints(&self.joints)?;
         model.check_motors(&self.motors)?;
+        self.check_speed(model, last)
+    }
+
+    /// Whether the drives can follow, coming from `last`: the check of an arm that is not synchronised.
+    ///
+    /// # Errors
+    /// The first motor that would be too fast, or a number that is none.
+    pub fn check_speed(&self, model: &ArmModel, last: &Self) -> Result<(), MoveRefused> {
         for axis in 0..AXES {
             let rate = (self.motors.0[axis] - last.motors.0[axis]) / PERIOD;
             let limit = model.motor_speed_limit;
             if rate.abs() > limit {
                 return Err(MoveRefused::TooFast { axis, rate, limit });
+            }
+            if !rate.is_finite() {
+                return Err(MoveRefused::NotANumber);
             }
         }
         Ok(())
@@ -81,10 +104,28 @@ pub struct Path {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kind {
     Hold,
-    Motors { from: MotorPositions, to: MotorPositions },
-    Joints { from: JointPositions, to: JointPositions },
-    Pose { from: Pose, to: Pose, rotation: Vector3<f64> },
-    Task { frame: Frame, directions: [Direction; 6] },
+    Motors {
+        from: MotorPositions,
+        to: MotorPositions,
+    },
+    /// The same for an arm that may not know its joints.
+    MotorsBy {
+        from: MotorPositions,
+        to: MotorPositions,
+    },
+    Joints {
+        from: JointPositions,
+        to: JointPositions,
+    },
+    Pose {
+        from: Pose,
+        to: Pose,
+        rotation: Vector3<f64>,
+    },
+    Task {
+        frame: Frame,
+        directions: [Direction; 6],
+    },
 }
 
 impl Path {
@@ -94,6 +135,9 @@ impl Path {
         let kind = match *motion {
             Motion::Hold => Kind::Hold,
             Motion::Motors(to) => Kind::Motors { from: from.motors, to },
+            Motion::MotorsBy(by) => {
+                Kind::MotorsBy { from: from.motors, to: sum(&from.motors, &by) }
+            }
             Motion::Joints(to) => Kind::Joints { from: from.joints, to },
             Motion::Pose(to) => straight(from.base_from_tool, to),
             Motion::Task { frame, directions } => Kind::Task { frame, directions },
@@ -125,6 +169,10 @@ impl Path {
                 let motors = MotorPositions(mix(&from.0, &to.0));
                 model.check_motors(&motors)?;
                 Ok(SetValues::of_motors(model, flange_from_tool, motors))
+            }
+            Kind::MotorsBy { from, to } => {
+                let motors = MotorPositions(mix(&from.0, &to.0));
+                Ok(last.moved_to(model, flange_from_tool, motors))
             }
             Kind::Joints { from, to } => {
                 let joints = JointPositions(mix(&from.0, &to.0));
@@ -165,6 +213,10 @@ impl Path {
     }
 }
 
+fn sum(a: &MotorPositions, b: &MotorPositions) -> MotorPositions {
+    MotorPositions(std::array::from_fn(|i| a.0[i] + b.0[i]))
+}
+
 fn straight(from: Pose, to: Pose) -> Kind {
     let rotation = (from.rotation.inverse() * to.rotation).scaled_axis();
     Kind::Pose { from, to, rotation }
@@ -188,6 +240,13 @@ pub fn check_end(
             let joints = model.joints(to)?;
             model.check_joints(&joints)?;
             *to
+        }
+        // Whether its end is inside the limits is checked on the way, where the arm knows its place.
+        Motion::MotorsBy(by) => {
+            if !by.0.iter().all(|m| m.is_finite()) {
+                return Err(MoveRefused::NotANumber);
+            }
+            sum(&from.motors, by)
         }
         Motion::Joints(to) => {
             model.check(to)?;

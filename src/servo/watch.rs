@@ -45,6 +45,12 @@ impl Watch {
         self.last_counts = counts;
     }
 
+    /// A counter was set to zero: its jump is none of the axis.
+    pub fn rebase(&mut self, axis: usize, count: i64) {
+        self.last_counts[axis] = count;
+        self.frozen[axis] = 0;
+    }
+
     /// The first fault of this reading; `set` was wanted of the last period, `steps` is how far the set
     /// value went in it [rad of motor].
     pub fn check(
@@ -78,6 +84,9 @@ impl Watch {
         if let Some(axis) = first(reading.limit_switches) {
             let motor = measured.0.get(axis).copied().unwrap_or_default();
             fault = Some(ArmFault::LimitSwitch { axis, motor });
+        }
+        if let Some(axis) = first(reading.power_faults) {
+            fault = Some(ArmFault::PowerStage { axis });
         }
         if let Some(axis) = first(reading.over_currents) {
             fault = Some(ArmFault::OverCurrent { axis, amperes: reading.currents[axis] });

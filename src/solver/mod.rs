@@ -5,14 +5,25 @@
 //! - source: H. Kociemba, <http://kociemba.org/cube.htm>; phase 1 leads into the group <U, D, R2, L2, F2, B2>,
 //!   phase 2 solves within it
 //!
-//! [`coordinates`] numbers what each phase looks at, [`symmetry`] folds it by 16, [`tables`] knows how far each
-//! state is from its goal, [`search`] walks.
+//! [`coordinates`] numbers what each phase looks at, [`symmetry`] folds it by 16, [`phase1`] and [`phase2`] know how
+//! far each state is from its goal, [`tables`] keeps them together, [`search`] walks, [`candidates`] gathers.
 
+mod candidates;
 pub mod coordinates;
+pub mod phase1;
+pub mod phase2;
 pub mod search;
 pub mod symmetry;
 pub mod table;
 pub mod tables;
+mod views;
 
-pub use search::{Budget, Solution, candidates, solve};
+pub use candidates::candidates;
+pub use search::{Budget, Solution, Watch, solve, solve_watched};
 pub use tables::Tables;
+
+/// Every table that a mode of the solver needs, the quickest to build first.
+#[must_use]
+pub fn all_tables() -> Vec<&'static table::TableSpec> {
+    vec![&phase2::BOUNDS, &phase1::NEAR, &phase1::WIDE_TABLE]
+}

@@ -1,18 +1,25 @@
 //! The two-phase search: six directions, deeper and deeper first phases, a bound that falls with each solution.
 //!
 //! A solution's first phase may stand in any of three axes, and the inverse cube has as many turns: six searches
-//! that take turns, each at one length of phase 1 before any goes to the next.
+//! that take turns, each at one length of phase 1 before any goes to the next. With several workers the first turns
+//! are shared out; the bound is common. What is counted as a node (a state of phase 1 that is looked at, or the end
+//! of a phase 1) does not depend on which tables lead the walk, so neither does the answer to a number of nodes.
 
-use super::coordinates::{
-    PERMUTATIONS, PHASE2_TURNS, QUADS, edge_order, flip, quad, quad_places, rank, twist,
-};
-use super::tables::{FAR, Tables};
-use crate::cube::{Cube, Facelets, Rotation24, Turn};
+use super::coordinates::PHASE2_TURNS;
+use super::phase1::{ALL_TURNS, Child, Guide, Place};
+use super::phase2::{Bounds, Quads, State};
+use super::table::{InTurn, Workers};
+use super::tables::{Guides, Tables};
+use super::views::View;
+use crate::cube::{Cube, Turn};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::sync::{Mutex, PoisonError};
 
 /// How long to search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Budget {
-    /// States looked at in both phases; the first solution is always found, whatever this says.
+    /// States looked at in the first phase, and ends of first phases; the first solution is always found, whatever
+    /// this says.
     pub nodes: u64,
     /// A solution with no more turns than this is good enough: the search ends there.
     pub max_length: u8,
@@ -21,6 +28,8 @@ pub struct Budget {
 impl Budget {
     /// The first solution.
     pub const FIRST: Self = Self { nodes: 0, max_length: u8::MAX };
+    /// No end but a solution that cannot be shorter.
+    pub const UNTIL_PROVEN: Self = Self { nodes: u64::MAX, max_length: 0 };
 }
 
 /// Turns that solve a cube.
@@ -30,276 +39,329 @@ pub struct Solution {
     pub turns: Vec<Turn>,
     /// States that were looked at.
     pub nodes: u64,
+    /// Whether the search has seen that there is no shorter one.
+    pub proven: bool,
+}
+
+/// Who works, and who watches.
+#[derive(Clone, Copy)]
+pub struct Watch<'a> {
+    /// The search is shared out among them. More than one find the same lengths, not always the same turns.
+    pub workers: &'a dyn Workers,
+    /// Ends the search when it is set, as soon as there is any solution.
+    pub stop: &'a AtomicBool,
+    /// Is told each better solution when it is found.
+    pub improved: &'a (dyn Fn(&[Turn]) + Sync),
+    /// Nothing longer is of use, so that the search may end without any solution: it is proven that there is none.
+    pub longest: Option<u8>,
 }
 
 /// No first phase is longer than this with no gain.
-const LONGEST: usize = 31;
+pub(super) const LONGEST: usize = 31;
 /// A second phase of a first solution is at most this long: longer ones take long to refute.
 const FIRST_PHASE2: u8 = 11;
-/// Candidates that share a first phase: more of them would differ too little.
-const SHARED_PHASE1: usize = 8;
+/// Nothing needs more turns in phase 2.
+const LONGEST_PHASE2: u8 = 18;
+/// From this first phase on, second phases may be as long as they like.
+const UNCAPPED: u8 = 13;
+
+/// The shortest solution that the budget finds, alone and unwatched: the same on every machine.
+#[must_use]
+pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
+    let watch =
+        Watch { workers: &InTurn, stop: &AtomicBool::new(false), improved: &|_| (), longest: None };
+    solve_watched(cube, tables, budget, &watch)
+}
 
 /// The shortest solution that the budget finds.
 #[must_use]
-pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
-    let mut search = Search::new(tables, cube, budget.nodes);
-    search.enough = Some(budget.max_length);
-    search.run();
-    Solution { turns: search.found.pop().unwrap_or_default(), nodes: search.nodes }
-}
-
-/// Up to `count` distinct solutions, shortest first, none more than three turns longer than the shortest found;
-/// solutions that differ in the order of opposite turns only count as one. A tenth of the budget seeks the shortest,
-/// the rest gathers. A solved cube has one candidate: no turns.
-#[must_use]
-pub fn candidates(cube: &Cube, tables: &Tables, budget: &Budget, count: usize) -> Vec<Vec<Turn>> {
-    let first = Budget { nodes: budget.nodes / 10, ..*budget };
-    let best = solve(cube, tables, &first);
-    if best.turns.is_empty() {
-        return vec![Vec::new()];
-    }
-    let mut search = Search::new(tables, cube, budget.nodes - budget.nodes / 10);
-    search.bound = best.turns.len() as u8 + 3;
-    search.wanted = count;
-    search.found.push(canonical(best.turns));
-    search.run();
-    search.found.sort_by(|a, b| (a.len(), a).cmp(&(b.len(), b)));
-    search.found
-}
-
-/// The same turns with each pair of opposite ones in the order of their faces.
-fn canonical(mut turns: Vec<Turn>) -> Vec<Turn> {
-    for i in 1..turns.len() {
-        if turns[i].face == turns[i - 1].face.opposite() && turns[i].face < turns[i - 1].face {
-            turns.swap(i, i - 1);
-        }
-    }
-    turns
-}
-
-/// One of the six ways to look at a cube.
-struct View {
-    /// From the cube's frame into the view's.
-    rotation: Rotation24,
-    inverted: bool,
-    /// Twist, flip, slice.
-    start: (usize, usize, usize),
-    distance: u8,
-    /// Order of corners, and quads of the edges from 0, 4, 8.
-    orders: [usize; 4],
-}
-
-impl View {
-    fn all(cube: &Cube, tables: &Tables) -> Vec<Self> {
-        // A third of a turn about the corner URF: up to right to front.
-        let third = Rotation24::all()
-            .find(|r| {
-                use crate::cube::Face::{F, R, U};
-                r.face(U) == R && r.face(R) == F
-            })
-            .unwrap_or(Rotation24::IDENTITY);
-        let mut rotation = Rotation24::IDENTITY;
-        let mut views = Vec::with_capacity(6);
-        for _ in 0..3 {
-            let straight = seen_from(cube, rotation);
-            for inverted in [false, true] {
-                let cube = if inverted { straight.inverse() } else { straight };
-                let start = (twist(&cube), flip(&cube), quad(&cube, 8) / 24);
-                views.push(Self {
-                    rotation,
-                    inverted,
-                    start,
-                    distance: tables.phase1_distance(start.0, start.1, start.2),
-                    orders: [rank(&cube.corners), quad(&cube, 0), quad(&cube, 4), quad(&cube, 8)],
-                });
+pub fn solve_watched(cube: &Cube, tables: &Tables, budget: &Budget, watch: &Watch<'_>) -> Solution {
+    let best = Mutex::new(None::<Vec<Turn>>);
+    let longest = watch.longest.map_or(LONGEST as u8 - 1, |n| n.min(LONGEST as u8 - 1));
+    let goal = Goal {
+        budget,
+        watch,
+        bound: AtomicU8::new(longest),
+        nodes: AtomicU64::new(0),
+        over: AtomicBool::new(false),
+        missed: AtomicU8::new(u8::MAX),
+        found: &|turns, _, goal| {
+            let mut best = best.lock().unwrap_or_else(PoisonError::into_inner);
+            if best.as_ref().is_none_or(|b| turns.len() < b.len()) {
+                let length = turns.len() as u8;
+                (watch.improved)(&turns);
+                *best = Some(turns);
+                // The bound counts the turns of what is still worth finding.
+                goal.bound.store(length.saturating_sub(1), Relaxed);
+                if length == 0 || length <= budget.max_length {
+                    goal.over.store(true, Relaxed);
+                }
             }
-            rotation = third.after(rotation);
-        }
-        views
-    }
+            false
+        },
+    };
+    let views = View::all(cube);
+    run(&views, tables, &goal);
+    let (over, missed) = (goal.over.load(Relaxed), goal.missed.load(Relaxed));
+    let nodes = goal.nodes.load(Relaxed);
+    let turns = best.into_inner().unwrap_or_else(PoisonError::into_inner).unwrap_or_default();
+    let proven = cube.is_solved() || !turns.is_empty() && !over && turns.len() as u8 <= missed;
+    Solution { turns, nodes, proven }
+}
 
-    /// Turns of the view as turns of the cube.
-    fn turns_of_cube(&self, path: &[u8]) -> Vec<Turn> {
-        let back = self.rotation.inverse();
-        let of_cube = |&t: &u8| {
-            let turn = Turn::from_index(usize::from(t));
-            Turn { face: back.face(turn.face), ..turn }
+/// All solutions of up to `bound` turns, as they are found, in the order of their first phases' lengths, until `take`
+/// has had enough or the nodes are spent. It is told how many came before with the same first phase. Solutions are
+/// found more than once.
+pub(super) fn each_solution(
+    cube: &Cube,
+    tables: &Tables,
+    bound: u8,
+    nodes: u64,
+    take: &(dyn Fn(Vec<Turn>, usize) -> Take + Sync),
+) {
+    let watch =
+        Watch { workers: &InTurn, stop: &AtomicBool::new(false), improved: &|_| (), longest: None };
+    let goal = Goal {
+        budget: &Budget { nodes, max_length: 0 },
+        watch: &watch,
+        bound: AtomicU8::new(bound),
+        nodes: AtomicU64::new(0),
+        over: AtomicBool::new(false),
+        missed: AtomicU8::new(u8::MAX),
+        found: &|turns, siblings, goal| match take(turns, siblings) {
+            Take::More => true,
+            Take::NextPhase1 => false,
+            Take::Enough => {
+                goal.over.store(true, Relaxed);
+                false
+            }
+        },
+    };
+    run(&View::all(cube), tables, &goal);
+}
+
+/// What is wanted after a solution.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Take {
+    /// Whatever comes next.
+    More,
+    /// None with the same first phase.
+    NextPhase1,
+    /// Nothing.
+    Enough,
+}
+
+/// What all workers of a search share.
+struct Goal<'a> {
+    budget: &'a Budget,
+    watch: &'a Watch<'a>,
+    /// Longest solution that is of use.
+    bound: AtomicU8,
+    nodes: AtomicU64,
+    over: AtomicBool,
+    /// The shortest solution that may have been passed over because its second phase was long.
+    missed: AtomicU8,
+    /// Takes a solution and how many its first phase had before; tells whether more of it are wanted.
+    found: &'a Found<'a>,
+}
+
+type Found<'a> = dyn Fn(Vec<Turn>, usize, &Goal<'_>) -> bool + Sync + 'a;
+
+fn run(views: &[View; 6], tables: &Tables, goal: &Goal<'_>) {
+    match tables.guides() {
+        Guides::Near(guide) => run_with(&guide, views, tables, goal),
+        Guides::Wide(guide) => run_with(&guide, views, tables, goal),
+    }
+}
+
+/// Shares out the searches: each length of phase 1, each view, and with several workers each first turn.
+fn run_with<G: Guide>(guide: &G, views: &[View; 6], tables: &Tables, goal: &Goal<'_>) {
+    let places = views.each_ref().map(|view| tables.frames.place(&view.cube));
+    let distances = places.map(|place| guide.distance(place));
+    let workers = goal.watch.workers.count().max(1);
+    let parts = if workers > 1 { 18 } else { 1 };
+    let next = AtomicUsize::new(0);
+    goal.watch.workers.run(workers, &|_| {
+        let mut walk = Walk {
+            guide,
+            tables,
+            bounds: tables.bounds(),
+            goal,
+            view: &views[0],
+            path: [0; LONGEST + 1],
+            first: [(0, 0); LONGEST + 1],
+            first_known: 0,
+            others: [(0, 0); LONGEST + 1],
+            others_known: 0,
+            home: tables.orders.home(),
+            siblings: 0,
+            nodes: 0,
         };
-        if self.inverted {
-            path.iter().rev().map(|t| of_cube(t).inverse()).collect()
-        } else {
-            path.iter().map(of_cube).collect()
+        loop {
+            let task = next.fetch_add(1, Relaxed);
+            let (length, view, part) = (task / (6 * parts), task / parts % 6, task % parts);
+            if length > usize::from(goal.bound.load(Relaxed)) || length >= LONGEST {
+                break;
+            }
+            if usize::from(distances[view]) <= length {
+                let turns = if parts == 1 { ALL_TURNS } else { 1 << part };
+                walk.begin(&views[view], places[view], distances[view], length as u8, turns);
+            }
+            if goal.over.load(Relaxed) {
+                break;
+            }
         }
-    }
+        goal.nodes.fetch_add(walk.nodes, Relaxed);
+    });
 }
 
-/// The cube as it is named by one who sees it turned over: stickers and colours renamed alike.
-fn seen_from(cube: &Cube, rotation: Rotation24) -> Cube {
-    let moved = Facelets::from(cube).rotated(rotation);
-    let renamed = std::array::from_fn(|i| rotation.face(moved.colour(i)));
-    Cube::try_from(Facelets::from_faces(renamed)).unwrap_or(*cube)
-}
-
-struct Search<'a> {
+/// One worker's way through a view.
+struct Walk<'a, G> {
+    guide: &'a G,
     tables: &'a Tables,
-    views: Vec<View>,
-    view: usize,
+    bounds: Bounds<'a>,
+    goal: &'a Goal<'a>,
+    view: &'a View,
     /// Turns of phase 1, then of phase 2.
     path: [u8; LONGEST + 1],
-    /// `orders` after each turn of phase 1, for as many turns as `known`.
-    orders: [[usize; 4]; LONGEST + 1],
-    known: usize,
-    /// Longest solution that is of use.
-    bound: u8,
-    enough: Option<u8>,
-    /// Gather this many instead of the best one; 0 for the best one.
-    wanted: usize,
-    found: Vec<Vec<Turn>>,
+    /// Corners and upper edges after each turn of phase 1, for as many turns as are known.
+    first: [(u16, u16); LONGEST + 1],
+    first_known: usize,
+    /// The same of the lower and the middle edges, which are seldom asked for.
+    others: [(u16, u16); LONGEST + 1],
+    others_known: usize,
+    home: State,
+    /// Solutions with the first phase at hand.
+    siblings: usize,
+    /// Not yet added to all.
     nodes: u64,
-    limit: u64,
-    longest_phase2: u8,
-    /// Candidates with the first phase that is walked now.
-    shared: usize,
-    over: bool,
 }
 
-impl<'a> Search<'a> {
-    fn new(tables: &'a Tables, cube: &Cube, limit: u64) -> Self {
-        Self {
-            tables,
-            views: View::all(cube, tables),
-            view: 0,
-            path: [0; LONGEST + 1],
-            orders: [[0; 4]; LONGEST + 1],
-            known: 0,
-            bound: LONGEST as u8 - 1,
-            enough: None,
-            wanted: 0,
-            found: Vec::new(),
-            nodes: 0,
-            limit,
-            longest_phase2: FIRST_PHASE2,
-            shared: 0,
-            over: false,
-        }
-    }
-
-    fn run(&mut self) {
-        for length in 0..LONGEST as u8 {
-            // Nothing needs more than 12 turns in phase 1 and 18 in phase 2.
-            if length > 12 {
-                self.longest_phase2 = 18;
+impl<'a, G: Guide> Walk<'a, G> {
+    fn begin(&mut self, view: &'a View, place: Place, distance: u8, length: u8, turns: u32) {
+        self.view = view;
+        let [corners, upper, lower, middle]: Quads = view.orders;
+        (self.first[0], self.others[0]) = ((corners, upper), (lower, middle));
+        (self.first_known, self.others_known) = (0, 0);
+        if length == 0 {
+            // With parts, the first one is enough.
+            if turns & 1 == 1 {
+                self.end_phase1(0);
             }
-            for view in 0..self.views.len() {
-                if length > self.bound || self.over {
-                    return;
-                }
-                if self.views[view].distance > length {
-                    continue;
-                }
-                self.view = view;
-                self.orders[0] = self.views[view].orders;
-                self.known = 0;
-                let (start, distance) = (self.views[view].start, self.views[view].distance);
-                self.phase1(start, distance, 0, length);
-            }
-        }
-    }
-
-    /// Walks all first phases that take `left` more turns from `state`.
-    fn phase1(&mut self, state: (usize, usize, usize), distance: u8, depth: usize, left: u8) {
-        if left == 0 {
-            self.end_phase1(depth);
             return;
         }
-        // All table reads of the 18 neighbours first, so that they wait for memory together.
-        let mut neighbours = [((0, 0, 0), 0, 0); 18];
-        let mut count = 0;
-        for turn in 0..18_u8 {
-            if depth == 0 || !repeats(self.path[depth - 1], turn) {
-                let next = self.tables.phase1_turned(usize::from(turn), state);
-                neighbours[count] = (next, turn, self.tables.phase1_entry(next));
-                count += 1;
-            }
-        }
-        let codes = neighbours.map(|(_, _, entry)| self.tables.phase1_code_at(entry));
-        self.nodes += count as u64;
-        for (&(next, turn, _), code) in neighbours[..count].iter().zip(codes) {
-            let next_distance = neighbour_distance(distance, code);
+        let entry = self.guide.entry(place);
+        self.phase1((place, entry, distance), 0, length, turns);
+    }
+
+    /// Walks all first phases that take `left` more turns, the next of which is one of `turns`.
+    fn phase1(&mut self, at: (Place, u32, u8), depth: usize, left: u8, turns: u32) {
+        self.nodes += 1;
+        let mut children = [Child::default(); 18];
+        let count = self.guide.children(at, turns, left - 1, &mut children);
+        let symmetry = usize::from(at.0.symmetry);
+        let turned = &self.tables.frames.turned;
+        for child in &children[..count] {
             // A first phase that is over early is walked at its own length.
-            if next_distance >= left || (next_distance == 0 && left > 1) {
+            if child.distance == 0 && left > 1 {
                 continue;
             }
+            let turn = turned.back[symmetry][usize::from(child.turn)];
             self.path[depth] = turn;
-            self.known = self.known.min(depth);
-            self.phase1(next, next_distance, depth + 1, left - 1);
-            if self.over {
+            self.first_known = self.first_known.min(depth);
+            self.others_known = self.others_known.min(depth);
+            if left == 1 {
+                self.end_phase1(depth + 1);
+                continue;
+            }
+            let symmetry = turned.after[usize::from(child.place.symmetry)][symmetry];
+            let turns = turned.may_follow[usize::from(symmetry)][usize::from(turn)];
+            let place = Place { symmetry, ..child.place };
+            self.phase1((place, child.entry, child.distance), depth + 1, left - 1, turns);
+            if self.goal.over.load(Relaxed) {
                 return;
             }
         }
-        self.over |= self.nodes > self.limit && !self.found.is_empty();
+        if left > 2 {
+            self.check();
+        }
+    }
+
+    /// Whether the search is over.
+    fn check(&mut self) {
+        let goal = self.goal;
+        let nodes = goal.nodes.fetch_add(self.nodes, Relaxed) + self.nodes;
+        self.nodes = 0;
+        let found = goal.bound.load(Relaxed) < LONGEST as u8 - 1;
+        if found && (nodes > goal.budget.nodes || goal.watch.stop.load(Relaxed)) {
+            goal.over.store(true, Relaxed);
+        }
     }
 
     fn end_phase1(&mut self, depth: usize) {
-        let Some(left) = self.bound.checked_sub(depth as u8) else { return };
-        let left = left.min(self.longest_phase2);
-        while self.known < depth {
-            let turn = usize::from(self.path[self.known]);
-            let [corners, rest @ ..] = self.orders[self.known];
-            let [a, b, c] = rest.map(|q| usize::from(self.tables.quad_moves[turn * QUADS + q]));
-            let corners = usize::from(self.tables.corner_moves[turn * PERMUTATIONS + corners]);
-            self.known += 1;
-            self.orders[self.known] = [corners, a, b, c];
+        self.nodes += 1;
+        let Some(mut left) = self.goal.bound.load(Relaxed).checked_sub(depth as u8) else { return };
+        if left > FIRST_PHASE2 && depth < usize::from(UNCAPPED) {
+            let shortest = depth as u8 + FIRST_PHASE2 + 1;
+            self.goal.missed.fetch_min(shortest, Relaxed);
+            left = FIRST_PHASE2;
         }
-        let [corners, up, down, middle] = self.orders[depth];
-        if self.tables.corners_middle[corners * 24 + middle] > left {
+        left = left.min(LONGEST_PHASE2);
+        let orders = self.bounds.orders;
+        while self.first_known < depth {
+            let (k, turn) = (self.first_known, self.path[self.first_known]);
+            let (corners, upper) = self.first[k];
+            self.first[k + 1] = (orders.corners(corners, turn), orders.quad(upper, turn));
+            self.first_known += 1;
+        }
+        let (corners, upper) = self.first[depth];
+        let upper = orders.four(upper);
+        let least = self.bounds.of_four(corners, 0, upper);
+        if least > left {
             return;
         }
-        let state = (corners, eight_edges(up, down), middle);
-        self.shared = 0;
-        for length in self.tables.phase2_distance(state)..=left {
-            if self.phase2(state, depth, length) {
+        while self.others_known < depth {
+            let (k, turn) = (self.others_known, self.path[self.others_known]);
+            self.others[k + 1] = {
+                let (lower, middle) = self.others[k];
+                (orders.quad(lower, turn), orders.quad(middle, turn))
+            };
+            self.others_known += 1;
+        }
+        let (lower, middle) = self.others[depth];
+        let state = State { corners, upper, lower: orders.four(lower), middle: middle as u8 };
+        let least = least
+            .max(self.bounds.of_four(corners, 1, state.lower))
+            .max(self.bounds.of_middle(corners, state.middle));
+        self.siblings = 0;
+        for length in least..=left {
+            if !self.phase2(state, depth, length) {
                 return;
             }
         }
     }
 
-    /// Keeps what solves the state in exactly `left` turns of phase 2; tells whether that is enough.
-    fn phase2(&mut self, state: (usize, usize, usize), depth: usize, left: u8) -> bool {
+    /// Finds what solves the state in exactly `left` turns of phase 2; tells whether more is wanted.
+    fn phase2(&mut self, state: State, depth: usize, left: u8) -> bool {
         if left == 0 {
-            return state == (0, 0, 0) && self.keep(depth);
+            if state != self.home {
+                return true;
+            }
+            self.siblings += 1;
+            let turns = self.view.turns_of_cube(&self.path[..depth]);
+            return (self.goal.found)(turns, self.siblings - 1, self.goal);
         }
         for (k, &turn) in PHASE2_TURNS.iter().enumerate() {
             if depth > 0 && repeats(self.path[depth - 1], turn as u8) {
                 continue;
             }
-            self.nodes += 1;
-            let Some(next) = self.tables.phase2_turned(k, state, left) else { continue };
+            let Some(next) = self.bounds.turned(state, k, left - 1) else { continue };
             self.path[depth] = turn as u8;
-            if self.phase2(next, depth + 1, left - 1) {
-                return true;
+            if !self.phase2(next, depth + 1, left - 1) {
+                return false;
             }
         }
-        false
-    }
-
-    /// Takes the path so far as a solution; tells whether no more of its first phase are wanted.
-    fn keep(&mut self, length: usize) -> bool {
-        let turns = self.views[self.view].turns_of_cube(&self.path[..length]);
-        if self.wanted == 0 {
-            self.over = self.enough.is_some_and(|e| length <= usize::from(e)) || length == 0;
-            self.over |= self.nodes > self.limit;
-            self.bound = (length as u8).saturating_sub(1);
-            self.found = vec![turns];
-            return true;
-        }
-        let turns = canonical(turns);
-        if !self.found.contains(&turns) {
-            self.found.push(turns);
-            self.shared += 1;
-        }
-        self.over = self.found.len() >= self.wanted;
-        self.over || self.shared >= SHARED_PHASE1
+        true
     }
 }
 
@@ -310,31 +372,6 @@ fn repeats(last: u8, turn: u8) -> bool {
     last == face || last == face + 3
 }
 
-/// The distance of a neighbour of a state at `distance`, from its code.
-#[inline]
-fn neighbour_distance(distance: u8, code: u8) -> u8 {
-    if code == 3 {
-        return FAR;
-    }
-    if distance == FAR {
-        return FAR - 1;
-    }
-    match (code + 3 - distance % 3) % 3 {
-        0 => distance,
-        1 => distance + 1,
-        _ => distance - 1,
-    }
-}
-
-/// The order of the eight up and down edges from where each four of them are.
-fn eight_edges(up: usize, down: usize) -> usize {
-    let mut cube = Cube::SOLVED;
-    for (edge, place) in quad_places(up).into_iter().chain(quad_places(down)).enumerate() {
-        cube.edges[usize::from(place)] = edge as u8;
-    }
-    edge_order(&cube)
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::tables::tests::TABLES;
@@ -343,44 +380,55 @@ mod tests {
 
     #[test]
     fn solutions_solve_and_a_larger_budget_never_makes_them_longer() {
+        let budget = Budget { nodes: 20_000, max_length: 0 };
         for seed in 0..100 {
             let cube = Cube::scrambled(seed);
 
             let first = solve(&cube, &TABLES, &Budget::FIRST);
-            let better = solve(&cube, &TABLES, &Budget { nodes: 200_000, max_length: 0 });
+            let better = solve(&cube, &TABLES, &budget);
 
             assert!(cube.apply_all(&first.turns).is_solved());
             assert!(cube.apply_all(&better.turns).is_solved());
             assert!(better.turns.len() <= first.turns.len());
-            assert_eq!(better, solve(&cube, &TABLES, &Budget { nodes: 200_000, max_length: 0 }));
+            assert_eq!(better, solve(&cube, &TABLES, &budget));
         }
     }
 
     #[test]
-    fn short_scrambles_are_undone_in_no_more_turns() {
+    fn short_scrambles_are_undone_in_no_more_turns_and_it_is_proven() {
         for text in ["", "R", "U2 D'", "R U R' U'", "F B2 L' D R2 U"] {
             let turns = parse_turns(text).unwrap();
             let cube = Cube::SOLVED.apply_all(&turns);
 
-            let solution = solve(&cube, &TABLES, &Budget { nodes: 100_000, max_length: 0 });
+            let solution = solve(&cube, &TABLES, &Budget::UNTIL_PROVEN);
 
             assert_eq!(solution.turns.len(), turns.len(), "{text}");
             assert!(cube.apply_all(&solution.turns).is_solved());
+            assert!(solution.proven);
         }
     }
 
     #[test]
-    fn candidates_are_distinct_and_each_solves() {
-        let cube = Cube::scrambled(5);
+    fn a_search_that_is_cut_short_proves_nothing() {
+        let solution = solve(&Cube::scrambled(1), &TABLES, &Budget::FIRST);
 
-        let list = candidates(&cube, &TABLES, &Budget { nodes: 1_000_000, max_length: 20 }, 10);
+        assert!(!solution.proven);
+    }
 
-        assert_eq!(list.len(), 10);
-        assert!(list.is_sorted_by_key(Vec::len));
-        for (i, turns) in list.iter().enumerate() {
-            assert!(cube.apply_all(turns).is_solved());
-            assert!(!list[..i].contains(turns));
-            assert!(turns.len() <= list[0].len() + 3);
-        }
+    #[test]
+    fn a_search_is_stopped_from_outside_and_tells_what_it_finds() {
+        let told = Mutex::new(Vec::new());
+        let stop = AtomicBool::new(false);
+        let improved = |turns: &[Turn]| {
+            told.lock().unwrap().push(turns.len());
+            stop.store(told.lock().unwrap().len() == 2, Relaxed);
+        };
+        let watch = Watch { workers: &InTurn, stop: &stop, improved: &improved, longest: None };
+
+        let solution = solve_watched(&Cube::scrambled(1), &TABLES, &Budget::UNTIL_PROVEN, &watch);
+
+        let told = told.into_inner().unwrap();
+        assert_eq!(told.last(), Some(&solution.turns.len()));
+        assert!(told.len() >= 2 && told.is_sorted_by(|a, b| a > b));
     }
 }

@@ -6,6 +6,7 @@
 
 use super::coordinates::{FLIPS, SLICES, TWISTS, quad, twist, with_flip, with_quad, with_twist};
 use crate::cube::{CORNERS, Cube, EDGES, Face};
+use std::sync::LazyLock;
 
 /// How many there are.
 pub const SYMMETRIES: usize = 16;
@@ -15,6 +16,7 @@ pub const CLASSES: usize = 64430;
 /// What one symmetry does to the places of a cube.
 #[derive(Debug, Clone, Copy)]
 struct Symmetry {
+    faces: [Face; 6],
     corners: [u8; 8],
     edges: [u8; 12],
     mirrors: bool,
@@ -29,6 +31,7 @@ impl Symmetry {
         let edges = EDGES.map(|e| place(&EDGES, e.each_ref().map(carry)));
         let [u, r, f] = [Face::U, Face::R, Face::F].map(|f| faces[f.index()].normal());
         Self {
+            faces,
             corners,
             edges,
             mirrors: u.cross(&r).dot(&f) > 0.0,
@@ -138,6 +141,81 @@ impl Classes {
         }
         classes
     }
+}
+
+impl Classes {
+    /// The class of a state and the symmetry that carries it to the class's representative.
+    #[must_use]
+    pub fn find(&self, slice: usize, flip: usize) -> (u32, u8) {
+        let (number_of, bits_of) = &*EDGE_BITS;
+        let (slice, flips) = (bits_of.0[slice], bits_of.1[flip]);
+        let image = |symmetry: &Symmetry| {
+            let (slice, flips) = symmetry.edges(slice, flips);
+            u32::from(number_of.0[usize::from(slice)]) * FLIPS as u32
+                + u32::from(number_of.1[usize::from(flips)])
+        };
+        // A representative is the least of its class.
+        let images = ALL.each_ref().map(image);
+        let least = (0..SYMMETRIES).min_by_key(|&s| images[s]).unwrap_or(0);
+        let class = self.representatives.partition_point(|&r| r < images[least]);
+        (class as u32, least as u8)
+    }
+}
+
+static ALL: LazyLock<[Symmetry; SYMMETRIES]> = LazyLock::new(symmetries);
+static EDGE_BITS: LazyLock<EdgeBits> = LazyLock::new(edge_bits);
+
+/// What symmetries do to turns and to each other.
+#[derive(Debug, Clone)]
+pub struct Turned {
+    /// `[symmetry][turn]`: the turn of a cube that its image's turn is.
+    pub back: [[u8; 18]; SYMMETRIES],
+    /// `[a][b]`: first b, then a.
+    pub after: [[u8; SYMMETRIES]; SYMMETRIES],
+    /// `[symmetry][turn of the cube, or 18 for none]`: turns of the image that may follow.
+    pub may_follow: [[u32; 19]; SYMMETRIES],
+}
+
+impl Turned {
+    /// Works them out.
+    #[must_use]
+    pub fn build() -> Self {
+        let all = &*ALL;
+        let forth = |s: usize, turn: usize| {
+            let quarters = if all[s].mirrors { 2 - turn % 3 } else { turn % 3 };
+            all[s].faces[turn / 3].index() * 3 + quarters
+        };
+        let mut built = Self {
+            back: [[0; 18]; SYMMETRIES],
+            after: [[0; SYMMETRIES]; SYMMETRIES],
+            may_follow: [[0; 19]; SYMMETRIES],
+        };
+        for s in 0..SYMMETRIES {
+            for turn in 0..18 {
+                built.back[s][forth(s, turn)] = turn as u8;
+            }
+            for last in 0..19 {
+                let follows = |turn: &usize| {
+                    let (face, last) = (turn / 3, last / 3);
+                    last == 6 || face != last && face + 3 != last
+                };
+                let turns = (0..18).filter(follows);
+                built.may_follow[s][last] = turns.fold(0, |mask, t| mask | 1 << forth(s, t));
+            }
+            for b in 0..SYMMETRIES {
+                let both = all[b].corners.map(|c| all[s].corners[usize::from(c)]);
+                let same = all.iter().position(|c| c.corners == both);
+                built.after[s][b] = same.unwrap_or(0) as u8;
+            }
+        }
+        built
+    }
+}
+
+/// Where each symmetry carries the places of corners and of edges.
+#[must_use]
+pub fn places() -> ([[u8; 8]; SYMMETRIES], [[u8; 12]; SYMMETRIES]) {
+    (ALL.each_ref().map(|s| s.corners), ALL.each_ref().map(|s| s.edges))
 }
 
 /// Slices and flips as bits by place: (number of bits, bits of number), each for (slice, flip).

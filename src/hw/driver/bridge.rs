@@ -2,6 +2,7 @@
 //!
 //! Drives go over by a ring, the latest readings come back by a triple buffer. The exchange of period k takes
 //! place within that period, so its readings are there for period k + 1, just as on the virtual driver.
+//! The hook after each exchange (scenes, the witness) costs this thread's time, never the servo's.
 
 use super::realtime::RealTime;
 use crate::hw::port::{Port, PortFault};
@@ -9,10 +10,13 @@ use crate::servo::io::{ArmDrive, ArmReading};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{JoinHandle, Thread};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// The most effectors that cross a bridge: what crosses has a fixed size.
 const MOST: usize = 4;
+
+/// Time without drives after which the arms are switched off: the servo is stuck.
+const SILENCE: Duration = Duration::from_millis(200);
 
 #[derive(Debug, Clone, Copy)]
 struct Drives {
@@ -42,11 +46,12 @@ pub struct BridgePort {
     /// Periods in which no new reading was there.
     late: u64,
     late_in_a_row: u64,
+    length: u64,
 }
 
 impl<P: Port + 'static> Bridge<P> {
-    /// Starts the thread under `SCHED_FIFO` at `priority`, if it may. `first` are the readings of period 0;
-    /// `hook` is called after each exchange.
+    /// Starts the thread under `SCHED_FIFO` at `priority`, if it may. `first` are the readings of period 0,
+    /// `length` that of a period [ns]; `hook` is called after each exchange.
     ///
     /// # Errors
     /// What the operating system says.
@@ -57,6 +62,7 @@ impl<P: Port + 'static> Bridge<P> {
         mut port: P,
         first: &[ArmReading],
         priority: i32,
+        length: u64,
         mut hook: impl FnMut(u64, &mut P) + Send + 'static,
     ) -> std::io::Result<(Self, BridgePort)> {
         assert!(first.len() <= MOST, "at most {MOST} effectors");
@@ -69,16 +75,27 @@ impl<P: Port + 'static> Bridge<P> {
         let flag = Arc::clone(&broken);
         let work = move || {
             // What is denied here was denied to the servo too, which reports it.
-            let _rights = RealTime::acquire(priority);
+            let _rights = RealTime::acquire(priority, None);
             let mut latest = start;
+            let mut heard = Instant::now();
             loop {
                 let Ok(Drives { period, drives }) = incoming.pop() else {
-                    if incoming.is_abandoned() {
-                        return (port, None);
+                    let gone = incoming.is_abandoned();
+                    if gone || heard.elapsed() > SILENCE {
+                        // Nobody drives the arms any more: brakes on.
+                        let drives = [ArmDrive::OFF; MOST];
+                        let readings = &mut latest.readings[..arms];
+                        let off = port.exchange(latest.period + 1, &drives[..arms], readings);
+                        if gone || off.is_err() {
+                            flag.store(true, Ordering::Release);
+                            return (port, off.err());
+                        }
+                        heard = Instant::now();
                     }
                     std::thread::park_timeout(Duration::from_millis(10));
                     continue;
                 };
+                heard = Instant::now();
                 if let Err(fault) =
                     port.exchange(period, &drives[..arms], &mut latest.readings[..arms])
                 {
@@ -92,7 +109,8 @@ impl<P: Port + 'static> Bridge<P> {
         };
         let thread = std::thread::Builder::new().name("bridge".into()).spawn(work)?;
         let bridge = thread.thread().clone();
-        let port = BridgePort { drives, readings, broken, bridge, late: 0, late_in_a_row: 0 };
+        let port =
+            BridgePort { drives, readings, broken, bridge, late: 0, late_in_a_row: 0, length };
         Ok((Self { thread }, port))
     }
 
@@ -105,9 +123,9 @@ impl<P: Port + 'static> Bridge<P> {
 }
 
 impl BridgePort {
-    /// Periods without a new reading after which the bridge counts as lost: 0.1 s. The original's 10 ms would
+    /// Time without a new reading after which the bridge counts as lost [ns]. The original's 10 ms would
     /// trip wherever an ordinary user's threads wait for a busy processor.
-    const LOST: u64 = 50;
+    const LOST: u64 = 100_000_000;
 
     /// At the beginning of period `period`: copies the latest readings, those of the period before.
     ///
@@ -119,7 +137,7 @@ impl BridgePort {
         let fresh = latest.period + 1 == period;
         self.late_in_a_row = if fresh { 0 } else { self.late_in_a_row + 1 };
         self.late += u64::from(!fresh);
-        if self.broken.load(Ordering::Acquire) || self.late_in_a_row > Self::LOST {
+        if self.broken.load(Ordering::Acquire) || self.late_in_a_row * self.length > Self::LOST {
             return Err(BridgeLost { periods: self.late_in_a_row });
         }
         Ok(())

@@ -1,5 +1,6 @@
 //! One servo period of all arms: the same code under both drivers of time.
 
+use super::PERIOD_NANOS;
 use super::link::ServoEnd;
 use super::record::{RecordSink, ServoRecord};
 use crate::hw::port::{Port, PortFault};
@@ -17,7 +18,8 @@ pub struct Switches {
     pub emergency: AtomicBool,
     /// Ends the driver.
     pub stop: AtomicBool,
-    /// Counted up by the actors while they live. Watched from the first count on.
+    /// Counted up by the actors while they live. Watched from the first count on: after 0.1 s of silence the
+    /// arms are brought to a stand and hold, after 1 s they stop.
     pub beats: AtomicU64,
 }
 
@@ -31,11 +33,15 @@ pub struct Core {
     records: Box<dyn RecordSink>,
     last_beat: u64,
     last_beat_period: u64,
+    /// When the arms stop, and why.
+    stopping: Option<(u64, ArmFault)>,
 }
 
 impl Core {
-    /// Periods without a heart beat after which the arms hold.
-    const SILENCE: u64 = 50;
+    /// Periods from a controlled stop's beginning to its end.
+    const STAND: u64 = 100;
+    /// Time without a heart beat after which the arms are brought to a stand, and after which they stop [ns].
+    const SILENCE: (u64, u64) = (100_000_000, 1_000_000_000);
 
     /// Fetches the first readings in period 0 with all drives off; `ends` has an end for each arm.
     ///
@@ -69,6 +75,7 @@ impl Core {
             records,
             last_beat: 0,
             last_beat_period: 0,
+            stopping: None,
         })
     }
 
@@ -106,11 +113,22 @@ impl Core {
         }
     }
 
-    /// Breaks off all motions; the arms keep their set values.
-    pub fn hold(&mut self, period: u64) {
+    /// Brings all arms to a stand and stops them there, 0.2 s later.
+    pub fn stop(&mut self, period: u64, fault: ArmFault) {
+        self.brake(period);
+        let _ = self.stopping.get_or_insert((period + Self::STAND, fault));
+    }
+
+    /// Brings all arms to a stand; they hold there.
+    pub fn brake(&mut self, period: u64) {
         for servo in &mut self.servos {
-            servo.hold(period);
+            servo.brake(period);
         }
+    }
+
+    /// Arms that know where they are, in the order of effectors.
+    pub fn synchronised(&self) -> impl Iterator<Item = bool> {
+        self.servos.iter().map(ArmServo::is_synchronised)
     }
 
     /// The flags.
@@ -142,11 +160,22 @@ impl Core {
         if pressed {
             self.trip(period, ArmFault::EmergencyStop);
         }
+        if let Some((at, fault)) = self.stopping
+            && period >= at
+        {
+            self.stopping = None;
+            self.trip(period, fault);
+        }
         let beat = self.switches.beats.load(Ordering::Relaxed);
         if beat != self.last_beat || beat == 0 {
             (self.last_beat, self.last_beat_period) = (beat, period);
-        } else if period - self.last_beat_period > Self::SILENCE {
-            self.hold(period);
+        } else {
+            let silence = (period - self.last_beat_period) * PERIOD_NANOS;
+            if silence > Self::SILENCE.1 {
+                self.trip(period, ArmFault::HeartBeat { seconds: silence as f64 * 1e-9 });
+            } else if silence > Self::SILENCE.0 {
+                self.brake(period);
+            }
         }
         pressed
     }

@@ -134,6 +134,7 @@ impl Bytes<'_> {
                 self.int(u64::from(settings.delay_periods));
             }
             Some(ServoCommand::Reset) => self.int(6),
+            Some(ServoCommand::Synchronise) => self.int(7),
         }
     }
 
@@ -142,6 +143,10 @@ impl Bytes<'_> {
             Motion::Hold => self.int(0),
             Motion::Motors(motors) => {
                 self.int(1);
+                self.floats(&motors.0);
+            }
+            Motion::MotorsBy(motors) => {
+                self.int(6);
                 self.floats(&motors.0);
             }
             Motion::Joints(joints) => {

@@ -87,6 +87,8 @@ pub struct Timing {
     pub work: Histogram,
     /// Grid points that passed without a period.
     pub missed: u64,
+    /// The most of them in a row.
+    pub missed_in_a_row: u64,
     /// Periods in which the bridge had no new reading.
     pub late_readings: u64,
 }
@@ -107,7 +109,11 @@ impl std::fmt::Display for Timing {
         };
         line(f, "wake-up", &self.wake_up)?;
         line(f, "work", &self.work)?;
-        write!(f, "missed: {}, late readings: {}", self.missed, self.late_readings)
+        write!(
+            f,
+            "missed: {} periods, {} in a row; late readings: {}",
+            self.missed, self.missed_in_a_row, self.late_readings
+        )
     }
 }
 

@@ -1,8 +1,11 @@
-//! The wall driver: a real-time thread on a grid of 2 ms, beside the bridge thread that owns the port.
+//! The wall driver: a real-time thread on a grid of periods, beside the bridge thread that owns the port.
 //!
 //! The grid is absolute: a late period does not shift the next. Periods are numbered without gaps: when grid
 //! points were missed, the arms held their last set values meanwhile, so motions go on without a jump; the
-//! missed points are counted apart. After twenty in a row all motions are broken off.
+//! missed points are counted apart. After too many in a row the arms are brought to a stand and stop.
+//!
+//! Once it runs, the thread makes no system call but the sleep and the wake-up of the bridge, allocates
+//! nothing, and takes no lock: `tests/realtime.rs` holds it to that.
 
 use super::PERIOD_NANOS;
 use super::bridge::{Bridge, BridgePort};
@@ -20,17 +23,30 @@ use std::thread::JoinHandle;
 /// How the wall driver runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WallOptions {
+    /// Length of a period [ns].
+    pub period: u64,
     /// Length of the last part of each wait that is spun away [ns]; 0 to sleep all of it.
     pub spin: u64,
     /// Priority of the servo thread under `SCHED_FIFO`, 6..=99; the bridge has 5 less.
     pub priority: i32,
+    /// The core that the servo thread stays on; `None` leaves it to the scheduler.
+    pub core: Option<usize>,
+    /// Periods missed in a row that stop the arms.
+    pub missed_limit: u64,
     /// Do not start at all unless every real-time right is granted.
     pub require_real_time: bool,
 }
 
 impl Default for WallOptions {
     fn default() -> Self {
-        Self { spin: 100_000, priority: 85, require_real_time: false }
+        Self {
+            period: PERIOD_NANOS,
+            spin: 100_000,
+            priority: 85,
+            core: None,
+            missed_limit: 50,
+            require_real_time: false,
+        }
     }
 }
 
@@ -67,13 +83,14 @@ pub fn spawn_wall<P: Port + 'static>(
     options: WallOptions,
 ) -> io::Result<Wall<P>> {
     let switches = Arc::clone(core.switches());
-    let (bridge, mut side) = Bridge::spawn(port, core.readings(), options.priority - 5, hook)?;
+    let (bridge, mut side) =
+        Bridge::spawn(port, core.readings(), options.priority - 5, options.period, hook)?;
     let (tell, told) = mpsc::channel();
     let servo = std::thread::Builder::new().name("servo".into()).spawn(move || {
-        let mut rights = RealTime::acquire(options.priority);
+        let mut rights = RealTime::acquire(options.priority, options.core);
         let denied = options.require_real_time && !rights.warnings.is_empty();
         let _ = tell.send((denied, std::mem::take(&mut rights.warnings)));
-        if denied { Timing::default() } else { run(&mut core, &mut side, options.spin) }
+        if denied { Timing::default() } else { run(&mut core, &mut side, &options) }
     })?;
     match told.recv() {
         Ok((false, warnings)) => Ok(Wall { servo, bridge, switches, warnings }),
@@ -105,14 +122,12 @@ impl<P: Port + 'static> Wall<P> {
     }
 }
 
-/// Grid points missed in a row that make a controlled stop.
-const MANY: u64 = 20;
-
 /// The real-time loop.
-fn run(core: &mut Core, port: &mut BridgePort, spin: u64) -> Timing {
+fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing {
     let clock = Clock;
+    let (length, spin) = (options.period, options.spin.min(options.period / 2));
     let mut timing = Timing::default();
-    let mut next = clock.now() + PERIOD_NANOS;
+    let mut next = clock.now() + length;
     let mut period = 0;
     while !core.switches().stop.load(Ordering::Acquire) {
         clock.wait_until(next, spin);
@@ -120,19 +135,20 @@ fn run(core: &mut Core, port: &mut BridgePort, spin: u64) -> Timing {
         timing.wake_up.record(begun.saturating_sub(next));
         period += 1;
         let lost = port.fetch(period, core.readings_mut());
-        if lost.is_err() {
-            core.trip(period, ArmFault::EmergencyStop);
+        if let Err(lost) = lost {
+            core.trip(period, ArmFault::BridgeSilent { periods: lost.periods });
         }
         port.send(period, core.compute(period));
         let done = clock.now();
         timing.work.record(done - begun);
-        next += PERIOD_NANOS;
+        next += length;
         if done >= next {
-            let missed = (done - next) / PERIOD_NANOS + 1;
+            let missed = (done - next) / length + 1;
             timing.missed += missed;
-            next += missed * PERIOD_NANOS;
-            if missed >= MANY {
-                core.hold(period);
+            timing.missed_in_a_row = timing.missed_in_a_row.max(missed);
+            next += missed * length;
+            if missed >= options.missed_limit {
+                core.stop(period, ArmFault::Missed { periods: missed });
             }
         }
         if lost.is_err() {

@@ -9,13 +9,13 @@
 
 use super::config::ArmDynamics;
 use super::dynamics::{Placement, Screw};
+use super::encoder::Encoder;
 use super::frame::{Frame, solve};
 use crate::cell::Arm;
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions, MotorPositions};
 use crate::servo::io::{ArmDrive, ArmReading};
 use nalgebra::{Matrix6, Vector3};
-use std::f64::consts::TAU;
 
 /// Presliding of a motor's friction [rad of the shaft]: below it friction is a spring.
 const PRESLIDING: f64 = 0.005;
@@ -41,6 +41,7 @@ pub(super) struct PlantArm {
     /// Torque of the counterbalance springs at the motors [Nm].
     counterbalance: [f64; AXES],
     currents: [f64; AXES],
+    encoders: [Encoder; AXES],
     /// Mass matrix and bias, of the period's beginning: in 2 ms they change by parts in a thousand.
     mass: [[f64; AXES]; AXES],
     bias: [f64; AXES],
@@ -52,14 +53,20 @@ pub(super) struct PlantArm {
 
 impl PlantArm {
     /// An arm at rest in its start pose, springs stretched and motors loaded by its weight.
-    pub(super) fn new(arm: &Arm, dynamics: &ArmDynamics) -> Self {
+    pub(super) fn new(arm: &Arm, dynamics: &ArmDynamics, synchronised: bool) -> Self {
         let world_from_base = Frame::from_pose(&arm.world_from_base);
         let gravity = world_from_base.r.tr_mul(&Vector3::new(0.0, 0.0, -9.81)) * dynamics.gravity;
         let q = arm.start.0;
         let placement = Placement::new(&arm.model, &q);
         let (_, weight) = placement.dynamics(&dynamics.links, &[0.0; AXES], &gravity);
         let stretched = std::array::from_fn(|j| q[j] + weight[j] / dynamics.stiffness[j]);
+        let m = arm.model.motors(&JointPositions(stretched)).0;
         let mut this = Self {
+            encoders: std::array::from_fn(|j| {
+                // There is no axis 0 to look for without a track.
+                let known = synchronised || (j == 0 && !arm.model.has_track);
+                Encoder::new(arm.model.increments[j], m[j], known)
+            }),
             model: arm.model.clone(),
             dynamics: *dynamics,
             world_from_base,
@@ -67,7 +74,7 @@ impl PlantArm {
             gravity,
             q,
             v: [0.0; AXES],
-            m: arm.model.motors(&JointPositions(stretched)).0,
+            m,
             vm: [0.0; AXES],
             bristles: [0.0; AXES],
             counterbalance: [0.0; AXES],
@@ -318,23 +325,33 @@ impl PlantArm {
     }
 
     /// Encoders, currents and switches.
-    pub(super) fn read(&self, reading: &mut ArmReading) {
+    pub(super) fn read(&mut self, drive: &ArmDrive, reading: &mut ArmReading) {
         reading.limit_switches = 0;
         reading.over_currents = 0;
+        reading.power_faults = 0;
+        reading.sync_switches = 0;
+        reading.encoder_zeros = 0;
+        reading.synchronised = 0;
         for j in 0..AXES {
+            let bit = 1 << j;
             if j == 0 && !self.model.has_track {
                 reading.counts[0] = 0;
                 reading.currents[0] = 0.0;
+                reading.synchronised |= bit;
                 continue;
             }
-            reading.counts[j] = (self.m[j] * self.model.increments[j] / TAU).round() as i64;
+            let report = self.encoders[j].read(self.m[j], drive.synchronise & bit != 0);
+            reading.counts[j] = report.count;
+            reading.sync_switches |= u8::from(report.switch) << j;
+            reading.encoder_zeros |= u8::from(report.zero) << j;
+            reading.synchronised |= u8::from(report.synchronised) << j;
             reading.currents[j] = self.currents[j];
             let (low, high) = self.model.motor_limits[j];
             if self.m[j] < low || self.m[j] > high {
-                reading.limit_switches |= 1 << j;
+                reading.limit_switches |= bit;
             }
             if self.currents[j].abs() > self.dynamics.motors[j].trip_current {
-                reading.over_currents |= 1 << j;
+                reading.over_currents |= bit;
             }
         }
     }

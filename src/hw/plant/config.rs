@@ -30,6 +30,8 @@ pub struct PlantConfig {
     pub start_grip: f64,
     /// Colours of the 54 stickers at first, URFDLB by position in the cube frame, centres 0..=5 in order.
     pub facelets: [u8; 54],
+    /// Whether the controllers of each arm are synchronised already when the run begins.
+    pub synchronised: [bool; 2],
     /// Substeps of a servo period; 4 is the tested figure.
     pub substeps: u32,
 }
@@ -49,6 +51,7 @@ impl PlantConfig {
             start: Start::Hand,
             start_grip: 30.0,
             facelets: std::array::from_fn(|i| (i / 9) as u8),
+            synchronised: [true; 2],
             substeps: 4,
         }
     }

@@ -5,9 +5,9 @@
 //! - the drive limits the current, so it limits the grip; a clutch slips at the greatest grip
 
 use super::config::Jaws;
+use super::encoder::{Encoder, Report};
 use crate::cell::Gripper;
 use crate::servo::io::ArmDrive;
-use std::f64::consts::TAU;
 
 /// Slower than this a jaw that gives way is not one that opens [m/s].
 const OPENS: f64 = 1e-3;
@@ -24,11 +24,12 @@ pub(super) struct PlantJaw {
     speed: f64,
     /// Force of the drive on the opening, positive opens [N].
     force: f64,
+    encoder: Encoder,
 }
 
 impl PlantJaw {
     /// A jaw at rest at a true distance between the pads [m].
-    pub(super) fn new(gripper: &Gripper, jaws: &Jaws, opening: f64) -> Self {
+    pub(super) fn new(gripper: &Gripper, jaws: &Jaws, opening: f64, synchronised: bool) -> Self {
         let [c0, c1, c2] = gripper.opening_of_motor;
         let wanted = opening - gripper.opening_offset;
         // Newton on a nearly straight line; exact after a few rounds.
@@ -36,7 +37,8 @@ impl PlantJaw {
         for _ in 0..8 {
             motor -= (c0 + motor * (c1 + c2 * motor) - wanted) / (c1 + 2.0 * c2 * motor);
         }
-        Self { gripper: *gripper, jaws: *jaws, motor, speed: 0.0, force: 0.0 }
+        let encoder = Encoder::new(gripper.increments, motor, synchronised);
+        Self { gripper: *gripper, jaws: *jaws, motor, speed: 0.0, force: 0.0, encoder }
     }
 
     /// True distance between the pads [m].
@@ -92,9 +94,9 @@ impl PlantJaw {
         self.speed > OPENS
     }
 
-    /// Encoder counter.
-    pub(super) fn count(&self) -> i64 {
-        (self.motor * self.gripper.increments / TAU).round() as i64
+    /// Encoder and switch, once a period.
+    pub(super) fn read(&mut self, synchronise: bool) -> Report {
+        self.encoder.read(self.motor, synchronise)
     }
 
     /// Motor current, positive closes [A].

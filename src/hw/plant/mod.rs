@@ -14,6 +14,7 @@ mod collision;
 pub mod config;
 mod cube;
 pub mod dynamics;
+mod encoder;
 mod frame;
 mod grasp;
 mod hand;
@@ -48,7 +49,7 @@ use super::scene::{Scene, SceneArm, SceneCube};
 use crate::cell::{Cell, Gripper};
 use crate::cube::{Axis, Face};
 use crate::motion::{AXES, Depth, PERIOD};
-use crate::servo::io::{ArmDrive, ArmReading};
+use crate::servo::io::{ArmDrive, ArmReading, JAW};
 use crate::spatial::Twist;
 use nalgebra::{Point3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
@@ -107,8 +108,10 @@ impl Plant {
         let stream = |which: u64| Pcg64::new(u128::from(seed), 0xcafe_f00d + u128::from(which));
         let cell = &config.cell;
         let edge = cell.cube.edge;
-        let arms: Vec<PlantArm> =
-            cell.arms.iter().zip(&config.arms).map(|(a, d)| PlantArm::new(a, d)).collect();
+        let arms: Vec<PlantArm> = (cell.arms.iter().zip(&config.arms))
+            .zip(config.synchronised)
+            .map(|((a, d), synchronised)| PlantArm::new(a, d, synchronised))
+            .collect();
         let pad = 0.5 * config.jaws.stiffness[1];
         let closed = edge - 2.0 * config.start_grip / pad;
         let jaws = cell.arms.iter().enumerate().map(|(i, a)| {
@@ -117,7 +120,7 @@ impl Plant {
                 Start::Held { arm, .. } if arm == i => closed,
                 Start::Held { .. } => a.gripper.opening.1 - 0.005,
             };
-            PlantJaw::new(&a.gripper, &config.jaws, opening)
+            PlantJaw::new(&a.gripper, &config.jaws, opening, config.synchronised[i])
         });
         let jaws = jaws.collect();
         let sensors = cell
@@ -401,9 +404,13 @@ impl Port for Plant {
         self.period = period + 1;
         self.verdict.period = self.period;
         for (i, reading) in readings.iter_mut().enumerate() {
-            let arm = &self.arms[i];
-            arm.read(reading);
-            reading.jaw_count = self.jaws[i].count();
+            let arm = &mut self.arms[i];
+            arm.read(&drives[i], reading);
+            let jaw = self.jaws[i].read(drives[i].synchronise & (1 << JAW) != 0);
+            reading.jaw_count = jaw.count;
+            reading.sync_switches |= u8::from(jaw.switch) << JAW;
+            reading.encoder_zeros |= u8::from(jaw.zero) << JAW;
+            reading.synchronised |= u8::from(jaw.synchronised) << JAW;
             reading.currents[AXES] = self.jaws[i].current();
             let touch = &self.balance.touches[i];
             let tool = &arm.world_from_tool;

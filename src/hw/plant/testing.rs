@@ -112,11 +112,11 @@ pub(super) struct TestServo {
 }
 
 impl TestServo {
-    pub(super) fn new(plant: Plant) -> Self {
+    pub(super) fn new(mut plant: Plant) -> Self {
         let count = plant.cell().arms.len();
         let mut readings = vec![ArmReading::default(); count];
         for (i, reading) in readings.iter_mut().enumerate() {
-            plant.arms[i].read(reading);
+            plant.arms[i].read(&ArmDrive::OFF, reading);
         }
         let positions: Vec<[f64; AXES]> =
             readings.iter().map(|r| r.counts.map(|c| c as f64)).collect();

@@ -92,7 +92,8 @@ fn a_disagreement_of_a_millimetre_gives_the_force_of_the_compliances_in_series()
     let jaws = config.jaws;
     let mut plant = Plant::new(config, 1).unwrap();
     let closed = plant.jaws[0].opening();
-    plant.jaws[1] = PlantJaw::new(&plant.config.cell.arms[1].gripper, &plant.config.jaws, closed);
+    plant.jaws[1] =
+        PlantJaw::new(&plant.config.cell.arms[1].gripper, &plant.config.jaws, closed, true);
     let drives = [ArmDrive::OFF; 2];
     plant.fresh_step(&drives, 0.0, 5e-4);
     plant.fresh_step(&drives, 0.0, 5e-4);
@@ -191,7 +192,7 @@ fn halving_the_substep_changes_the_force_by_less_than_a_hundredth() {
         let mut plant = Plant::new(config, 1).unwrap();
         let closed = plant.jaws[0].opening();
         let gripper = plant.config.cell.arms[1].gripper;
-        plant.jaws[1] = PlantJaw::new(&gripper, &plant.config.jaws, closed);
+        plant.jaws[1] = PlantJaw::new(&gripper, &plant.config.jaws, closed, true);
         let dt = PERIOD / f64::from(substeps);
         let drives = [ArmDrive::OFF; 2];
         let mut forces = Vec::new();

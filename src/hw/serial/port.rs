@@ -53,7 +53,13 @@ pub struct SerialPort {
     patience: Duration,
     fault: Option<PortFault>,
     begun: bool,
+    /// Periods in a row in which no line at all answered.
+    all_missed: u32,
 }
+
+/// So many periods without an answer on any line are a fault. All lines at once are late rather than dead: this
+/// machine was kept from running, or whatever all of them hang on was.
+const ALL_MISSED: u32 = 20;
 
 impl SerialPort {
     /// Time that an exchange may take: 0.5 ms of a period are left for the servo.
@@ -88,6 +94,7 @@ impl SerialPort {
             patience: Self::PATIENCE,
             fault: None,
             begun: false,
+            all_missed: 0,
         }
     }
 
@@ -112,6 +119,10 @@ impl SerialPort {
 
     /// Judges the answers; returns the first line that must be given up.
     fn judge(&mut self, period: u64) -> Result<(), PortFault> {
+        if self.misses_all() {
+            return self.wait_for_all(period);
+        }
+        self.all_missed = 0;
         let mut first: Option<(usize, usize, AxisFault)> = None;
         let mut others = 0;
         for (effector, arm) in self.arms.iter_mut().enumerate() {
@@ -143,6 +154,28 @@ impl SerialPort {
         let reason =
             format!("{}, {axis} ({path}): {fault}, in period {period} ({at:.3} s){more}", arm.name);
         Err(PortFault { effector, reason })
+    }
+
+    fn misses_all(&self) -> bool {
+        self.lines.len() > 1 && (0..self.lines.len()).all(|line| self.lines.answer(line).is_none())
+    }
+
+    fn wait_for_all(&mut self, period: u64) -> Result<(), PortFault> {
+        self.all_missed += 1;
+        if self.all_missed < ALL_MISSED {
+            for effector in 0..self.arms.len() {
+                self.notes.tell(period, effector, What::MissedAll);
+            }
+            return Ok(());
+        }
+        let (at, names) = (period as f64 * PERIOD, self.arms.iter().map(|arm| arm.name.as_str()));
+        let reason = format!(
+            "{}, all axes ({} to {}): no answer for {ALL_MISSED} periods, in period {period} ({at:.3} s)",
+            names.collect::<Vec<_>>().join(" and "),
+            self.lines.path(0),
+            self.lines.path(self.lines.len() - 1),
+        );
+        Err(PortFault { effector: 0, reason })
     }
 
     /// Puts every controller into a mode; none is waited for.

@@ -8,7 +8,7 @@
 //! face opposite the first, its jaws across.
 
 use super::hold::{Grip, Hand, Step};
-use super::plan::{Costs, Depths, NoPlan, Reach, Rule, Terms, compatible};
+use super::plan::{Depths, NoPlan, Reach, Rule, Terms, compatible};
 use crate::cube::{Face, Rotation24};
 use crate::motion::Depth;
 
@@ -53,24 +53,13 @@ pub fn looks(start: (Hand, Grip), terms: &Terms, reach: &impl Reach) -> Result<V
             }
             let next = (hand.other(), grip);
             let after = number(next) * SETS + ((at % SETS) | seen(next.0, next.1));
+            // The way to the meeting differs by a second or two: not worth a state of its own here.
             let cost = best[at] + terms.costs.grasp + terms.costs.leave;
             if cost < best[after] - 1e-9 {
                 (best[after], from[after]) = (cost, Some(at));
             }
         }
     }
-}
-
-/// How long such steps take [s].
-#[must_use]
-pub fn cost(steps: &[Step], costs: &Costs) -> f64 {
-    let of = |step: &Step| match step {
-        Step::Grasp { .. } => costs.grasp,
-        Step::Look { .. } => costs.look,
-        Step::Leave { .. } => costs.leave,
-        Step::Turn { .. } => costs.quarter,
-    };
-    steps.iter().map(of).sum()
 }
 
 fn choices(grips: &[Grip], depths: Depths) -> &[Grip] {
@@ -121,7 +110,7 @@ fn written(end: usize, from: &[Option<usize>], grips: &[Grip], reach: &impl Reac
 #[cfg(test)]
 mod tests {
     use super::super::hold::Hold;
-    use super::super::plan::{Everywhere, RollLimits};
+    use super::super::plan::{Everywhere, RollLimits, Stand};
     use super::super::replay::replay;
     use super::*;
     use crate::cube::{Axis, Facelets};
@@ -136,6 +125,9 @@ mod tests {
         }
         fn view(&self, _: Hand, side: usize) -> bool {
             side == self.0
+        }
+        fn travel(&self, from: Option<Stand>, newcomer: Hand, meeting: u8) -> f64 {
+            Everywhere.travel(from, newcomer, meeting)
         }
     }
 

@@ -11,8 +11,9 @@ use std::collections::VecDeque;
 
 use super::belief::Belief;
 use super::hold::{Grip, Hand, Hold, Step};
-use super::plan::{Reachable, Terms};
-use super::settings::{ComplianceChoice, CompliantArm, CubeSettings};
+use super::plan::Reachable;
+use super::plan::explain::Line;
+use super::settings::{ComplianceChoice, CompliantArm, CubeSettings, LEAVE_SECONDS};
 use super::think::{Conclusion, Thought};
 use crate::cube::{Axis, Face};
 use crate::generators::{Behaviour, Outcome, visual_servo};
@@ -149,14 +150,12 @@ pub struct MissionLog {
     /// Jaw closings on the cube between identification and hand-back.
     pub grasps: u32,
     /// The plan's steps in words.
-    pub plan: Vec<String>,
+    pub plan: Vec<Line>,
     /// Notes for the operator that were not told yet.
     pub notes: Vec<String>,
 }
 
 const ARMS_APART: [Option<JointPositions>; 2] = [None, None];
-/// Jaw opening with which a hand leaves the operator's hand or the partner: the full one.
-const LEAVE_SECONDS: f64 = 1.2;
 /// Retries of a stalled turn.
 const TURN_TRIES: u32 = 2;
 /// Looks at one face before it counts as unreadable, and the steps between them in the viewer's tool axes [m].
@@ -457,7 +456,7 @@ impl Mission {
         let answer = conclusion.0.map_err(|refusal| format!("no plan: {refusal}"))?;
         self.log.identified = Some(answer.identified);
         self.log.solution.clone_from(&answer.turns);
-        self.log.plan = answer.explanation;
+        self.log.plan = answer.lines;
         self.log.grasps = 0;
         self.belief.renamed(answer.rotation);
         self.queue.push_back(Job::Phase("solve"));
@@ -619,8 +618,8 @@ impl Mission {
                 let held = self.belief.held[hand.index()].ok_or("nothing is held")?;
                 let steps = super::identify::looks(
                     (hand, Grip { hold: held.hold, half_roll: held.half_roll }),
-                    &Terms::of(self.settings.rule),
-                    &Reachable { table: &self.settings.meetings },
+                    &self.settings.terms(),
+                    &Reachable::new(&self.settings.meetings, &self.settings.speeds),
                 )
                 .map_err(|e| e.to_string())?;
                 self.queue.extend(steps.into_iter().map(Job::Step));
@@ -794,7 +793,8 @@ impl Mission {
         Ok(Action::Think(Thought {
             rgb,
             start: (holder, Grip { hold: held.hold, half_roll: held.half_roll }),
-            rule: self.settings.rule,
+            terms: self.settings.terms(),
+            speeds: self.settings.speeds,
             nodes: self.settings.nodes,
             candidates: self.settings.candidates,
             seconds_per_node: self.settings.seconds_per_node,

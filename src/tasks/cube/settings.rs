@@ -1,11 +1,11 @@
 //! What the cube task must be told about the cell and its manners. SI units.
 
-use crate::generators::{Selector, visual_servo};
+use crate::generators::{Selector, position::Speeds, visual_servo};
 use crate::reach::MeetingTable;
 use crate::spatial::Pose;
 use nalgebra::Point3;
 
-use super::plan::Rule;
+use super::plan::{Costs, Rule, Terms};
 
 /// Which arm yields while a face is turned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -73,6 +73,10 @@ pub struct CubeSettings {
     pub pull: f64,
     /// Fraction of the full speeds in free motion.
     pub speed: f64,
+    /// Those full speeds.
+    pub speeds: Speeds,
+    /// Speed of closing and of opening jaws, distance of the pads [m/s].
+    pub jaw_speeds: (f64, f64),
     /// Which arm yields in a turn.
     pub compliant_arm: CompliantArm,
     /// Which directions yield.
@@ -91,7 +95,45 @@ pub struct CubeSettings {
     pub calibrated_at: Point3<f64>,
 }
 
+/// Time in which a hand opens to leave its partner or the operator [s], at least.
+pub(super) const LEAVE_SECONDS: f64 = 1.2;
+/// What the plant was seen to take beyond the ways themselves [s]: two biases, the build-up of the grip, seating.
+const BIAS: f64 = 0.07;
+const BUILD_UP: f64 = 0.45;
+const SEATING: f64 = 1.0;
+/// A turn speeds up, slows down and settles [s]; the torque of a layer of 2007 slows it down in between.
+const TURN_ENDS: f64 = 1.0;
+const LAYER_TORQUE: f64 = 0.4;
+
 impl CubeSettings {
+    /// The terms of the plan: the rule, and what motions cost with these speeds.
+    #[must_use]
+    pub fn terms(&self) -> Terms {
+        Terms { costs: self.costs(), ..Terms::of(self.rule) }
+    }
+
+    /// What motions cost.
+    fn costs(&self) -> Costs {
+        let line = |way: f64| self.speeds.line_seconds(way, 0.0, self.speed);
+        let stroke = self.opening - self.edge;
+        let open = (stroke / self.jaw_speeds.1).max(LEAVE_SECONDS);
+        let close = stroke / self.jaw_speeds.0 + BUILD_UP;
+        let approach = self.pre_grasp / self.approach_speed;
+        let leave = open + line(self.back);
+        let come = open + BIAS + line(self.back - self.pre_grasp) + approach + close + SEATING;
+        let turn = |angle: f64| {
+            let speed = self.turn_speed * (1.0 - LAYER_TORQUE / self.turn_torque).max(0.1);
+            angle / speed + TURN_ENDS
+        };
+        Costs {
+            grasp: leave + come,
+            quarter: turn(std::f64::consts::FRAC_PI_2),
+            half: turn(std::f64::consts::PI),
+            leave,
+            look: 5.0,
+        }
+    }
+
     /// Directions that yield in a grasp.
     #[must_use]
     pub fn grasp_selector(&self) -> Selector {

@@ -4,8 +4,10 @@
 //! - out: the cube as read, the plan, or why there is none
 
 use super::hold::{Grip, Hand, Step};
-use super::plan::{self, Reachable, Rule, Terms};
+use super::plan::explain::Line;
+use super::plan::{self, Reachable, Terms};
 use crate::cube::{Cube, Facelets, Rotation24, Turn};
+use crate::generators::position::Speeds;
 use crate::reach::MeetingTable;
 use crate::solver::{self, Budget, Tables};
 use crate::tasks::Effort;
@@ -22,8 +24,10 @@ pub struct Thought {
     pub rgb: [[f64; 3]; 54],
     /// Who holds the cube, and how, in the same frame.
     pub start: (Hand, Grip),
-    /// Rule of the plan.
-    pub rule: Rule,
+    /// Rule of the plan, and what motions cost.
+    pub terms: Terms,
+    /// Full speeds of the arms.
+    pub speeds: Speeds,
     /// Nodes that the solver may visit.
     pub nodes: u64,
     /// Declared time of a node [s].
@@ -50,7 +54,7 @@ pub struct Answer {
     /// What the hands do.
     pub steps: Vec<Step>,
     /// The same in words.
-    pub explanation: Vec<String>,
+    pub lines: Vec<Line>,
 }
 
 /// Does it. A pure function: the same thought has the same conclusion and the same effort.
@@ -79,8 +83,8 @@ fn reason(thought: &Thought) -> Result<(Answer, u64), String> {
     let plan = plan::plan(
         &candidates,
         (hand, grip.renamed(rotation)),
-        &Terms::of(thought.rule),
-        &Reachable { table: &thought.meetings },
+        &thought.terms,
+        &Reachable::new(&thought.meetings, &thought.speeds),
     )
     .map_err(|e| e.to_string())?;
     let answer = Answer {
@@ -88,7 +92,7 @@ fn reason(thought: &Thought) -> Result<(Answer, u64), String> {
         rotation,
         turns: plan.turns,
         steps: plan.steps,
-        explanation: plan.explanation,
+        lines: plan.lines,
     };
     Ok((answer, thought.nodes))
 }

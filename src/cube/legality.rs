@@ -1,0 +1,373 @@
+//! Why stickers are no cube that can be solved: `Cube::try_from(Facelets)`.
+//!
+//! - in: facelets
+//! - out: the cube, or an [`ImpossibleCube`] that names what is wrong and, where it can be known, which piece
+//!
+//! Colours that no piece has, and pieces that are there twice, say where they are. A flipped edge, a twisted corner
+//! and two swapped pieces do not: once the cube is scrambled, any edge may be the one. So a piece is named only
+//! where the others vouch for it: [`names`] asks that at least half of the cube stands at home.
+
+use super::cubies::{CORNER_FACELETS, EDGE_FACELETS, odd};
+use super::{CORNERS, Cube, EDGES, Face, FaceletPlace, Facelets};
+use std::fmt;
+
+/// Some stickers, named by their faces' letters: a position or a piece.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Piece {
+    faces: [Option<Face>; 3],
+}
+
+impl Piece {
+    pub(super) fn of(faces: &[Face]) -> Self {
+        Self { faces: std::array::from_fn(|i| faces.get(i).copied()) }
+    }
+}
+
+impl fmt::Display for Piece {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.faces.iter().flatten().try_for_each(|face| write!(f, "{}", face.letter()))
+    }
+}
+
+impl fmt::Debug for Piece {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{self}")
+    }
+}
+
+/// Why stickers are no cube that can be solved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum ImpossibleCube {
+    /// A colour is there more or less than nine times.
+    #[error("{count} stickers of colour {} instead of 9", colour.letter())]
+    ColourCount {
+        /// The face whose centre has this colour on a solved cube.
+        colour: Face,
+        /// How many there are.
+        count: usize,
+    },
+    /// Two centres have one colour.
+    #[error("the centres of {} and {} both have colour {}", first.letter(), second.letter(), colour.letter())]
+    CentreTwice {
+        /// That colour.
+        colour: Face,
+        /// On this face
+        first: Face,
+        /// and on this.
+        second: Face,
+    },
+    /// Six centres, but not as on any cube, however it is turned: opposite colours stand side by side, or mirrored.
+    #[error("the centres stand to each other as on no cube")]
+    CentresMisplaced,
+    /// The centres are those of a cube that lies in another orientation: see [`Facelets::normalised`].
+    #[error("the centre of {} has colour {}: the cube is named in another orientation", face.letter(), colour.letter())]
+    CentreElsewhere {
+        /// On this face
+        face: Face,
+        /// there is this colour.
+        colour: Face,
+    },
+    /// Colours side by side that no piece has.
+    #[error("position {position} has colours {colours}: no piece has these, in this order")]
+    NoSuchPiece {
+        /// Where.
+        position: Piece,
+        /// What was found there, in the order of the position's letters.
+        colours: Piece,
+    },
+    /// One piece in two places.
+    #[error("piece {piece} is in two places: {first} and {second}")]
+    PieceTwice {
+        /// Which.
+        piece: Piece,
+        /// Here
+        first: Piece,
+        /// and here.
+        second: Piece,
+    },
+    /// An odd number of edges is turned over.
+    #[error("{}", odd_one(*edge, "edge", "flipped"))]
+    EdgeFlipped {
+        /// The piece at home that is turned over, where the rest of the cube leaves no other.
+        edge: Option<Piece>,
+    },
+    /// The corners' twists do not cancel.
+    #[error("{}", odd_one(*corner, "corner", if *clockwise { "twisted clockwise" } else { "twisted anticlockwise" }))]
+    CornerTwisted {
+        /// The piece at home that is twisted, where the rest of the cube leaves no other.
+        corner: Option<Piece>,
+        /// Seen from outside.
+        clockwise: bool,
+    },
+    /// An odd permutation of the pieces.
+    #[error("{}", match pieces {
+        Some((a, b)) => format!("pieces {a} and {b} are swapped"),
+        None => "two pieces are swapped; any two corners or any two edges may be the ones".to_owned(),
+    })]
+    Swapped {
+        /// The two that stand in each other's home, where the rest of the cube leaves no others.
+        pieces: Option<(Piece, Piece)>,
+    },
+}
+
+fn odd_one(piece: Option<Piece>, kind: &str, how: &str) -> String {
+    match piece {
+        Some(piece) => format!("{kind} {piece} is {how} in its place"),
+        None => format!("one {kind} is {how} in its place; any of them may be the one"),
+    }
+}
+
+impl ImpossibleCube {
+    /// The kind in one word, for programs.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::ColourCount { .. } => "colour-count",
+            Self::CentreTwice { .. } => "centre-twice",
+            Self::CentresMisplaced => "centres-misplaced",
+            Self::CentreElsewhere { .. } => "centre-elsewhere",
+            Self::NoSuchPiece { .. } => "no-such-piece",
+            Self::PieceTwice { .. } => "piece-twice",
+            Self::EdgeFlipped { .. } => "edge-flipped",
+            Self::CornerTwisted { .. } => "corner-twisted",
+            Self::Swapped { .. } => "swapped",
+        }
+    }
+
+    /// The positions, stickers or pieces that it is about; none where the cube does not tell.
+    #[must_use]
+    pub fn places(&self) -> Vec<String> {
+        let centre = |f: Face| FaceletPlace { face: f, row: 1, col: 1 }.to_string();
+        match self {
+            Self::ColourCount { colour, .. } => vec![colour.letter().to_string()],
+            Self::CentreTwice { first, second, .. } => vec![centre(*first), centre(*second)],
+            Self::CentresMisplaced => Vec::new(),
+            Self::CentreElsewhere { face, .. } => vec![centre(*face)],
+            Self::NoSuchPiece { position, .. } => vec![position.to_string()],
+            Self::PieceTwice { first, second, .. } => vec![first.to_string(), second.to_string()],
+            Self::EdgeFlipped { edge: piece } | Self::CornerTwisted { corner: piece, .. } => {
+                piece.iter().map(Piece::to_string).collect()
+            }
+            Self::Swapped { pieces } => {
+                pieces.iter().flat_map(|(a, b)| [a.to_string(), b.to_string()]).collect()
+            }
+        }
+    }
+}
+
+impl TryFrom<Facelets> for Cube {
+    type Error = ImpossibleCube;
+
+    fn try_from(facelets: Facelets) -> Result<Self, ImpossibleCube> {
+        check_colours(&facelets)?;
+        let mut cube = Self::SOLVED;
+        let corners = pieces(&facelets, &CORNERS, &CORNER_FACELETS)?;
+        let edges = pieces(&facelets, &EDGES, &EDGE_FACELETS)?;
+        for (i, (piece, twist)) in corners.into_iter().enumerate() {
+            (cube.corners[i], cube.twists[i]) = (piece as u8, twist as u8);
+        }
+        for (i, (piece, flip)) in edges.into_iter().enumerate() {
+            (cube.edges[i], cube.flips[i]) = (piece as u8, flip as u8);
+        }
+        check_sums(&cube)?;
+        Ok(cube)
+    }
+}
+
+impl Cube {
+    /// The cube with stickers that are known to be possible.
+    pub(crate) fn from_possible(facelets: &Facelets) -> Self {
+        let corners = pieces(facelets, &CORNERS, &CORNER_FACELETS).unwrap_or_default();
+        let edges = pieces(facelets, &EDGES, &EDGE_FACELETS).unwrap_or_default();
+        Self {
+            corners: corners.map(|(piece, _)| piece as u8),
+            twists: corners.map(|(_, turn)| turn as u8),
+            edges: edges.map(|(piece, _)| piece as u8),
+            flips: edges.map(|(_, turn)| turn as u8),
+        }
+    }
+}
+
+fn check_colours(facelets: &Facelets) -> Result<(), ImpossibleCube> {
+    facelets.normalised()?;
+    for face in Face::ALL {
+        let colour = facelets.colour(face.index() * 9 + 4);
+        if colour != face {
+            return Err(ImpossibleCube::CentreElsewhere { face, colour });
+        }
+        let count = (0..54).filter(|&i| facelets.colour(i) == face).count();
+        if count != 9 {
+            return Err(ImpossibleCube::ColourCount { colour: face, count });
+        }
+    }
+    Ok(())
+}
+
+/// Which piece is at each position, and by how many places it is turned.
+fn pieces<const N: usize, const P: usize>(
+    facelets: &Facelets,
+    all: &[[Face; N]; P],
+    places: &[[usize; N]; P],
+) -> Result<[(usize, usize); P], ImpossibleCube> {
+    let mut found = [(0, 0); P];
+    let mut position_of = [None; P];
+    for (i, stickers) in places.iter().enumerate() {
+        let position = Piece::of(&all[i]);
+        let colours = stickers.map(|p| facelets.colour(p));
+        let (piece, turn) = find(all, colours)
+            .ok_or(ImpossibleCube::NoSuchPiece { position, colours: Piece::of(&colours) })?;
+        if let Some(first) = position_of[piece].replace(position) {
+            let piece = Piece::of(&all[piece]);
+            return Err(ImpossibleCube::PieceTwice { piece, first, second: position });
+        }
+        found[i] = (piece, turn);
+    }
+    Ok(found)
+}
+
+/// The piece with these colours in this cyclic order, and by how many places it is turned.
+fn find<const N: usize>(pieces: &[[Face; N]], colours: [Face; N]) -> Option<(usize, usize)> {
+    (0..N).find_map(|turn| {
+        let mut straight = colours;
+        straight.rotate_left(turn);
+        pieces.iter().position(|p| *p == straight).map(|piece| (piece, turn))
+    })
+}
+
+fn check_sums(cube: &Cube) -> Result<(), ImpossibleCube> {
+    if cube.flips.iter().sum::<u8>() % 2 == 1 {
+        let flipped = |i: &usize| usize::from(cube.edges[*i]) == *i && cube.flips[*i] == 1;
+        let edge = only((0..12).filter(flipped)).filter(|_| names(cube));
+        return Err(ImpossibleCube::EdgeFlipped { edge: edge.map(|i| Piece::of(&EDGES[i])) });
+    }
+    let excess = cube.twists.iter().sum::<u8>() % 3;
+    if excess != 0 {
+        let twisted = |i: &usize| usize::from(cube.corners[*i]) == *i && cube.twists[*i] == excess;
+        let corner = only((0..8).filter(twisted)).filter(|_| names(cube));
+        let corner = corner.map(|i| Piece::of(&CORNERS[i]));
+        return Err(ImpossibleCube::CornerTwisted { corner, clockwise: excess == 1 });
+    }
+    if odd(&cube.corners) != odd(&cube.edges) {
+        let pairs = exchanged(&cube.corners)
+            .map(|(a, b)| (Piece::of(&CORNERS[a]), Piece::of(&CORNERS[b])))
+            .chain(
+                exchanged(&cube.edges).map(|(a, b)| (Piece::of(&EDGES[a]), Piece::of(&EDGES[b]))),
+            );
+        return Err(ImpossibleCube::Swapped { pieces: only(pairs).filter(|_| names(cube)) });
+    }
+    Ok(())
+}
+
+/// Whether so much of the cube stands at home that a piece which does not is the odd one: half of the 20 pieces,
+/// where a scrambled cube has one on average.
+fn names(cube: &Cube) -> bool {
+    let corners = (0..8).filter(|&i| usize::from(cube.corners[i]) == i && cube.twists[i] == 0);
+    let edges = (0..12).filter(|&i| usize::from(cube.edges[i]) == i && cube.flips[i] == 0);
+    corners.count() + edges.count() >= 10
+}
+
+/// Pairs that stand in each other's place.
+fn exchanged(order: &[u8]) -> impl Iterator<Item = (usize, usize)> {
+    (0..order.len()).filter_map(|i| {
+        let other = usize::from(order[i]);
+        (other > i && usize::from(order[other]) == i).then_some((i, other))
+    })
+}
+
+/// The item, if there is just one.
+fn only<T>(mut items: impl Iterator<Item = T>) -> Option<T> {
+    items.next().filter(|_| items.next().is_none())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::parse_turns;
+    use proptest::prelude::*;
+
+    fn swapped(pairs: &[(usize, usize)]) -> Facelets {
+        let mut colours = *Facelets::solved().colours();
+        for &(a, b) in pairs {
+            colours.swap(a, b);
+        }
+        Facelets::try_from(colours).unwrap()
+    }
+
+    #[test]
+    fn each_impossible_cube_is_told_its_own_reason() {
+        let reason = |facelets: Facelets| Cube::try_from(facelets).unwrap_err().to_string();
+
+        let mut nine = *Facelets::solved().colours();
+        nine[0] = 1;
+        assert_eq!(
+            reason(Facelets::try_from(nine).unwrap()),
+            "8 stickers of colour U instead of 9"
+        );
+        nine[4] = 1;
+        assert_eq!(
+            reason(Facelets::try_from(nine).unwrap()),
+            "the centres of U and R both have colour R"
+        );
+        assert_eq!(
+            reason(swapped(&[(8, 20)])),
+            "position URF has colours FRU: no piece has these, in this order"
+        );
+        // The front sticker of UF and the right one of UR exchanged with their upper ones' help: UF twice.
+        assert_eq!(reason(swapped(&[(10, 19), (10, 12)])).split(' ').next(), Some("piece"));
+        assert_eq!(reason(swapped(&[(7, 19)])), "edge UF is flipped in its place");
+        assert_eq!(
+            reason(swapped(&[(8, 9), (9, 20)])),
+            "corner URF is twisted anticlockwise in its place"
+        );
+        assert_eq!(
+            reason(swapped(&[(8, 20), (9, 20)])),
+            "corner URF is twisted clockwise in its place"
+        );
+        assert_eq!(reason(swapped(&[(10, 19)])), "pieces UR and UF are swapped");
+    }
+
+    #[test]
+    fn a_scrambled_cube_does_not_tell_which_piece_is_odd() {
+        let turns = parse_turns("R U2 F' L D B2 R' U F D2 L' B").unwrap();
+        for (pairs, message) in [
+            (&[(7, 19)][..], "one edge is flipped in its place; any of them may be the one"),
+            (
+                &[(8, 9), (9, 20)],
+                "one corner is twisted anticlockwise in its place; any of them may be the one",
+            ),
+            (
+                &[(10, 19)],
+                "two pieces are swapped; any two corners or any two edges may be the ones",
+            ),
+        ] {
+            let scrambled = turns.iter().fold(swapped(pairs), |f, &t| f.turned(t));
+
+            let reason = Cube::try_from(scrambled).unwrap_err();
+
+            assert_eq!(reason.to_string(), message);
+            assert!(reason.places().is_empty());
+        }
+    }
+
+    #[test]
+    fn a_cube_named_in_another_orientation_is_refused_with_its_centre() {
+        let turned = Facelets::solved().rotated(crate::cube::Rotation24::quarter(Face::U));
+
+        assert_eq!(
+            Cube::try_from(turned),
+            Err(ImpossibleCube::CentreElsewhere { face: Face::R, colour: Face::B })
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn any_stickers_are_a_cube_or_have_a_reason(colours in prop::array::uniform32(0..6u8), more in prop::array::uniform22(0..6u8)) {
+            let all: Vec<u8> = colours.into_iter().chain(more).collect();
+            let facelets = Facelets::try_from(<[u8; 54]>::try_from(all).unwrap()).unwrap();
+            match Cube::try_from(facelets) {
+                Ok(cube) => prop_assert_eq!(Facelets::from(&cube), facelets),
+                Err(reason) => prop_assert!(!reason.to_string().is_empty() && !reason.kind().is_empty()),
+            }
+        }
+    }
+}

@@ -1,0 +1,348 @@
+//! Where pruning tables are kept: made once, found again by every later run.
+//!
+//! - in: [`TableSpec`]s, a folder, [`Threads`] to build with
+//! - out: the bytes of a table, memory-mapped from its file, or in memory where no file can be kept
+//!
+//! A file is written beside its place and renamed into it, so it is there whole or not at all; a lock keeps two
+//! processes from building the same one. Its head says what it is and has checksums. Reading 1.4 GiB at each start to
+//! check them would cost half a second, so the whole is summed only when the file is not the one that was found
+//! sound before: same inode, size and times of change, noted beside it. Whoever writes into the file changes its
+//! time and is found out; what rots on the disk under it is left to [`Store::verify`].
+
+mod file;
+mod threads;
+
+pub use file::Unusable;
+pub use threads::Threads;
+
+use crate::solver::table::{Progress, TableSpec, Workers};
+use crate::solver::tables::Bytes;
+use std::fs::{self, File, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A folder of tables.
+#[derive(Debug, Clone)]
+pub struct Store {
+    folder: PathBuf,
+}
+
+/// What a store says while it gets a table.
+#[derive(Debug)]
+pub enum News<'a> {
+    /// It will be built: there is none, or none of use.
+    Building(&'a Unusable),
+    /// Another process is building it.
+    Waiting,
+    /// It is built, and used from memory, because it could not be kept.
+    NotKept(io::Error),
+}
+
+/// Who is told.
+pub type Listener<'a> = &'a dyn Fn(&TableSpec, News<'_>);
+
+impl Store {
+    /// The store in a folder, which need not exist yet.
+    #[must_use]
+    pub fn new(folder: PathBuf) -> Self {
+        Self { folder }
+    }
+
+    /// The user's folder: `RUBIK_ROBOT_TABLES`, else `rubik-robot` in `XDG_CACHE_HOME`, else in `~/.cache`, else in
+    /// the system's folder for temporary files.
+    #[must_use]
+    pub fn of_user() -> Self {
+        let set = |name: &str| {
+            std::env::var_os(name).map(PathBuf::from).filter(|path| !path.as_os_str().is_empty())
+        };
+        // The XDG base directory specification ignores relative paths.
+        let cache = || set("XDG_CACHE_HOME").filter(|path| path.is_absolute());
+        let home = || set("HOME").map(|home| home.join(".cache"));
+        let folder = set("RUBIK_ROBOT_TABLES").unwrap_or_else(|| {
+            cache().or_else(home).unwrap_or_else(std::env::temp_dir).join("rubik-robot")
+        });
+        Self::new(folder)
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The file of a table.
+    #[must_use]
+    pub fn path(&self, spec: &TableSpec) -> PathBuf {
+        self.folder.join(format!("{}.table", spec.name))
+    }
+
+    /// Maps a table that is there and sound.
+    ///
+    /// # Errors
+    /// Why it is of no use.
+    pub fn open(&self, spec: &TableSpec, workers: &dyn Workers) -> Result<Bytes, Unusable> {
+        file::open(&self.path(spec), spec, workers)
+    }
+
+    /// Maps a table, builds it first where there is none of use, and keeps it where that is possible.
+    pub fn obtain(
+        &self,
+        spec: &TableSpec,
+        workers: &dyn Workers,
+        listener: Listener<'_>,
+        progress: Progress<'_>,
+    ) -> Bytes {
+        match self.open(spec, workers) {
+            Ok(bytes) => bytes,
+            Err(reason) => match self.build(spec, workers, &reason, listener, progress) {
+                Ok(bytes) => bytes,
+                Err((bytes, error)) => {
+                    listener(spec, News::NotKept(error));
+                    bytes
+                }
+            },
+        }
+    }
+
+    /// Builds a table and keeps it; unless another process has done so in the meantime.
+    ///
+    /// # Errors
+    /// The table in memory, and why it could not be kept.
+    pub fn build(
+        &self,
+        spec: &TableSpec,
+        workers: &dyn Workers,
+        reason: &Unusable,
+        listener: Listener<'_>,
+        progress: Progress<'_>,
+    ) -> Result<Bytes, (Bytes, io::Error)> {
+        let in_memory = || {
+            listener(spec, News::Building(reason));
+            Arc::new((spec.build)(workers, progress))
+        };
+        // Held until the end; the system lets go of it when a process dies.
+        let _lock = match self.lock(spec, listener) {
+            Ok(lock) => lock,
+            Err(error) => return Err((in_memory(), error)),
+        };
+        if let Ok(bytes) = self.open(spec, workers) {
+            return Ok(bytes);
+        }
+        let table = in_memory();
+        let kept = file::write(&self.path(spec), spec, &table, workers)
+            .and_then(|()| self.open(spec, workers).map_err(io::Error::other));
+        kept.map_err(|error| (table as Bytes, error))
+    }
+
+    /// Sums the whole file and counts its entries by distance.
+    ///
+    /// # Errors
+    /// Why it is of no use, the counts included.
+    pub fn verify(&self, spec: &TableSpec, workers: &dyn Workers) -> Result<Vec<u64>, Unusable> {
+        let path = self.path(spec);
+        file::forget(&path);
+        let bytes = file::open(&path, spec, workers)?;
+        (spec.verify)((*bytes).as_ref(), workers).map_err(Unusable::Miscounted)
+    }
+
+    /// Removes a table and what lies beside it; tells whether there was one.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn remove(&self, spec: &TableSpec) -> io::Result<bool> {
+        let path = self.path(spec);
+        file::forget(&path);
+        let _ = fs::remove_file(self.lock_path(spec));
+        match fs::remove_file(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+            other => other.map(|()| true),
+        }
+    }
+
+    fn lock_path(&self, spec: &TableSpec) -> PathBuf {
+        self.folder.join(format!("{}.lock", spec.name))
+    }
+
+    fn lock(&self, spec: &TableSpec, listener: Listener<'_>) -> io::Result<File> {
+        fs::create_dir_all(&self.folder)?;
+        let lock = File::create(self.lock_path(spec))?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                listener(spec, News::Waiting);
+                lock.lock()?;
+            }
+            Err(TryLockError::Error(error)) => return Err(error),
+        }
+        Ok(lock)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solver::table::InTurn;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    static BUILT: AtomicUsize = AtomicUsize::new(0);
+
+    /// 100,000 bytes that tell when they are wrong.
+    static SPEC: TableSpec = TableSpec {
+        name: "tests-count",
+        version: 3,
+        bytes: 100_000,
+        purpose: "tests",
+        build: |_, _| {
+            BUILT.fetch_add(1, Ordering::SeqCst);
+            (0..100_000_u32).map(|i| (i * 7 % 251) as u8).collect()
+        },
+        verify: |bytes, _| match bytes.iter().enumerate().all(|(i, &b)| b == (i * 7 % 251) as u8) {
+            true => Ok(vec![bytes.len() as u64]),
+            false => Err("wrong".to_owned()),
+        },
+    };
+
+    /// A folder that goes away with the test.
+    struct Folder(PathBuf);
+
+    impl Folder {
+        fn new(name: &str) -> Self {
+            let path = std::env::temp_dir()
+                .join(format!("rubik-robot-{}-store-{name}", std::process::id()));
+            let _ = fs::remove_dir_all(&path);
+            Self(path)
+        }
+
+        fn store(&self) -> Store {
+            Store::new(self.0.clone())
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            let _ = fs::remove_dir_all(&self.0);
+        }
+    }
+
+    fn obtain(store: &Store, spec: &TableSpec) -> Bytes {
+        store.obtain(spec, &InTurn, &|_, _| (), &|_| ())
+    }
+
+    fn right(bytes: &Bytes) -> bool {
+        (SPEC.verify)((**bytes).as_ref(), &InTurn).is_ok()
+    }
+
+    #[test]
+    fn a_table_is_built_once_and_then_found() {
+        let folder = Folder::new("once");
+        let store = folder.store();
+        assert!(matches!(store.open(&SPEC, &InTurn), Err(Unusable::Absent)));
+
+        assert!(right(&obtain(&store, &SPEC)));
+        assert!(right(&store.open(&SPEC, &InTurn).unwrap()));
+
+        assert_eq!(store.verify(&SPEC, &InTurn).unwrap(), [100_000]);
+        assert!(store.remove(&SPEC).unwrap());
+        assert!(!store.remove(&SPEC).unwrap());
+        assert!(matches!(store.open(&SPEC, &InTurn), Err(Unusable::Absent)));
+    }
+
+    #[test]
+    fn what_is_broken_is_told_apart_and_built_again() {
+        let folder = Folder::new("broken");
+        let store = folder.store();
+        obtain(&store, &SPEC);
+        let path = store.path(&SPEC);
+        let sound = fs::read(&path).unwrap();
+        let with = |at: usize, byte: u8| {
+            let mut bytes = sound.clone();
+            bytes[at] ^= byte;
+            bytes
+        };
+        let mut foreign = sound.clone();
+        foreign[8..12].reverse();
+        let body = sound.len() - 100_000;
+        for (bytes, reason) in [
+            (sound[..sound.len() - 1].to_vec(), "104095 bytes instead of 104096"),
+            (sound[..100].to_vec(), "100 bytes instead of 104096"),
+            (Vec::new(), "0 bytes instead of 104096"),
+            (with(0, 1), "no table of rubik-robot"),
+            (foreign, "written on a machine of the other byte order"),
+            (with(70, 1), "head is damaged"),
+            (with(body, 1), "damaged: its checksum is"),
+            (with(body + 54_321, 0x80), "damaged: its checksum is"),
+            (with(sound.len() - 1, 1), "damaged: its checksum is"),
+        ] {
+            fs::write(&path, bytes).unwrap();
+
+            let message = store.open(&SPEC, &InTurn).err().unwrap().to_string();
+            assert!(message.contains(reason), "{message:?} is not {reason:?}");
+            assert!(right(&obtain(&store, &SPEC)));
+            assert!(store.open(&SPEC, &InTurn).is_ok(), "not repaired: {reason}");
+        }
+    }
+
+    #[test]
+    fn a_table_of_another_version_is_built_again() {
+        let folder = Folder::new("version");
+        let store = folder.store();
+        obtain(&store, &TableSpec { version: 2, ..SPEC });
+
+        let reason = store.open(&SPEC, &InTurn).err().unwrap();
+
+        assert!(matches!(reason, Unusable::Version { found: 2, wanted: 3 }), "{reason}");
+        assert!(right(&obtain(&store, &SPEC)));
+        assert!(store.open(&SPEC, &InTurn).is_ok());
+    }
+
+    #[test]
+    fn where_nothing_can_be_kept_the_table_is_used_from_memory() {
+        let folder = Folder::new("readonly");
+        fs::create_dir_all(&folder.0).unwrap();
+        // A file where the folder should be: nobody can write there, not even root.
+        let store = Store::new(folder.0.join("file"));
+        fs::write(store.folder(), "").unwrap();
+        let told = AtomicUsize::new(0);
+
+        let bytes = store.obtain(
+            &SPEC,
+            &InTurn,
+            &|_, news| {
+                if matches!(news, News::NotKept(_)) {
+                    told.fetch_add(1, Ordering::SeqCst);
+                }
+            },
+            &|_| (),
+        );
+
+        assert!(right(&bytes));
+        assert_eq!(told.into_inner(), 1);
+    }
+
+    #[test]
+    fn several_that_want_one_table_build_it_once() {
+        static SLOW: TableSpec = TableSpec {
+            name: "tests-slow",
+            build: |_, _| {
+                SLOWLY.fetch_add(1, Ordering::SeqCst);
+                std::thread::sleep(std::time::Duration::from_millis(50));
+                vec![7; 100_000]
+            },
+            ..SPEC
+        };
+        static SLOWLY: AtomicUsize = AtomicUsize::new(0);
+        let folder = Folder::new("together");
+        let store = folder.store();
+
+        std::thread::scope(|scope| {
+            for _ in 0..6 {
+                scope.spawn(|| assert_eq!((*obtain(&store, &SLOW)).as_ref(), [7; 100_000]));
+            }
+        });
+
+        assert_eq!(SLOWLY.load(Ordering::SeqCst), 1);
+        let left: Vec<_> = fs::read_dir(&folder.0).unwrap().map(|e| e.unwrap().path()).collect();
+        assert!(left.iter().all(|p| p.extension().unwrap() != "tmp"), "{left:?}");
+    }
+}

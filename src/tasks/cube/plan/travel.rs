@@ -1,0 +1,170 @@
+//! Where the arms can meet, and how long they take from one meeting to the next.
+//!
+//! - in: the cell's table of meetings, the arms' full speeds
+//! - out: for each pair of grips how far both wrists can roll there ([`Reach::grasp`]); seconds from meeting to
+//!   meeting ([`Reach::travel`])
+//!
+//! Between two meetings the track draws back by the table's separation, both arms go to their new places together,
+//! and the track comes up again: see the mission's jobs. The wrists start as the last turns have left them.
+
+use super::super::hold::Hand;
+use crate::cube::rotation_index;
+use crate::generators::position::Speeds;
+use crate::motion::JointPositions;
+use crate::reach::{Meeting, MeetingTable};
+use nalgebra::UnitQuaternion;
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// How far both tools can roll about their own axes where the arms meet, relative [rad]; both contain 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RollLimits {
+    /// Of the track arm.
+    pub track: (f64, f64),
+    /// Of the postument arm.
+    pub postument: (f64, f64),
+}
+
+/// Where both arms stand at the end of an episode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stand {
+    /// Which meeting: the index of the rotation of the postument's tool in the track's.
+    pub meeting: u8,
+    /// How far the wrists have rolled since then, in quarter turns -2..=2, the track's first.
+    pub rolled: [i8; 2],
+}
+
+/// Where the arms can meet, and how long it takes.
+pub trait Reach {
+    /// How far both can roll when both hold the cube with these rotations `cube_from_tool`; `None` where they
+    /// cannot hold it so.
+    fn grasp(
+        &self,
+        track: UnitQuaternion<f64>,
+        postument: UnitQuaternion<f64>,
+    ) -> Option<RollLimits>;
+
+    /// Whether the camera of the other hand can be brought before a side of a cube that `holder` holds; the side
+    /// is the face's outward normal in the holder's tool frame: 0 is +z, 1 is +x, 2 is -x.
+    fn view(&self, holder: Hand, side: usize) -> bool;
+
+    /// Seconds from where the arms stand, `newcomer` drawn back from the cube, to a meeting, `newcomer` before the
+    /// cube; `None` as a start stands for anywhere.
+    fn travel(&self, from: Option<Stand>, newcomer: Hand, meeting: u8) -> f64;
+}
+
+/// Arms that reach everywhere in the same time and roll by half a turn either way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Everywhere;
+
+/// Seconds of a typical way between meetings.
+const TYPICAL: f64 = 15.0;
+
+impl Reach for Everywhere {
+    fn grasp(&self, _: UnitQuaternion<f64>, _: UnitQuaternion<f64>) -> Option<RollLimits> {
+        Some(RollLimits { track: (-PI, PI), postument: (-PI, PI) })
+    }
+
+    fn view(&self, _: Hand, _: usize) -> bool {
+        true
+    }
+
+    fn travel(&self, _: Option<Stand>, _: Hand, _: u8) -> f64 {
+        TYPICAL
+    }
+}
+
+/// The reach of a cell, from its table of meetings.
+#[derive(Debug, Clone)]
+pub struct Reachable<'a> {
+    table: &'a MeetingTable,
+    /// [`Reach::travel`] by [`slot`].
+    seconds: Vec<f32>,
+}
+
+/// Roll that is kept free at both ends: a wrist goes on by the twist of the grips, and stands otherwise than at the
+/// nominal meeting where the cube lies askew in a hand [rad].
+const ROLL_MARGIN: f64 = 0.12;
+
+/// Quarter turns that a wrist may have rolled: -2..=2.
+const ROLLED: usize = 5;
+
+fn slot(from: Stand, newcomer: Hand, meeting: u8) -> usize {
+    let rolled = from.rolled.map(|q| (q + 2) as usize);
+    let from = (usize::from(from.meeting) * ROLLED + rolled[0]) * ROLLED + rolled[1];
+    (from * 2 + newcomer.index()) * 24 + usize::from(meeting)
+}
+
+impl<'a> Reachable<'a> {
+    /// With the times of all ways between meetings.
+    #[must_use]
+    pub fn new(table: &'a MeetingTable, speeds: &Speeds) -> Self {
+        let mut seconds = vec![TYPICAL as f32; 24 * ROLLED * ROLLED * 2 * 24];
+        for (i, from) in table.grasps.iter().enumerate() {
+            let Some(from) = from else { continue };
+            for (j, to) in table.grasps.iter().enumerate() {
+                let Some(to) = to else { continue };
+                for newcomer in [Hand::Track, Hand::Postument] {
+                    for rolls in 0..ROLLED * ROLLED {
+                        let rolled = [(rolls / ROLLED) as i8 - 2, (rolls % ROLLED) as i8 - 2];
+                        let stand = Stand { meeting: i as u8, rolled };
+                        seconds[slot(stand, newcomer, j as u8)] =
+                            way(table.separation, from, rolled, to, newcomer, speeds) as f32;
+                    }
+                }
+            }
+        }
+        Self { table, seconds }
+    }
+}
+
+/// Seconds of one way between meetings.
+fn way(
+    separation: f64,
+    from: &Meeting,
+    rolled: [i8; 2],
+    to: &Meeting,
+    newcomer: Hand,
+    speeds: &Speeds,
+) -> f64 {
+    let place = |meeting: &Meeting, rolled: [i8; 2]| {
+        let back = newcomer == Hand::Track;
+        let mut both = [
+            if back { meeting.track_back } else { meeting.track },
+            if back { meeting.postument } else { meeting.postument_back },
+        ];
+        both[0].0[0] -= separation;
+        for (arm, quarters) in both.iter_mut().zip(rolled) {
+            arm.0[6] += f64::from(quarters) * FRAC_PI_2;
+        }
+        both
+    };
+    let (start, end) = (place(from, rolled), place(to, [0; 2]));
+    let together = start.iter().zip(&end).map(|(a, b)| speeds.joints_seconds(a, b, 1.0));
+    let mut apart = JointPositions::default();
+    apart.0[0] = separation;
+    together.fold(0.0, f64::max)
+        + 2.0 * speeds.joints_seconds(&JointPositions::default(), &apart, 1.0)
+}
+
+impl Reach for Reachable<'_> {
+    fn grasp(
+        &self,
+        track: UnitQuaternion<f64>,
+        postument: UnitQuaternion<f64>,
+    ) -> Option<RollLimits> {
+        let meeting = self.table.grasps[rotation_index(&(track.inverse() * postument))]?;
+        let inside = |(low, high): (f64, f64)| (low + ROLL_MARGIN, high - ROLL_MARGIN);
+        Some(RollLimits {
+            track: inside(meeting.track_roll),
+            postument: inside(meeting.postument_roll),
+        })
+    }
+
+    fn view(&self, holder: Hand, side: usize) -> bool {
+        self.table.views[holder.index()].get(side).is_some_and(Option::is_some)
+    }
+
+    fn travel(&self, from: Option<Stand>, newcomer: Hand, meeting: u8) -> f64 {
+        from.map_or(TYPICAL, |from| f64::from(self.seconds[slot(from, newcomer, meeting)]))
+    }
+}

@@ -1,0 +1,199 @@
+//! What the servo's thread does once it runs: no allocation, and no system call but the sleep and the wake-up of
+//! the bridge. Each proof has a positive control: the same thread with a sink that does the forbidden thing.
+//!
+//! The thread is watched from within, by the record sink that it calls in each period: the allocator counts for
+//! threads that are marked, and a seccomp filter turns each system call that is not on its list into a signal.
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
+#![allow(unsafe_code, reason = "an allocator, a signal handler and a system call filter")]
+
+use rubik_robot::hw::driver::{
+    Core, RecordSink, ServoLink, ServoRecord, Switches, WallOptions, link, spawn_wall,
+};
+use rubik_robot::motion::{Direction, Frame, Motion, MoveCommand};
+use rubik_robot::servo::ServoCommand;
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+mod servo_rig;
+use servo_rig::{Motors, config};
+
+thread_local! {
+    static MARKED: Cell<bool> = const { Cell::new(false) };
+}
+static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
+static CALLS: AtomicU64 = AtomicU64::new(0);
+
+/// The system's allocator, counting what marked threads ask of it.
+struct Counting;
+
+fn count() {
+    if MARKED.try_with(Cell::get).unwrap_or(false) {
+        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+// SAFETY: everything is handed on to the system's allocator.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count();
+        // SAFETY: as promised by the caller.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        count();
+        // SAFETY: as promised by the caller.
+        unsafe { System.dealloc(at, layout) }
+    }
+    unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        count();
+        // SAFETY: as promised by the caller.
+        unsafe { System.realloc(at, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// What the sink does in the servo's thread beside looking.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Sin {
+    None,
+    Allocates,
+    AsksTheSystem,
+}
+
+/// Marks the thread in the first period, and notes in each what it has asked for since.
+struct Watch {
+    sin: Sin,
+    seen: Arc<[AtomicU64; 3]>,
+    armed: bool,
+}
+
+impl RecordSink for Watch {
+    fn record(&mut self, record: &ServoRecord) {
+        if !self.armed {
+            self.armed = true;
+            MARKED.set(true);
+            filter_system_calls();
+        }
+        if record.period % 100 == 0 {
+            match self.sin {
+                Sin::None => {}
+                Sin::Allocates => drop(std::hint::black_box(Box::new(record.period))),
+                // SAFETY: it only answers.
+                Sin::AsksTheSystem => drop(unsafe { libc::getppid() }),
+            }
+        }
+        self.seen[0].store(ALLOCATIONS.load(Ordering::Relaxed), Ordering::Relaxed);
+        self.seen[1].store(CALLS.load(Ordering::Relaxed), Ordering::Relaxed);
+        self.seen[2].fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+extern "C" fn forbidden(_: libc::c_int) {
+    CALLS.fetch_add(1, Ordering::Relaxed);
+}
+
+/// From now on the calling thread gets SIGSYS for every system call that a period has no need of. What ends a
+/// thread stays allowed: the filter cannot be taken off again.
+fn filter_system_calls() {
+    let allowed = [
+        libc::SYS_clock_nanosleep,
+        libc::SYS_futex,
+        libc::SYS_clock_gettime,
+        libc::SYS_rt_sigreturn,
+        libc::SYS_exit,
+        libc::SYS_exit_group,
+        libc::SYS_munmap,
+        libc::SYS_madvise,
+        libc::SYS_sigaltstack,
+        libc::SYS_close,
+        libc::SYS_rt_sigprocmask,
+        libc::SYS_set_robust_list,
+        libc::SYS_rseq,
+    ];
+    let statement =
+        |code: u32, jt: u8, jf: u8, k: u32| libc::sock_filter { code: code as u16, jt, jf, k };
+    let mut program =
+        vec![statement(libc::BPF_LD | libc::BPF_W | libc::BPF_ABS, 0, 0, 0 /* its number */)];
+    for (i, call) in allowed.iter().enumerate() {
+        let to_allow = (allowed.len() - i) as u8;
+        program.push(statement(
+            libc::BPF_JMP | libc::BPF_JEQ | libc::BPF_K,
+            to_allow,
+            0,
+            *call as u32,
+        ));
+    }
+    program.push(statement(libc::BPF_RET | libc::BPF_K, 0, 0, libc::SECCOMP_RET_TRAP));
+    program.push(statement(libc::BPF_RET | libc::BPF_K, 0, 0, libc::SECCOMP_RET_ALLOW));
+    let program =
+        libc::sock_fprog { len: program.len() as u16, filter: program.leak().as_mut_ptr() };
+    // SAFETY: the program outlives the calls; the handler only adds to a number.
+    unsafe {
+        let handler = forbidden as extern "C" fn(libc::c_int);
+        libc::signal(libc::SIGSYS, handler as libc::sighandler_t);
+        assert_eq!(libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0), 0);
+        let set = libc::prctl(
+            libc::PR_SET_SECCOMP,
+            libc::SECCOMP_MODE_FILTER,
+            std::ptr::from_ref(&program),
+        );
+        assert_eq!(set, 0, "{}", std::io::Error::last_os_error());
+    }
+    ALLOCATIONS.store(0, Ordering::Relaxed);
+    CALLS.store(0, Ordering::Relaxed);
+}
+
+/// Runs the real thread on motors in position-force control; returns allocations, system calls and records.
+fn run(sin: Sin) -> [u64; 3] {
+    let seen: Arc<[AtomicU64; 3]> = Arc::default();
+    let watch = Watch { sin, seen: Arc::clone(&seen), armed: false };
+    let switches = Arc::new(Switches::default());
+    let (mut links, ends): (Vec<ServoLink>, Vec<_>) = (0..2).map(|_| link()).unzip();
+    let mut port = Motors::new(2);
+    let core = Core::new(
+        vec![config(), config()],
+        ends,
+        Arc::clone(&switches),
+        Box::new(watch),
+        &mut port,
+    )
+    .unwrap();
+    let options = WallOptions { missed_limit: u64::MAX, ..WallOptions::default() };
+    let wall = spawn_wall(core, port, |_, _| {}, options).unwrap();
+
+    let mut directions = [Direction::HOLD; 6];
+    directions[2] = Direction::Guarded { velocity: 0.005, admittance: 1e-3, inertia: 20.0 };
+    let motion = Motion::Task { frame: Frame::Tool, directions };
+    let command = MoveCommand { motion, periods: 50, jaw: None };
+    for _ in 0..10 {
+        for link in &mut links {
+            let _ = link.send(ServoCommand::Move { command, start: 0 });
+        }
+        switches.beats.fetch_add(1, Ordering::Relaxed);
+        std::thread::sleep(Duration::from_millis(80));
+    }
+    let _ = wall.stop();
+    seen.each_ref().map(|n| n.load(Ordering::Relaxed))
+}
+
+/// One test, since the counters belong to the process.
+#[test]
+fn a_period_allocates_nothing_and_calls_the_system_only_to_sleep() {
+    let [allocations, calls, records] = run(Sin::None);
+    assert!(records > 300, "{records} records");
+    assert_eq!(allocations, 0);
+    assert_eq!(calls, 0);
+
+    let [allocations, calls, _] = run(Sin::Allocates);
+    assert!(allocations >= 4, "the allocator counts: {allocations}");
+    assert_eq!(calls, 0);
+
+    let [allocations, calls, _] = run(Sin::AsksTheSystem);
+    assert_eq!(allocations, 0);
+    assert!(calls >= 2, "the filter bites: {calls}");
+}
