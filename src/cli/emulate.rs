@@ -6,7 +6,7 @@ use crate::actors::emulate::{Emulated, emulate};
 use crate::cell::Arm;
 use crate::error::Error;
 use crate::hw::emulator::{At, EmulatorOptions, LineFaults, SensorKind};
-use crate::motion::AXES;
+use crate::motion::{AXES, PERIOD};
 use crate::scenario::Override;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -207,6 +207,9 @@ fn json(done: &Emulated) -> serde_json::Value {
         "crushed": v.counts.crushed,
         "collisions": v.counts.collisions,
         "saturations": v.counts.saturations,
+        "events": v.events.iter().map(|e| {
+            serde_json::json!([e.period as f64 * PERIOD, format!("{:?}", e.what)])
+        }).collect::<Vec<_>>(),
         "time_s": done.time,
         "periods": done.course.periods,
         "stalled_periods": done.course.stalled,
