@@ -1,158 +1,270 @@
-//! How punctual the servo thread is on this machine: the wake-up histogram of the wall driver's own loop.
+//! How punctual the servo's thread is on this machine: the real thread with both arms in position-force control.
 //!
-//! Bare `cargo bench` runs this first. It needs no rights, says which it did not get, and takes about ten
-//! seconds: without the final spin as `cyclictest` would measure, and with it as the robot runs. If rt-tests is
-//! installed, `cyclictest` is run in between for comparison. Nothing here can fail: on a shared virtual
-//! machine the tails come from below the guest.
+//! Rounds of one second: sleeping only, as `cyclictest` does, and with the final spin; on the machine as it is and
+//! under a load that the bench makes itself; `cyclictest` in between where rt-tests is installed. Rounds take
+//! turns, so that what passes hits all alike, and ratios are medians over the rounds. It needs no rights, says
+//! which it did not get, and cannot fail: on a virtual machine the tails come from below.
+//!
+//! - `-- --json`: one line for a program
+//! - `-- --rounds=N`: how many rounds (5)
 
 use hdrhistogram::Histogram;
-use rubik_robot::hw::driver::{Clock, PERIOD_NANOS, RealTime};
+use rubik_robot::hw::driver::{
+    Core, NoRecords, PERIOD_NANOS, RealTime, Switches, WallOptions, link, spawn_wall,
+};
+use std::fs;
+use std::hint::black_box;
 use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
 
-const PRIORITY: i32 = 85;
+mod rig;
 
-/// What one round measured.
-struct Round {
-    name: String,
+const SECOND: Duration = Duration::from_secs(1);
+
+/// All rounds of one kind.
+struct Kind {
+    name: &'static str,
+    loaded: bool,
+    what: What,
     late: Histogram<u64>,
+    jitter: Histogram<u64>,
+    /// 99 % of each round [us].
+    p99: Vec<f64>,
     missed: u64,
 }
 
+#[derive(Clone, Copy, PartialEq)]
+enum What {
+    /// Our thread, spinning the last so many nanoseconds.
+    Servo(u64),
+    Cyclictest,
+}
+
+impl Kind {
+    fn new(name: &'static str, loaded: bool, what: What) -> Self {
+        let (late, jitter) = (rig::histogram(), rig::histogram());
+        Self { name, loaded, what, late, jitter, p99: Vec::new(), missed: 0 }
+    }
+
+    fn round(&mut self) {
+        let load = self.loaded.then(Load::start);
+        let mut late = rig::histogram();
+        match self.what {
+            What::Servo(spin) => self.missed += servo(spin, &mut late, &mut self.jitter),
+            What::Cyclictest => cyclictest(&mut late),
+        }
+        drop(load);
+        if !late.is_empty() {
+            self.p99.push(rig::us(&late, 0.99));
+            let _ = self.late.add(&late);
+        }
+    }
+
+    fn share(&self, share: f64) -> Option<f64> {
+        (!self.late.is_empty()).then(|| rig::us(&self.late, share))
+    }
+}
+
 fn main() {
-    // A filter meant for another bench, as in `cargo bench -- servo_period`.
-    let filters: Vec<String> =
-        std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
-    if !filters.is_empty() && !filters.iter().any(|f| "servo_jitter".contains(f.as_str())) {
+    if !rig::is_meant("servo_jitter") {
         return;
     }
-    println!("servo_jitter: lateness of a 2 ms loop, us");
-    let thread = std::thread::spawn(|| {
-        let rights = RealTime::acquire(PRIORITY);
-        let mut rounds = Vec::new();
-        for _ in 0..2 {
-            rounds.push(measure("absolute sleep", 0, 1000));
-            rounds.push(measure("absolute sleep, last 100 us spun", 100_000, 1000));
-        }
-        (merge(rounds), rights.warnings.clone())
-    });
-    let Ok((rounds, warnings)) = thread.join() else { return };
-    println!("{:34} {:>8} {:>8} {:>8} {:>9} {:>7}", "", "p50", "p99", "p99.9", "max", "missed");
-    for round in &rounds {
-        print(round);
-    }
-    match cyclictest() {
-        Some(round) => print(&round),
-        None => {
-            println!(
-                "not compared: cyclictest is not installed (package rt-tests) or lacks rights"
-            );
+    let rounds = std::env::args()
+        .find_map(|arg| arg.strip_prefix("--rounds=").and_then(|n| n.parse().ok()))
+        .unwrap_or(5);
+    let spin = WallOptions::default().spin;
+    let mut kinds: Vec<Kind> = [false, true]
+        .into_iter()
+        .flat_map(|loaded| {
+            [
+                Kind::new("sleep", loaded, What::Servo(0)),
+                Kind::new("sleep, last 100 us spun", loaded, What::Servo(spin)),
+                Kind::new("cyclictest", loaded, What::Cyclictest),
+            ]
+        })
+        .collect();
+    for _ in 0..rounds {
+        for kind in &mut kinds {
+            kind.round();
         }
     }
-    for warning in &warnings {
+    let [quiet, spun, theirs, loaded, loaded_spun, loaded_theirs] = &kinds[..] else { return };
+    if rig::json() {
+        let fields = [
+            ("p50_us", quiet.share(0.5)),
+            ("p99_us", quiet.share(0.99)),
+            ("p999_us", quiet.share(0.999)),
+            ("max_us", quiet.share(1.0)),
+            ("missed", Some(quiet.missed as f64)),
+            ("jitter_p99_us", Some(rig::us(&quiet.jitter, 0.99))),
+            ("spin_p50_us", spun.share(0.5)),
+            ("spin_p99_us", spun.share(0.99)),
+            ("spin_missed", Some(spun.missed as f64)),
+            ("cyclictest_p99_us", theirs.share(0.99)),
+            ("p99_ratio_to_cyclictest", ratio(quiet, theirs)),
+            ("loaded_p99_us", loaded.share(0.99)),
+            ("loaded_spin_p99_us", loaded_spun.share(0.99)),
+            ("loaded_missed", Some(loaded.missed as f64)),
+            ("loaded_cyclictest_p99_us", loaded_theirs.share(0.99)),
+            ("loaded_p99_ratio_to_cyclictest", ratio(loaded, loaded_theirs)),
+        ];
+        println!("{}", rig::object(&fields));
+        return;
+    }
+    println!("servo_jitter: lateness of the servo's thread, 2 ms, {rounds} rounds of 1 s each, us");
+    println!("{:36} {:>8} {:>8} {:>8} {:>9} {:>7}", "", "p50", "p99", "p99.9", "max", "missed");
+    for kind in kinds.iter().filter(|kind| !kind.late.is_empty()) {
+        println!(
+            "{:36} {:8.1} {:8.1} {:8.1} {:9.1} {:>7}",
+            name(kind),
+            rig::us(&kind.late, 0.5),
+            rig::us(&kind.late, 0.99),
+            rig::us(&kind.late, 0.999),
+            rig::us(&kind.late, 1.0),
+            if kind.what == What::Cyclictest { "-".to_owned() } else { kind.missed.to_string() },
+        );
+    }
+    for (ours, theirs) in [(quiet, theirs), (spun, theirs), (loaded, loaded_theirs)] {
+        if let Some(ratio) = ratio(ours, theirs) {
+            println!("p99 of \"{}\" to cyclictest's, median of rounds: {ratio:.2}", name(ours));
+        }
+    }
+    for kind in [quiet, spun] {
+        println!(
+            "\n{}: lateness, and jitter of the period (p99 {:.1} us)",
+            name(kind),
+            rig::us(&kind.jitter, 0.99)
+        );
+        draw(&kind.late);
+    }
+    println!();
+    if theirs.late.is_empty() {
+        println!("not compared: cyclictest is not installed (package rt-tests) or lacks rights");
+    }
+    let rights =
+        std::thread::spawn(|| RealTime::acquire(WallOptions::default().priority, None).warnings);
+    for warning in rights.join().unwrap_or_default() {
         println!("not granted: {warning}");
     }
     for fact in kernel() {
         println!("this machine: {fact}");
     }
-    println!();
-    for round in &rounds {
-        draw(round);
-    }
 }
 
-fn measure(name: &str, spin: u64, periods: u64) -> Round {
-    let clock = Clock;
-    let mut late = empty();
-    let mut missed = 0;
-    let mut next = clock.now() + PERIOD_NANOS;
-    for _ in 0..periods {
-        clock.wait_until(next, spin);
-        let now = clock.now();
-        late.saturating_record(now.saturating_sub(next));
-        next += PERIOD_NANOS;
-        let skipped = now.saturating_sub(next).div_ceil(PERIOD_NANOS);
-        missed += skipped;
-        next += skipped * PERIOD_NANOS;
-    }
-    Round { name: name.to_owned(), late, missed }
+fn name(kind: &Kind) -> String {
+    format!("{}{}", kind.name, if kind.loaded { ", loaded" } else { "" })
 }
 
-/// Adds up the rounds of one name; they were interleaved so that a passing load hits all alike.
-fn merge(rounds: Vec<Round>) -> Vec<Round> {
-    let mut merged: Vec<Round> = Vec::new();
-    for round in rounds {
-        match merged.iter_mut().find(|m| m.name == round.name) {
-            Some(m) => {
-                let _ = m.late.add(&round.late);
-                m.missed += round.missed;
-            }
-            None => merged.push(round),
+/// Median over the rounds of our 99 % over theirs.
+fn ratio(ours: &Kind, theirs: &Kind) -> Option<f64> {
+    let mut ratios: Vec<f64> =
+        ours.p99.iter().zip(&theirs.p99).map(|(a, b)| a / b.max(1.0)).collect();
+    ratios.sort_by(f64::total_cmp);
+    ratios.get(ratios.len() / 2).copied()
+}
+
+/// The wall driver as a run starts it; adds to the histograms and returns the missed periods.
+fn servo(spin: u64, late: &mut Histogram<u64>, jitter: &mut Histogram<u64>) -> u64 {
+    let (mut links, ends): (Vec<_>, Vec<_>) = (0..2).map(|_| link()).unzip();
+    let mut port = rig::Still::new();
+    let switches = Arc::new(Switches::default());
+    let core = Core::new(rig::configs(), ends, switches, Box::new(NoRecords), &mut port);
+    let Ok(core) = core else { return 0 };
+    for link in &mut links {
+        let _ = link.send(rig::yielding());
+    }
+    let options = WallOptions { spin, missed_limit: u64::MAX, ..WallOptions::default() };
+    let Ok(wall) = spawn_wall(core, port, |_, _| {}, options) else { return 0 };
+    std::thread::sleep(SECOND);
+    let timing = wall.stop().timing;
+    for (from, to) in [(&timing.wake_up, late), (&timing.jitter, jitter)] {
+        for (nanos, count) in from.classes() {
+            to.saturating_record_n(nanos, count);
         }
     }
-    merged
+    timing.missed
 }
 
-fn empty() -> Histogram<u64> {
-    Histogram::new_with_bounds(1, 1_000_000_000, 3).unwrap_or_else(|_| unreachable!("fixed bounds"))
-}
-
-fn us(nanos: u64) -> f64 {
-    nanos as f64 / 1000.0
-}
-
-fn print(round: &Round) {
-    let q = |q| us(round.late.value_at_quantile(q));
-    println!(
-        "{:34} {:8.1} {:8.1} {:8.1} {:9.1} {:7}",
-        round.name,
-        q(0.5),
-        q(0.99),
-        q(0.999),
-        us(round.late.max()),
-        round.missed
-    );
-}
-
-fn draw(round: &Round) {
-    println!("{}", round.name);
-    let mut from = 0;
-    for edge in [100, 300, 1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000, u64::MAX] {
-        let to = edge.min(round.late.high());
-        let count = round.late.count_between(from, to.saturating_sub(1).max(from));
-        let share = count as f64 / round.late.len().max(1) as f64;
-        if count > 0 {
-            let bar = "#".repeat((share * 50.0).ceil() as usize);
-            println!("  < {:>9.1} us {count:6}  {bar}", us(to));
-        }
-        from = to;
-    }
-}
-
-/// The same period, priority and number of loops.
-fn cyclictest() -> Option<Round> {
-    let out = Command::new("cyclictest")
-        .args(["-q", "-m", "-n", "-t1", "-p85", "-i2000", "-l1000", "-h20000"])
-        .output()
-        .ok()?;
+/// The same period and priority; it holds /dev/cpu_dma_latency at 0 as we do.
+fn cyclictest(late: &mut Histogram<u64>) {
+    let loops = SECOND.as_nanos() as u64 / PERIOD_NANOS;
+    let done = Command::new("cyclictest")
+        .args(["-q", "-m", "-t1", "-p85", "-i2000", "-h20000", &format!("-l{loops}")])
+        .output();
+    let Ok(out) = done else { return };
     let text = String::from_utf8_lossy(&out.stdout);
-    let mut late = empty();
     for line in text.lines().filter(|line| !line.starts_with('#')) {
         let mut numbers = line.split_whitespace().map(str::parse::<u64>);
         if let (Some(Ok(micros)), Some(Ok(count))) = (numbers.next(), numbers.next()) {
             late.saturating_record_n(micros * 1000, count);
         }
     }
-    (!late.is_empty()).then(|| Round { name: "cyclictest".to_owned(), late, missed: 0 })
+}
+
+/// Ordinary threads, one a core, that compute, sweep memory and call the system.
+struct Load {
+    stop: Arc<AtomicBool>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Load {
+    fn start() -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let threads = (0..cores)
+            .map(|_| {
+                let stop = Arc::clone(&stop);
+                std::thread::spawn(move || {
+                    let mut memory = vec![0u8; 4 << 20];
+                    while !stop.load(Ordering::Relaxed) {
+                        for byte in memory.iter_mut().step_by(64) {
+                            *byte = byte.wrapping_mul(3).wrapping_add(1);
+                        }
+                        black_box(fs::read("/proc/self/stat").map(|text| text.len()).ok());
+                    }
+                })
+            })
+            .collect();
+        Self { stop, threads }
+    }
+}
+
+impl Drop for Load {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        for thread in self.threads.drain(..) {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn draw(late: &Histogram<u64>) {
+    let mut from = 0;
+    for edge in [100, 300, 1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000, u64::MAX] {
+        let to = edge.min(late.high());
+        let count = late.count_between(from, to.saturating_sub(1).max(from));
+        let share = count as f64 / late.len().max(1) as f64;
+        if count > 0 {
+            let bar = "#".repeat((share * 50.0).ceil() as usize);
+            println!("  < {:>9.1} us {count:6}  {bar}", to as f64 / 1000.0);
+        }
+        from = to;
+    }
 }
 
 fn kernel() -> Vec<String> {
-    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default().trim().to_owned();
+    let read = |path: &str| fs::read_to_string(path).unwrap_or_default().trim().to_owned();
     let real_time = read("/sys/kernel/realtime") == "1";
     let isolated = read("/sys/devices/system/cpu/isolated");
     let cores = std::thread::available_parallelism().map_or(0, std::num::NonZero::get);
+    let load = read("/proc/loadavg");
     vec![
         format!("{cores} cores, kernel {}", read("/proc/sys/kernel/osrelease")),
         format!("PREEMPT_RT: {}", if real_time { "yes" } else { "no" }),
         format!("isolated cores: {}", if isolated.is_empty() { "none" } else { &isolated }),
+        format!("load at the end: {}", load.split_whitespace().next().unwrap_or("?")),
     ]
 }

@@ -1,190 +1,187 @@
-//! What a servo period costs: two arms warm and with caches swept, its inverse kinematics, its force law.
+//! What a servo period costs: both arms warm and with caches swept, allocations, and the parts beside a public
+//! library's inverse kinematics.
+//!
+//! A period is [`Core::compute`], the function that both drivers call: flags, commands, both arms in
+//! position-force control, states out by triple buffers, records into a ring.
 
-use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
-use nalgebra::{Point3, Translation3, UnitQuaternion};
-use rubik_robot::cell::{ForceSensor, Gripper};
-use rubik_robot::hw::driver::{Core, NoRecords, Switches, link};
-use rubik_robot::hw::port::{Port, PortFault};
-use rubik_robot::kinematics::{ArmModel, builtin};
-use rubik_robot::motion::{Direction, Frame, JointPositions, Motion, MotorPositions, MoveCommand};
-use rubik_robot::servo::io::{ArmDrive, ArmReading};
-use rubik_robot::servo::regulator::{IRP6, ServoGains};
+use criterion::{BatchSize, Criterion};
+use nalgebra::{Translation3, UnitQuaternion};
+use rs_opw_kinematics::kinematic_traits::Kinematics;
+use rs_opw_kinematics::kinematics_impl::OPWKinematics;
+use rs_opw_kinematics::parameters::opw_kinematics::Parameters;
+use rubik_robot::hw::driver::{Core, ServoLink, ServoRecord, Switches, link};
+use rubik_robot::hw::port::Port;
+use rubik_robot::motion::{Frame, JointPositions};
+use rubik_robot::servo::regulator::Regulator;
 use rubik_robot::servo::tff::ForceLaw;
-use rubik_robot::servo::{ArmServo, ServoCommand, ServoConfig};
 use rubik_robot::spatial::{Pose, Wrench};
-use std::f64::consts::TAU;
+use std::alloc::{GlobalAlloc, Layout, System};
 use std::hint::black_box;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
-const START: JointPositions = JointPositions([0.5, 0.1, -1.55, 0.05, 1.2, 1.6, -0.4]);
-const COMPLIANT: Direction = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
+mod rig;
+use rig::{COMPLIANT, START, Still};
 
-/// The profiles are part of the program and parsed by its tests.
-fn model(name: &str) -> ArmModel {
-    builtin(name).unwrap_or_else(|| unreachable!("a built-in profile"))
-}
+static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
 
-fn config(name: &str) -> ServoConfig {
-    ServoConfig {
-        model: model(name),
-        flange_from_tool: Pose::translation(0.0, 0.0, 0.25),
-        gripper: Gripper {
-            finger_width: 0.02,
-            finger_thickness: 0.01,
-            finger_tip: 0.01,
-            palm: 0.04,
-            palm_half_width: 0.03,
-            opening: (0.053, 0.091),
-            opening_of_motor: [0.074, -1.451910074e-5, -2.8313e-9],
-            opening_offset: 0.0,
-            increments: 128.0,
-            amperes_per_newton: 0.004,
-        },
-        sensor: ForceSensor {
-            flange_from_sensor: Pose::translation(0.0, 0.0, 0.09),
-            // Weightless, since the readings below are: the arithmetic is the same.
-            weight: 0.0,
-            centre_in_flange: Point3::origin(),
-            range: [65.0, 65.0, 130.0, 5.0, 5.0, 5.0],
-        },
-        gains: ServoGains::parse(IRP6).unwrap_or_else(|e| unreachable!("built-in gains: {e}")),
+/// The system's allocator, counting.
+struct Counting;
+
+#[allow(unsafe_code, reason = "an allocator")]
+// SAFETY: everything is handed on to the system's allocator.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: as promised by the caller.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        // SAFETY: as promised by the caller.
+        unsafe { System.dealloc(at, layout) }
     }
 }
 
-fn reading_at(model: &ArmModel, motors: &MotorPositions) -> ArmReading {
-    ArmReading {
-        counts: std::array::from_fn(|i| (motors.0[i] * model.increments[i] / TAU).round() as i64),
-        ..ArmReading::default()
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn main() {
+    if !["servo_step", "servo_period", "servo_parts"].iter().any(|name| rig::is_meant(name)) {
+        return;
     }
-}
-
-/// Both arms in position-force control that never ends, on motors that stand still: the law
-/// moves them by less than a tenth of a millimetre.
-struct Pair {
-    servos: [ArmServo; 2],
-    readings: [ArmReading; 2],
-    period: u64,
-}
-
-impl Pair {
-    fn new() -> Self {
-        let configs = [config("irp6_track"), config("irp6_postument")];
-        let models = configs.clone().map(|c| c.model);
-        let readings = [0, 1].map(|i| reading_at(&models[i], &models[i].motors(&START)));
-        let mut index = 0;
-        let servos = configs.map(|c| {
-            index += 1;
-            ArmServo::new(c, &readings[index - 1])
-        });
-        let mut pair = Self { servos, readings, period: 0 };
-        let mut directions = [COMPLIANT; 6];
-        directions[4] = Direction::HOLD;
-        let motion = Motion::Task { frame: Frame::Tool, directions };
-        let command = MoveCommand { motion, periods: u32::MAX, jaw: None };
-        pair.step(Some(&ServoCommand::Move { command, start: 0 }));
-        pair
-    }
-
-    fn step(&mut self, command: Option<&ServoCommand>) -> [ArmDrive; 2] {
-        self.period += 1;
-        [0, 1].map(|i| {
-            let (drive, state) = self.servos[i].step(self.period, &self.readings[i], command);
-            let stopped = state.refused.is_some() || state.fault.is_some();
-            assert!(
-                !stopped,
-                "the measured arm does not move: {:?} {:?}",
-                state.refused, state.fault
-            );
-            // A force that swings, so that the law has something to do and stays where it is.
-            let swing = if self.period % 64 < 32 { 2.0 } else { -2.0 };
-            self.readings[i].wrench_on_sensor =
-                Wrench::from_directions([swing, 0.0, swing, 0.0, 0.0, 0.0]);
-            drive
-        })
-    }
-}
-
-/// Times of single steps, sorted [ns]; `between` runs untimed before each.
-fn single_steps(steps: usize, mut between: impl FnMut()) -> Vec<u64> {
-    let mut pair = Pair::new();
-    let mut times: Vec<u64> = (0..steps)
-        .map(|_| {
-            between();
-            let start = std::time::Instant::now();
-            black_box(pair.step(None));
-            start.elapsed().as_nanos() as u64
-        })
-        .collect();
-    times.sort_unstable();
-    times
-}
-
-fn tails(_: &mut Criterion) {
-    let share = |times: &[u64], q: f64| times[((times.len() - 1) as f64 * q) as usize] as f64 / 1e3;
-    let warm = single_steps(50_000, || {});
-    println!(
-        "servo_period/two_arms, single steps, warm: p50 {:.2} us, p99.9 {:.2} us",
-        share(&warm, 0.5),
-        share(&warm, 0.999)
-    );
+    let warm = Measured::of(50_000, || {});
     let mut sweep = vec![0u8; 16 << 20];
-    let cold = single_steps(500, || {
+    let cold = Measured::of(500, || {
         for line in sweep.iter_mut().step_by(64) {
             *line = line.wrapping_add(1);
         }
         black_box(&sweep);
     });
-    println!(
-        "servo_period/two_arms, single steps, caches swept: p50 {:.2} us, p99 {:.2} us",
-        share(&cold, 0.5),
-        share(&cold, 0.99)
-    );
+    if rig::json() {
+        let fields = [
+            ("warm_p50_us", Some(rig::us(&warm.times, 0.5))),
+            ("warm_p999_us", Some(rig::us(&warm.times, 0.999))),
+            ("cold_p50_us", Some(rig::us(&cold.times, 0.5))),
+            ("cold_p99_us", Some(rig::us(&cold.times, 0.99))),
+            ("allocations", Some((warm.allocations + cold.allocations) as f64)),
+        ];
+        println!("{}", rig::object(&fields));
+        return;
+    }
+    println!("servo_step: a period of both arms in position-force control, us");
+    for (name, measured) in [("warm", &warm), ("caches swept (16 MB)", &cold)] {
+        println!(
+            "  {name:22} p50 {:6.2}  p99 {:6.2}  p99.9 {:6.2}  {} allocations in {} periods",
+            rig::us(&measured.times, 0.5),
+            rig::us(&measured.times, 0.99),
+            rig::us(&measured.times, 0.999),
+            measured.allocations,
+            measured.times.len(),
+        );
+    }
+    let mut criterion = Criterion::default()
+        .warm_up_time(Duration::from_millis(200))
+        .measurement_time(Duration::from_millis(800))
+        .configure_from_args();
+    parts(&mut criterion);
+    criterion.final_summary();
 }
 
-/// A port on which nothing happens.
-struct Still;
-impl Port for Still {
-    fn exchange(
-        &mut self,
-        _: u64,
-        _: &[ArmDrive],
-        readings: &mut [ArmReading],
-    ) -> Result<(), PortFault> {
-        let model = model("irp6_track");
-        readings.fill(reading_at(&model, &model.motors(&START)));
-        Ok(())
+/// Times of single periods.
+struct Measured {
+    times: hdrhistogram::Histogram<u64>,
+    allocations: u64,
+}
+
+impl Measured {
+    /// `between` runs untimed before each period.
+    fn of(periods: u64, mut between: impl FnMut()) -> Self {
+        let mut pair = Pair::new();
+        let mut times = rig::histogram();
+        let mut allocations = 0;
+        for _ in 0..200 {
+            pair.step();
+        }
+        for _ in 0..periods {
+            between();
+            let before = ALLOCATIONS.load(Ordering::Relaxed);
+            times.saturating_record(pair.step());
+            allocations += ALLOCATIONS.load(Ordering::Relaxed) - before;
+        }
+        Self { times, allocations }
     }
 }
-fn period(c: &mut Criterion) {
-    let mut group = c.benchmark_group("servo_period");
-    let mut pair = Pair::new();
-    group.bench_function("two_arms", |b| b.iter(|| pair.step(None)));
 
-    let (_links, ends): (Vec<_>, Vec<_>) = (0..2).map(|_| link()).unzip();
-    let configs = vec![config("irp6_track"), config("irp6_track")];
-    let core =
-        Core::new(configs, ends, Arc::new(Switches::default()), Box::new(NoRecords), &mut Still);
-    if let Ok(mut core) = core {
-        let mut number = 0;
-        group.bench_function("core_with_links_idle", |b| {
-            b.iter(|| {
-                number += 1;
-                core.compute(number).len()
-            });
-        });
+/// Both arms in position-force control that never ends, on motors that stand still.
+struct Pair {
+    core: Core,
+    links: Vec<ServoLink>,
+    records: rtrb::Consumer<ServoRecord>,
+    port: Still,
+    period: u64,
+}
+
+impl Pair {
+    fn new() -> Self {
+        let (mut links, ends): (Vec<_>, Vec<_>) = (0..2).map(|_| link()).unzip();
+        let (sink, records) = rtrb::RingBuffer::<ServoRecord>::new(64);
+        let mut port = Still::new();
+        let switches = Arc::new(Switches::default());
+        let core = Core::new(rig::configs(), ends, switches, Box::new(sink), &mut port)
+            .unwrap_or_else(|e| unreachable!("this port never fails: {e}"));
+        for link in &mut links {
+            let _ = link.send(rig::yielding());
+        }
+        Self { core, links, records, port, period: 0 }
     }
-    group.finish();
+
+    /// One period; returns how long it took [ns].
+    fn step(&mut self) -> u64 {
+        self.period += 1;
+        let begun = Instant::now();
+        let drives = black_box(self.core.compute(self.period));
+        let took = begun.elapsed().as_nanos() as u64;
+        let drives = [drives[0], drives[1]];
+        let _ = self.port.exchange(self.period, &drives, self.core.readings_mut());
+        while self.records.pop().is_ok() {}
+        for link in &mut self.links {
+            let state = link.state();
+            let stopped = state.refused.is_some() || state.fault.is_some();
+            assert!(!stopped, "the measured arm stopped: {:?} {:?}", state.refused, state.fault);
+        }
+        took
+    }
 }
 
 fn parts(c: &mut Criterion) {
-    let model = model("irp6_track");
+    let model = rig::model("irp6_track");
     let mut group = c.benchmark_group("servo_parts");
     let flange = model.base_from_flange(&START);
     let mut near = START;
     near.0[1] += 0.001;
     group.bench_function("forward", |b| b.iter(|| model.base_from_flange(black_box(&START))));
+    group.bench_function("jacobian", |b| {
+        b.iter(|| model.jacobian(black_box(&START), &Pose::identity()))
+    });
     group.bench_function("inverse", |b| {
         b.iter(|| model.inverse(black_box(&flange), black_box(&near)));
+    });
+    // A spherical wrist like ours, of the size of an IRp-6.
+    let robot = OPWKinematics::new(Parameters {
+        a1: 0.0,
+        a2: 0.0,
+        b: 0.0,
+        c1: 0.95,
+        c2: 0.455,
+        c3: 0.67,
+        c4: 0.19,
+        ..Parameters::default()
+    });
+    let joints = [0.1, 0.3, 0.2, 0.4, 0.9, -0.4];
+    let pose = robot.forward(&joints);
+    group.bench_function("inverse of rs-opw-kinematics, nearest first", |b| {
+        b.iter(|| robot.inverse_continuing(black_box(&pose), black_box(&joints)));
     });
     let wrench = Wrench::from_directions([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]);
     let pose = Pose::from_parts(
@@ -198,20 +195,16 @@ fn parts(c: &mut Criterion) {
             BatchSize::SmallInput,
         );
     });
+    let gains = &rig::configs()[0].gains;
+    let mut regulators = gains.axes.map(|axis| Regulator::new(axis, gains.pwm_limit));
+    group.bench_function("seven regulators", |b| {
+        b.iter(|| {
+            regulators.each_mut().map(|regulator| regulator.step(black_box(0.2), black_box(0.1)))
+        });
+    });
+    let motors = model.motors(&START);
+    group.bench_function("joints of motors", |b| {
+        b.iter(|| -> JointPositions { model.joints_unchecked(black_box(&motors)) });
+    });
     group.finish();
 }
-
-#[allow(missing_docs, reason = "made by the macro")]
-mod group {
-    use super::{Criterion, criterion_group, parts, period, tails};
-
-    criterion_group! {
-        name = benches;
-        config = Criterion::default()
-            .warm_up_time(std::time::Duration::from_millis(500))
-            .measurement_time(std::time::Duration::from_secs(2));
-        targets = tails, period, parts
-    }
-}
-
-criterion_main!(group::benches);

@@ -3,6 +3,7 @@
 //! Exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
+mod doctor;
 mod emulate;
 mod engine;
 pub mod kinematics;
@@ -37,6 +38,7 @@ Try these, in this order:
   rubik-robot solve --scramble \"R U2 F' L\"               the fewest turns that solve a cube
   rubik-robot tables build                                larger tables, for shorter solutions
   rubik-robot picture scenarios/solve.toml                the cell as cell.png
+  rubik-robot doctor                                      whether this machine is fit for real time
 
 Exit codes: 0 done, 1 the task failed or was aborted, 2 usage or scenario, 3 fatal (an effector),
 4 system, 130 interrupted. RUST_LOG=rubik_robot=debug shows what the actors do.";
@@ -115,6 +117,8 @@ Examples:
     Tables(tables::TablesArgs),
     /// Run the vision on pictures and on measured colours
     Vision(look::VisionArgs),
+    /// Say what this machine can give a real-time servo, and what helps where it falls short
+    Doctor(doctor::DoctorArgs),
     /// Draw the cell of a scenario, or what one of its cameras sees
     Picture(look::PictureArgs),
 }
@@ -201,6 +205,7 @@ pub fn main() -> ExitCode {
         Command::Scramble(args) => solve::scramble(&args, &mut output),
         Command::Tables(args) => tables::run(&args, &mut output),
         Command::Vision(args) => look::look_at(&args, &mut output),
+        Command::Doctor(args) => doctor::run(&args, &mut output),
         Command::Picture(args) => look::picture(&args, &mut output),
     };
     let code = done.and_then(|code| output.flush().map(|()| code));

@@ -79,6 +79,15 @@ impl Clock {
         time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
     }
 
+    /// What it resolves [ns].
+    #[must_use]
+    pub fn resolution(self) -> u64 {
+        let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+        // SAFETY: as above.
+        unsafe { libc::clock_getres(libc::CLOCK_MONOTONIC, &raw mut time) };
+        time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+    }
+
     /// Sleeps until `nanos` of this clock.
     pub fn sleep_until(self, nanos: u64) {
         let time = libc::timespec {

@@ -39,6 +39,12 @@ impl Histogram {
         self.total == 0
     }
 
+    /// Each class that is not empty: its largest time [ns], and how many times it counted.
+    pub fn classes(&self) -> impl Iterator<Item = (u64, u64)> {
+        let classes = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
+        classes.map(|(class, count)| (Self::upper(class).min(self.max), *count))
+    }
+
     /// The longest time [ns].
     #[must_use]
     pub fn max(&self) -> u64 {
@@ -83,6 +89,8 @@ impl Histogram {
 pub struct Timing {
     /// From the time set to the time at which the period began [ns].
     pub wake_up: Histogram,
+    /// How far the time between two beginnings is from a period, missed ones left out [ns].
+    pub jitter: Histogram,
     /// Work of a period [ns].
     pub work: Histogram,
     /// Grid points that passed without a period.
@@ -108,6 +116,7 @@ impl std::fmt::Display for Timing {
             )
         };
         line(f, "wake-up", &self.wake_up)?;
+        line(f, "jitter", &self.jitter)?;
         line(f, "work", &self.work)?;
         write!(
             f,

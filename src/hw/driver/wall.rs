@@ -129,10 +129,16 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
     let mut timing = Timing::default();
     let mut next = clock.now() + length;
     let mut period = 0;
+    // When the last period began, if it was the grid point before.
+    let mut last: Option<u64> = None;
     while !core.switches().stop.load(Ordering::Acquire) {
         clock.wait_until(next, spin);
         let begun = clock.now();
         timing.wake_up.record(begun.saturating_sub(next));
+        if let Some(last) = last {
+            timing.jitter.record((begun - last).abs_diff(length));
+        }
+        last = Some(begun);
         period += 1;
         let lost = port.fetch(period, core.readings_mut());
         if let Err(lost) = lost {
@@ -147,6 +153,7 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
             timing.missed += missed;
             timing.missed_in_a_row = timing.missed_in_a_row.max(missed);
             next += missed * length;
+            last = None;
             if missed >= options.missed_limit {
                 core.stop(period, ArmFault::Missed { periods: missed });
             }

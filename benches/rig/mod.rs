@@ -1,0 +1,133 @@
+//! What the benches of the servo share: arms that do not move, ways to print.
+#![allow(dead_code, unreachable_pub, reason = "not every bench needs all of it")]
+
+use hdrhistogram::Histogram;
+use nalgebra::Point3;
+use rubik_robot::cell::{ForceSensor, Gripper};
+use rubik_robot::hw::port::{Port, PortFault};
+use rubik_robot::kinematics::{ArmModel, builtin};
+use rubik_robot::motion::{Direction, Frame, JointPositions, Motion, MoveCommand};
+use rubik_robot::servo::io::{ArmDrive, ArmReading};
+use rubik_robot::servo::regulator::{IRP6, ServoGains};
+use rubik_robot::servo::{ServoCommand, ServoConfig};
+use rubik_robot::spatial::Pose;
+use std::f64::consts::TAU;
+
+/// Where the arms stand.
+pub const START: JointPositions = JointPositions([0.5, 0.1, -1.55, 0.05, 1.2, 1.6, -0.4]);
+/// A direction that yields.
+pub const COMPLIANT: Direction =
+    Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
+
+/// The profiles are part of the program and parsed by its tests.
+pub fn model(name: &str) -> ArmModel {
+    builtin(name).unwrap_or_else(|| unreachable!("a built-in profile"))
+}
+
+/// The two arms of the cell.
+pub fn configs() -> Vec<ServoConfig> {
+    ["irp6_track", "irp6_postument"].map(config).into()
+}
+
+fn config(name: &str) -> ServoConfig {
+    ServoConfig {
+        model: model(name),
+        flange_from_tool: Pose::translation(0.0, 0.0, 0.25),
+        gripper: Gripper {
+            finger_width: 0.02,
+            finger_thickness: 0.01,
+            finger_tip: 0.01,
+            palm: 0.04,
+            palm_half_width: 0.03,
+            opening: (0.053, 0.091),
+            opening_of_motor: [0.074, -1.451910074e-5, -2.8313e-9],
+            opening_offset: 0.0,
+            increments: 128.0,
+            amperes_per_newton: 0.004,
+        },
+        sensor: ForceSensor {
+            flange_from_sensor: Pose::translation(0.0, 0.0, 0.09),
+            // Weightless, since the readings below are: the arithmetic is the same.
+            weight: 0.0,
+            centre_in_flange: Point3::origin(),
+            range: [65.0, 65.0, 130.0, 5.0, 5.0, 5.0],
+        },
+        gains: ServoGains::parse(IRP6).unwrap_or_else(|e| unreachable!("built-in gains: {e}")),
+    }
+}
+
+/// Position-force control that never ends: five directions yield, one holds.
+pub fn yielding() -> ServoCommand {
+    let mut directions = [COMPLIANT; 6];
+    directions[4] = Direction::HOLD;
+    let motion = Motion::Task { frame: Frame::Tool, directions };
+    ServoCommand::Move { command: MoveCommand { motion, periods: u32::MAX, jaw: None }, start: 0 }
+}
+
+/// A port of arms that stand still, under a force that swings: the law has something to do and moves the set
+/// value by less than a tenth of a millimetre.
+pub struct Still(Vec<ArmReading>);
+
+impl Still {
+    pub fn new() -> Self {
+        let readings = configs().into_iter().map(|config| {
+            let motors = config.model.motors(&START);
+            ArmReading {
+                counts: std::array::from_fn(|i| {
+                    (motors.0[i] * config.model.increments[i] / TAU).round() as i64
+                }),
+                ..ArmReading::default()
+            }
+        });
+        Self(readings.collect())
+    }
+}
+
+impl Port for Still {
+    fn exchange(
+        &mut self,
+        period: u64,
+        _: &[ArmDrive],
+        readings: &mut [ArmReading],
+    ) -> Result<(), PortFault> {
+        let swing = if period % 64 < 32 { 2.0 } else { -2.0 };
+        for (reading, still) in readings.iter_mut().zip(&self.0) {
+            *reading = *still;
+            reading.wrench_on_sensor.force.x = swing;
+            reading.wrench_on_sensor.force.z = swing;
+        }
+        Ok(())
+    }
+}
+
+/// Words of the command line that are no options: which bench is meant, as in `cargo bench -- plant`.
+pub fn is_meant(name: &str) -> bool {
+    let filters: Vec<String> =
+        std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
+    filters.is_empty() || filters.iter().any(|f| name.contains(f.as_str()))
+}
+
+/// Whether one line of JSON is wanted.
+pub fn json() -> bool {
+    std::env::args().any(|arg| arg == "--json")
+}
+
+/// Nanoseconds, a thousandth exact, up to a second.
+pub fn histogram() -> Histogram<u64> {
+    Histogram::new_with_bounds(1, 1_000_000_000, 3).unwrap_or_else(|_| unreachable!("fixed bounds"))
+}
+
+/// A share of all times, in microseconds.
+pub fn us(times: &Histogram<u64>, share: f64) -> f64 {
+    times.value_at_quantile(share) as f64 / 1000.0
+}
+
+/// One object of JSON.
+pub fn object(fields: &[(&str, Option<f64>)]) -> String {
+    let mut map = serde_json::Map::new();
+    for (name, value) in fields {
+        let value = value.map(|v| (v * 1000.0).round() / 1000.0);
+        map.insert((*name).to_owned(), serde_json::json!(value));
+    }
+    serde_json::Value::Object(map).to_string()
+}
