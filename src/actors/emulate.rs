@@ -18,8 +18,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Priority of its thread: below those of a bridge on the same machine, which would wait for nobody otherwise.
-const PRIORITY: i32 = 70;
+/// Priority of its thread: above those of a run on the same machine, since a robot never waits for its controller.
+const PRIORITY: i32 = 88;
 
 /// What an emulation came to.
 #[derive(Debug, Clone, PartialEq)]

@@ -23,7 +23,7 @@ use crate::motion::PERIOD;
 use crate::reach::{MeetingTable, ReachSettings};
 use crate::record::summary::{EndedBy, Outcome, Phase, SensorPeak, Summary};
 use crate::record::tape::Tape;
-use crate::scenario::keys::{self, BridgeKind, Pace};
+use crate::scenario::keys::{self, Pace};
 use crate::scenario::lists::VspKind;
 use crate::scenario::{ControllerConfig, Owner, Scenario};
 use crate::servo::{ForceSettings, ServoCommand, ServoConfig};
@@ -78,7 +78,7 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
     let plan = Plan::of(scenario)?;
     let goal = build::goal(&scenario.controller, plan.angle);
     let mut noted = None;
-    let (world, cameras) = if scenario.bridge.kind == BridgeKind::Plant {
+    let (world, cameras) = if !scenario.bridge.kind.is_hardware() {
         World::of_plant(scenario, plan.plant(scenario)?, &control)?
     } else {
         let (world, cameras, notes) = World::of_hardware(scenario, &control)?;

@@ -12,7 +12,7 @@ use crate::hw::driver::{self, Clock, Core, NoRecords, PERIOD_NANOS, RealTime, Se
 use crate::kinematics::ArmModel;
 use crate::motion::{ArmState, JointPositions, Motion, MoveCommand, MoveRefused, PERIOD};
 use crate::scenario::Scenario;
-use crate::scenario::keys::{BridgeKind, Pace};
+use crate::scenario::keys::Pace;
 use crate::servo::weigh::{Sample, Weighed, weigh};
 use crate::servo::{ServoCommand, ServoConfig};
 use crate::spatial::Wrench;
@@ -52,7 +52,7 @@ pub fn weigh_tool(
     mut told: impl FnMut(usize, usize),
 ) -> Result<(Weighed, usize), Error> {
     let control = Arc::new(watch::channel(Control::Running).0);
-    let world = if scenario.bridge.kind == BridgeKind::Plant {
+    let world = if !scenario.bridge.kind.is_hardware() {
         World::of_plant(scenario, Plan::of(scenario)?.plant(scenario)?, &control)?.0
     } else {
         World::of_hardware(scenario, &control)?.0

@@ -8,7 +8,8 @@ use super::supervisor::not_created;
 use crate::cell::Cell;
 use crate::error::Error;
 use crate::hw::camera::FrameSource;
-use crate::hw::devices::Devices;
+use crate::hw::devices::{Devices, NoDevice};
+use crate::hw::emulator::Wired;
 use crate::hw::folder::FolderCamera;
 use crate::hw::note::{Note, Notes, notes};
 use crate::hw::plant::render::PlantCamera;
@@ -32,8 +33,23 @@ pub(super) struct World {
 }
 
 enum Kind {
-    Plant { plant: Box<Plant>, scenes: Vec<triple_buffer::Input<Scene>> },
+    Plant { plant: Plants, scenes: Vec<triple_buffer::Input<Scene>> },
     Bridge(Box<dyn Port>),
+}
+
+/// The plant as it is, or behind the serial protocol.
+enum Plants {
+    Bare(Box<Plant>),
+    Wired(Box<Wired<Plant>>),
+}
+
+impl Plants {
+    fn plant(&self) -> &Plant {
+        match self {
+            Self::Bare(plant) => plant,
+            Self::Wired(wired) => wired.world(),
+        }
+    }
 }
 
 /// A frame source for each camera of the cell.
@@ -57,7 +73,11 @@ impl World {
                 .ok_or_else(|| not_created("camera", "the plant has no such camera"))?;
             Ok(Box::new(PlantCamera::new(renderer, output)))
         })?;
-        let kind = Kind::Plant { plant: Box::new(plant), scenes };
+        let plant = match scenario.bridge.kind {
+            BridgeKind::Wire => Plants::Wired(Box::new(super::plant::wired(scenario, plant))),
+            _ => Plants::Bare(Box::new(plant)),
+        };
+        let kind = Kind::Plant { plant, scenes };
         Ok((Self { kind, control: Arc::clone(control) }, cameras))
     }
 
@@ -68,7 +88,7 @@ impl World {
     ) -> Result<(Self, Cameras, Noted), Error> {
         let bridge = &scenario.bridge;
         let path = bridge.devices_at(&scenario.path);
-        let failed = |why: crate::hw::devices::NoDevice| not_created("bridge", &why.to_string());
+        let failed = |why: NoDevice| not_created("bridge", &why.to_string());
         let devices = Devices::load(&path).map_err(|why| {
             let help = "start `rubik-robot emulate`, or name your devices there";
             not_created("bridge", &format!("{why}; {help}"))
@@ -91,6 +111,7 @@ impl World {
     /// where that is known.
     pub(super) fn show(&mut self) -> Option<f64> {
         let Kind::Plant { plant, scenes } = &mut self.kind else { return None };
+        let plant = plant.plant();
         let scene = plant.scene();
         for input in scenes {
             input.write(scene);
@@ -101,7 +122,7 @@ impl World {
     /// What really happened, where that is known.
     pub(super) fn verdict(&self) -> Option<Verdict> {
         match &self.kind {
-            Kind::Plant { plant, .. } => Some(plant.verdict()),
+            Kind::Plant { plant, .. } => Some(plant.plant().verdict()),
             Kind::Bridge(_) => None,
         }
     }
@@ -109,6 +130,7 @@ impl World {
     /// The truth for whoever debugs a controller: `RUST_LOG=rubik_robot::truth=trace`.
     pub(super) fn trace(&self, period: u64) {
         let Kind::Plant { plant, .. } = &self.kind else { return };
+        let plant = plant.plant();
         let scene = plant.scene();
         let verdict = plant.verdict();
         let cube = scene.cube.world_from_cube;
@@ -142,7 +164,12 @@ impl Port for World {
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
         let done = match &mut self.kind {
-            Kind::Plant { plant, .. } => plant.exchange(period, drives, readings),
+            Kind::Plant { plant: Plants::Bare(plant), .. } => {
+                plant.exchange(period, drives, readings)
+            }
+            Kind::Plant { plant: Plants::Wired(wired), .. } => {
+                wired.exchange(period, drives, readings)
+            }
             Kind::Bridge(port) => port.exchange(period, drives, readings),
         };
         if let (Err(fault), Kind::Bridge(_)) = (&done, &self.kind) {
@@ -176,10 +203,10 @@ fn port(
     cell: &Cell,
     rules: Rules,
     notes: Notes,
-) -> Result<Box<dyn Port>, crate::hw::devices::NoDevice> {
+) -> Result<Box<dyn Port>, NoDevice> {
     match kind {
         BridgeKind::Isa => devices.isa(&cell.arms, notes),
-        BridgeKind::Serial | BridgeKind::Plant => {
+        BridgeKind::Serial | BridgeKind::Plant | BridgeKind::Wire => {
             devices.serial(&cell.arms, rules, notes).map(|port| Box::new(port) as Box<dyn Port>)
         }
     }

@@ -6,7 +6,7 @@ use crate::actors::{self, RunOptions};
 use crate::error::Error;
 use crate::record::summary::{EndedBy, Summary};
 use crate::scenario::Override;
-use crate::scenario::keys::{BridgeKind, Pace};
+use crate::scenario::keys::Pace;
 use clap::{Args, ValueEnum};
 use std::io::IsTerminal;
 
@@ -104,7 +104,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
                 Error::System { .. } => EndedBy::System,
             };
             let truth =
-                (scenario.bridge.kind == BridgeKind::Plant).then(|| scenario.cube().to_string());
+                (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
             let summary = Summary::not_started(
                 scenario.controller.task.word(),
                 scenario.seed,

@@ -44,6 +44,8 @@ words! {
     BridgeKind {
         /// The simulated plant.
         Plant = "plant",
+        /// The simulated plant behind the serial protocol, without lines: every byte of it, under any clock.
+        Wire = "wire",
         /// The original's serial axis controllers, one line an axis.
         Serial = "serial",
         /// The original's ISA boards.
@@ -104,6 +106,14 @@ section! {
         devices: String = "/tmp/rubik-robot-devices.toml".to_owned();
         /// Answers that one axis misses in a row before its line is given up.
         missed_answers: u32 = 3, 1.0..=50.0;
+    }
+}
+
+impl BridgeKind {
+    /// Whether something outside this process is behind the port, of which nobody here knows the truth.
+    #[must_use]
+    pub fn is_hardware(self) -> bool {
+        matches!(self, Self::Serial | Self::Isa)
     }
 }
 

@@ -11,11 +11,13 @@ mod cameras;
 mod faults;
 pub mod pty;
 mod sensor;
+mod wired;
 
 pub use axis::AxisController;
 pub use cameras::CameraServer;
 pub use faults::{At, LineFaults};
 pub use sensor::COUNTS;
+pub use wired::Wired;
 
 use super::devices::{Devices, EffectorDevices};
 use super::driver::{Clock, PERIOD_NANOS};
@@ -76,6 +78,7 @@ pub struct Course {
 struct Arm {
     name: String,
     lines: [Option<Pty>; AXES + 1],
+    has_track: bool,
     controllers: [AxisController; AXES + 1],
     sensor: Sensor,
     silent: bool,
@@ -243,7 +246,7 @@ impl<P: Port> Emulator<P> {
 
     fn period(&mut self) -> Result<(), PortFault> {
         for (arm, drive) in self.arms.iter().zip(&mut self.drives) {
-            *drive = arm.drive();
+            *drive = self::drive(&arm.controllers, arm.has_track);
         }
         self.world.exchange(self.course.periods, &self.drives, &mut self.readings)?;
         self.latch();
@@ -276,6 +279,7 @@ impl Arm {
         }
         Ok(Self {
             name: arm.name.clone(),
+            has_track: arm.has_track,
             lines,
             controllers: std::array::from_fn(|_| AxisController::default()),
             sensor: match sensors {
@@ -305,21 +309,18 @@ impl Arm {
         self.sensor.listen(self.silent);
         orders
     }
+}
 
-    /// What the controllers make of their orders. One power relay serves the whole arm: it is on when all are.
-    fn drive(&self) -> ArmDrive {
-        let there = |axis: usize| axis > 0 || self.lines[0].is_some();
-        let controllers = &self.controllers;
-        let jaw = &controllers[JAW];
-        ArmDrive {
-            enabled: (0..=AXES).filter(|&i| there(i)).all(|i| controllers[i].is_on()),
-            pwm: std::array::from_fn(|i| controllers[i].width()),
-            jaw_pwm: jaw.width(),
-            jaw_current_limit: f64::from(jaw.max_current()) * 1e-3,
-            stops: if jaw.outputs() & 1 == 1 { Depth::Two } else { Depth::One },
-            synchronise: (0..=AXES)
-                .fold(0, |bits, i| bits | u8::from(controllers[i].synchronises()) << i),
-        }
+/// What an arm's controllers make of their orders. One power relay serves the whole arm: it is on when all are.
+fn drive(controllers: &[AxisController; AXES + 1], has_track: bool) -> ArmDrive {
+    let jaw = &controllers[JAW];
+    ArmDrive {
+        enabled: controllers[usize::from(!has_track)..].iter().all(AxisController::is_on),
+        pwm: std::array::from_fn(|i| controllers[i].width()),
+        jaw_pwm: jaw.width(),
+        jaw_current_limit: f64::from(jaw.max_current()) * 1e-3,
+        stops: if jaw.outputs() & 1 == 1 { Depth::Two } else { Depth::One },
+        synchronise: (0..=AXES).fold(0, |bits, i| bits | u8::from(controllers[i].synchronises()) << i),
     }
 }
 

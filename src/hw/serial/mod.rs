@@ -13,3 +13,4 @@ mod port;
 pub(crate) use line::set_up;
 pub use line::{AXIS_BAUD, Line, Lines, MOST};
 pub use port::{SerialArm, SerialPort};
+pub(crate) use port::{axis_drive, hand_over};

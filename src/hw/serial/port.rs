@@ -207,7 +207,8 @@ fn milliamperes(amperes: f64) -> u16 {
     (amperes * 1e3).round().clamp(0.0, 65_535.0) as u16
 }
 
-fn axis_drive(
+/// What a drive means to one axis.
+pub(crate) fn axis_drive(
     drive: &ArmDrive,
     index: usize,
     max_currents: &[Option<u16>; AXES],
@@ -249,33 +250,29 @@ impl Port for SerialPort {
             return Err(fault);
         }
         for (effector, (arm, reading)) in self.arms.iter_mut().zip(readings).enumerate() {
-            arm.read(reading);
+            hand_over(&arm.axes, arm.lines[0].is_some(), reading);
             reading.wrench_on_sensor = arm.force.read(period, effector, &mut self.notes);
         }
         Ok(())
     }
 }
 
-impl Arm {
-    fn read(&self, reading: &mut ArmReading) {
-        *reading = ArmReading { wrench_on_sensor: reading.wrench_on_sensor, ..ArmReading::default() };
-        for (index, axis) in self.axes.iter().enumerate() {
-            if self.lines[index].is_none() {
-                continue;
-            }
-            reading.currents[index] = axis.current();
-            let bit = |is: bool| u8::from(is) << index;
-            reading.over_currents |= bit(axis.over_current());
-            reading.power_faults |= bit(axis.stage_fault());
-            reading.sync_switches |= bit(axis.sync_switch());
-            reading.encoder_zeros |= bit(axis.sync_zero());
-            reading.synchronised &= !bit(!axis.synchronised());
-            reading.limit_switches |= bit(axis.at_limit());
-            if index == AXES {
-                reading.jaw_count = axis.count();
-            } else {
-                reading.counts[index] = axis.count();
-            }
+/// What the axes of an arm showed last, as the servo reads it; the wrench stays.
+pub(crate) fn hand_over(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut ArmReading) {
+    *reading = ArmReading { wrench_on_sensor: reading.wrench_on_sensor, ..ArmReading::default() };
+    for (index, axis) in axes.iter().enumerate().skip(usize::from(!has_track)) {
+        let bit = |is: bool| u8::from(is) << index;
+        reading.currents[index] = axis.current();
+        reading.over_currents |= bit(axis.over_current());
+        reading.power_faults |= bit(axis.stage_fault());
+        reading.sync_switches |= bit(axis.sync_switch());
+        reading.encoder_zeros |= bit(axis.sync_zero());
+        reading.synchronised &= !bit(!axis.synchronised());
+        reading.limit_switches |= bit(axis.at_limit());
+        if index == AXES {
+            reading.jaw_count = axis.count();
+        } else {
+            reading.counts[index] = axis.count();
         }
     }
 }
