@@ -39,7 +39,8 @@ impl Port for Still {
 fn arm(name: &str) -> Arm {
     Arm {
         name: name.to_owned(),
-        model: builtin(&format!("irp6_{name}")).unwrap_or_else(|| unreachable!("a built-in profile")),
+        model: builtin(&format!("irp6_{name}"))
+            .unwrap_or_else(|| unreachable!("a built-in profile")),
         world_from_base: Pose::identity(),
         flange_from_tool: Pose::identity(),
         gripper: Gripper {
@@ -109,8 +110,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let us = |q: f64| times.quantile(q) as f64 * 1e-3;
     let (p50, p99, p999) = (us(0.5), us(0.99), us(0.999));
     let margin = 2000.0 - p99 - ON_THE_LINE;
-    println!("{PERIODS} exchanges with {axes} axes: p50 {p50:.0}, p99 {p99:.0}, p99.9 {p999:.0}, max {:.0} us", times.max() as f64 * 1e-3);
-    println!("answers missed: {missed} of {}; the emulator stood still for {} periods", PERIODS * axes as u64, course.stalled);
+    println!(
+        "{PERIODS} exchanges with {axes} axes: p50 {p50:.0}, p99 {p99:.0}, p99.9 {p999:.0}, max {:.0} us",
+        times.max() as f64 * 1e-3
+    );
+    println!(
+        "answers missed: {missed} of {}; the emulator stood still for {} periods",
+        PERIODS * axes as u64,
+        course.stalled
+    );
     println!("left of 2 ms at p99, with {ON_THE_LINE:.0} us on a real line: {margin:.0} us");
     if std::env::args().any(|a| a == "--json") {
         println!(

@@ -9,7 +9,9 @@ mod servo_rig;
 use rubik_robot::cell::Arm;
 use rubik_robot::hw::devices::Devices;
 use rubik_robot::hw::driver::{self, Core, NoRecords, Switches, WallOptions};
-use rubik_robot::hw::emulator::{At, Course, EmulatedArm, Emulator, EmulatorOptions, LineFaults, SensorKind};
+use rubik_robot::hw::emulator::{
+    At, Course, EmulatedArm, Emulator, EmulatorOptions, LineFaults, SensorKind,
+};
 use rubik_robot::hw::note::{Note, Notes, What, notes};
 use rubik_robot::hw::port::{Port, PortFault};
 use rubik_robot::hw::serial::SerialPort;
@@ -50,7 +52,8 @@ impl Port for World {
         seen.drives = drives.to_vec();
         for (arm, reading) in readings.iter_mut().enumerate() {
             reading.jaw_count = 100 + arm as i64;
-            reading.wrench_on_sensor = Wrench::from_directions([0.0, 0.0, seen.push, 0.0, 0.0, 0.0]);
+            reading.wrench_on_sensor =
+                Wrench::from_directions([0.0, 0.0, seen.push, 0.0, 0.0, 0.0]);
         }
         Ok(())
     }
@@ -177,7 +180,10 @@ fn drives_and_readings_of_fifteen_axes_cross_the_lines() {
 
 #[test]
 fn a_move_over_the_wire_ends_where_it_should() {
-    let rig = Rig::start(1, EmulatorOptions { sensors: SensorKind::Controller, ..EmulatorOptions::default() });
+    let rig = Rig::start(
+        1,
+        EmulatorOptions { sensors: SensorKind::Controller, ..EmulatorOptions::default() },
+    );
     let mut port = rig.bridge(40, Notes::none());
     let (mut link, end) = driver::link();
     let switches = Arc::new(Switches::default());
@@ -195,7 +201,10 @@ fn a_move_over_the_wire_ends_where_it_should() {
     }
 
     let ticket = link
-        .send(ServoCommand::Move { command: MoveCommand { motion, periods: 500, jaw: None }, start: 0 })
+        .send(ServoCommand::Move {
+            command: MoveCommand { motion, periods: 500, jaw: None },
+            start: 0,
+        })
         .unwrap();
     while !link.is_done(ticket, 0) {
         assert!(start.elapsed() < Duration::from_secs(20), "{:?}", link.state());
@@ -337,7 +346,8 @@ fn a_killed_emulator_ends_the_bridge_at_once_and_nothing_hangs() {
     assert!(course.orders > 0);
 
     let begun = Instant::now();
-    let fault = (20..50).find_map(|period| port.exchange(period, &[on(20); 2], &mut readings).err());
+    let fault =
+        (20..50).find_map(|period| port.exchange(period, &[on(20); 2], &mut readings).err());
 
     assert!(begun.elapsed() < Duration::from_millis(500), "{:?}", begun.elapsed());
     let reason = fault.unwrap().reason;

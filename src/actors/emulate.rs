@@ -43,7 +43,8 @@ struct Sockets(PathBuf);
 
 impl Sockets {
     fn new() -> std::io::Result<Self> {
-        let path = std::env::temp_dir().join(format!("rubik-robot-emulator-{}", std::process::id()));
+        let path =
+            std::env::temp_dir().join(format!("rubik-robot-emulator-{}", std::process::id()));
         // Nobody else may drive the robot, emulated or not.
         std::fs::DirBuilder::new().mode(0o700).create(&path)?;
         Ok(Self(path))
@@ -63,7 +64,9 @@ impl DeviceFile {
     /// Appears at once and whole.
     fn write(path: &Path, devices: &Devices) -> Result<Self, String> {
         let text = devices.text().map_err(|e| e.to_string())?;
-        let text = format!("# Devices of a running `rubik-robot emulate`; they go away with it.\n\n{text}");
+        let text = format!(
+            "# Devices of a running `rubik-robot emulate`; they go away with it.\n\n{text}"
+        );
         let new = path.with_extension(format!("new-{}", std::process::id()));
         std::fs::write(&new, text)
             .and_then(|()| std::fs::rename(&new, path))

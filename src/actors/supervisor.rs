@@ -89,7 +89,8 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
     builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
     let runtime = builder.build().map_err(|e| not_created("runtime", &e.to_string()))?;
     let teller = noted.map(|noted| Teller::start(noted, &scenario.controller));
-    let done = runtime.block_on(perform(scenario, options, &control, (world, cameras), goal, plan))?;
+    let done =
+        runtime.block_on(perform(scenario, options, &control, (world, cameras), goal, plan))?;
     drop(teller);
     let mut summary = summary(scenario, goal, &done, begun.elapsed().as_secs_f64());
     if summary.ended_by == EndedBy::Operator && interrupt.is_some_and(|i| i.came()) {
@@ -410,7 +411,9 @@ async fn perform(
 
     let mut kernel = match goal {
         None => Kernel::Idle(Idle::new(config.idle.time)),
-        Some(goal) => Kernel::Cube(Box::new(cube_kernel(config, goal, plan.meetings, plan.face_turn)?)),
+        Some(goal) => {
+            Kernel::Cube(Box::new(cube_kernel(config, goal, plan.meetings, plan.face_turn)?))
+        }
     };
     let mp = Mp::new(mp::Parts {
         turning,

@@ -4,11 +4,13 @@
 //! The servo's period and the exchange run in this thread, by the wall clock or as fast as they compute: nothing else
 //! goes on.
 
+use super::control::Control;
 use super::supervisor::{Plan, not_created};
 use super::world::World;
-use super::control::Control;
 use crate::error::{Error, Fatal, NonFatal};
-use crate::hw::driver::{self, Clock, Core, NoRecords, PERIOD_NANOS, RealTime, ServoLink, Switches};
+use crate::hw::driver::{
+    self, Clock, Core, NoRecords, PERIOD_NANOS, RealTime, ServoLink, Switches,
+};
 use crate::kinematics::ArmModel;
 use crate::motion::{ArmState, JointPositions, Motion, MoveCommand, MoveRefused, PERIOD};
 use crate::scenario::Scenario;
@@ -148,9 +150,8 @@ impl Scale {
     }
 
     fn run(&mut self, arm: usize, command: ServoCommand) -> Result<(), Error> {
-        let ticket = self.links[arm]
-            .send(command)
-            .map_err(|e| not_created("servo", &e.to_string()))?;
+        let ticket =
+            self.links[arm].send(command).map_err(|e| not_created("servo", &e.to_string()))?;
         while !self.links[arm].is_done(ticket, 0) {
             self.step()?;
             self.check(arm)?;
@@ -215,7 +216,8 @@ mod tests {
 
     #[test]
     fn the_tools_of_the_plant_are_weighed_to_a_fiftieth_of_a_newton_and_a_millimetre() {
-        let scenario = scenario::read(Path::new("weigh.toml"), "task = \"idle\"\nseed = 5\n", &[]).unwrap();
+        let scenario =
+            scenario::read(Path::new("weigh.toml"), "task = \"idle\"\nseed = 5\n", &[]).unwrap();
         let truth = Plan::of(&scenario).unwrap().plant(&scenario).unwrap();
 
         for arm in 0..2 {

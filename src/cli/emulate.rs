@@ -108,7 +108,8 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
         seed: scenario.seed,
         leaves_after: (!args.stay).then_some(LEAVES),
     };
-    let devices = args.devices.clone().unwrap_or_else(|| scenario.bridge.devices_at(&scenario.path));
+    let devices =
+        args.devices.clone().unwrap_or_else(|| scenario.bridge.devices_at(&scenario.path));
     let announce = |places: &crate::hw::devices::Devices, warnings: &[String]| {
         for warning in warnings {
             complain(&format!("not real time: {warning}"));
@@ -153,7 +154,9 @@ fn faults(args: &EmulateArgs, arms: &[Arm]) -> Result<LineFaults, String> {
     let all = |option: &str, texts: &[String], with_axis: bool| {
         texts
             .iter()
-            .map(|text| at(text, arms, with_axis).map_err(|why| format!("--{option} {text}: {why}")))
+            .map(|text| {
+                at(text, arms, with_axis).map_err(|why| format!("--{option} {text}: {why}"))
+            })
             .collect::<Result<Vec<At>, String>>()
     };
     Ok(LineFaults {
@@ -222,7 +225,10 @@ fn table(done: &Emulated) -> String {
     let c = &v.counts;
     let rows = [
         ("time", format!("{:.1} s, {} orders", done.time, done.course.orders)),
-        ("stood still", format!("{} periods of 2 ms, for want of the processor", done.course.stalled)),
+        (
+            "stood still",
+            format!("{} periods of 2 ms, for want of the processor", done.course.stalled),
+        ),
         ("peak while both hold", format!("{:.1} N, {:.2} Nm", v.peak_force, v.peak_torque)),
         ("stuck, slips, drops", format!("{}, {}, {}", c.stuck, c.slips, c.drops)),
         ("pops, crushes, bumps", format!("{}, {}, {}", c.pops, c.crushed, c.collisions)),
@@ -251,10 +257,7 @@ mod tests {
         let arms = scenario::read(std::path::Path::new("a"), "", &[]).unwrap().controller.cell.arms;
 
         assert_eq!(at("track.3@20", &arms, true), Ok(At { effector: 0, axis: 3, time: 20.0 }));
-        assert_eq!(
-            at("postument.7@0.5", &arms, true),
-            Ok(At { effector: 1, axis: 7, time: 0.5 })
-        );
+        assert_eq!(at("postument.7@0.5", &arms, true), Ok(At { effector: 1, axis: 7, time: 0.5 }));
         assert_eq!(at("postument@4", &arms, false), Ok(At { effector: 1, axis: 0, time: 4.0 }));
         for wrong in ["track.8@1", "track@1", "track.3", "left.3@1", "track.3@soon"] {
             assert!(at(wrong, &arms, true).is_err(), "{wrong}");

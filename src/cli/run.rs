@@ -103,8 +103,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
                 Error::Fatal { .. } => EndedBy::Fatal,
                 Error::System { .. } => EndedBy::System,
             };
-            let truth =
-                (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
+            let truth = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
             let summary = Summary::not_started(
                 scenario.controller.task.word(),
                 scenario.seed,

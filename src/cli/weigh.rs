@@ -40,7 +40,8 @@ pub(super) fn run(args: &WeighArgs, output: &mut Output) -> anyhow::Result<u8> {
         complain(&format!("--arm {}: there are {}", args.arm, names.join(" and ")));
         return Ok(WRONG);
     };
-    let told = |index: usize, count: usize| complain(&format!("orientation {} of {count}", index + 1));
+    let told =
+        |index: usize, count: usize| complain(&format!("orientation {} of {count}", index + 1));
     match weigh_tool(&scenario, arm, told) {
         Ok((weighed, orientations)) => {
             if args.json {
@@ -86,7 +87,23 @@ fn table(arm: &str, w: &Weighed, orientations: usize) -> String {
          For the scenario, under [[effector]] name = \"{arm}\":\n\
          sensor.weight_n = {:.2}\n\
          sensor.centre_xyz_mm = [{:.1}, {:.1}, {:.1}]\n",
-        w.weight, c.x, c.y, c.z, b[0], b[1], b[2], b[3], b[4], b[5], w.residual.0, w.residual.1,
-        w.largest_residual.0, w.largest_residual.1, w.weight, c.x, c.y, c.z,
+        w.weight,
+        c.x,
+        c.y,
+        c.z,
+        b[0],
+        b[1],
+        b[2],
+        b[3],
+        b[4],
+        b[5],
+        w.residual.0,
+        w.residual.1,
+        w.largest_residual.0,
+        w.largest_residual.1,
+        w.weight,
+        c.x,
+        c.y,
+        c.z,
     )
 }

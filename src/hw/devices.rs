@@ -2,7 +2,7 @@
 //!
 //! The file belongs to a machine, not to a scenario: `rubik-robot emulate` writes one, a workshop writes its own.
 
-use super::force::{FtController, ForceSource, NetFt, NoSensor};
+use super::force::{ForceSource, FtController, NetFt, NoSensor};
 use super::note::Notes;
 use super::port::Port;
 use super::serial::axis::Rules;
@@ -175,13 +175,19 @@ impl Devices {
                 let units: Result<[f64; AXES + 1], _> = card.units_per_ampere.as_slice().try_into();
                 Ok(IsaArm {
                     name: arm.name.clone(),
-                    registers: PortIo::open(card.offset, card.uio.as_deref()).map_err(|e| fail(&e))?,
+                    registers: PortIo::open(card.offset, card.uio.as_deref())
+                        .map_err(|e| fail(&e))?,
                     first_pointer: card.first_pointer,
                     has_track: arm.model.has_track,
                     kinds: std::array::from_fn(|i| {
-                        if card.resolvers.contains(&i) { AxisKind::Resolver } else { AxisKind::Encoder }
+                        if card.resolvers.contains(&i) {
+                            AxisKind::Resolver
+                        } else {
+                            AxisKind::Encoder
+                        }
                     }),
-                    units_per_ampere: units.map_err(|_| fail("units_per_ampere wants 8 numbers"))?,
+                    units_per_ampere: units
+                        .map_err(|_| fail("units_per_ampere wants 8 numbers"))?,
                     max_currents: std::array::from_fn(|i| devices.max_currents.get(i).copied()),
                     force: devices.sensor(arm.sensor.range)?,
                 })
@@ -236,9 +242,9 @@ impl EffectorDevices {
         }
         match self.force.split_once(':') {
             Some(("net_ft", address)) => {
-                let address = address
-                    .parse()
-                    .map_err(|_| fail("wanted an address and a port, as in 192.168.1.1:49152".into()))?;
+                let address = address.parse().map_err(|_| {
+                    fail("wanted an address and a port, as in 192.168.1.1:49152".into())
+                })?;
                 let (newton, metre) = (self.counts_per_newton, self.counts_per_newton_metre);
                 let sensor = NetFt::connect(address, newton, metre, range);
                 Ok(Box::new(sensor.map_err(|e| fail(e.to_string()))?))

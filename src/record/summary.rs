@@ -212,10 +212,9 @@ impl Summary {
         row(
             &mut t,
             "peak while both hold",
-            &known(
-                self.peak_force_n.zip(self.peak_torque_nm),
-                |(force, torque)| format!("{force:.1} N, {torque:.2} Nm"),
-            ),
+            &known(self.peak_force_n.zip(self.peak_torque_nm), |(force, torque)| {
+                format!("{force:.1} N, {torque:.2} Nm")
+            }),
         );
         for sensor in &self.sensors {
             row(
@@ -231,16 +230,8 @@ impl Summary {
                 ),
             );
         }
-        row(
-            &mut t,
-            "jams, slips, drops",
-            &counts([self.jams, self.slips, self.drops]),
-        );
-        row(
-            &mut t,
-            "pops, crushes, bumps",
-            &counts([self.pops, self.crushed, self.collisions]),
-        );
+        row(&mut t, "jams, slips, drops", &counts([self.jams, self.slips, self.drops]));
+        row(&mut t, "pops, crushes, bumps", &counts([self.pops, self.crushed, self.collisions]));
         if let Some(angle) = self.turned_deg {
             row(&mut t, "layer turned by", &format!("{angle:.1} deg"));
         }

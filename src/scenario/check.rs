@@ -144,8 +144,7 @@ fn help(reader: &mut Reader, path: &str, reason: String, help: Option<String>) {
 
 fn bridge(kind: BridgeKind, pace: Pace, reader: &mut Reader) {
     if kind.is_hardware() && pace == Pace::Virtual {
-        let reason =
-            format!("`bridge.kind`: \"{}\" is driven by the wall clock only", kind.word());
+        let reason = format!("`bridge.kind`: \"{}\" is driven by the wall clock only", kind.word());
         let advice = "pace = \"real-time\", or --pace real-time".to_owned();
         help(reader, "bridge.kind", reason, Some(advice));
     }

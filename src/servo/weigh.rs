@@ -39,7 +39,9 @@ pub enum CannotWeigh {
     #[error("{0} orientations: at least 4 are needed")]
     TooFew(usize),
     /// They are too much alike.
-    #[error("the orientations are too much alike: gravity turns by {turned:.3} of its length in the sensor, wanted {LEAST}")]
+    #[error(
+        "the orientations are too much alike: gravity turns by {turned:.3} of its length in the sensor, wanted {LEAST}"
+    )]
     TooMuchAlike {
         /// Root mean square of gravity's direction about its mean, in the direction in which it varies second most.
         turned: f64,
@@ -198,7 +200,12 @@ mod tests {
     #[test]
     fn noise_shows_in_the_residual() {
         let at = orientations(&[
-            [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.2, 0.0], [0.0, 1.0, 0.3], [0.4, -1.0, 0.0], [1.5, 0.7, 0.0],
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [-1.0, 0.2, 0.0],
+            [0.0, 1.0, 0.3],
+            [0.4, -1.0, 0.0],
+            [1.5, 0.7, 0.0],
         ]);
         let noise = [0.3, -0.3, 0.3, -0.3, 0.3, -0.3];
         let samples: Vec<_> = at

@@ -102,7 +102,11 @@ impl<P: Port> Emulator<P> {
     ///
     /// # Errors
     /// What the operating system or the world says.
-    pub fn open(mut world: P, arms: &[EmulatedArm], options: EmulatorOptions) -> std::io::Result<Self> {
+    pub fn open(
+        mut world: P,
+        arms: &[EmulatedArm],
+        options: EmulatorOptions,
+    ) -> std::io::Result<Self> {
         let mut readings = vec![ArmReading::default(); arms.len()];
         let drives = vec![ArmDrive::OFF; arms.len()];
         world
@@ -320,7 +324,8 @@ fn drive(controllers: &[AxisController; AXES + 1], has_track: bool) -> ArmDrive 
         jaw_pwm: jaw.width(),
         jaw_current_limit: f64::from(jaw.max_current()) * 1e-3,
         stops: if jaw.outputs() & 1 == 1 { Depth::Two } else { Depth::One },
-        synchronise: (0..=AXES).fold(0, |bits, i| bits | u8::from(controllers[i].synchronises()) << i),
+        synchronise: (0..=AXES)
+            .fold(0, |bits, i| bits | u8::from(controllers[i].synchronises()) << i),
     }
 }
 

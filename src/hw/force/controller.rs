@@ -176,27 +176,28 @@ impl ForceSource for FtController {
         let mut good = None;
         match self.stage {
             Stage::SettingUp(step) => self.set_up(step),
-            Stage::Reading => {
-                match (self.record(), self.waiting) {
-                    (Some((0, wrench)), Some(_)) => {
-                        good = Some(wrench);
-                        self.ask();
-                    }
-                    (Some((status, _)), Some(_)) => {
-                        notes.tell(period, effector, What::ForceStatus { status: status.into() });
-                        self.ask();
-                    }
-                    (_, Some(periods)) if periods >= PATIENCE => {
-                        (self.stage, self.waiting) = (Stage::SettingUp(0), None);
-                    }
-                    (_, Some(periods)) => self.waiting = Some(periods + 1),
-                    (_, None) => self.ask(),
+            Stage::Reading => match (self.record(), self.waiting) {
+                (Some((0, wrench)), Some(_)) => {
+                    good = Some(wrench);
+                    self.ask();
                 }
-            }
+                (Some((status, _)), Some(_)) => {
+                    notes.tell(period, effector, What::ForceStatus { status: status.into() });
+                    self.ask();
+                }
+                (_, Some(periods)) if periods >= PATIENCE => {
+                    (self.stage, self.waiting) = (Stage::SettingUp(0), None);
+                }
+                (_, Some(periods)) => self.waiting = Some(periods + 1),
+                (_, None) => self.ask(),
+            },
         }
         let (wrench, taken) = self.intake.take(good);
         // While it is set up for the first time, its silence is no news.
-        if !(matches!(taken, Taken::Silent { .. }) && matches!(self.stage, Stage::SettingUp(_)) && period < 200) {
+        if !(matches!(taken, Taken::Silent { .. })
+            && matches!(self.stage, Stage::SettingUp(_))
+            && period < 200)
+        {
             tell(taken, period, effector, notes);
         }
         wrench

@@ -297,8 +297,7 @@ mod tests {
     fn the_newest_of_a_disordered_stream_counts() {
         let box_ = UdpSocket::bind("127.0.0.1:0").unwrap();
         box_.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
-        let mut sensor =
-            NetFt::connect(box_.local_addr().unwrap(), 1e6, 1e6, RANGE).unwrap();
+        let mut sensor = NetFt::connect(box_.local_addr().unwrap(), 1e6, 1e6, RANGE).unwrap();
         let (mut notes, mut told) = notes();
         let mut bytes = [0; 64];
         let (length, from) = box_.recv_from(&mut bytes).unwrap();

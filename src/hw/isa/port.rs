@@ -5,8 +5,8 @@
 //! - the card's interrupt is its sign of life: 10 ms without one are passed over, 20 ms are told, 30 ms are a fault
 
 use super::registers::{
-    AxisKind, AxisStatus, HARDWARE_ERROR, Registers, command, counter, error_word, port, pulse_word,
-    resolver,
+    AxisKind, AxisStatus, HARDWARE_ERROR, Registers, command, counter, error_word, port,
+    pulse_word, resolver,
 };
 use crate::hw::force::ForceSource;
 use crate::hw::note::{Notes, What};
@@ -119,7 +119,8 @@ impl<R: Registers> Arm<R> {
 
     /// What every axis shows.
     fn read(&mut self, reading: &mut ArmReading) -> [AxisStatus; AXES + 1] {
-        *reading = ArmReading { wrench_on_sensor: reading.wrench_on_sensor, ..ArmReading::default() };
+        *reading =
+            ArmReading { wrench_on_sensor: reading.wrench_on_sensor, ..ArmReading::default() };
         let mut statuses = [AxisStatus::default(); AXES + 1];
         for (axis, slot) in statuses.iter_mut().enumerate().skip(self.first()) {
             self.choose(axis);
@@ -398,7 +399,13 @@ mod tests {
     }
 
     fn on(pwm: i16) -> ArmDrive {
-        ArmDrive { enabled: true, pwm: [pwm; AXES], jaw_pwm: -pwm, stops: Depth::Two, ..ArmDrive::OFF }
+        ArmDrive {
+            enabled: true,
+            pwm: [pwm; AXES],
+            jaw_pwm: -pwm,
+            stops: Depth::Two,
+            ..ArmDrive::OFF
+        }
     }
 
     fn go(port: &mut IsaPort<Bank>, periods: u64, drive: ArmDrive) -> ArmReading {

@@ -29,8 +29,12 @@ impl PortIo {
             }
         }
         let open = |path: &str| {
-            rustix::fs::open(path, OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC, Mode::empty())
-                .map_err(|e| format!("{path}: {e}"))
+            rustix::fs::open(
+                path,
+                OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC,
+                Mode::empty(),
+            )
+            .map_err(|e| format!("{path}: {e}"))
         };
         Ok(Self { offset, interrupts: uio.map(open).transpose()? })
     }

@@ -110,7 +110,9 @@ impl AxisStatus {
         common
             | match kind {
                 AxisKind::Resolver => {
-                    bit(self.sync_switch, 0x8000) | bit(!self.upper, 0x2000) | bit(!self.lower, 0x4000)
+                    bit(self.sync_switch, 0x8000)
+                        | bit(!self.upper, 0x2000)
+                        | bit(!self.lower, 0x4000)
                 }
                 AxisKind::Encoder => {
                     bit(!self.sync_switch, 0x4000)

@@ -61,7 +61,9 @@ pub enum AxisFault {
     #[error("no answer for {0} periods")]
     Silent(u32),
     /// What comes cannot be true.
-    #[error("{times} impossible answers in a row, the last with the counter at {count} after {before}")]
+    #[error(
+        "{times} impossible answers in a row, the last with the counter at {count} after {before}"
+    )]
     Impossible {
         /// In a row.
         times: u32,
@@ -198,7 +200,9 @@ impl Axis {
         let told = Status::decode(bytes);
         let settled = self.settled >= SETTLING;
         let possible = told.filter(|now| {
-            !settled || now.count.wrapping_sub(self.status.count).unsigned_abs() <= self.rules.jump.unsigned_abs()
+            !settled
+                || now.count.wrapping_sub(self.status.count).unsigned_abs()
+                    <= self.rules.jump.unsigned_abs()
         });
         let Some(now) = possible else {
             self.impossible += 1;
@@ -211,7 +215,11 @@ impl Axis {
                 Err(AxisFault::Reset)
             } else {
                 let count = told.map_or(0, |now| now.count);
-                Err(AxisFault::Impossible { times: self.impossible, count, before: self.status.count })
+                Err(AxisFault::Impossible {
+                    times: self.impossible,
+                    count,
+                    before: self.status.count,
+                })
             };
         };
         self.impossible = 0;

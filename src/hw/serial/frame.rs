@@ -157,9 +157,7 @@ impl Parameter {
         Some(match (which, value) {
             (0x10, 0 | 1) => Self::Synchronised(value == 1),
             (0x20, _) => Self::MaxCurrent(u16::try_from(value).ok()?),
-            (0x30..=0x50, _) => {
-                Self::PositionGain((which - 0x30) >> 4, i16::try_from(value).ok()?)
-            }
+            (0x30..=0x50, _) => Self::PositionGain((which - 0x30) >> 4, i16::try_from(value).ok()?),
             (0x60..=0x80, _) => Self::CurrentGain((which - 0x60) >> 4, i16::try_from(value).ok()?),
             (0x90, 0) => Self::Mode(Mode::Manual),
             (0x90, 3) => Self::Mode(Mode::Pwm),
@@ -173,7 +171,8 @@ impl Status {
     /// The answer as it goes over the line.
     #[must_use]
     pub fn encode(&self) -> [u8; STATUS] {
-        let flags = self.flags().iter().enumerate().fold(0, |sum, (i, is)| sum | u8::from(*is) << i);
+        let flags =
+            self.flags().iter().enumerate().fold(0, |sum, (i, is)| sum | u8::from(*is) << i);
         let [c0, c1] = self.current.to_le_bytes();
         let [p0, p1, p2, p3] = self.count.to_le_bytes();
         [START, flags, c0, c1, p0, p1, p2, p3]
@@ -219,9 +218,9 @@ mod tests {
 
     fn orders() -> impl Strategy<Value = Order> {
         prop_oneof![
-            (-255..=255i16, any::<u8>(), any::<bool>()).prop_map(|(width, outputs, synchronise)| {
-                Order::Pwm { width, outputs, synchronise }
-            }),
+            (-255..=255i16, any::<u8>(), any::<bool>()).prop_map(
+                |(width, outputs, synchronise)| { Order::Pwm { width, outputs, synchronise } }
+            ),
             any::<i16>().prop_map(Order::Current),
             any::<i32>().prop_map(Order::Position),
             any::<bool>().prop_map(|is| Order::Set(Parameter::Synchronised(is))),
@@ -267,7 +266,8 @@ mod tests {
         assert_eq!(error.encode(), [0, 0, 0, 0, b'#', 0x9f, 4, 0, 0, 0]);
         let limit = Order::Set(Parameter::MaxCurrent(25_000));
         assert_eq!(limit.encode(), [0, 0, 0, 0, b'#', 0x2f, 0xa8, 0x61, 0, 0]);
-        let answer = Status { upper: true, synchronised: true, current: -2, count: -3, ..Status::default() };
+        let answer =
+            Status { upper: true, synchronised: true, current: -2, count: -3, ..Status::default() };
         assert_eq!(answer.encode(), [b'#', 0x81, 0xfe, 0xff, 0xfd, 0xff, 0xff, 0xff]);
     }
 

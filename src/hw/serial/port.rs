@@ -192,9 +192,10 @@ impl SerialPort {
         for _ in 0..FIRST {
             self.talk(&off);
             self.judge(0)?;
-            let settled = self.arms.iter().all(|arm| {
-                (0..=AXES).all(|i| arm.lines[i].is_none() || arm.axes[i].has_settled())
-            });
+            let settled = self
+                .arms
+                .iter()
+                .all(|arm| (0..=AXES).all(|i| arm.lines[i].is_none() || arm.axes[i].has_settled()));
             if settled {
                 break;
             }
@@ -220,7 +221,13 @@ pub(crate) fn axis_drive(
         let limit = enabled.then(|| milliamperes(drive.jaw_current_limit));
         AxisDrive { enabled, width: drive.jaw_pwm, outputs, max_current: limit, synchronise }
     } else {
-        AxisDrive { enabled, width: drive.pwm[index], outputs: 0, max_current: max_currents[index], synchronise }
+        AxisDrive {
+            enabled,
+            width: drive.pwm[index],
+            outputs: 0,
+            max_current: max_currents[index],
+            synchronise,
+        }
     }
 }
 
