@@ -60,6 +60,9 @@ pub struct EmulatorOptions {
     pub faults: LineFaults,
     /// Seed of what goes wrong by chance.
     pub seed: u64,
+    /// For machines that are shared: the world stands still for up to so long while no order comes [s]; 0 for one that
+    /// waits for nobody.
+    pub patience: f64,
     /// Ends by itself this long after the last order [s]; `None` never.
     pub leaves_after: Option<f64>,
 }
@@ -92,6 +95,7 @@ pub struct Emulator<P> {
     readings: Vec<ArmReading>,
     chance: Chance,
     leaves_after: Option<u64>,
+    patience: u64,
     course: Course,
     /// Period of the first and the last order.
     orders: Option<(u64, u64)>,
@@ -123,6 +127,7 @@ impl<P: Port> Emulator<P> {
             readings,
             chance: Chance::new(options.faults, options.seed),
             leaves_after: options.leaves_after.map(|s| (s / PERIOD) as u64),
+            patience: (options.patience / PERIOD) as u64,
             course: Course::default(),
             orders: None,
         };
@@ -167,8 +172,25 @@ impl<P: Port> Emulator<P> {
     ) -> Result<Course, PortFault> {
         let clock = Clock;
         let mut next = clock.now() + PERIOD_NANOS;
+        let mut gave_up_at = None;
         while !stop.load(Ordering::Acquire) {
+            let before = self.course.orders;
             self.serve_until(next);
+            // Whoever has not begun or has left is not waited for.
+            let mut waited = 0;
+            while self.orders.is_some()
+                && waited < self.patience
+                && self.course.orders == before
+                && gave_up_at != Some(before)
+            {
+                next += PERIOD_NANOS;
+                waited += 1;
+                self.serve_until(next);
+            }
+            self.course.stalled += waited;
+            if waited > 0 && self.course.orders == before {
+                gave_up_at = Some(before);
+            }
             self.course.periods += 1;
             self.fail();
             self.period()?;
