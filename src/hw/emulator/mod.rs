@@ -67,6 +67,9 @@ pub struct EmulatorOptions {
     pub leaves_after: Option<f64>,
 }
 
+/// Periods that are made up for at once.
+const MAKES_UP: u64 = 20;
+
 /// How an emulation went.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Course {
@@ -96,6 +99,8 @@ pub struct Emulator<P> {
     chance: Chance,
     leaves_after: Option<u64>,
     patience: u64,
+    /// Orders of the first line, as counted last.
+    rounds: u64,
     course: Course,
     /// Period of the first and the last order.
     orders: Option<(u64, u64)>,
@@ -128,6 +133,7 @@ impl<P: Port> Emulator<P> {
             chance: Chance::new(options.faults, options.seed),
             leaves_after: options.leaves_after.map(|s| (s / PERIOD) as u64),
             patience: (options.patience / PERIOD) as u64,
+            rounds: 0,
             course: Course::default(),
             orders: None,
         };
@@ -188,6 +194,13 @@ impl<P: Port> Emulator<P> {
                 self.serve_until(next);
             }
             self.course.stalled += waited;
+            // It waits for its controller, so it must not lag behind it either: what came while this thread was kept
+            // from running is made up for.
+            let due = if self.patience > 0 { self.rounds() } else { 1 };
+            for _ in 1..due.clamp(1, MAKES_UP) {
+                self.course.periods += 1;
+                self.period()?;
+            }
             if waited > 0 && self.course.orders == before {
                 gave_up_at = Some(before);
             }
@@ -230,6 +243,16 @@ impl<P: Port> Emulator<P> {
                 return;
             }
         }
+    }
+
+    /// Orders that the first line has brought since the last call: as many periods has the controller done.
+    fn rounds(&mut self) -> u64 {
+        let first = self.arms.first().and_then(|arm| {
+            let axis = arm.lines.iter().position(Option::is_some)?;
+            Some(arm.controllers[axis].orders())
+        });
+        let orders = first.unwrap_or_default();
+        orders - std::mem::replace(&mut self.rounds, orders).min(orders)
     }
 
     fn wait(&self, nanos: u64) {

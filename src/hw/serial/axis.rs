@@ -3,6 +3,9 @@
 //! - in: what the servo wants of the axis; the bytes that came, or none
 //! - out: one [`Order`] a period; the axis's reading; an [`AxisFault`] when the line must be given up
 //! - a parameter takes the place of a pulse width for one period and counts as taken when it is answered; three tries
+//! - while answers are missed, the counter is taken to go on as before: an axis that seems to stand still for a period
+//!   and then to go twice as far makes its regulator brake fully in between, which trips a power stage at speed
+//!   (measured: one answer in a thousand missed ended every mission)
 //! - source: the original's rules: three answers missed in a row, or a counter that jumps by more than 1000, are a
 //!   fault; a switch is believed when two answers in a row show it; four answers settle a start.
 //!   Different from the original: a frame has no check sum, so one impossible answer is taken for a spoilt one, like
@@ -106,6 +109,11 @@ pub struct Axis {
     rules: Rules,
     /// Latest believed answer.
     status: Status,
+    /// Counter of that answer, carried on since, and how far it goes in a period.
+    count: i32,
+    step: i32,
+    /// Periods since that answer.
+    since: u32,
     /// Answers taken, as far as they settle the start.
     settled: u32,
     misses: u32,
@@ -127,6 +135,8 @@ pub struct Axis {
     tries: u32,
 }
 
+/// Periods for which a counter goes on as before.
+const GOES_ON: u32 = 8;
 /// Answers that settle a start.
 const SETTLING: u32 = 4;
 
@@ -137,6 +147,9 @@ impl Axis {
         Self {
             rules,
             status: Status::default(),
+            count: 0,
+            step: 0,
+            since: 0,
             settled: 0,
             misses: 0,
             impossible: 0,
@@ -190,6 +203,7 @@ impl Axis {
     pub fn take(&mut self, answer: Option<&[u8; STATUS]>) -> Result<Answer, AxisFault> {
         let Some(bytes) = answer else {
             self.misses += 1;
+            self.carry_on();
             if self.misses >= self.rules.misses {
                 return Err(AxisFault::Silent(self.misses));
             }
@@ -201,11 +215,12 @@ impl Axis {
         let settled = self.settled >= SETTLING;
         let possible = told.filter(|now| {
             !settled
-                || now.count.wrapping_sub(self.status.count).unsigned_abs()
+                || now.count.wrapping_sub(self.count).unsigned_abs()
                     <= self.rules.jump.unsigned_abs()
         });
         let Some(now) = possible else {
             self.impossible += 1;
+            self.carry_on();
             self.count_try()?;
             // A controller that was reset counts from zero and says that it is not synchronised.
             let reset = told.is_some_and(|now| !now.synchronised) && self.was_synchronised;
@@ -224,9 +239,19 @@ impl Axis {
         };
         self.impossible = 0;
         self.settled = self.settled.saturating_add(1);
-        self.status = now;
+        let periods = self.since as i32 + 1;
+        self.step = if settled { now.count.wrapping_sub(self.status.count) / periods } else { 0 };
+        (self.status, self.count, self.since) = (now, now.count, 0);
         self.confirm();
         self.see_flags(&now)
+    }
+
+    /// A period without an answer that counts: the counter goes on as before, for a few periods.
+    pub fn carry_on(&mut self) {
+        self.since += 1;
+        if self.since <= GOES_ON {
+            self.count = self.count.wrapping_add(self.step);
+        }
     }
 
     fn confirm(&mut self) {
@@ -270,10 +295,10 @@ impl Axis {
         Ok(Answer::Taken)
     }
 
-    /// Encoder counter.
+    /// Encoder counter, carried on while answers are missed.
     #[must_use]
     pub fn count(&self) -> i64 {
-        i64::from(self.status.count)
+        i64::from(self.count)
     }
 
     /// Motor current [A].
@@ -387,6 +412,22 @@ mod tests {
     }
 
     #[test]
+    fn a_counter_goes_on_while_answers_are_missed() {
+        let mut axis = running();
+        axis.take(Some(&at(5100).encode())).unwrap();
+        axis.take(Some(&at(5200).encode())).unwrap();
+
+        axis.take(None).unwrap();
+        assert_eq!(axis.count(), 5300);
+        axis.take(Some(b"$1234567")).unwrap();
+        assert_eq!(axis.count(), 5400);
+        axis.take(Some(&at(5503).encode())).unwrap();
+        assert_eq!(axis.count(), 5503);
+        axis.take(None).unwrap();
+        assert_eq!(axis.count(), 5604, "101 a period");
+    }
+
+    #[test]
     fn one_spoilt_answer_is_passed_over_and_a_lasting_jump_is_a_fault() {
         let mut axis = running();
         let jumped = at(5000 + 1001).encode();
@@ -395,7 +436,7 @@ mod tests {
         assert_eq!(axis.count(), 5000);
         assert_eq!(axis.take(Some(&at(5100).encode())), Ok(Answer::Taken));
         assert_eq!(axis.take(Some(b"$1234567")), Ok(Answer::Impossible(1)));
-        assert_eq!(axis.take(Some(&jumped)), Ok(Answer::Taken), "901 further is possible");
+        assert_eq!(axis.take(Some(&jumped)), Ok(Answer::Taken), "801 further is possible");
         for _ in 0..2 {
             assert!(matches!(axis.take(Some(&at(0).encode())), Ok(Answer::Impossible(_))));
         }

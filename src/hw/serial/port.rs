@@ -163,7 +163,8 @@ impl SerialPort {
     fn wait_for_all(&mut self, period: u64) -> Result<(), PortFault> {
         self.all_missed += 1;
         if self.all_missed < ALL_MISSED {
-            for effector in 0..self.arms.len() {
+            for (effector, arm) in self.arms.iter_mut().enumerate() {
+                arm.axes.iter_mut().for_each(Axis::carry_on);
                 self.notes.tell(period, effector, What::MissedAll);
             }
             return Ok(());
