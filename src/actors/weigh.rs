@@ -16,13 +16,15 @@ use crate::motion::{ArmState, JointPositions, Motion, MoveCommand, MoveRefused, 
 use crate::scenario::Scenario;
 use crate::scenario::keys::Pace;
 use crate::servo::weigh::{Sample, Weighed, weigh};
-use crate::servo::{ServoCommand, ServoConfig};
+use crate::servo::{ArmServo, ServoCommand, ServoConfig};
 use crate::spatial::Wrench;
 use std::sync::Arc;
 use tokio::sync::watch;
 
-/// Speed of the fastest joint [rad/s].
-const SPEED: f64 = 0.35;
+/// Mean speed of the fastest joint [rad/s].
+const SPEED: f64 = 0.3;
+/// Periods of a step on the way.
+const STEP: u32 = 20;
 /// Time that the arm stands before it is listened to, and is listened to [s].
 const SETTLES: f64 = 0.8;
 const LISTENS: f64 = 0.6;
@@ -152,7 +154,7 @@ impl Scale {
     fn run(&mut self, arm: usize, command: ServoCommand) -> Result<(), Error> {
         let ticket =
             self.links[arm].send(command).map_err(|e| not_created("servo", &e.to_string()))?;
-        while !self.links[arm].is_done(ticket, 0) {
+        while !self.links[arm].is_done(ticket, ArmServo::EARLY) {
             self.step()?;
             self.check(arm)?;
         }
@@ -172,13 +174,23 @@ impl Scale {
         Ok(())
     }
 
+    /// Goes there in short steps, slowly at both ends.
     fn go(&mut self, arm: usize, joints: &JointPositions) -> Result<(), Error> {
-        let from = self.state(arm).desired_joints;
-        let way = joints.0.iter().zip(from.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        let periods = ((way / SPEED / PERIOD) as u32).max(50);
-        let motion = Motion::Joints(*joints);
-        let command = MoveCommand { motion, periods, jaw: None };
-        self.run(arm, ServoCommand::Move { command, start: 0 })
+        let from = self.state(arm).desired_joints.0;
+        let way = joints.0.iter().zip(from).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let steps = ((way / SPEED / PERIOD) as u32 / STEP).max(5);
+        for step in 1..=steps {
+            let share =
+                0.5 - 0.5 * (std::f64::consts::PI * f64::from(step) / f64::from(steps)).cos();
+            let at = std::array::from_fn(|i| from[i] + share * (joints.0[i] - from[i]));
+            let command = MoveCommand {
+                motion: Motion::Joints(JointPositions(at)),
+                periods: STEP,
+                jaw: None,
+            };
+            self.run(arm, ServoCommand::Move { command, start: 0 })?;
+        }
+        Ok(())
     }
 
     fn listen(&mut self, arm: usize, model: &ArmModel) -> Result<Sample, Error> {

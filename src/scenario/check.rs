@@ -598,12 +598,14 @@ mod tests {
     }
 
     #[test]
-    fn a_bridge_that_is_not_there_yet_is_refused_with_the_reason() {
+    fn hardware_is_refused_under_the_virtual_clock_with_the_way_out() {
         let told = faults("[bridge]\nkind = \"serial\"\n", &[]);
 
         assert!(
-            told.contains("t.toml:2:8: `bridge.kind`: \"serial\" comes with the real-time work")
+            told.contains("t.toml:2:8: `bridge.kind`: \"serial\" is driven by the wall clock only"),
+            "{told}"
         );
+        assert!(told.contains("--pace real-time"), "{told}");
     }
 
     #[test]

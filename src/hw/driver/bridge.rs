@@ -113,8 +113,17 @@ impl<P: Port + 'static> Bridge<P> {
         };
         let thread = std::thread::Builder::new().name("bridge".into()).spawn(work)?;
         let bridge = thread.thread().clone();
-        let port =
-            BridgePort { drives, readings, broken, bridge, late: 0, late_in_a_row: 0, seen: start, steps: [[0; AXES + 1]; MOST], length };
+        let port = BridgePort {
+            drives,
+            readings,
+            broken,
+            bridge,
+            late: 0,
+            late_in_a_row: 0,
+            seen: start,
+            steps: [[0; AXES + 1]; MOST],
+            length,
+        };
         Ok((Self { thread }, port))
     }
 

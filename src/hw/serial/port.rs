@@ -259,6 +259,10 @@ impl Port for SerialPort {
         }
         for (effector, (arm, reading)) in self.arms.iter_mut().zip(readings).enumerate() {
             hand_over(&arm.axes, arm.lines[0].is_some(), reading);
+            // Where nothing at all gets through, its silence is not the sensor's: the last wrench holds meanwhile.
+            if self.all_missed > 0 {
+                continue;
+            }
             reading.wrench_on_sensor = arm.force.read(period, effector, &mut self.notes);
         }
         Ok(())
