@@ -243,7 +243,8 @@ mod tests {
             assert!((found.weight - sensor.weight).abs() < 0.02, "{found:?} {sensor:?}");
             let off = (found.centre_in_flange - sensor.centre_in_flange).norm();
             assert!(off < 1e-3, "{off}: {found:?} {sensor:?}");
-            assert!(found.largest_residual.0 < 0.1, "{found:?}");
+            // The plant's base leans by up to 1 deg against the belief: 0.2 N of 11 N that no weight explains.
+            assert!(found.largest_residual.0 < 0.3, "{found:?}");
         }
     }
 }
