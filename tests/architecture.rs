@@ -49,6 +49,8 @@ const MAY_USE_THE_PLANT: &[&str] = &[
     "actors/plant.rs",
     "actors/supervisor.rs",
     "actors/calibrate.rs",
+    "actors/emulate.rs",
+    "actors/world.rs",
     "cli/look.rs",
     "cli/frames.rs",
 ];

@@ -99,7 +99,7 @@ fn a_missing_file_an_impossible_cube_and_wrong_usage_exit_with_2() {
         (&["run", "scenarios/solve.toml", "--cube", flipped], "--cube"),
         (&["run", "scenarios/solve.toml", "--seed", "many"], "--seed"),
         (&["run", "scenarios/solve.toml", "--set", "seed"], "has no `=`"),
-        (&["run", "scenarios/solve.toml", "--set", "bridge.kind=isa"], "real-time work"),
+        (&["run", "scenarios/solve.toml", "--set", "bridge.kind=isa"], "wall clock only"),
         (&["run"], "Usage"),
         (&["rnu"], "unrecognized subcommand"),
         (&["keys", "nosuch"], "no key"),

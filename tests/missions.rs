@@ -26,8 +26,9 @@ fn a_face_turns_by_90_degrees_and_below_20_newtons() {
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert!((summary.turned_deg.unwrap() - 90.0).abs() < 5.0);
-    assert!(summary.peak_force_n > 0.0 && summary.peak_force_n < 20.0, "{}", summary.peak_force_n);
-    assert_eq!((summary.jams, summary.slips, summary.drops), (0, 0, 0));
+    let peak = summary.peak_force_n.unwrap();
+    assert!(peak > 0.0 && peak < 20.0, "{peak}");
+    assert_eq!((summary.jams, summary.slips, summary.drops), (Some(0), Some(0), Some(0)));
     assert_eq!(summary.exit_code(), 0);
     assert_ne!(summary.cube_start, summary.cube_end);
 }
@@ -37,11 +38,13 @@ fn solves(keys: &[&str]) {
     let summary = run("solve.toml", keys);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
-    assert_eq!(summary.identified.as_deref(), Some(summary.cube_start.as_str()));
-    assert_eq!(summary.cube_end, "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB");
+    assert_eq!(summary.identified, summary.cube_start);
+    let solved = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
+    assert_eq!(summary.cube_end.as_deref(), Some(solved));
     assert_ne!(summary.cube_start, summary.cube_end);
-    assert_eq!((summary.jams, summary.drops), (0, 0));
-    assert!(summary.peak_force_n > 1.0 && summary.peak_force_n < 20.0, "{}", summary.peak_force_n);
+    assert_eq!((summary.jams, summary.drops), (Some(0), Some(0)));
+    let peak = summary.peak_force_n.unwrap();
+    assert!(peak > 1.0 && peak < 20.0, "{peak}");
     assert!(summary.turns as usize == summary.executed.split_whitespace().count());
     assert!(summary.grasps < summary.turns && summary.sim_time_s < 900.0);
 }
@@ -61,10 +64,10 @@ fn is_spoilt(keys: &[&str]) -> Summary {
     let summary = run("face_turn.toml", keys);
     assert_ne!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert_ne!(summary.exit_code(), 0);
-    let broken = summary.peak_force_n > 20.0
-        || summary.jams > 0
-        || summary.slips > 0
-        || summary.sensors.iter().any(|s| s.force_n > 20.0 || s.torque_nm > 4.5);
+    let broken = summary.peak_force_n > Some(20.0)
+        || summary.jams > Some(0)
+        || summary.slips > Some(0)
+        || summary.sensors.iter().any(|s| s.force_n > Some(20.0) || s.torque_nm > Some(4.5));
     assert!(broken, "nothing in the plant shows the cause: {}", summary.table());
     summary
 }
@@ -93,7 +96,8 @@ fn a_weak_grip_slips() {
     let summary = is_spoilt(&["control.grip_n=5"]);
     assert!(summary.reason.contains("slip"), "{}", summary.reason);
     // The hand turned and the layer did not: by definition that is a jam, too.
-    assert!(summary.slips > 0 && summary.jams == 1, "{} {}", summary.slips, summary.jams);
+    let counts = (summary.slips, summary.jams);
+    assert!(counts.0 > Some(0) && counts.1 == Some(1), "{counts:?}");
     assert!(summary.turned_deg.unwrap().abs() < 3.0);
 }
 
@@ -143,7 +147,7 @@ fn the_cube_is_taken_from_the_hand_and_given_back() {
     let summary = run("acquire.toml", &["plant.hand.withdrawals=0"]);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
-    assert_eq!(summary.drops, 0);
+    assert_eq!(summary.drops, Some(0));
     assert_eq!(summary.cube_start, summary.cube_end);
 }
 
@@ -156,7 +160,7 @@ fn a_hand_that_holds_on_is_waited_for_and_not_pulled_at() {
         let summary = run("acquire.toml", &keys);
 
         assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
-        let felt = summary.sensors[0].force_n;
+        let felt = summary.sensors[0].force_n.unwrap();
         assert!(felt < 12.0, "{felt} N at the operator's hand");
     }
 }
@@ -219,6 +223,6 @@ fn a_run_that_cannot_start_still_prints_a_whole_summary() {
     let summary: Summary = serde_json::from_str(printed.lines().last().unwrap()).unwrap();
     assert_eq!(summary.outcome, Outcome::Aborted);
     assert!(summary.reason.contains("both hands can hold"), "{}", summary.reason);
-    assert_eq!((summary.peak_force_n, summary.peak_torque_nm), (0.0, 0.0));
-    assert_eq!(summary.cube_start.len(), 54);
+    assert_eq!((summary.peak_force_n, summary.peak_torque_nm), (Some(0.0), Some(0.0)));
+    assert_eq!(summary.cube_start.unwrap().len(), 54);
 }

@@ -9,6 +9,7 @@ pub mod clock;
 pub mod control;
 pub mod ecp;
 pub mod edp;
+pub mod emulate;
 mod interrupt;
 pub mod meetings;
 pub mod move_instruction;
@@ -17,8 +18,10 @@ mod plant;
 pub mod supervisor;
 pub mod ui;
 pub mod vsp;
+pub mod weigh;
 pub mod witness;
 pub mod work;
+mod world;
 
 pub use build::planner;
 pub use supervisor::{RunOptions, run};

@@ -4,9 +4,11 @@
 
 use super::build::{FaceTurnStart, meeting_place};
 use crate::cell::Cell;
+use crate::hw::emulator::{LineFaults, Wired};
 use crate::hw::plant::render::{Look, Renderer, Setting};
 use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
 use crate::hw::plant::{CubeMechanics, HandScript, Jaws, Plant, PlantConfig, SensorNoise, Start};
+use crate::hw::serial::axis::Rules;
 use crate::motion::JointPositions;
 use crate::reach::MeetingTable;
 use crate::scenario::Scenario;
@@ -139,6 +141,21 @@ fn config(
     };
     config.facelets = *scenario.cube().colours();
     config
+}
+
+/// Puts a plant behind the serial protocol.
+pub(super) fn wired(scenario: &Scenario, plant: Plant) -> Wired<Plant> {
+    let keys = &scenario.plant.keys.lines;
+    let faults = LineFaults {
+        missed: keys.missed,
+        corrupt: keys.corrupt,
+        lost: keys.lost,
+        ..LineFaults::default()
+    };
+    let rules = Rules { misses: scenario.bridge.missed_answers, ..Rules::default() };
+    let arms = plant.cell().arms.iter().map(|arm| (arm.model.has_track, arm.sensor.range));
+    let arms: Vec<_> = arms.collect();
+    Wired::new(plant, arms, rules, faults, scenario.seed)
 }
 
 /// Both arms stand where the hands meet, the track's drawn back.

@@ -1,7 +1,7 @@
 //! The supervisor: creates ports, servos and actors from a scenario, runs the task, and sums up.
 //!
-//! It is the one place that sees both halves of a scenario: it hands the controller's to the actors and the plant's
-//! to the plant, and takes the verdict from the plant.
+//! It hands the controller's half of a scenario to the actors, and takes the verdict from the [`world`](super::world),
+//! where that knows one.
 
 use super::build;
 use super::clock::Clock;
@@ -12,30 +12,28 @@ use super::ui;
 use super::vsp::{self, VspHandle};
 use super::witness::{Turning, Witness};
 use super::work::Work;
+use super::world::{Cameras, World};
 use super::{ecp, edp};
 use crate::cube::{Facelets, format_turns};
 use crate::error::{Error, Fatal, System};
 use crate::generators::Behaviour;
-use crate::hw::camera::FrameSource;
 use crate::hw::driver::{self, Core, ServoLink, ServoRecord, Switches, WallEnd};
-use crate::hw::folder::FolderCamera;
-use crate::hw::plant::render::PlantCamera;
+use crate::hw::note::{self, Note};
 use crate::hw::plant::{Plant, Verdict};
-use crate::hw::scene::Scene;
 use crate::motion::PERIOD;
 use crate::reach::{MeetingTable, ReachSettings};
 use crate::record::summary::{EndedBy, Outcome, Phase, SensorPeak, Summary};
 use crate::record::tape::Tape;
-use crate::scenario::keys::{self, BridgeKind, Pace};
+use crate::scenario::keys::{self, Pace};
 use crate::scenario::lists::VspKind;
-use crate::scenario::{CameraSource, ControllerConfig, Owner, Scenario};
+use crate::scenario::{ControllerConfig, Owner, Scenario};
 use crate::servo::period::Length;
 use crate::servo::{ForceSettings, ServoCommand, ServoConfig};
 use crate::tasks::cube::hold::Hand;
 use crate::tasks::cube::mission::{Goal, Mission, MissionLog};
 use crate::tasks::idle::Idle;
 use crate::tasks::{Effort, Forces};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
@@ -71,12 +69,6 @@ const HEART_BEAT: Duration = Duration::from_millis(20);
 /// # Errors
 /// When it could not be performed at all; an error in mid-run is part of the summary.
 pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
-    if scenario.bridge.kind != BridgeKind::Plant {
-        return Err(not_created(
-            "bridge",
-            "only the simulated plant is connected so far: bridge.kind = \"plant\"",
-        ));
-    }
     let begun = Instant::now();
     let initial = if options.wait { Control::Waiting } else { Control::Running };
     let control = Arc::new(watch::channel(initial).0);
@@ -85,24 +77,23 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
         .then(|| Interrupt::listen(Arc::clone(&control)))
         .transpose()
         .map_err(|e| not_created("interrupt", &e.to_string()))?;
-    let meetings = (scenario.controller.cell.arms.len() == 2)
-        .then(|| super::meetings::of(&scenario.controller.cell, &ReachSettings::default()));
-    let face_turn = (scenario.controller.task == keys::Task::FaceTurn)
-        .then(|| {
-            let meetings = meetings.as_ref().ok_or("both arms are needed".to_owned())?;
-            build::face_turn_start(meetings, scenario.controller.face_turn.angle)
-        })
-        .transpose()
-        .map_err(|why| not_created("task", &why))?;
-    let (face_turn, angle) = face_turn.map_or((None, 0.0), |(start, angle)| (Some(start), angle));
-    let goal = build::goal(&scenario.controller, angle);
-    let plant = super::plant::create(scenario, meetings.as_ref(), face_turn.as_ref())
-        .map_err(|why| not_created("plant", &why))?;
+    let plan = Plan::of(scenario)?;
+    let goal = build::goal(&scenario.controller, plan.angle);
+    let mut noted = None;
+    let (world, cameras) = if scenario.bridge.kind.is_hardware() {
+        let (world, cameras, notes) = World::of_hardware(scenario, &control)?;
+        noted = notes;
+        (world, cameras)
+    } else {
+        World::of_plant(scenario, plan.plant(scenario)?, &control)?
+    };
     let mut builder = tokio::runtime::Builder::new_current_thread();
     builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
     let runtime = builder.build().map_err(|e| not_created("runtime", &e.to_string()))?;
+    let teller = noted.map(|noted| Teller::start(noted, &scenario.controller));
     let done =
-        runtime.block_on(perform(scenario, options, &control, plant, goal, meetings, face_turn))?;
+        runtime.block_on(perform(scenario, options, &control, (world, cameras), goal, plan))?;
+    drop(teller);
     let mut summary = summary(scenario, goal, &done, begun.elapsed().as_secs_f64());
     if summary.ended_by == EndedBy::Operator && interrupt.is_some_and(|i| i.came()) {
         summary.ended_by = EndedBy::Interrupt;
@@ -111,7 +102,74 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
     Ok(summary)
 }
 
-fn not_created(who: &str, why: &str) -> Error {
+/// Where the arms can meet, and how a face turn begins: from the belief alone.
+pub(super) struct Plan {
+    meetings: Option<MeetingTable>,
+    face_turn: Option<build::FaceTurnStart>,
+    angle: f64,
+}
+
+impl Plan {
+    pub(super) fn of(scenario: &Scenario) -> Result<Self, Error> {
+        let config = &scenario.controller;
+        let meetings = (config.cell.arms.len() == 2)
+            .then(|| super::meetings::of(&config.cell, &ReachSettings::default()));
+        let face_turn = (config.task == keys::Task::FaceTurn)
+            .then(|| {
+                let meetings = meetings.as_ref().ok_or("both arms are needed".to_owned())?;
+                build::face_turn_start(meetings, config.face_turn.angle)
+            })
+            .transpose()
+            .map_err(|why| not_created("task", &why))?;
+        let (face_turn, angle) =
+            face_turn.map_or((None, 0.0), |(start, angle)| (Some(start), angle));
+        Ok(Self { meetings, face_turn, angle })
+    }
+
+    /// The plant that such a run begins in.
+    pub(super) fn plant(&self, scenario: &Scenario) -> Result<Plant, Error> {
+        super::plant::create(scenario, self.meetings.as_ref(), self.face_turn.as_ref())
+            .map_err(|why| not_created("plant", &why))
+    }
+}
+
+/// Puts into the log what a bridge notices, once a second.
+struct Teller {
+    stop: Arc<AtomicBool>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Teller {
+    fn start(mut noted: rtrb::Consumer<Note>, config: &ControllerConfig) -> Self {
+        let names: Vec<_> = config.cell.arms.iter().map(|arm| arm.name.clone()).collect();
+        let stop = Arc::new(AtomicBool::new(false));
+        let ends = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let mut last = false;
+            while !last {
+                last = ends.load(Ordering::Acquire);
+                for sentence in note::sentences(&mut noted, &names) {
+                    tracing::warn!("{sentence}");
+                }
+                std::thread::park_timeout(Duration::from_secs(u64::from(!last)));
+            }
+        });
+        Self { stop, thread: Some(thread) }
+    }
+}
+
+impl Drop for Teller {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            thread.thread().unpark();
+            // Its own message has told of a panic.
+            let _ = thread.join();
+        }
+    }
+}
+
+pub(super) fn not_created(who: &str, why: &str) -> Error {
     let cause = System::NotCreated { who: who.into(), why: why.into() };
     Error::System { actor: "supervisor".into(), place: "create", cause }
 }
@@ -120,12 +178,18 @@ fn not_created(who: &str, why: &str) -> Error {
 struct Done {
     ending: mp::Ending,
     task: MissionLog,
-    start: Facelets,
-    verdict: Verdict,
-    jams: u32,
+    /// Of a plant: the cube at the beginning, what happened to it, jams. Nobody knows them of hardware.
+    truth: Option<Truth>,
     /// When MP's work ended.
     ended: Instant,
     hash: String,
+}
+
+/// What a plant knows at the end.
+struct Truth {
+    start: Facelets,
+    verdict: Verdict,
+    jams: u32,
 }
 
 /// Whichever task MP performs.
@@ -149,21 +213,23 @@ fn cube_kernel(
 
 /// Whichever driver of time runs the servos.
 enum Driver {
-    Virtual(tokio::task::JoinHandle<(Plant, Result<u64, crate::hw::port::PortFault>)>),
-    Wall(driver::Wall<Plant>, std::thread::JoinHandle<()>),
+    Virtual(tokio::task::JoinHandle<(World, Result<u64, crate::hw::port::PortFault>)>),
+    Wall(driver::Wall<World>, std::thread::JoinHandle<()>),
 }
 
 async fn perform(
     scenario: &Scenario,
     options: RunOptions,
     control: &Arc<watch::Sender<Control>>,
-    mut plant: Plant,
+    (mut world, mut cameras): (World, Cameras),
     goal: Option<Goal>,
-    meetings: Option<MeetingTable>,
-    face_turn: Option<build::FaceTurnStart>,
+    plan: Plan,
 ) -> Result<Done, Error> {
     let config = &scenario.controller;
-    let start = Facelets::try_from(plant.verdict().facelets)
+    let start = world
+        .verdict()
+        .map(|verdict| Facelets::try_from(verdict.facelets))
+        .transpose()
         .map_err(|e| not_created("plant", &e.to_string()))?;
     let tape = Tape::default();
     let mut will = control.subscribe();
@@ -174,26 +240,6 @@ async fn perform(
     // Before the start there is no time: a run does not depend on when it was started.
     if will.wait_for(|will| *will != Control::Waiting).await.is_err() {
         return Err(not_created("control", "nobody is left to start the run"));
-    }
-
-    // Scenes: one channel for each rendered camera.
-    let mut inputs = Vec::new();
-    let mut cameras = Vec::new();
-    for (index, source) in config.cameras.iter().enumerate() {
-        let source: Box<dyn FrameSource> = match source {
-            CameraSource::Renderer => {
-                let (input, output) = triple_buffer::triple_buffer(&plant.scene());
-                inputs.push(input);
-                let renderer = super::plant::renderer(scenario, &plant, index)
-                    .ok_or_else(|| not_created("camera", "the plant has no such camera"))?;
-                Box::new(PlantCamera::new(renderer, output))
-            }
-            CameraSource::Folder(folder) => Box::new(
-                FolderCamera::open(&config.cell.cameras[index].name, folder)
-                    .map_err(|e| not_created("camera", &e.to_string()))?,
-            ),
-        };
-        cameras.push(Some(source));
     }
 
     // Servos and their driver.
@@ -224,43 +270,35 @@ async fn perform(
     let turning = Turning::default();
     let witness = Arc::new(Mutex::new(Witness::new(turning.clone(), control.subscribe())));
     let seeing = Arc::clone(&witness);
-    // Nobody else takes the lock before the end.
-    let witness_period = move |period: u64, plant: &Plant| {
-        seeing
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .look(length.tick(period), plant.turned());
-    };
-    let publish = move |inputs: &mut Vec<triple_buffer::Input<Scene>>, plant: &Plant| {
-        let scene = plant.scene();
-        for input in inputs {
-            input.write(scene);
-        }
+    let observe = move |period: u64, world: &mut World| {
+        let Some(turned) = world.show() else { return };
+        // Nobody else takes the lock before the end.
+        let tick = length.tick(period);
+        seeing.lock().unwrap_or_else(PoisonError::into_inner).look(tick, turned);
     };
     let clock = Clock::new(tokio::time::Instant::now());
     let synchronised: Vec<bool>;
     let driver = match scenario.pace {
         Pace::Virtual => {
             let mut core =
-                Core::new(configs, ends, Arc::clone(&switches), Box::new(tape.clone()), &mut plant)
+                Core::new(configs, ends, Arc::clone(&switches), Box::new(tape.clone()), &mut world)
                     .map_err(|e| not_created("servo", &e.to_string()))?;
             synchronised = core.synchronised().collect();
             Driver::Virtual(tokio::spawn(async move {
-                let result = driver::run_virtual(&mut core, &mut plant, |period, plant| {
+                let result = driver::run_virtual(&mut core, &mut world, |period, world| {
                     if period % 50 == 0
                         && tracing::enabled!(target: "rubik_robot::truth", tracing::Level::TRACE)
                     {
-                        trace_truth(period, plant);
+                        world.trace(period);
                     }
-                    publish(&mut inputs, plant);
-                    witness_period(period, plant);
+                    observe(period, world);
                     if *paused.borrow() == Control::Paused {
                         // While the operator pauses, the cell goes on in real time, not as fast as it computes.
                         std::thread::sleep(Duration::from_secs_f64(PERIOD));
                     }
                 })
                 .await;
-                (plant, result)
+                (world, result)
             }))
         }
         Pace::RealTime => {
@@ -268,7 +306,7 @@ async fn perform(
             let (records, mut written) =
                 rtrb::RingBuffer::<ServoRecord>::new(512 * configs.len().max(1));
             let core =
-                Core::new(configs, ends, Arc::clone(&switches), Box::new(records), &mut plant)
+                Core::new(configs, ends, Arc::clone(&switches), Box::new(records), &mut world)
                     .map_err(|e| not_created("servo", &e.to_string()))?;
             synchronised = core.synchronised().collect();
             let sink = tape.clone();
@@ -280,11 +318,7 @@ async fn perform(
                     std::thread::sleep(Duration::from_millis(20));
                 }
             });
-            let hook = move |period, plant: &mut Plant| {
-                publish(&mut inputs, plant);
-                witness_period(period, plant);
-            };
-            let wall = driver::spawn_wall(core, plant, hook, build::wall(scenario, options))
+            let wall = driver::spawn_wall(core, world, observe, build::wall(scenario, options))
                 .map_err(|e| not_created("servo thread", &e.to_string()))?;
             for warning in &wall.warnings {
                 tracing::warn!("not real time: {warning}; `rubik-robot doctor` says what helps");
@@ -394,7 +428,9 @@ async fn perform(
     }
     let mut kernel = match goal {
         None => Kernel::Idle(Idle::new(config.idle.time)),
-        Some(goal) => Kernel::Cube(Box::new(cube_kernel(config, goal, meetings, face_turn)?)),
+        Some(goal) => {
+            Kernel::Cube(Box::new(cube_kernel(config, goal, plan.meetings, plan.face_turn)?))
+        }
     };
     let mp = Mp::new(mp::Parts {
         turning,
@@ -425,10 +461,10 @@ async fn perform(
         tokio::time::sleep(Duration::from_secs_f64(WITHDRAWAL)).await;
     }
     switches.stop.store(true, Ordering::Release);
-    let (plant, fault) = match driver {
+    let (world, fault) = match driver {
         Driver::Virtual(servo) => {
-            let (plant, result) = servo.await.map_err(|e| not_created("servo", &e.to_string()))?;
-            (plant, result.err())
+            let (world, result) = servo.await.map_err(|e| not_created("servo", &e.to_string()))?;
+            (world, result.err())
         }
         Driver::Wall(wall, writer) => {
             let WallEnd { port, fault, timing } = wall.stop();
@@ -440,42 +476,16 @@ async fn perform(
             (port.ok_or_else(|| not_created("bridge", "its thread died"))?, fault)
         }
     };
-    let scene = plant.scene();
-    let tools = scene.arms.map(|a| a.world_from_tool);
-    tracing::debug!(verdict = ?plant.verdict(), ?tools, "plant at the end");
+    let verdict = world.verdict();
+    tracing::debug!(?verdict, "world at the end");
     let mut ending = ending;
     if let Some(fault) = fault {
         let cause = Fatal::Bridge(fault.to_string());
         ending.error = Some(Error::Fatal { actor: "supervisor".into(), place: "servo", cause });
     }
     let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
-    Ok(Done { ending, task: log, start, verdict: plant.verdict(), jams, ended, hash: tape.hash() })
-}
-
-/// The plant's truth for whoever debugs a controller: `RUST_LOG=rubik_robot::truth=trace`.
-fn trace_truth(period: u64, plant: &Plant) {
-    let scene = plant.scene();
-    let verdict = plant.verdict();
-    let cube = scene.cube.world_from_cube;
-    let in_tool = |arm: usize| {
-        let tool_from_cube = scene.arms[arm].world_from_tool.inverse() * cube;
-        let mm = tool_from_cube.translation.vector * 1e3;
-        format!("{:.2} {:.2} {:.2} gap {:.2}", mm.x, mm.y, mm.z, scene.arms[arm].opening * 1e3)
-    };
-    let angles = verdict.layer_angles.map(f64::to_degrees);
-    tracing::trace!(
-        target: "rubik_robot::truth",
-        "{:.1} s: track {}; postument {}; {:?} layers {:.1} {:.1} deg; {:?}; force {:.1} {:.1}",
-        period as f64 * PERIOD,
-        in_tool(0),
-        in_tool(1),
-        verdict.turning,
-        angles[0],
-        angles[1],
-        verdict.cube,
-        verdict.arm_peak_force[0],
-        verdict.arm_peak_force[1],
-    );
+    let truth = start.zip(verdict).map(|(start, verdict)| Truth { start, verdict, jams });
+    Ok(Done { ending, task: log, truth, ended, hash: tape.hash() })
 }
 
 fn periods(seconds: f64) -> u64 {
@@ -512,16 +522,17 @@ impl Sensors {
 }
 
 fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f64) -> Summary {
-    let verdict = &done.verdict;
+    let truth = done.truth.as_ref();
+    let verdict = truth.map(|truth| &truth.verdict);
     let ending = &done.ending;
-    let end = Facelets::try_from(verdict.facelets).unwrap_or(done.start);
+    let end = truth.map(|t| Facelets::try_from(t.verdict.facelets).unwrap_or(t.start));
     let turned_deg = match goal {
         // The turner holds the upper layer: clockwise seen from outside is negative about +z, and `turned` is the
         // body's part against the turner's. Positive is the asked sense.
-        Some(Goal::FaceTurn(angle)) => Some(verdict.turned.to_degrees() * angle.signum()),
+        Some(Goal::FaceTurn(angle)) => verdict.map(|v| v.turned.to_degrees() * angle.signum()),
         Some(Goal::Solve | Goal::Acquire) | None => None,
     };
-    let (outcome, reason, ended_by) = verdict_of(goal, done, &end, turned_deg);
+    let (outcome, reason, ended_by) = verdict_of(goal, done, end.as_ref(), turned_deg);
     let ends = ending.phases.iter().skip(1).map(|p| (p.1, p.2)).chain([(ending.end, done.ended)]);
     let phases = ending
         .phases
@@ -533,14 +544,15 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
             wall_time_s: ended.duration_since(*began).as_secs_f64(),
         })
         .collect();
+    let counts = verdict.map(|v| v.counts);
     Summary {
         outcome,
         reason,
         ended_by,
         task: scenario.controller.task.word().to_owned(),
         seed: scenario.seed,
-        cube_start: done.start.to_string(),
-        cube_end: end.to_string(),
+        cube_start: truth.map(|t| t.start.to_string()),
+        cube_end: end.map(|end| end.to_string()),
         identified: done.task.identified.clone(),
         solution: done.task.identified.as_ref().map(|_| format_turns(&done.task.solution)),
         executed: format_turns(&done.task.executed),
@@ -548,34 +560,35 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
         grasps: done.task.grasps,
         sim_time_s: ending.end,
         wall_time_s,
-        peak_force_n: verdict.peak_force,
-        peak_torque_nm: verdict.peak_torque,
+        peak_force_n: verdict.map(|v| v.peak_force),
+        peak_torque_nm: verdict.map(|v| v.peak_torque),
         sensors: (0..scenario.controller.cell.arms.len().min(2))
             .map(|i| SensorPeak {
                 effector: scenario.controller.cell.arms[i].name.clone(),
-                force_n: verdict.arm_peak_force[i],
-                torque_nm: verdict.arm_peak_torque[i],
+                force_n: verdict.map(|v| v.arm_peak_force[i]),
+                torque_nm: verdict.map(|v| v.arm_peak_torque[i]),
                 felt_force_n: ending.felt.arms[i].peak_force,
                 felt_torque_nm: ending.felt.arms[i].peak_torque,
             })
             .collect(),
-        jams: done.jams,
-        slips: verdict.counts.slips,
-        drops: verdict.counts.drops,
-        pops: verdict.counts.pops,
-        crushed: verdict.counts.crushed,
-        collisions: verdict.counts.collisions,
+        jams: truth.map(|t| t.jams),
+        slips: counts.map(|c| c.slips),
+        drops: counts.map(|c| c.drops),
+        pops: counts.map(|c| c.pops),
+        crushed: counts.map(|c| c.crushed),
+        collisions: counts.map(|c| c.collisions),
         turned_deg,
         phases,
         hash: done.hash.clone(),
     }
 }
 
-/// The verdict: what was asked must be so in the plant, whatever the controller believes.
+/// The verdict: what was asked must be so in the plant, whatever the controller believes. Of hardware there is only
+/// the controller's word.
 fn verdict_of(
     goal: Option<Goal>,
     done: &Done,
-    end: &Facelets,
+    end: Option<&Facelets>,
     turned_deg: Option<f64>,
 ) -> (Outcome, String, EndedBy) {
     let ending = &done.ending;
@@ -587,7 +600,11 @@ fn verdict_of(
     let Some(finish) = &ending.finish else {
         return (Outcome::Aborted, "terminated by the operator".into(), EndedBy::Operator);
     };
-    let verdict = &done.verdict;
+    let (Some(Truth { verdict, jams, .. }), Some(end)) = (&done.truth, end) else {
+        let outcome = if finish.achieved { Outcome::Solved } else { Outcome::Failed };
+        let reason = format!("{}, by the controller's own account", finish.reason);
+        return (outcome, reason, EndedBy::Task);
+    };
     let (right, truth) = match goal {
         None => (true, finish.reason.clone()),
         Some(Goal::Solve) => {
@@ -597,7 +614,7 @@ fn verdict_of(
         Some(Goal::FaceTurn(angle)) => {
             let turned = turned_deg.unwrap_or(0.0);
             let gentle = verdict.peak_force < EXCESSIVE;
-            let right = (turned - angle.abs().to_degrees()).abs() < 5.0 && done.jams == 0 && gentle;
+            let right = (turned - angle.abs().to_degrees()).abs() < 5.0 && *jams == 0 && gentle;
             let force = if gentle { "" } else { ", with excessive force" };
             let slip = if verdict.counts.slips > 0 { ", and a grip slipped" } else { "" };
             (

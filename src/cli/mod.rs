@@ -6,6 +6,7 @@
 mod calibrate;
 pub mod cubes;
 mod doctor;
+mod emulate;
 mod engine;
 pub mod evaluate;
 mod frames;
@@ -21,6 +22,7 @@ mod solve;
 pub mod stages;
 mod tables;
 pub mod vision;
+mod weigh;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::io::Write;
@@ -62,6 +64,10 @@ struct Cli {
 enum Command {
     /// Perform a scenario and print what it came to
     Run(run::RunArgs),
+    /// Stand in for a robot: the cell of a scenario behind serial lines, datagrams and sockets
+    Emulate(emulate::EmulateArgs),
+    /// Find the weight of a tool, its centre and the force sensor's bias, from several orientations
+    Weigh(weigh::WeighArgs),
     /// Say everything that is wrong with a scenario, without running it
     #[command(after_help = "\
 Examples:
@@ -209,6 +215,8 @@ pub fn main() -> ExitCode {
     let mut output = Output::stdout();
     let done = match cli.command {
         Command::Run(args) => run::run(&args, &mut output),
+        Command::Emulate(args) => emulate::run(&args, &mut output),
+        Command::Weigh(args) => weigh::run(&args, &mut output),
         Command::Check(args) => check(&args, &mut output),
         Command::Keys { word } => keys(word.as_deref(), &mut output),
         Command::Kinematics(args) => rows(&args, &mut output),

@@ -103,10 +103,11 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
                 Error::Fatal { .. } => EndedBy::Fatal,
                 Error::System { .. } => EndedBy::System,
             };
+            let truth = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
             let summary = Summary::not_started(
                 scenario.controller.task.word(),
                 scenario.seed,
-                &scenario.cube().to_string(),
+                truth.as_deref(),
                 &error.to_string(),
                 ended_by,
             );

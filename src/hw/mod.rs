@@ -3,8 +3,15 @@
 //! Nothing here names an actor or a task.
 
 pub mod camera;
+pub mod devices;
 pub mod driver;
+pub mod emulator;
 pub mod folder;
+pub mod force;
+pub mod isa;
+pub mod note;
 pub mod plant;
 pub mod port;
 pub mod scene;
+pub mod serial;
+pub mod socket_camera;

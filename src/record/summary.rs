@@ -1,6 +1,7 @@
 //! What a run comes to: one object for machines, one table for the operator.
 //!
-//! - in: figures of the mission and of the plant, collected by whoever ran it
+//! - in: figures of the mission and of the plant, collected by whoever ran it; what only a plant can know is `None`
+//!   on hardware
 //! - out: a line of JSON ([`Summary::json`]) or a table ([`Summary::table`]), and the verdict's exit code
 
 use serde::{Deserialize, Serialize};
@@ -53,9 +54,9 @@ pub struct SensorPeak {
     /// Name of the effector.
     pub effector: String,
     /// Norm of the force [N].
-    pub force_n: f64,
+    pub force_n: Option<f64>,
     /// Norm of the torque [Nm].
-    pub torque_nm: f64,
+    pub torque_nm: Option<f64>,
     /// Norm of the felt force [N].
     pub felt_force_n: f64,
     /// Norm of the felt torque [Nm].
@@ -75,10 +76,10 @@ pub struct Summary {
     pub task: String,
     /// Seed.
     pub seed: u64,
-    /// The plant's cube at the beginning.
-    pub cube_start: String,
+    /// The plant's cube at the beginning; `None` on hardware, like every figure below that is optional for that reason.
+    pub cube_start: Option<String>,
     /// The plant's cube at the end.
-    pub cube_end: String,
+    pub cube_end: Option<String>,
     /// What the controller read; `None` when it did not come to that.
     pub identified: Option<String>,
     /// The first plan, face turns only: "R U2 F'"; `None` when it did not come to that.
@@ -95,23 +96,23 @@ pub struct Summary {
     pub wall_time_s: f64,
     /// Largest force of the plant's contact at the tools while both arms hold the cube, without the
     /// squeeze of the grips [N]; 0 when they never did.
-    pub peak_force_n: f64,
+    pub peak_force_n: Option<f64>,
     /// Largest torque of the same [Nm].
-    pub peak_torque_nm: f64,
+    pub peak_torque_nm: Option<f64>,
     /// Largest contact at each tool.
     pub sensors: Vec<SensorPeak>,
     /// Times that a turn was commanded and unfinished, and the layer moved less than 1 deg in 3 s.
-    pub jams: u32,
+    pub jams: Option<u32>,
     /// Times that a grip slipped by more than 3 deg or 1 mm.
-    pub slips: u32,
+    pub slips: Option<u32>,
     /// Times that the cube fell.
-    pub drops: u32,
+    pub drops: Option<u32>,
     /// Times that the cube popped: tilt above 3 Nm or a pull above 50 N.
-    pub pops: u32,
+    pub pops: Option<u32>,
     /// Times that it was squeezed by more than 150 N.
-    pub crushed: u32,
+    pub crushed: Option<u32>,
     /// Times that something touched what it should not.
-    pub collisions: u32,
+    pub collisions: Option<u32>,
     /// Task "`face_turn`": the layer's angle in the plant, positive in the asked sense [deg].
     pub turned_deg: Option<f64>,
     /// Phases in their order.
@@ -121,17 +122,25 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// A run that was broken off before anything moved: the cube is as it was, all figures are 0.
+    /// A run that was broken off before anything moved: the cube is as it was, all figures are 0. `cube` is `None` on
+    /// hardware.
     #[must_use]
-    pub fn not_started(task: &str, seed: u64, cube: &str, reason: &str, ended_by: EndedBy) -> Self {
+    pub fn not_started(
+        task: &str,
+        seed: u64,
+        cube: Option<&str>,
+        reason: &str,
+        ended_by: EndedBy,
+    ) -> Self {
+        let none = cube.map(|_| 0);
         Self {
             outcome: Outcome::Aborted,
             reason: reason.to_owned(),
             ended_by,
             task: task.to_owned(),
             seed,
-            cube_start: cube.to_owned(),
-            cube_end: cube.to_owned(),
+            cube_start: cube.map(str::to_owned),
+            cube_end: cube.map(str::to_owned),
             identified: None,
             solution: None,
             executed: String::new(),
@@ -139,15 +148,15 @@ impl Summary {
             grasps: 0,
             sim_time_s: 0.0,
             wall_time_s: 0.0,
-            peak_force_n: 0.0,
-            peak_torque_nm: 0.0,
+            peak_force_n: none.map(f64::from),
+            peak_torque_nm: none.map(f64::from),
             sensors: Vec::new(),
-            jams: 0,
-            slips: 0,
-            drops: 0,
-            pops: 0,
-            crushed: 0,
-            collisions: 0,
+            jams: none,
+            slips: none,
+            drops: none,
+            pops: none,
+            crushed: none,
+            collisions: none,
             turned_deg: None,
             phases: Vec::new(),
             hash: String::new(),
@@ -177,12 +186,9 @@ impl Summary {
     #[must_use]
     pub fn json(&self) -> String {
         let mut clean = self.clone();
-        for number in [
-            &mut clean.sim_time_s,
-            &mut clean.wall_time_s,
-            &mut clean.peak_force_n,
-            &mut clean.peak_torque_nm,
-        ] {
+        let times = [&mut clean.sim_time_s, &mut clean.wall_time_s];
+        let peaks = clean.peak_force_n.iter_mut().chain(clean.peak_torque_nm.iter_mut());
+        for number in times.into_iter().chain(peaks) {
             if !number.is_finite() {
                 *number = f64::MAX;
             }
@@ -206,39 +212,37 @@ impl Summary {
         row(
             &mut t,
             "peak while both hold",
-            &format!("{:.1} N, {:.2} Nm", self.peak_force_n, self.peak_torque_nm),
+            &known(self.peak_force_n.zip(self.peak_torque_nm), |(force, torque)| {
+                format!("{force:.1} N, {torque:.2} Nm")
+            }),
         );
         for sensor in &self.sensors {
             row(
                 &mut t,
                 &format!("peak at {}", sensor.effector),
                 &format!(
-                    "{:.1} N, {:.2} Nm; its sensor felt {:.1} N, {:.2} Nm",
-                    sensor.force_n, sensor.torque_nm, sensor.felt_force_n, sensor.felt_torque_nm
+                    "{}; its sensor felt {:.1} N, {:.2} Nm",
+                    known(sensor.force_n.zip(sensor.torque_nm), |(force, torque)| {
+                        format!("{force:.1} N, {torque:.2} Nm")
+                    }),
+                    sensor.felt_force_n,
+                    sensor.felt_torque_nm
                 ),
             );
         }
-        row(
-            &mut t,
-            "jams, slips, drops",
-            &format!("{}, {}, {}", self.jams, self.slips, self.drops),
-        );
-        row(
-            &mut t,
-            "pops, crushes, bumps",
-            &format!("{}, {}, {}", self.pops, self.crushed, self.collisions),
-        );
+        row(&mut t, "jams, slips, drops", &counts([self.jams, self.slips, self.drops]));
+        row(&mut t, "pops, crushes, bumps", &counts([self.pops, self.crushed, self.collisions]));
         if let Some(angle) = self.turned_deg {
             row(&mut t, "layer turned by", &format!("{angle:.1} deg"));
         }
         let clock = format!("{:.1} ({:.1} s)", self.real_time_factor(), self.wall_time_s);
         row(&mut t, "real-time factor", &clock);
         t.push('\n');
-        row(&mut t, "cube at start", &self.cube_start);
+        row(&mut t, "cube at start", self.cube_start.as_deref().unwrap_or(UNKNOWN));
         row(&mut t, "as identified", self.identified.as_deref().unwrap_or("(not read)"));
         row(&mut t, "solution", self.solution.as_deref().unwrap_or("(none)"));
         row(&mut t, "executed", &self.executed);
-        row(&mut t, "cube at end", &self.cube_end);
+        row(&mut t, "cube at end", self.cube_end.as_deref().unwrap_or(UNKNOWN));
         row(&mut t, "hash", &self.hash);
         t.push('\n');
         let verdict = match (self.outcome, self.task.as_str()) {
@@ -254,6 +258,20 @@ impl Summary {
 
 fn factor(sim_time_s: f64, wall_time_s: f64) -> f64 {
     if wall_time_s > 0.0 { sim_time_s / wall_time_s } else { 0.0 }
+}
+
+/// What stands for a figure that nobody knows.
+const UNKNOWN: &str = "(nobody knows)";
+
+fn known<T>(value: Option<T>, words: impl FnOnce(T) -> String) -> String {
+    value.map_or_else(|| UNKNOWN.to_owned(), words)
+}
+
+fn counts(counts: [Option<u32>; 3]) -> String {
+    match counts {
+        [Some(a), Some(b), Some(c)] => format!("{a}, {b}, {c}"),
+        _ => UNKNOWN.to_owned(),
+    }
 }
 
 fn row(table: &mut String, name: &str, value: &str) {
@@ -272,8 +290,8 @@ mod tests {
             ended_by: EndedBy::Task,
             task: "solve".into(),
             seed: 1,
-            cube_start: "U".repeat(54),
-            cube_end: "U".repeat(54),
+            cube_start: Some("U".repeat(54)),
+            cube_end: Some("U".repeat(54)),
             identified: None,
             solution: Some("R U2 F'".into()),
             executed: "R U2 F'".into(),
@@ -281,15 +299,15 @@ mod tests {
             grasps: 4,
             sim_time_s: 100.0,
             wall_time_s: 2.0,
-            peak_force_n: f64::NAN,
-            peak_torque_nm: 0.5,
+            peak_force_n: Some(f64::NAN),
+            peak_torque_nm: Some(0.5),
             sensors: vec![],
-            jams: 0,
-            slips: 0,
-            drops: 0,
-            pops: 0,
-            crushed: 0,
-            collisions: 0,
+            jams: Some(0),
+            slips: Some(0),
+            drops: Some(0),
+            pops: Some(0),
+            crushed: Some(0),
+            collisions: Some(0),
             turned_deg: None,
             phases: vec![Phase { name: "acquire".into(), sim_time_s: 10.0, wall_time_s: 0.5 }],
             hash: "ab".into(),

@@ -1,6 +1,6 @@
 //! What no single key can say: that they agree with each other. And the way from keys to the cell.
 
-use super::keys::{BridgeKind, Coordination, Rule, Servo, Task};
+use super::keys::{BridgeKind, Coordination, Pace, Rule, Servo, Task};
 use super::lists::{CameraKeys, Effector, MountKind, Vsp, VspKind};
 use super::section::Reader;
 use super::{
@@ -20,7 +20,7 @@ use std::path::Path;
 pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option<Scenario> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let root = draft.root;
-    bridge(root.bridge.kind, reader);
+    bridge(root.bridge.kind, root.pace, reader);
     let arms: Vec<Option<Arm>> =
         draft.effectors.iter().map(|e| arm(e, &key("effector", &e.name), folder, reader)).collect();
     names("effector", draft.effectors.iter().map(|e| e.name.as_str()), reader);
@@ -172,13 +172,11 @@ fn help(reader: &mut Reader, path: &str, reason: String, help: Option<String>) {
     }
 }
 
-fn bridge(kind: BridgeKind, reader: &mut Reader) {
-    if kind != BridgeKind::Plant {
-        let reason = format!(
-            "`bridge.kind`: \"{}\" comes with the real-time work and is not there yet",
-            kind.word()
-        );
-        help(reader, "bridge.kind", reason, Some("\"plant\" is the simulated cell".to_owned()));
+fn bridge(kind: BridgeKind, pace: Pace, reader: &mut Reader) {
+    if kind.is_hardware() && pace == Pace::Virtual {
+        let reason = format!("`bridge.kind`: \"{}\" is driven by the wall clock only", kind.word());
+        let advice = "pace = \"real-time\", or --pace real-time".to_owned();
+        help(reader, "bridge.kind", reason, Some(advice));
     }
 }
 
@@ -638,12 +636,14 @@ mod tests {
     }
 
     #[test]
-    fn a_bridge_that_is_not_there_yet_is_refused_with_the_reason() {
+    fn hardware_is_refused_under_the_virtual_clock_with_the_way_out() {
         let told = faults("[bridge]\nkind = \"serial\"\n", &[]);
 
         assert!(
-            told.contains("t.toml:2:8: `bridge.kind`: \"serial\" comes with the real-time work")
+            told.contains("t.toml:2:8: `bridge.kind`: \"serial\" is driven by the wall clock only"),
+            "{told}"
         );
+        assert!(told.contains("--pace real-time"), "{told}");
     }
 
     #[test]

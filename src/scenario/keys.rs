@@ -44,9 +44,11 @@ words! {
     BridgeKind {
         /// The simulated plant.
         Plant = "plant",
-        /// The original's serial axis controllers: comes with the real-time work.
+        /// The simulated plant behind the serial protocol, without lines: every byte of it, under any clock.
+        Wire = "wire",
+        /// The original's serial axis controllers, one line an axis.
         Serial = "serial",
-        /// The original's ISA boards: comes with the real-time work.
+        /// The original's ISA boards.
         Isa = "isa",
     }
 }
@@ -110,6 +112,26 @@ section! {
     Bridge {
         /// The simulated plant, or real controllers.
         kind: BridgeKind = BridgeKind::Plant;
+        /// File that names the devices of real controllers, from the scenario's folder; `rubik-robot emulate` writes it.
+        devices: String = "/tmp/rubik-robot-devices.toml".to_owned();
+        /// Answers that one axis misses in a row before its line is given up.
+        missed_answers: u32 = 3, 1.0..=50.0;
+    }
+}
+
+impl BridgeKind {
+    /// Whether something outside this process is behind the port, of which nobody here knows the truth.
+    #[must_use]
+    pub fn is_hardware(self) -> bool {
+        matches!(self, Self::Serial | Self::Isa)
+    }
+}
+
+impl Bridge {
+    /// Where the file of devices is, for the scenario at `path`.
+    #[must_use]
+    pub fn devices_at(&self, path: &std::path::Path) -> std::path::PathBuf {
+        path.parent().map_or_else(Default::default, |folder| folder.join(&self.devices))
     }
 }
 

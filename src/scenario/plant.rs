@@ -52,6 +52,20 @@ section! {
         hand: PlantHand,
         /// Light on the cell.
         light: Light,
+        /// Faults of the lines of bridge.kind = "wire".
+        lines: Lines,
+    }
+}
+
+section! {
+    /// What goes wrong on the lines of bridge.kind = "wire", by chance.
+    Lines {
+        /// Share of the axes' answers that never come.
+        missed: f64 = 0.0, 0.0..=1.0;
+        /// Share of the axes' answers of which one bit is wrong.
+        corrupt: f64 = 0.0, 0.0..=1.0;
+        /// Share of the force sensors' records that are lost.
+        lost: f64 = 0.0, 0.0..=1.0;
     }
 }
 

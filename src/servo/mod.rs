@@ -18,6 +18,7 @@ pub mod period;
 pub mod regulator;
 pub mod tff;
 pub mod watch;
+pub mod weigh;
 pub mod wrench;
 
 pub use arm::ArmServo;

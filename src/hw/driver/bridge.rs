@@ -6,6 +6,7 @@
 
 use super::realtime::RealTime;
 use crate::hw::port::{Port, PortFault};
+use crate::motion::AXES;
 use crate::servo::io::{ArmDrive, ArmReading};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -46,6 +47,9 @@ pub struct BridgePort {
     /// Periods in which no new reading was there.
     late: u64,
     late_in_a_row: u64,
+    /// The latest readings, and how far each counter goes in a period, the jaw's last.
+    seen: Readings,
+    steps: [[i64; AXES + 1]; MOST],
     length: u64,
 }
 
@@ -109,8 +113,17 @@ impl<P: Port + 'static> Bridge<P> {
         };
         let thread = std::thread::Builder::new().name("bridge".into()).spawn(work)?;
         let bridge = thread.thread().clone();
-        let port =
-            BridgePort { drives, readings, broken, bridge, late: 0, late_in_a_row: 0, length };
+        let port = BridgePort {
+            drives,
+            readings,
+            broken,
+            bridge,
+            late: 0,
+            late_in_a_row: 0,
+            seen: start,
+            steps: [[0; AXES + 1]; MOST],
+            length,
+        };
         Ok((Self { thread }, port))
     }
 
@@ -127,14 +140,35 @@ impl BridgePort {
     /// trip wherever an ordinary user's threads wait for a busy processor.
     const LOST: u64 = 100_000_000;
 
-    /// At the beginning of period `period`: copies the latest readings, those of the period before.
+    /// Periods for which a counter is taken to go on as before while readings are late. An axis that stands still
+    /// for a period and then goes twice as far would make its regulator brake fully in between, which trips a power
+    /// stage at speed.
+    const GOES_ON: u64 = 3;
+
+    /// At the beginning of period `period`: copies the latest readings, those of the period before; late ones are
+    /// carried on by the counters' last steps.
     ///
     /// # Errors
     /// The bridge has failed or been silent for 0.1 s.
     pub fn fetch(&mut self, period: u64, readings: &mut [ArmReading]) -> Result<(), BridgeLost> {
-        let latest = self.readings.read();
-        readings.copy_from_slice(&latest.readings[..readings.len()]);
+        let latest = *self.readings.read();
         let fresh = latest.period + 1 == period;
+        if latest.period > self.seen.period {
+            let periods = (latest.period - self.seen.period) as i64;
+            let pairs = latest.readings.iter().zip(&self.seen.readings);
+            for (steps, (now, before)) in self.steps.iter_mut().zip(pairs) {
+                *steps = std::array::from_fn(|i| (counter(now, i) - counter(before, i)) / periods);
+            }
+            self.seen = latest;
+        }
+        readings.copy_from_slice(&latest.readings[..readings.len()]);
+        let behind = period.saturating_sub(latest.period + 1).min(Self::GOES_ON) as i64;
+        for (reading, steps) in readings.iter_mut().zip(&self.steps) {
+            for (count, step) in reading.counts.iter_mut().zip(steps) {
+                *count += behind * step;
+            }
+            reading.jaw_count += behind * steps[AXES];
+        }
         self.late_in_a_row = if fresh { 0 } else { self.late_in_a_row + 1 };
         self.late += u64::from(!fresh);
         if self.broken.load(Ordering::Acquire) || self.late_in_a_row * self.length > Self::LOST {
@@ -156,6 +190,11 @@ impl BridgePort {
     pub fn late(&self) -> u64 {
         self.late
     }
+}
+
+/// Counter of an axis, the jaw's last.
+fn counter(reading: &ArmReading, axis: usize) -> i64 {
+    reading.counts.get(axis).copied().unwrap_or(reading.jaw_count)
 }
 
 /// The bridge does not answer.

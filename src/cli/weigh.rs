@@ -1,0 +1,109 @@
+//! `rubik-robot weigh`: the tool's weight, its centre and the sensor's bias, from several orientations of the wrist.
+
+use super::output::Output;
+use super::{ScenarioArgs, WRONG, complain};
+use crate::actors::weigh::weigh_tool;
+use crate::error::Error;
+use crate::servo::weigh::Weighed;
+use clap::Args;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Nothing may be in the gripper and nothing may touch it; the wrist moves by up to 150 deg where the arm stands.
+Examples:
+  rubik-robot weigh scenarios/idle.toml --arm postument       on the simulated plant
+  rubik-robot weigh scenarios/hardware.toml --arm track       on hardware, or on `rubik-robot emulate`
+Exit code 1 when the readings do not tell the weight.")]
+pub(super) struct WeighArgs {
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+    /// Effector of the scenario
+    #[arg(long)]
+    arm: String,
+    /// One line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Returns the exit code.
+pub(super) fn run(args: &WeighArgs, output: &mut Output) -> anyhow::Result<u8> {
+    let scenario = match args.scenario.load(&[]) {
+        Ok(scenario) => scenario,
+        Err(faults) => {
+            complain(&faults);
+            return Ok(WRONG);
+        }
+    };
+    let arms = &scenario.controller.cell.arms;
+    let Some(arm) = arms.iter().position(|a| a.name == args.arm) else {
+        let names: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
+        complain(&format!("--arm {}: there are {}", args.arm, names.join(" and ")));
+        return Ok(WRONG);
+    };
+    let told =
+        |index: usize, count: usize| complain(&format!("orientation {} of {count}", index + 1));
+    match weigh_tool(&scenario, arm, told) {
+        Ok((weighed, orientations)) => {
+            if args.json {
+                output.line(&json(&args.arm, &weighed, orientations).to_string())?;
+            } else {
+                output.text(&table(&args.arm, &weighed, orientations))?;
+            }
+            Ok(0)
+        }
+        Err(error) => {
+            complain(&error.to_string());
+            Ok(match error {
+                Error::NonFatal { .. } => 1,
+                Error::Fatal { .. } => 3,
+                Error::System { .. } => 4,
+            })
+        }
+    }
+}
+
+fn json(arm: &str, w: &Weighed, orientations: usize) -> serde_json::Value {
+    serde_json::json!({
+        "arm": arm,
+        "orientations": orientations,
+        "weight_n": w.weight,
+        "centre_xyz_mm": w.centre_in_flange.coords.map(|c| c * 1e3).as_slice(),
+        "bias": w.bias.directions(),
+        "residual_n": w.residual.0,
+        "residual_nm": w.residual.1,
+        "largest_residual_n": w.largest_residual.0,
+        "largest_residual_nm": w.largest_residual.1,
+    })
+}
+
+fn table(arm: &str, w: &Weighed, orientations: usize) -> String {
+    let c = w.centre_in_flange.coords * 1e3;
+    let b = w.bias.directions();
+    format!(
+        "weight                 {:.3} N\n\
+         centre in the flange   {:.1} {:.1} {:.1} mm\n\
+         bias of the sensor     {:.2} {:.2} {:.2} N, {:.3} {:.3} {:.3} Nm\n\
+         left unexplained       {:.3} N, {:.4} Nm rms; {:.3} N, {:.4} Nm at most, over {orientations} orientations\n\n\
+         For the scenario, under [[effector]] name = \"{arm}\":\n\
+         sensor.weight_n = {:.2}\n\
+         sensor.centre_xyz_mm = [{:.1}, {:.1}, {:.1}]\n",
+        w.weight,
+        c.x,
+        c.y,
+        c.z,
+        b[0],
+        b[1],
+        b[2],
+        b[3],
+        b[4],
+        b[5],
+        w.residual.0,
+        w.residual.1,
+        w.largest_residual.0,
+        w.largest_residual.1,
+        w.weight,
+        c.x,
+        c.y,
+        c.z,
+    )
+}

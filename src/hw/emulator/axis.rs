@@ -1,0 +1,212 @@
+//! A serial axis controller, emulated: it takes orders byte by byte and answers each with what its axis shows.
+//!
+//! - its power stage follows pulse widths in [`Mode::Pwm`] only; when no order has come for 50 ms it brakes
+//! - what it answers with was latched at the plant's last period
+
+use crate::hw::serial::frame::{Mode, ORDER, Order, Parameter, Status};
+
+/// Plant periods without an order after which a controller brakes by itself.
+const SILENCE: u32 = 25;
+
+/// An axis controller.
+#[derive(Debug, Clone)]
+pub struct AxisController {
+    mode: Mode,
+    width: i16,
+    outputs: u8,
+    max_current: u16,
+    synchronise: bool,
+    silent: u32,
+    orders: u64,
+    /// Bytes of the order that is under way.
+    pending: [u8; ORDER],
+    length: usize,
+    /// Latched: what the axis shows, its counter from where the plant counts.
+    status: Status,
+    /// Counter at the last reset; `None` while the plant's own zero holds.
+    reset_at: Option<i32>,
+}
+
+impl Default for AxisController {
+    fn default() -> Self {
+        Self {
+            mode: Mode::Manual,
+            width: 0,
+            outputs: 0,
+            max_current: u16::MAX,
+            synchronise: false,
+            silent: 0,
+            orders: 0,
+            pending: [0; ORDER],
+            length: 0,
+            status: Status::default(),
+            reset_at: None,
+        }
+    }
+}
+
+impl AxisController {
+    /// Takes a byte; the answer when it completes an order.
+    pub fn hear(&mut self, byte: u8) -> Option<Status> {
+        self.pending[self.length] = byte;
+        self.length += 1;
+        while self.length > 0 && !self.may_begin_an_order() {
+            self.pending.copy_within(1.., 0);
+            self.length -= 1;
+        }
+        if self.length < ORDER {
+            return None;
+        }
+        let order = Order::decode(&self.pending);
+        self.length = 0;
+        self.obey(order?);
+        Some(self.answer())
+    }
+
+    fn may_begin_an_order(&self) -> bool {
+        let wanted = [0, 0, 0, 0, b'#'];
+        self.pending[..self.length].iter().zip(wanted).all(|(byte, wanted)| *byte == wanted)
+    }
+
+    fn obey(&mut self, order: Order) {
+        self.silent = 0;
+        self.orders += 1;
+        match order {
+            Order::Pwm { width, outputs, synchronise } => {
+                (self.width, self.outputs, self.synchronise) = (width, outputs, synchronise);
+            }
+            Order::Set(Parameter::Mode(mode)) => {
+                self.mode = mode;
+                if mode != Mode::Pwm {
+                    self.width = 0;
+                }
+            }
+            Order::Set(Parameter::MaxCurrent(limit)) => self.max_current = limit,
+            // The bridge drives by pulse width; the controllers' own regulators are not emulated.
+            Order::Set(_) | Order::Current(_) | Order::Position(_) => {}
+        }
+    }
+
+    /// What it answers now.
+    #[must_use]
+    pub fn answer(&self) -> Status {
+        let mut status = self.status;
+        status.error = self.mode == Mode::Error;
+        if let Some(zero) = self.reset_at {
+            status.count = status.count.wrapping_sub(zero);
+            status.synchronised = false;
+        }
+        status
+    }
+
+    /// The end of a plant's period: what the axis shows now.
+    pub fn latch(&mut self, status: Status) {
+        // A new synchronisation makes up for a reset.
+        if self.synchronise && status.sync_zero {
+            self.reset_at = None;
+        }
+        self.status = status;
+        self.silent = self.silent.saturating_add(1);
+        if self.silent > SILENCE && self.mode == Mode::Pwm {
+            self.mode = Mode::Error;
+            self.width = 0;
+        }
+    }
+
+    /// A reset in mid-run: counter at zero, power off, nothing remembered.
+    pub fn reset(&mut self) {
+        let status = self.status;
+        *self = Self { status, reset_at: Some(status.count), ..Self::default() };
+    }
+
+    /// Whether its power stage follows.
+    #[must_use]
+    pub fn is_on(&self) -> bool {
+        self.mode == Mode::Pwm
+    }
+
+    /// Pulse width.
+    #[must_use]
+    pub fn width(&self) -> i16 {
+        self.width
+    }
+
+    /// Digital outputs.
+    #[must_use]
+    pub fn outputs(&self) -> u8 {
+        self.outputs
+    }
+
+    /// Limit of the motor current [mA].
+    #[must_use]
+    pub fn max_current(&self) -> u16 {
+        self.max_current
+    }
+
+    /// Whether it is to take the next zero of the encoder for its own.
+    #[must_use]
+    pub fn synchronises(&self) -> bool {
+        self.synchronise
+    }
+
+    /// Orders so far.
+    #[must_use]
+    pub fn orders(&self) -> u64 {
+        self.orders
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn tell(controller: &mut AxisController, bytes: &[u8]) -> Option<Status> {
+        bytes.iter().filter_map(|b| controller.hear(*b)).last()
+    }
+
+    const PWM: Order = Order::Pwm { width: 77, outputs: 1, synchronise: false };
+
+    #[test]
+    fn it_follows_orders_in_its_mode_and_brakes_by_itself() {
+        let mut controller = AxisController::default();
+        assert!(tell(&mut controller, &Order::Set(Parameter::Mode(Mode::Pwm)).encode()).is_some());
+        controller.latch(Status { count: 5, synchronised: true, ..Status::default() });
+
+        let answer = tell(&mut controller, &PWM.encode()).unwrap();
+
+        assert_eq!((answer.count, answer.error), (5, false));
+        assert!(controller.is_on() && controller.width() == 77 && controller.outputs() == 1);
+        for _ in 0..SILENCE + 2 {
+            controller.latch(Status::default());
+        }
+        assert!(!controller.is_on() && controller.answer().error);
+    }
+
+    #[test]
+    fn a_reset_loses_the_counter_and_the_synchronisation() {
+        let mut controller = AxisController::default();
+        controller.latch(Status { count: 1234, synchronised: true, ..Status::default() });
+
+        controller.reset();
+        controller.latch(Status { count: 1240, synchronised: true, ..Status::default() });
+
+        let answer = controller.answer();
+        assert_eq!((answer.count, answer.synchronised), (6, false));
+    }
+
+    proptest! {
+        #[test]
+        fn an_order_is_understood_after_any_noise(noise in prop::collection::vec(any::<u8>(), 0..40)) {
+            let mut controller = AxisController::default();
+            tell(&mut controller, &noise);
+            // At worst the noise has begun an order that swallows the first one.
+            tell(&mut controller, &PWM.encode());
+
+            tell(&mut controller, &PWM.encode());
+
+            prop_assert!(controller.orders() >= 1);
+            prop_assert_eq!(controller.width(), 77);
+        }
+    }
+}

@@ -1,0 +1,394 @@
+//! The emulator: a world behind the same lines as real arms, in its own process, with its own clock.
+//!
+//! - in: orders on serial lines (pseudo-terminals), requests of force sensors and cameras (sockets)
+//! - out: answers, datagrams, frames; and [`Devices`], which tell a bridge where they are
+//! - one thread serves all lines and steps the world every 2 ms of the wall clock; where it was kept from running, the
+//!   world stood still, and the missed periods are counted
+//! - what the world is (the simulated plant, or a test's motors) is none of its business: any [`Port`] will do
+
+mod axis;
+mod cameras;
+mod faults;
+pub mod pty;
+mod sensor;
+mod wired;
+
+pub use axis::AxisController;
+pub use cameras::CameraServer;
+pub use faults::{At, LineFaults};
+pub use sensor::COUNTS;
+pub use wired::Wired;
+
+use super::devices::{Devices, EffectorDevices};
+use super::driver::{Clock, PERIOD_NANOS};
+use super::port::{Port, PortFault};
+use super::serial::MOST;
+use super::serial::frame::Status;
+use crate::motion::{AXES, Depth, PERIOD};
+use crate::servo::io::{ArmDrive, ArmReading, JAW};
+use faults::Chance;
+use pty::Pty;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use sensor::Sensor;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Which interface the force sensors have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SensorKind {
+    /// A box that streams datagrams.
+    #[default]
+    NetFt,
+    /// A controller on a serial line.
+    Controller,
+}
+
+/// An arm to emulate.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EmulatedArm {
+    /// Name of the effector.
+    pub name: String,
+    /// Whether it has an axis 0.
+    pub has_track: bool,
+}
+
+/// How it emulates.
+#[derive(Debug, Clone, Default)]
+pub struct EmulatorOptions {
+    /// Force sensors.
+    pub sensors: SensorKind,
+    /// What goes wrong.
+    pub faults: LineFaults,
+    /// Seed of what goes wrong by chance.
+    pub seed: u64,
+    /// For machines that are shared: the world stands still for up to so long while no order comes [s]; 0 for one that
+    /// waits for nobody.
+    pub patience: f64,
+    /// Ends by itself this long after the last order [s]; `None` never.
+    pub leaves_after: Option<f64>,
+}
+
+/// Periods that are made up for at once.
+const MAKES_UP: u64 = 20;
+
+/// How an emulation went.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Course {
+    /// Periods of the world.
+    pub periods: u64,
+    /// Periods of the wall clock in which it stood still.
+    pub stalled: u64,
+    /// Orders of axes.
+    pub orders: u64,
+}
+
+struct Arm {
+    name: String,
+    lines: [Option<Pty>; AXES + 1],
+    has_track: bool,
+    controllers: [AxisController; AXES + 1],
+    sensor: Sensor,
+    silent: bool,
+}
+
+/// A world behind lines.
+pub struct Emulator<P> {
+    world: P,
+    arms: Vec<Arm>,
+    drives: Vec<ArmDrive>,
+    readings: Vec<ArmReading>,
+    chance: Chance,
+    leaves_after: Option<u64>,
+    patience: u64,
+    /// Orders of the first line, as counted last.
+    rounds: u64,
+    course: Course,
+    /// Period of the first and the last order.
+    orders: Option<(u64, u64)>,
+}
+
+impl<P: Port> Emulator<P> {
+    /// Opens lines and sockets in front of a world at rest.
+    ///
+    /// # Errors
+    /// What the operating system or the world says.
+    pub fn open(
+        mut world: P,
+        arms: &[EmulatedArm],
+        options: EmulatorOptions,
+    ) -> std::io::Result<Self> {
+        let mut readings = vec![ArmReading::default(); arms.len()];
+        let drives = vec![ArmDrive::OFF; arms.len()];
+        world
+            .exchange(0, &drives, &mut readings)
+            .map_err(|fault| std::io::Error::other(fault.to_string()))?;
+        let arms = arms
+            .iter()
+            .map(|arm| Arm::open(arm, options.sensors))
+            .collect::<std::io::Result<Vec<_>>>()?;
+        let mut this = Self {
+            world,
+            arms,
+            drives,
+            readings,
+            chance: Chance::new(options.faults, options.seed),
+            leaves_after: options.leaves_after.map(|s| (s / PERIOD) as u64),
+            patience: (options.patience / PERIOD) as u64,
+            rounds: 0,
+            course: Course::default(),
+            orders: None,
+        };
+        this.latch();
+        Ok(this)
+    }
+
+    /// Where everything is. Cameras are added by whoever serves them.
+    #[must_use]
+    pub fn devices(&self) -> Devices {
+        let effector = self
+            .arms
+            .iter()
+            .map(|arm| EffectorDevices {
+                name: arm.name.clone(),
+                axes: arm
+                    .lines
+                    .iter()
+                    .map(|line| line.as_ref().map_or(String::new(), |pty| pty.path().to_owned()))
+                    .collect(),
+                force: arm.sensor.device(),
+                ..EffectorDevices::default()
+            })
+            .collect();
+        Devices { effector, camera: Vec::new() }
+    }
+
+    /// The world.
+    #[must_use]
+    pub fn world(&self) -> &P {
+        &self.world
+    }
+
+    /// Emulates until `stop` is set or the controller has left; `hook` is called after each period.
+    ///
+    /// # Errors
+    /// What the world says.
+    pub fn run(
+        &mut self,
+        stop: &AtomicBool,
+        mut hook: impl FnMut(u64, &mut P),
+    ) -> Result<Course, PortFault> {
+        let clock = Clock;
+        let mut next = clock.now() + PERIOD_NANOS;
+        let mut gave_up_at = None;
+        while !stop.load(Ordering::Acquire) {
+            let before = self.course.orders;
+            self.serve_until(next);
+            // Whoever has not begun or has left is not waited for.
+            let mut waited = 0;
+            while self.orders.is_some()
+                && waited < self.patience
+                && self.course.orders == before
+                && gave_up_at != Some(before)
+            {
+                next += PERIOD_NANOS;
+                waited += 1;
+                self.serve_until(next);
+            }
+            self.course.stalled += waited;
+            // It waits for its controller, so it must not lag behind it either: what came while this thread was kept
+            // from running is made up for.
+            let due = if self.patience > 0 { self.rounds() } else { 1 };
+            for _ in 1..due.clamp(1, MAKES_UP) {
+                self.course.periods += 1;
+                self.period()?;
+            }
+            if waited > 0 && self.course.orders == before {
+                gave_up_at = Some(before);
+            }
+            self.course.periods += 1;
+            self.fail();
+            self.period()?;
+            hook(self.course.periods, &mut self.world);
+            next += PERIOD_NANOS;
+            let now = clock.now();
+            if now >= next {
+                let missed = (now - next) / PERIOD_NANOS + 1;
+                self.course.stalled += missed;
+                next += missed * PERIOD_NANOS;
+            }
+            let gone = |(_, last): (u64, u64)| {
+                self.leaves_after.is_some_and(|after| self.course.periods > last + after)
+            };
+            if self.orders.is_some_and(gone) {
+                break;
+            }
+        }
+        Ok(self.course)
+    }
+
+    /// Answers until the next period is due.
+    fn serve_until(&mut self, next: u64) {
+        loop {
+            let left = next.saturating_sub(Clock.now());
+            self.wait(left);
+            let mut heard = 0;
+            for arm in &mut self.arms {
+                heard += arm.serve(&mut self.chance);
+            }
+            if heard > 0 {
+                self.course.orders += heard;
+                let first = self.orders.map_or(self.course.periods, |(first, _)| first);
+                self.orders = Some((first, self.course.periods));
+            }
+            if left == 0 {
+                return;
+            }
+        }
+    }
+
+    /// Orders that the first line has brought since the last call: as many periods has the controller done.
+    fn rounds(&mut self) -> u64 {
+        let first = self.arms.first().and_then(|arm| {
+            let axis = arm.lines.iter().position(Option::is_some)?;
+            Some(arm.controllers[axis].orders())
+        });
+        let orders = first.unwrap_or_default();
+        orders - std::mem::replace(&mut self.rounds, orders).min(orders)
+    }
+
+    fn wait(&self, nanos: u64) {
+        let Some(some) = self.arms.first() else { return };
+        let mut count = 0;
+        let mut fds: [PollFd<'_>; MOST] =
+            std::array::from_fn(|_| PollFd::new(&some.sensor, PollFlags::IN));
+        for arm in &self.arms {
+            for line in arm.lines.iter().flatten() {
+                fds[count] = PollFd::new(line, PollFlags::IN);
+                count += 1;
+            }
+            fds[count] = PollFd::new(&arm.sensor, PollFlags::IN);
+            count += 1;
+        }
+        let time = Timespec { tv_sec: 0, tv_nsec: nanos.min(999_999_999) as i64 };
+        // An interruption only ends the wait early.
+        let _ = poll(&mut fds[..count], Some(&time));
+    }
+
+    /// What is to go wrong now.
+    fn fail(&mut self) {
+        let Some((first, _)) = self.orders else { return };
+        let now = self.course.periods - first;
+        let due = |at: &At| (at.time / PERIOD) as u64 == now;
+        let faults = &self.chance.faults;
+        for (effector, arm) in self.arms.iter_mut().enumerate() {
+            for axis in 0..=AXES {
+                let here = |at: &&At| at.effector == effector && at.axis == axis && due(at);
+                if faults.resets.iter().any(|at| here(&at)) {
+                    arm.controllers[axis].reset();
+                }
+                if faults.unplugged.iter().any(|at| here(&at)) {
+                    arm.lines[axis] = None;
+                }
+            }
+            arm.silent |= faults.silenced.iter().any(|at| at.effector == effector && due(at));
+        }
+    }
+
+    fn period(&mut self) -> Result<(), PortFault> {
+        for (arm, drive) in self.arms.iter().zip(&mut self.drives) {
+            *drive = self::drive(&arm.controllers, arm.has_track);
+        }
+        self.world.exchange(self.course.periods, &self.drives, &mut self.readings)?;
+        self.latch();
+        Ok(())
+    }
+
+    fn latch(&mut self) {
+        for (arm, reading) in self.arms.iter_mut().zip(&self.readings) {
+            for axis in 0..=AXES {
+                arm.controllers[axis].latch(status(reading, axis));
+            }
+            arm.sensor.latch(&reading.wrench_on_sensor, arm.silent, &mut self.chance);
+        }
+    }
+}
+
+impl<P> std::fmt::Debug for Emulator<P> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Emulator").field("course", &self.course).finish_non_exhaustive()
+    }
+}
+
+impl Arm {
+    fn open(arm: &EmulatedArm, sensors: SensorKind) -> std::io::Result<Self> {
+        let mut lines = [const { None }; AXES + 1];
+        for (axis, line) in lines.iter_mut().enumerate() {
+            if axis > 0 || arm.has_track {
+                *line = Some(Pty::open()?);
+            }
+        }
+        Ok(Self {
+            name: arm.name.clone(),
+            has_track: arm.has_track,
+            lines,
+            controllers: std::array::from_fn(|_| AxisController::default()),
+            sensor: match sensors {
+                SensorKind::NetFt => Sensor::net()?,
+                SensorKind::Controller => Sensor::controller()?,
+            },
+            silent: false,
+        })
+    }
+
+    /// Answers what has come; returns the number of orders.
+    fn serve(&mut self, chance: &mut Chance) -> u64 {
+        let mut orders = 0;
+        let mut bytes = [0; 64];
+        for (line, controller) in self.lines.iter().zip(&mut self.controllers) {
+            let Some(line) = line else { continue };
+            let length = line.read(&mut bytes);
+            for byte in &bytes[..length] {
+                let Some(answer) = controller.hear(*byte) else { continue };
+                orders += 1;
+                let arrived = chance.answer(answer.encode());
+                if arrived.is_some_and(|bytes| !line.write(&bytes)) {
+                    tracing::debug!(arm = %self.name, "nobody reads {}", line.path());
+                }
+            }
+        }
+        self.sensor.listen(self.silent);
+        orders
+    }
+}
+
+/// What an arm's controllers make of their orders. One power relay serves the whole arm: it is on when all are.
+fn drive(controllers: &[AxisController; AXES + 1], has_track: bool) -> ArmDrive {
+    let jaw = &controllers[JAW];
+    ArmDrive {
+        enabled: controllers[usize::from(!has_track)..].iter().all(AxisController::is_on),
+        pwm: std::array::from_fn(|i| controllers[i].width()),
+        jaw_pwm: jaw.width(),
+        jaw_current_limit: f64::from(jaw.max_current()) * 1e-3,
+        stops: if jaw.outputs() & 1 == 1 { Depth::Two } else { Depth::One },
+        synchronise: (0..=AXES)
+            .fold(0, |bits, i| bits | u8::from(controllers[i].synchronises()) << i),
+    }
+}
+
+/// What an axis of a reading shows.
+fn status(reading: &ArmReading, axis: usize) -> Status {
+    let bit = |bits: u8| bits >> axis & 1 == 1;
+    let count = if axis == JAW { reading.jaw_count } else { reading.counts[axis] };
+    let limit = bit(reading.limit_switches);
+    Status {
+        upper: limit && count >= 0,
+        lower: limit && count < 0,
+        sync_switch: bit(reading.sync_switches),
+        sync_zero: bit(reading.encoder_zeros),
+        stage_fault: bit(reading.power_faults),
+        over_current: bit(reading.over_currents),
+        error: false,
+        synchronised: bit(reading.synchronised),
+        current: (reading.currents[axis] * 1e3).round().clamp(-32768.0, 32767.0) as i16,
+        count: count as i32,
+    }
+}

@@ -1,0 +1,60 @@
+//! The far end of a serial line: a pseudo-terminal whose near end a bridge opens by its path.
+
+use crate::hw::serial::set_up;
+use rustix::fs::{Mode, OFlags, fcntl_getfl, fcntl_setfl};
+use rustix::io::{read, write};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+
+/// A pseudo-terminal.
+#[derive(Debug)]
+pub struct Pty {
+    master: OwnedFd,
+    /// Kept open, so that the line does not hang up while no bridge has it open.
+    _near: OwnedFd,
+    path: String,
+}
+
+impl Pty {
+    /// Opens one.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn open() -> std::io::Result<Self> {
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+        grantpt(&master)?;
+        unlockpt(&master)?;
+        let path = ptsname(&master, Vec::new())?
+            .into_string()
+            .map_err(|_| std::io::Error::other("the pseudo-terminal's name is no text"))?;
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+        let near = rustix::fs::open(path.as_str(), flags, Mode::empty())?;
+        set_up(&near, 38_400, false)?;
+        fcntl_setfl(&master, fcntl_getfl(&master)? | OFlags::NONBLOCK)?;
+        Ok(Self { master, _near: near, path })
+    }
+
+    /// Path of the near end.
+    #[must_use]
+    pub fn path(&self) -> &str {
+        &self.path
+    }
+
+    /// What has come; 0 when nothing has.
+    #[must_use]
+    pub fn read(&self, into: &mut [u8]) -> usize {
+        read(&self.master, into).unwrap_or(0)
+    }
+
+    /// Writes all bytes, or says that it could not.
+    #[must_use]
+    pub fn write(&self, bytes: &[u8]) -> bool {
+        matches!(write(&self.master, bytes), Ok(n) if n == bytes.len())
+    }
+}
+
+impl AsFd for Pty {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.master.as_fd()
+    }
+}

@@ -1,0 +1,136 @@
+//! The protocol of serial axis controllers around a world in this process: no lines, no clock, every byte of it.
+//!
+//! - in, out: as any [`Port`]; orders and answers are encoded, judged, spoilt and lost as on lines
+//! - an answer tells the period before, as on lines: a servo has one period more of delay than against the bare world
+//! - repeatable to the bit, faults and all: whole missions can be tried over the protocol in virtual time
+
+use super::faults::{Chance, LineFaults};
+use super::sensor::COUNTS;
+use super::{AxisController, status};
+use crate::hw::force::{Intake, RdtRecord};
+use crate::hw::port::{Port, PortFault};
+use crate::hw::serial::axis::{Axis, Rules};
+use crate::hw::serial::{axis_drive, hand_over};
+use crate::motion::AXES;
+use crate::servo::io::{ArmDrive, ArmReading};
+
+/// Both ends of an arm's lines.
+struct Arm {
+    has_track: bool,
+    axes: [Axis; AXES + 1],
+    controllers: [AxisController; AXES + 1],
+    intake: Intake,
+}
+
+/// A world behind the protocol.
+pub struct Wired<P> {
+    world: P,
+    arms: Vec<Arm>,
+    chance: Chance,
+    drives: Vec<ArmDrive>,
+    readings: Vec<ArmReading>,
+    begun: bool,
+}
+
+impl<P: Port> Wired<P> {
+    /// Puts a world behind the protocol; each arm has a track or not, and a sensor of a range [N, Nm].
+    pub fn new(
+        world: P,
+        arms: impl IntoIterator<Item = (bool, [f64; 6])>,
+        rules: Rules,
+        faults: LineFaults,
+        seed: u64,
+    ) -> Self {
+        let arms: Vec<_> = arms
+            .into_iter()
+            .map(|(has_track, range)| Arm {
+                has_track,
+                axes: std::array::from_fn(|_| Axis::new(rules)),
+                controllers: std::array::from_fn(|_| AxisController::default()),
+                intake: Intake::new(range),
+            })
+            .collect();
+        let (drives, readings) =
+            (vec![ArmDrive::OFF; arms.len()], vec![ArmReading::default(); arms.len()]);
+        Self { world, arms, chance: Chance::new(faults, seed), drives, readings, begun: false }
+    }
+
+    /// The world.
+    pub fn world(&self) -> &P {
+        &self.world
+    }
+
+    /// The world's own period under the drives that the controllers make of their orders.
+    fn step(&mut self, period: u64) -> Result<(), PortFault> {
+        for (arm, drive) in self.arms.iter().zip(&mut self.drives) {
+            *drive = super::drive(&arm.controllers, arm.has_track);
+        }
+        self.world.exchange(period, &self.drives, &mut self.readings)?;
+        for (arm, reading) in self.arms.iter_mut().zip(&self.readings) {
+            for (axis, controller) in arm.controllers.iter_mut().enumerate() {
+                controller.latch(status(reading, axis));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Arm {
+    /// One order to each axis and its answer.
+    fn talk(
+        &mut self,
+        effector: usize,
+        drive: &ArmDrive,
+        chance: &mut Chance,
+    ) -> Result<(), PortFault> {
+        for index in usize::from(!self.has_track)..=AXES {
+            let axis = &mut self.axes[index];
+            let order = axis.order(&axis_drive(drive, index, &[None; AXES])).encode();
+            let controller = &mut self.controllers[index];
+            let answer = order.iter().filter_map(|byte| controller.hear(*byte)).last();
+            let arrived = answer.and_then(|answer| chance.answer(answer.encode()));
+            axis.take(arrived.as_ref()).map_err(|fault| PortFault {
+                effector,
+                reason: format!("axis {index}: {fault}"),
+            })?;
+        }
+        Ok(())
+    }
+}
+
+impl<P: Port> Port for Wired<P> {
+    fn exchange(
+        &mut self,
+        period: u64,
+        drives: &[ArmDrive],
+        readings: &mut [ArmReading],
+    ) -> Result<(), PortFault> {
+        // The first exchange settles every axis, in front of a world that stands still.
+        if !self.begun {
+            self.begun = true;
+            self.step(0)?;
+            for _ in 0..8 {
+                for (effector, arm) in self.arms.iter_mut().enumerate() {
+                    arm.talk(effector, &ArmDrive::OFF, &mut self.chance)?;
+                }
+            }
+        }
+        for (effector, (arm, reading)) in self.arms.iter_mut().zip(readings).enumerate() {
+            arm.talk(effector, &drives[effector], &mut self.chance)?;
+            hand_over(&arm.axes, arm.has_track, reading);
+            let felt = self.readings[effector].wrench_on_sensor.directions();
+            let counts = felt.map(|c| (c * COUNTS).round() as i32);
+            let record = RdtRecord { sequence: 1, sample: 1, status: 0, counts }.encode();
+            let came = (!self.chance.loses()).then(|| RdtRecord::decode(&record)).flatten();
+            let wrench = came.map(|record| record.wrench(COUNTS, COUNTS));
+            reading.wrench_on_sensor = arm.intake.take(wrench).0;
+        }
+        self.step(period)
+    }
+}
+
+impl<P> std::fmt::Debug for Wired<P> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Wired").field("arms", &self.arms.len()).finish_non_exhaustive()
+    }
+}

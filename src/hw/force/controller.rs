@@ -1,0 +1,303 @@
+//! The stand-alone controller of the original's force sensors: orders on a serial line, readings by the same line or
+//! word by word over a parallel interface.
+//!
+//! - out: lines of two letters that set it up, then one byte (0x14) for each reading
+//! - in: a record of a status and six 16-bit components, 20 counts a newton and 1000 a newton metre; on the line 13
+//!   bytes, the status in one and high bytes first; on the parallel interface 7 words
+//! - 10 ms without a record is a read error; the controller is then set up anew
+//! - source: the original's sources of 2008 (38400 baud, 8N1; PCI-1751 with one interrupt a word). The bytes on the
+//!   line are the binary output of ATI's manual; the original read the words.
+
+use super::net_ft::tell;
+use super::{ForceSource, Intake, Taken};
+use crate::hw::note::{Notes, What};
+use crate::hw::serial::Line;
+use crate::spatial::Wrench;
+
+/// Bits a second of its line.
+const BAUD: u32 = 38_400;
+/// Bytes of a record on the line.
+pub const RECORD: usize = 13;
+/// Words of a record on the parallel interface.
+const WORDS: usize = 7;
+/// Sets it up: no echo of lines, binary and resolved output of all six components, no averaging, single readings.
+const SET_UP: [&[u8]; 7] =
+    [b"CL 0\r", b"CF 1\r", b"CD B\r", b"CD R\r", b"CV 3F\r", b"SA 0\r", b"SM 1\r"];
+/// Asks for one record.
+const ONE: &[u8] = &[0x14];
+/// Its word that a line of its set-up was carried out.
+const PROMPT: u8 = b'>';
+/// Periods that are waited for a record, the original's 10 ms, and for the answer to a line of the set-up.
+const PATIENCE: u32 = 5;
+const PATIENCE_SET_UP: u32 = 25;
+
+/// Counts of a wrench, as they go over line and words.
+const SCALES: [f64; 6] = [20.0, 20.0, 20.0, 1000.0, 1000.0, 1000.0];
+
+/// The record of these bytes: status and wrench.
+#[must_use]
+pub fn decode_record(bytes: &[u8; RECORD]) -> (u8, Wrench) {
+    let counts: [i16; 6] =
+        std::array::from_fn(|i| i16::from_be_bytes([bytes[2 * i + 1], bytes[2 * i + 2]]));
+    (bytes[0], wrench_of(&counts))
+}
+
+/// The bytes of a record; what does not fit into 16 bits is told as the largest number.
+#[must_use]
+pub fn encode_record(status: u8, wrench: &Wrench) -> [u8; RECORD] {
+    let mut bytes = [0; RECORD];
+    bytes[0] = status;
+    for (i, (value, scale)) in wrench.directions().iter().zip(SCALES).enumerate() {
+        let counts = (value * scale).round().clamp(-32768.0, 32767.0) as i16;
+        bytes[2 * i + 1..2 * i + 3].copy_from_slice(&counts.to_be_bytes());
+    }
+    bytes
+}
+
+fn wrench_of(counts: &[i16; 6]) -> Wrench {
+    Wrench::from_directions(std::array::from_fn(|i| f64::from(counts[i]) / SCALES[i]))
+}
+
+/// The parallel interface: 16-bit words as they come, one for each of the board's interrupts.
+pub trait Words: Send {
+    /// The next word, if one has come.
+    fn take(&mut self) -> Option<u16>;
+}
+
+/// Where the set-up stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// This line of the set-up comes next.
+    SettingUp(usize),
+    /// Records are asked for.
+    Reading,
+}
+
+/// A force/torque controller.
+pub struct FtController {
+    line: Line,
+    words: Option<Box<dyn Words>>,
+    intake: Intake,
+    stage: Stage,
+    /// A request is under way, for so many periods.
+    waiting: Option<u32>,
+    record: [u8; RECORD],
+    length: usize,
+}
+
+impl std::fmt::Debug for FtController {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("FtController").field("stage", &self.stage).finish_non_exhaustive()
+    }
+}
+
+impl FtController {
+    /// Opens the line; with `words`, records come by the parallel interface.
+    ///
+    /// # Errors
+    /// What the operating system says, with the device's name.
+    pub fn open(
+        path: &str,
+        words: Option<Box<dyn Words>>,
+        range: [f64; 6],
+    ) -> Result<Self, String> {
+        Ok(Self {
+            line: Line::open(path, BAUD, false)?,
+            words,
+            intake: Intake::new(range),
+            stage: Stage::SettingUp(0),
+            waiting: None,
+            record: [0; RECORD],
+            length: 0,
+        })
+    }
+
+    /// One more line of the set-up, when the last one was answered or is overdue.
+    fn set_up(&mut self, step: usize) {
+        let mut answer = [0; 64];
+        let heard = self.line.read(&mut answer).unwrap_or(0);
+        let answered = answer[..heard].contains(&PROMPT);
+        if let Some(periods) = self.waiting
+            && !answered
+            && periods < PATIENCE_SET_UP
+        {
+            self.waiting = Some(periods + 1);
+            return;
+        }
+        if let Some(line) = SET_UP.get(step) {
+            // A line that takes nothing shows in the answer that does not come.
+            let _ = self.line.write(line);
+            (self.stage, self.waiting) = (Stage::SettingUp(step + 1), Some(0));
+        } else {
+            (self.stage, self.waiting) = (Stage::Reading, None);
+        }
+    }
+
+    /// A record, if one is complete.
+    fn record(&mut self) -> Option<(u8, Wrench)> {
+        if let Some(words) = &mut self.words {
+            while self.length < 2 * WORDS
+                && let Some(word) = words.take()
+            {
+                // The status's low byte is the line's; the components follow as on the line.
+                let [high, low] = word.to_be_bytes();
+                match self.length {
+                    0 => self.record[0] = low,
+                    at => self.record[at - 1..=at].copy_from_slice(&[high, low]),
+                }
+                self.length += 2;
+            }
+            if self.length < 2 * WORDS {
+                return None;
+            }
+        } else {
+            self.length += self.line.read(&mut self.record[self.length..]).unwrap_or(0);
+            if self.length < RECORD {
+                return None;
+            }
+        }
+        self.length = 0;
+        Some(decode_record(&self.record))
+    }
+
+    fn ask(&mut self) {
+        self.line.drain();
+        if let Some(words) = &mut self.words {
+            while words.take().is_some() {}
+        }
+        self.length = 0;
+        let _ = self.line.write(ONE);
+        self.waiting = Some(0);
+    }
+}
+
+impl ForceSource for FtController {
+    fn read(&mut self, period: u64, effector: usize, notes: &mut Notes) -> Wrench {
+        let mut good = None;
+        match self.stage {
+            Stage::SettingUp(step) => self.set_up(step),
+            Stage::Reading => match (self.record(), self.waiting) {
+                (Some((0, wrench)), Some(_)) => {
+                    good = Some(wrench);
+                    self.ask();
+                }
+                (Some((status, _)), Some(_)) => {
+                    notes.tell(period, effector, What::ForceStatus { status: status.into() });
+                    self.ask();
+                }
+                (_, Some(periods)) if periods >= PATIENCE => {
+                    (self.stage, self.waiting) = (Stage::SettingUp(0), None);
+                }
+                (_, Some(periods)) => self.waiting = Some(periods + 1),
+                (_, None) => self.ask(),
+            },
+        }
+        let (wrench, taken) = self.intake.take(good);
+        // While it is set up for the first time, its silence is no news.
+        if !(matches!(taken, Taken::Silent { .. })
+            && matches!(self.stage, Stage::SettingUp(_))
+            && period < 200)
+        {
+            tell(taken, period, effector, notes);
+        }
+        wrench
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hw::emulator::pty::Pty;
+    use proptest::prelude::*;
+
+    const RANGE: [f64; 6] = [65.0, 65.0, 130.0, 5.0, 5.0, 5.0];
+
+    proptest! {
+        #[test]
+        fn a_record_tells_a_wrench_to_half_a_count(
+            f in prop::array::uniform3(-130.0..130.0f64), t in prop::array::uniform3(-5.0..5.0f64)
+        ) {
+            let wrench = Wrench::from_directions([f[0], f[1], f[2], t[0], t[1], t[2]]);
+
+            let (status, told) = decode_record(&encode_record(3, &wrench));
+
+            prop_assert_eq!(status, 3);
+            let off = (told - wrench).directions();
+            prop_assert!(off.iter().zip(SCALES).all(|(off, scale)| off.abs() <= 0.5001 / scale));
+        }
+    }
+
+    /// What a controller does: answers lines by a prompt and requests by a record.
+    fn serve(pty: &Pty, wrench: &Wrench) {
+        let mut bytes = [0; 64];
+        let n = pty.read(&mut bytes);
+        for byte in &bytes[..n] {
+            match *byte {
+                b'\r' => assert!(pty.write(b">")),
+                0x14 => assert!(pty.write(&encode_record(0, wrench))),
+                _ => {}
+            }
+        }
+    }
+
+    #[test]
+    fn it_is_set_up_then_read_and_set_up_again_after_a_silence() {
+        let pty = Pty::open().unwrap();
+        let mut sensor = FtController::open(pty.path(), None, RANGE).unwrap();
+        let mut notes = Notes::none();
+        let push = Wrench::from_directions([1.0, -2.0, 3.5, 0.1, 0.2, -0.3]);
+
+        let mut wrench = Wrench::from_directions([f64::NAN; 6]);
+        for period in 0..100 {
+            serve(&pty, &push);
+            wrench = sensor.read(period, 0, &mut notes);
+        }
+        assert_eq!(wrench, push);
+
+        for period in 100..120 {
+            wrench = sensor.read(period, 0, &mut notes);
+        }
+        assert!(!wrench.is_finite(), "silent");
+        for period in 120..400 {
+            serve(&pty, &push);
+            wrench = sensor.read(period, 0, &mut notes);
+        }
+        assert_eq!(wrench, push, "it came back by itself");
+    }
+
+    struct Queue(std::sync::mpsc::Receiver<u16>);
+
+    impl Words for Queue {
+        fn take(&mut self) -> Option<u16> {
+            self.0.try_recv().ok()
+        }
+    }
+
+    #[test]
+    fn seven_words_of_the_parallel_interface_are_a_record() {
+        let pty = Pty::open().unwrap();
+        let (words, queue) = std::sync::mpsc::channel();
+        let mut sensor =
+            FtController::open(pty.path(), Some(Box::new(Queue(queue))), RANGE).unwrap();
+        let mut bytes = [0; 64];
+        let mut wrench = Wrench::default();
+
+        for period in 0..100 {
+            let n = pty.read(&mut bytes);
+            for byte in &bytes[..n] {
+                match *byte {
+                    b'\r' => assert!(pty.write(b">")),
+                    0x14 => {
+                        for word in [0u16, 20, 40, (-60i16) as u16, 1000, 0, 500] {
+                            words.send(word).unwrap();
+                        }
+                    }
+                    _ => {}
+                }
+            }
+            wrench = sensor.read(period, 0, &mut Notes::none());
+        }
+
+        assert_eq!(wrench, Wrench::from_directions([1.0, 2.0, -3.0, 1.0, 0.0, 0.5]));
+    }
+}

@@ -1,0 +1,36 @@
+//! Force sensors in the wrists, as the bridge reads them once a period.
+//!
+//! - [`NetFt`]: an ATI Net F/T box, which streams datagrams (RDT)
+//! - [`FtController`]: the stand-alone controller of the original's sensors, on a serial line
+//! - [`Intake`]: what all have in common: the last reading holds for a while, one that leaves the range is dropped, and
+//!   a sensor that stays silent reads as no number, upon which the servo leaves force control
+//!
+//! Bias, the mean of two and the tool's weight belong to the servo: [`crate::servo::wrench`].
+
+mod controller;
+mod intake;
+mod net_ft;
+
+pub use controller::{FtController, RECORD as FT_RECORD, decode_record, encode_record};
+pub use intake::{Intake, Taken};
+pub use net_ft::{NetFt, RDT_RECORD, RDT_REQUEST, RdtRecord, Sequence, request, start_request};
+
+use super::note::Notes;
+use crate::spatial::Wrench;
+
+/// A wrist sensor.
+pub trait ForceSource: Send {
+    /// Takes what has come since the last period, and never waits. What the surroundings and the tool's weight exert
+    /// on the sensor, in its frame; components are NaN when it is silent.
+    fn read(&mut self, period: u64, effector: usize, notes: &mut Notes) -> Wrench;
+}
+
+/// There is no sensor: always silent.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct NoSensor;
+
+impl ForceSource for NoSensor {
+    fn read(&mut self, _: u64, _: usize, _: &mut Notes) -> Wrench {
+        Wrench::from_directions([f64::NAN; 6])
+    }
+}

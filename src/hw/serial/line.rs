@@ -1,0 +1,190 @@
+//! Serial lines, all of them served at once: each order goes out, each answer comes in, before one deadline.
+//!
+//! - the lines are file descriptors that never block; nothing is allocated in an exchange
+//! - an answer that came too late is thrown away before the next order goes out
+
+use super::frame::{ORDER, STATUS};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{Mode, OFlags};
+use rustix::io::{Errno, read, write};
+use rustix::termios::{
+    ControlModes, OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr,
+};
+use std::os::fd::{AsFd, OwnedFd};
+use std::time::{Duration, Instant};
+
+/// Bits a second of the axis controllers' lines.
+pub const AXIS_BAUD: u32 = 921_600;
+/// The most lines that are served at once.
+pub const MOST: usize = 32;
+
+/// A serial line that never blocks.
+#[derive(Debug)]
+pub struct Line {
+    path: String,
+    fd: OwnedFd,
+}
+
+impl Line {
+    /// Opens a device with 8 data bits, no parity and 1 or 2 stop bits, and throws away what has come.
+    ///
+    /// # Errors
+    /// What the operating system says, with the device's name.
+    pub fn open(path: &str, baud: u32, two_stop_bits: bool) -> Result<Self, String> {
+        let fail = |what: &str, errno: Errno| format!("{path}: {what}: {errno}");
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let fd = rustix::fs::open(path, flags, Mode::empty()).map_err(|e| fail("open", e))?;
+        set_up(&fd, baud, two_stop_bits).map_err(|e| fail("not a serial line", e))?;
+        tcflush(&fd, QueueSelector::IOFlush).map_err(|e| fail("flush", e))?;
+        Ok(Self { path: path.to_owned(), fd })
+    }
+
+    /// The device's name.
+    #[must_use]
+    pub fn path(&self) -> &str {
+        &self.path
+    }
+
+    /// Throws away what has come.
+    pub fn drain(&self) {
+        let mut rest = [0; 64];
+        // Bounded: a line that never stops talking must not hold up the period.
+        for _ in 0..8 {
+            if !matches!(read(&self.fd, &mut rest), Ok(n) if n == rest.len()) {
+                return;
+            }
+        }
+    }
+
+    /// Writes all bytes, or says that it could not.
+    #[must_use]
+    pub fn write(&self, bytes: &[u8]) -> bool {
+        matches!(write(&self.fd, bytes), Ok(n) if n == bytes.len())
+    }
+
+    /// Reads what is there; 0 when nothing is, `None` when the line is dead.
+    pub fn read(&self, into: &mut [u8]) -> Option<usize> {
+        match read(&self.fd, into) {
+            // A line never comes to its end, unless it is a pseudo-terminal whose other side is gone.
+            Ok(0) => None,
+            Ok(n) => Some(n),
+            Err(Errno::AGAIN | Errno::INTR) => Some(0),
+            Err(_) => None,
+        }
+    }
+}
+
+/// Raw bytes, this speed, no flow control.
+pub(crate) fn set_up(fd: impl AsFd, baud: u32, two_stop_bits: bool) -> Result<(), Errno> {
+    let mut modes = tcgetattr(&fd)?;
+    modes.make_raw();
+    modes.control_modes.remove(ControlModes::CRTSCTS | ControlModes::PARENB);
+    modes.control_modes.set(ControlModes::CSTOPB, two_stop_bits);
+    modes.control_modes.insert(ControlModes::CREAD | ControlModes::CLOCAL | ControlModes::CS8);
+    modes.set_speed(baud)?;
+    tcsetattr(&fd, OptionalActions::Now, &modes)
+}
+
+/// Lines of axis controllers with what is under way on each.
+#[derive(Debug)]
+pub struct Lines {
+    lines: Vec<Line>,
+    answers: Vec<Partial>,
+}
+
+/// An answer as far as it has come.
+#[derive(Debug, Clone, Copy, Default)]
+struct Partial {
+    bytes: [u8; STATUS],
+    length: usize,
+    dead: bool,
+}
+
+impl Lines {
+    /// # Panics
+    /// For more than [`MOST`] lines.
+    #[must_use]
+    pub fn new(lines: Vec<Line>) -> Self {
+        assert!(lines.len() <= MOST, "at most {MOST} lines");
+        let answers = vec![Partial::default(); lines.len()];
+        Self { lines, answers }
+    }
+
+    /// Name of a line's device.
+    #[must_use]
+    pub fn path(&self, line: usize) -> &str {
+        self.lines[line].path()
+    }
+
+    /// Number of lines.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.lines.len()
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.lines.is_empty()
+    }
+
+    /// Sends an order; what an earlier one left behind is thrown away.
+    pub fn send(&mut self, line: usize, order: &[u8; ORDER]) {
+        self.lines[line].drain();
+        let dead = !self.lines[line].write(order);
+        self.answers[line] = Partial { dead, ..Partial::default() };
+    }
+
+    /// Waits until every line has answered, and no longer than the deadline.
+    pub fn gather(&mut self, deadline: Instant) {
+        // What came while this thread was kept from running counts: hence one look after the deadline.
+        while !self.all_done() {
+            let left = deadline.saturating_duration_since(Instant::now());
+            self.wait(left);
+            self.read();
+            if left.is_zero() {
+                return;
+            }
+        }
+    }
+
+    /// The answer of a line, if it is complete.
+    #[must_use]
+    pub fn answer(&self, line: usize) -> Option<&[u8; STATUS]> {
+        let answer = &self.answers[line];
+        (answer.length == STATUS).then_some(&answer.bytes)
+    }
+
+    fn all_done(&self) -> bool {
+        self.answers.iter().all(|a| a.dead || a.length == STATUS)
+    }
+
+    /// Sleeps until a line that has not answered yet has something to say.
+    fn wait(&self, time: Duration) {
+        let Some(first) = self.lines.first() else { return };
+        let mut waiting = 0;
+        let mut fds: [PollFd<'_>; MOST] =
+            std::array::from_fn(|_| PollFd::new(&first.fd, PollFlags::IN));
+        for (line, answer) in self.lines.iter().zip(&self.answers) {
+            if !answer.dead && answer.length < STATUS {
+                fds[waiting] = PollFd::new(&line.fd, PollFlags::IN);
+                waiting += 1;
+            }
+        }
+        let time = Timespec { tv_sec: 0, tv_nsec: time.as_nanos().min(999_999_999) as i64 };
+        // An interruption ends the wait early, which the caller's loop takes care of.
+        let _ = poll(&mut fds[..waiting], Some(&time));
+    }
+
+    fn read(&mut self) {
+        for (line, answer) in self.lines.iter().zip(&mut self.answers) {
+            if answer.dead || answer.length == STATUS {
+                continue;
+            }
+            match line.read(&mut answer.bytes[answer.length..]) {
+                Some(n) => answer.length += n,
+                None => answer.dead = true,
+            }
+        }
+    }
+}

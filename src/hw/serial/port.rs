@@ -1,0 +1,304 @@
+//! The bridge to arms behind serial axis controllers.
+//!
+//! - in: the drives of a period; out: the readings that the controllers give in answer, within the period
+//! - all lines are served at once; what has not answered by the deadline is missed, and reads as it did before
+//! - a line that must be given up is a fault of the whole bridge: every controller of every arm is put into its error
+//!   mode, power off and brakes on, since a cube may join the arms
+//! - when the bridge ends, every controller is put into its manual mode
+
+use super::axis::{Answer, Axis, AxisDrive, AxisFault, Rules};
+use super::frame::{Mode, Order, Parameter};
+use super::line::{Line, Lines};
+use crate::hw::force::ForceSource;
+use crate::hw::note::{Notes, What};
+use crate::hw::port::{Port, PortFault};
+use crate::motion::{AXES, Depth, PERIOD};
+use crate::servo::io::{ArmDrive, ArmReading};
+use std::time::{Duration, Instant};
+
+/// Exchanges before the first readings are given out: those that settle a start, and as many for lines that miss some.
+const FIRST: u32 = 8;
+/// How often the error mode is sent to a controller that may not hear.
+const INSIST: u32 = 3;
+/// The error mode is not sent faster than controllers can take it.
+const PAUSE: Duration = Duration::from_micros(500);
+
+/// An arm's lines and its force sensor.
+pub struct SerialArm {
+    /// Name of the effector, for messages.
+    pub name: String,
+    /// Its axes with their lines: 0 the track, 1..=6, 7 the jaw; an axis that is not there has none.
+    pub axes: [Option<Line>; AXES + 1],
+    /// Limit of each motor current [A]; the jaw's follows the grip.
+    pub max_currents: [Option<f64>; AXES],
+    /// Its force sensor.
+    pub force: Box<dyn ForceSource>,
+}
+
+struct Arm {
+    name: String,
+    /// Line of each axis.
+    lines: [Option<usize>; AXES + 1],
+    axes: [Axis; AXES + 1],
+    max_currents: [Option<u16>; AXES],
+    force: Box<dyn ForceSource>,
+}
+
+/// All arms.
+pub struct SerialPort {
+    arms: Vec<Arm>,
+    lines: Lines,
+    notes: Notes,
+    /// How long an exchange may last.
+    patience: Duration,
+    fault: Option<PortFault>,
+    begun: bool,
+    /// Periods in a row in which no line at all answered.
+    all_missed: u32,
+}
+
+/// So many periods without an answer on any line are a fault. All lines at once are late rather than dead: this
+/// machine was kept from running, or whatever all of them hang on was.
+const ALL_MISSED: u32 = 20;
+
+impl SerialPort {
+    /// Time that an exchange may take: 0.5 ms of a period are left for the servo.
+    pub const PATIENCE: Duration = Duration::from_micros(1500);
+
+    /// Joins arms to one bridge; `rules` are those of every line.
+    #[must_use]
+    pub fn new(arms: Vec<SerialArm>, rules: Rules, notes: Notes) -> Self {
+        let mut lines = Vec::new();
+        let arms = arms
+            .into_iter()
+            .map(|arm| {
+                let axes = arm.axes.map(|line| {
+                    line.map(|line| {
+                        lines.push(line);
+                        lines.len() - 1
+                    })
+                });
+                Arm {
+                    name: arm.name,
+                    lines: axes,
+                    axes: std::array::from_fn(|_| Axis::new(rules)),
+                    max_currents: arm.max_currents.map(|a| a.map(milliamperes)),
+                    force: arm.force,
+                }
+            })
+            .collect();
+        Self {
+            arms,
+            lines: Lines::new(lines),
+            notes,
+            patience: Self::PATIENCE,
+            fault: None,
+            begun: false,
+            all_missed: 0,
+        }
+    }
+
+    /// Why the bridge was given up.
+    #[must_use]
+    pub fn fault(&self) -> Option<&PortFault> {
+        self.fault.as_ref()
+    }
+
+    /// Sends an order for every axis and gathers the answers.
+    fn talk(&mut self, drives: &[ArmDrive]) {
+        let begun = Instant::now();
+        for (arm, drive) in self.arms.iter_mut().zip(drives) {
+            for index in 0..=AXES {
+                let Some(line) = arm.lines[index] else { continue };
+                let order = arm.axes[index].order(&axis_drive(drive, index, &arm.max_currents));
+                self.lines.send(line, &order.encode());
+            }
+        }
+        self.lines.gather(begun + self.patience);
+    }
+
+    /// Judges the answers; returns the first line that must be given up.
+    fn judge(&mut self, period: u64) -> Result<(), PortFault> {
+        if self.misses_all() {
+            return self.wait_for_all(period);
+        }
+        self.all_missed = 0;
+        let mut first: Option<(usize, usize, AxisFault)> = None;
+        let mut others = 0;
+        for (effector, arm) in self.arms.iter_mut().enumerate() {
+            for index in 0..=AXES {
+                let Some(line) = arm.lines[index] else { continue };
+                let what = match arm.axes[index].take(self.lines.answer(line)) {
+                    Ok(Answer::Taken) => continue,
+                    Ok(Answer::Missed(_)) => What::Missed { axis: index },
+                    Ok(Answer::Impossible(_)) => What::Impossible { axis: index },
+                    Err(fault) => {
+                        others += u32::from(first.is_some());
+                        first.get_or_insert((effector, index, fault));
+                        continue;
+                    }
+                };
+                self.notes.tell(period, effector, what);
+            }
+        }
+        let Some((effector, index, fault)) = first else { return Ok(()) };
+        let arm = &self.arms[effector];
+        let path = arm.lines[index].map_or("", |line| self.lines.path(line));
+        let more = match others {
+            0 => String::new(),
+            1 => "; another line failed with it".to_owned(),
+            n => format!("; {n} other lines failed with it"),
+        };
+        let axis = if index == AXES { "jaw".to_owned() } else { format!("axis {index}") };
+        let at = period as f64 * PERIOD;
+        let reason =
+            format!("{}, {axis} ({path}): {fault}, in period {period} ({at:.3} s){more}", arm.name);
+        Err(PortFault { effector, reason })
+    }
+
+    fn misses_all(&self) -> bool {
+        self.lines.len() > 1 && (0..self.lines.len()).all(|line| self.lines.answer(line).is_none())
+    }
+
+    fn wait_for_all(&mut self, period: u64) -> Result<(), PortFault> {
+        self.all_missed += 1;
+        if self.all_missed < ALL_MISSED {
+            for (effector, arm) in self.arms.iter_mut().enumerate() {
+                arm.axes.iter_mut().for_each(Axis::carry_on);
+                self.notes.tell(period, effector, What::MissedAll);
+            }
+            return Ok(());
+        }
+        let (at, names) = (period as f64 * PERIOD, self.arms.iter().map(|arm| arm.name.as_str()));
+        let reason = format!(
+            "{}, all axes ({} to {}): no answer for {ALL_MISSED} periods, in period {period} ({at:.3} s)",
+            names.collect::<Vec<_>>().join(" and "),
+            self.lines.path(0),
+            self.lines.path(self.lines.len() - 1),
+        );
+        Err(PortFault { effector: 0, reason })
+    }
+
+    /// Puts every controller into a mode; none is waited for.
+    fn tell_all(&mut self, mode: Mode) {
+        let order = Order::Set(Parameter::Mode(mode)).encode();
+        for line in 0..self.lines.len() {
+            self.lines.send(line, &order);
+        }
+    }
+
+    /// Exchanges until every axis has settled, power off.
+    fn begin(&mut self) -> Result<(), PortFault> {
+        let off = [ArmDrive::OFF; 2];
+        for _ in 0..FIRST {
+            self.talk(&off);
+            self.judge(0)?;
+            let settled = self
+                .arms
+                .iter()
+                .all(|arm| (0..=AXES).all(|i| arm.lines[i].is_none() || arm.axes[i].has_settled()));
+            if settled {
+                break;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn milliamperes(amperes: f64) -> u16 {
+    (amperes * 1e3).round().clamp(0.0, 65_535.0) as u16
+}
+
+/// What a drive means to one axis.
+pub(crate) fn axis_drive(
+    drive: &ArmDrive,
+    index: usize,
+    max_currents: &[Option<u16>; AXES],
+) -> AxisDrive {
+    let enabled = drive.enabled;
+    let synchronise = drive.synchronise >> index & 1 == 1;
+    if index == AXES {
+        let outputs = u8::from(drive.stops == Depth::Two);
+        let limit = enabled.then(|| milliamperes(drive.jaw_current_limit));
+        AxisDrive { enabled, width: drive.jaw_pwm, outputs, max_current: limit, synchronise }
+    } else {
+        AxisDrive {
+            enabled,
+            width: drive.pwm[index],
+            outputs: 0,
+            max_current: max_currents[index],
+            synchronise,
+        }
+    }
+}
+
+impl Port for SerialPort {
+    fn exchange(
+        &mut self,
+        period: u64,
+        drives: &[ArmDrive],
+        readings: &mut [ArmReading],
+    ) -> Result<(), PortFault> {
+        if let Some(fault) = &self.fault {
+            return Err(fault.clone());
+        }
+        let done = if self.begun {
+            self.talk(drives);
+            self.judge(period)
+        } else {
+            self.begun = true;
+            self.begin()
+        };
+        if let Err(fault) = done {
+            for _ in 0..INSIST {
+                self.tell_all(Mode::Error);
+                std::thread::sleep(PAUSE);
+            }
+            self.fault = Some(fault.clone());
+            return Err(fault);
+        }
+        for (effector, (arm, reading)) in self.arms.iter_mut().zip(readings).enumerate() {
+            hand_over(&arm.axes, arm.lines[0].is_some(), reading);
+            // Where nothing at all gets through, its silence is not the sensor's: the last wrench holds meanwhile.
+            if self.all_missed > 0 {
+                continue;
+            }
+            reading.wrench_on_sensor = arm.force.read(period, effector, &mut self.notes);
+        }
+        Ok(())
+    }
+}
+
+/// What the axes of an arm showed last, as the servo reads it; the wrench stays.
+pub(crate) fn hand_over(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut ArmReading) {
+    *reading = ArmReading { wrench_on_sensor: reading.wrench_on_sensor, ..ArmReading::default() };
+    for (index, axis) in axes.iter().enumerate().skip(usize::from(!has_track)) {
+        let bit = |is: bool| u8::from(is) << index;
+        reading.currents[index] = axis.current();
+        reading.over_currents |= bit(axis.over_current());
+        reading.power_faults |= bit(axis.stage_fault());
+        reading.sync_switches |= bit(axis.sync_switch());
+        reading.encoder_zeros |= bit(axis.sync_zero());
+        reading.synchronised &= !bit(!axis.synchronised());
+        reading.limit_switches |= bit(axis.at_limit());
+        if index == AXES {
+            reading.jaw_count = axis.count();
+        } else {
+            reading.counts[index] = axis.count();
+        }
+    }
+}
+
+impl Drop for SerialPort {
+    fn drop(&mut self) {
+        if self.fault.is_none() {
+            self.tell_all(Mode::Manual);
+        }
+    }
+}
+
+impl std::fmt::Debug for SerialPort {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SerialPort").field("lines", &self.lines.len()).finish_non_exhaustive()
+    }
+}

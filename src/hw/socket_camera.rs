@@ -1,0 +1,227 @@
+//! A camera behind a local socket: one request, one frame.
+//!
+//! - out: the servo period of whoever asks (u64) and the exposure (f64), 16 bytes little-endian
+//! - in: 24 bytes: the frame's period by the camera's own clock (u64), width, height (u32), length of what follows (u64);
+//!   then the pixels, 3 bytes each, row by row; width 0 for a refusal, whose reason follows as text
+//! - the camera counts its own periods: what is between the two clocks is found from requests and frames. A frame is
+//!   never older than its request, so the request that was answered fastest tells the difference best.
+
+use super::camera::{Frame, FrameSource, NoFrame};
+use image::RgbImage;
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Bytes of a request.
+pub const REQUEST: usize = 16;
+/// Bytes before the pixels.
+pub const HEADER: usize = 24;
+/// No camera takes longer for a frame.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// No frame is larger [bytes].
+const LARGEST: usize = 64 << 20;
+
+/// A request.
+#[must_use]
+pub fn encode_request(period: u64, exposure: f64) -> [u8; REQUEST] {
+    let mut bytes = [0; REQUEST];
+    bytes[..8].copy_from_slice(&period.to_le_bytes());
+    bytes[8..].copy_from_slice(&exposure.to_le_bytes());
+    bytes
+}
+
+/// Period and exposure of a request.
+#[must_use]
+pub fn decode_request(bytes: &[u8; REQUEST]) -> (u64, f64) {
+    let [a, b] = [0, 8].map(|at| <[u8; 8]>::try_from(&bytes[at..at + 8]).unwrap_or_default());
+    (u64::from_le_bytes(a), f64::from_le_bytes(b))
+}
+
+/// What precedes the pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Header {
+    /// Period of the exposure by the camera's clock.
+    pub period: u64,
+    /// Pixels a row; 0: there is no frame.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Bytes that follow.
+    pub length: u64,
+}
+
+impl Header {
+    /// As it goes over the socket.
+    #[must_use]
+    pub fn encode(&self) -> [u8; HEADER] {
+        let mut bytes = [0; HEADER];
+        bytes[..8].copy_from_slice(&self.period.to_le_bytes());
+        bytes[8..12].copy_from_slice(&self.width.to_le_bytes());
+        bytes[12..16].copy_from_slice(&self.height.to_le_bytes());
+        bytes[16..].copy_from_slice(&self.length.to_le_bytes());
+        bytes
+    }
+
+    /// The header of these bytes.
+    #[must_use]
+    pub fn decode(bytes: &[u8; HEADER]) -> Self {
+        let eight = |at: usize| <[u8; 8]>::try_from(&bytes[at..at + 8]).unwrap_or_default();
+        let four = |at: usize| <[u8; 4]>::try_from(&bytes[at..at + 4]).unwrap_or_default();
+        Self {
+            period: u64::from_le_bytes(eight(0)),
+            width: u32::from_le_bytes(four(8)),
+            height: u32::from_le_bytes(four(12)),
+            length: u64::from_le_bytes(eight(16)),
+        }
+    }
+}
+
+/// The difference of two clocks, in periods.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Offset(Option<i64>);
+
+impl Offset {
+    /// The camera's period on the clock of whoever asked.
+    fn ours(&mut self, asked: u64, told: u64) -> u64 {
+        let seen = asked as i64 - told as i64;
+        let best = self.0.map_or(seen, |best| best.max(seen));
+        self.0 = Some(best);
+        (told as i64 + best).max(0) as u64
+    }
+}
+
+/// A camera behind a socket.
+#[derive(Debug)]
+pub struct SocketCamera {
+    name: String,
+    path: PathBuf,
+    stream: Option<UnixStream>,
+    offset: Offset,
+}
+
+impl SocketCamera {
+    /// Connects.
+    ///
+    /// # Errors
+    /// Nobody listens there.
+    pub fn connect(name: &str, path: &Path) -> Result<Self, NoFrame> {
+        let mut this = Self {
+            name: name.to_owned(),
+            path: path.to_owned(),
+            stream: None,
+            offset: Offset::default(),
+        };
+        this.stream = Some(this.open()?);
+        Ok(this)
+    }
+
+    fn refuse(&self, reason: String) -> NoFrame {
+        NoFrame { camera: self.name.clone(), reason }
+    }
+
+    fn open(&self) -> Result<UnixStream, NoFrame> {
+        let refuse = |e: std::io::Error| self.refuse(format!("{}: {e}", self.path.display()));
+        let stream = UnixStream::connect(&self.path).map_err(refuse)?;
+        stream.set_read_timeout(Some(PATIENCE)).map_err(refuse)?;
+        stream.set_write_timeout(Some(PATIENCE)).map_err(refuse)?;
+        Ok(stream)
+    }
+
+    fn fetch(
+        stream: &mut UnixStream,
+        period: u64,
+        exposure: f64,
+    ) -> std::io::Result<(Header, Vec<u8>)> {
+        stream.write_all(&encode_request(period, exposure))?;
+        let mut header = [0; HEADER];
+        stream.read_exact(&mut header)?;
+        let header = Header::decode(&header);
+        if header.length > LARGEST as u64 {
+            return Err(std::io::Error::other(format!("a frame of {} bytes", header.length)));
+        }
+        let mut bytes = vec![0; header.length as usize];
+        stream.read_exact(&mut bytes)?;
+        Ok((header, bytes))
+    }
+}
+
+impl FrameSource for SocketCamera {
+    fn grab(&mut self, period: u64, exposure: f64) -> Result<Frame, NoFrame> {
+        let mut stream = match self.stream.take() {
+            Some(stream) => stream,
+            None => self.open()?,
+        };
+        // After an error the stream is closed: what might still come would be taken for the next frame.
+        let (header, bytes) = Self::fetch(&mut stream, period, exposure)
+            .map_err(|e| self.refuse(format!("{}: {e}", self.path.display())))?;
+        self.stream = Some(stream);
+        if header.width == 0 {
+            return Err(self.refuse(String::from_utf8_lossy(&bytes).into_owned()));
+        }
+        let image = RgbImage::from_raw(header.width, header.height, bytes)
+            .ok_or_else(|| self.refuse("a frame that is shorter than it says".into()))?;
+        Ok(Frame { period: self.offset.ours(period, header.period), image })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hw::emulator::CameraServer;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn headers_and_requests_come_back(
+            period in any::<u64>(), size in any::<[u32; 2]>(), length in any::<u64>(), exposure in any::<f64>()
+        ) {
+            let header = Header { period, width: size[0], height: size[1], length };
+            prop_assert_eq!(Header::decode(&header.encode()), header);
+            let (told, light) = decode_request(&encode_request(period, exposure));
+            prop_assert_eq!((told, light.to_bits()), (period, exposure.to_bits()));
+        }
+    }
+
+    #[test]
+    fn the_fastest_answer_tells_the_difference_of_the_clocks() {
+        let mut offset = Offset::default();
+
+        // The camera's clock is 1000 behind; answers take 9, 2 and 5 periods.
+        assert_eq!(offset.ours(5000, 4009), 5000);
+        assert_eq!(offset.ours(5020, 4022), 5020);
+        assert_eq!(offset.ours(5040, 4045), 5043, "two periods of delay are left in it");
+    }
+
+    /// Frames whose first pixel tells the exposure.
+    struct Stub;
+
+    impl FrameSource for Stub {
+        fn grab(&mut self, _: u64, exposure: f64) -> Result<Frame, NoFrame> {
+            if exposure > 1.0 {
+                return Err(NoFrame { camera: "stub".into(), reason: "too bright".into() });
+            }
+            let level = (exposure * 200.0) as u8;
+            let image = RgbImage::from_pixel(5, 3, image::Rgb([level, 1, 2]));
+            Ok(Frame { period: 77, image })
+        }
+    }
+
+    #[test]
+    fn frames_and_refusals_come_over_the_socket_and_a_lost_camera_is_told() {
+        let path = std::env::temp_dir().join(format!("rubik-camera-{}", std::process::id()));
+        let server = CameraServer::start(&path, Box::new(Stub)).unwrap();
+        let mut camera = SocketCamera::connect("standalone", &path).unwrap();
+
+        let frame = camera.grab(1000, 0.5).unwrap();
+        assert_eq!((frame.period, frame.image.dimensions()), (1000, (5, 3)));
+        assert_eq!(frame.image.get_pixel(4, 2).0, [100, 1, 2]);
+        assert_eq!(camera.grab(1001, 2.0).unwrap_err().reason, "camera stub: too bright");
+        assert!(camera.grab(1002, 0.1).is_ok());
+
+        drop(server);
+        assert!(camera.grab(1003, 0.5).is_err());
+        let gone = camera.grab(1004, 0.5).unwrap_err();
+        assert!(gone.to_string().starts_with("camera standalone: "), "{gone}");
+    }
+}

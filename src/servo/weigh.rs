@@ -1,0 +1,242 @@
+//! Weighing the tool: from what the sensor feels in several orientations to weight, centre of mass and bias.
+//!
+//! - in: orientations of the flange against a base that stands upright, the wrench on the sensor in each, at rest
+//! - out: least squares: `f = b_f + W d` with d the direction of gravity in the sensor's frame, then
+//!   `t = b_t + c x W d`; and what the model leaves unexplained
+//! - no force but the weight must act: nothing is held, nothing touches
+
+use crate::spatial::{Pose, Wrench};
+use nalgebra::{Matrix3, Matrix4, Matrix6, Point3, UnitQuaternion, Vector3, Vector4, Vector6};
+
+/// The wrench in one orientation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// `base_from_flange`.
+    pub base_from_flange: UnitQuaternion<f64>,
+    /// Mean of the readings: what the surroundings and the weight exert on the sensor, in its frame.
+    pub wrench_on_sensor: Wrench,
+}
+
+/// What hangs on the sensor, and its zero.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weighed {
+    /// [N].
+    pub weight: f64,
+    /// Centre of mass in the flange frame [m].
+    pub centre_in_flange: Point3<f64>,
+    /// What the sensor reads of nothing.
+    pub bias: Wrench,
+    /// Root mean square of what is left of each component of the force [N] and of the torque [Nm].
+    pub residual: (f64, f64),
+    /// The largest of the same.
+    pub largest_residual: (f64, f64),
+}
+
+/// The orientations do not tell the weight.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum CannotWeigh {
+    /// Too few.
+    #[error("{0} orientations: at least 4 are needed")]
+    TooFew(usize),
+    /// They are too much alike.
+    #[error(
+        "the orientations are too much alike: gravity turns by {turned:.3} of its length in the sensor, wanted {LEAST}"
+    )]
+    TooMuchAlike {
+        /// Root mean square of gravity's direction about its mean, in the direction in which it varies second most.
+        turned: f64,
+    },
+    /// The sensor is silent.
+    #[error("the sensor gave no number in orientation {0}")]
+    Silent(usize),
+}
+
+/// Gravity's direction must vary by this in two directions.
+const LEAST: f64 = 0.1;
+
+/// Weighs what hangs on a sensor.
+///
+/// # Errors
+/// [`CannotWeigh`] when the orientations do not tell.
+pub fn weigh(samples: &[Sample], flange_from_sensor: &Pose) -> Result<Weighed, CannotWeigh> {
+    if samples.len() < 4 {
+        return Err(CannotWeigh::TooFew(samples.len()));
+    }
+    if let Some(silent) = samples.iter().position(|s| !s.wrench_on_sensor.is_finite()) {
+        return Err(CannotWeigh::Silent(silent));
+    }
+    let down = |sample: &Sample| {
+        (sample.base_from_flange * flange_from_sensor.rotation).inverse() * -Vector3::z()
+    };
+    check_spread(&samples.iter().map(down).collect::<Vec<_>>())?;
+
+    // Force: unknowns W and b_f.
+    let mut normal = Matrix4::<f64>::zeros();
+    let mut right = Vector4::zeros();
+    for sample in samples {
+        let (d, f) = (down(sample), sample.wrench_on_sensor.force);
+        for axis in 0..3 {
+            let mut row = Vector4::new(d[axis], 0.0, 0.0, 0.0);
+            row[axis + 1] = 1.0;
+            normal += row * row.transpose();
+            right += row * f[axis];
+        }
+    }
+    let alike = CannotWeigh::TooMuchAlike { turned: 0.0 };
+    let force = normal.cholesky().ok_or(alike)?.solve(&right);
+    let weight = force[0];
+    let bias_force = Vector3::new(force[1], force[2], force[3]);
+
+    // Torque: unknowns c and b_t; c x w = -[w]x c.
+    let mut normal = Matrix6::<f64>::zeros();
+    let mut right = Vector6::zeros();
+    for sample in samples {
+        let cross = -(weight * down(sample)).cross_matrix();
+        for axis in 0..3 {
+            let mut row = Vector6::zeros();
+            row.fixed_rows_mut::<3>(0).copy_from(&cross.row(axis).transpose());
+            row[axis + 3] = 1.0;
+            normal += row * row.transpose();
+            right += row * sample.wrench_on_sensor.torque[axis];
+        }
+    }
+    let torque = normal.cholesky().ok_or(alike)?.solve(&right);
+    let centre = Vector3::new(torque[0], torque[1], torque[2]);
+    let bias_torque = Vector3::new(torque[3], torque[4], torque[5]);
+
+    let mut squares = (0.0, 0.0);
+    let mut largest = (0.0_f64, 0.0_f64);
+    for sample in samples {
+        let pull = weight * down(sample);
+        let off = sample.wrench_on_sensor.force - bias_force - pull;
+        let twist = sample.wrench_on_sensor.torque - bias_torque - centre.cross(&pull);
+        squares = (squares.0 + off.norm_squared(), squares.1 + twist.norm_squared());
+        largest = (largest.0.max(off.amax()), largest.1.max(twist.amax()));
+    }
+    let components = 3.0 * samples.len() as f64;
+    Ok(Weighed {
+        weight,
+        centre_in_flange: flange_from_sensor * Point3::from(centre),
+        bias: Wrench { force: bias_force, torque: bias_torque },
+        residual: ((squares.0 / components).sqrt(), (squares.1 / components).sqrt()),
+        largest_residual: largest,
+    })
+}
+
+fn check_spread(down: &[Vector3<f64>]) -> Result<(), CannotWeigh> {
+    let count = down.len() as f64;
+    let mean: Vector3<f64> = down.iter().sum::<Vector3<f64>>() / count;
+    let spread: Matrix3<f64> =
+        down.iter().map(|d| (d - mean) * (d - mean).transpose()).sum::<Matrix3<f64>>() / count;
+    let mut values: [f64; 3] = spread.symmetric_eigenvalues().into();
+    values.sort_by(f64::total_cmp);
+    let turned = values[1].max(0.0).sqrt();
+    if turned < LEAST { Err(CannotWeigh::TooMuchAlike { turned }) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::ForceSensor;
+    use crate::servo::wrench::WristForce;
+    use nalgebra::Translation3;
+    use proptest::prelude::*;
+
+    fn flange_from_sensor() -> Pose {
+        Pose::from_parts(
+            Translation3::new(0.0, 0.0, 0.09),
+            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -1.571),
+        )
+    }
+
+    /// What a sensor with this tool and bias reads, written down in base axes.
+    fn felt(at: &UnitQuaternion<f64>, weight: f64, centre: Point3<f64>, bias: &Wrench) -> Sample {
+        let base_from_sensor = at * flange_from_sensor().rotation;
+        let arm = at * (centre.coords - flange_from_sensor().translation.vector);
+        let pull = Vector3::new(0.0, 0.0, -weight);
+        let wrench = Wrench { force: pull, torque: arm.cross(&pull) };
+        let wrench_on_sensor = wrench.rotated(&base_from_sensor.inverse()) + *bias;
+        Sample { base_from_flange: *at, wrench_on_sensor }
+    }
+
+    fn orientations(angles: &[[f64; 3]]) -> Vec<UnitQuaternion<f64>> {
+        angles.iter().map(|a| UnitQuaternion::from_euler_angles(a[0], a[1], a[2])).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn any_tool_and_bias_are_found_and_then_weigh_nothing(
+            weight in 1.0..30.0f64,
+            centre in prop::array::uniform3(-0.2..0.2f64),
+            bias in prop::array::uniform6(-3.0..3.0f64),
+            angles in prop::collection::vec(prop::array::uniform3(-1.5..1.5f64), 8..14),
+        ) {
+            let (centre, bias) = (Point3::from(centre), Wrench::from_directions(bias));
+            let at = orientations(&angles);
+            let samples: Vec<_> = at.iter().map(|at| felt(at, weight, centre, &bias)).collect();
+
+            let found = match weigh(&samples, &flange_from_sensor()) {
+                Ok(found) => found,
+                Err(CannotWeigh::TooMuchAlike { .. }) => return Ok(()),
+                Err(other) => return Err(TestCaseError::fail(other.to_string())),
+            };
+
+            prop_assert!((found.weight - weight).abs() < 1e-6);
+            prop_assert!((found.centre_in_flange - centre).norm() < 1e-6);
+            prop_assert!(found.largest_residual.0 < 1e-6 && found.largest_residual.1 < 1e-6);
+            // The servo's own compensation agrees with it.
+            let mut wrist = WristForce::new(ForceSensor {
+                flange_from_sensor: flange_from_sensor(),
+                weight: found.weight,
+                centre_in_flange: found.centre_in_flange,
+                range: [200.0; 6],
+            });
+            let flange = Pose::from_parts(Translation3::identity(), at[0]);
+            let rest = wrist.read(&(samples[0].wrench_on_sensor - found.bias), &flange, &Pose::identity());
+            prop_assert!(rest.directions().iter().all(|c| c.abs() < 1e-6));
+        }
+    }
+
+    #[test]
+    fn noise_shows_in_the_residual() {
+        let at = orientations(&[
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [-1.0, 0.2, 0.0],
+            [0.0, 1.0, 0.3],
+            [0.4, -1.0, 0.0],
+            [1.5, 0.7, 0.0],
+        ]);
+        let noise = [0.3, -0.3, 0.3, -0.3, 0.3, -0.3];
+        let samples: Vec<_> = at
+            .iter()
+            .zip(noise)
+            .map(|(at, noise)| {
+                let mut sample = felt(at, 10.0, Point3::new(0.0, 0.0, 0.15), &Wrench::default());
+                sample.wrench_on_sensor.force.x += noise;
+                sample
+            })
+            .collect();
+
+        let found = weigh(&samples, &flange_from_sensor()).unwrap();
+
+        assert!((found.weight - 10.0).abs() < 0.3, "{found:?}");
+        assert!(found.residual.0 > 0.05 && found.largest_residual.0 > found.residual.0);
+        assert!(found.residual.1 < 1e-2);
+    }
+
+    #[test]
+    fn orientations_that_do_not_tell_are_refused() {
+        let level = orientations(&[[0.0; 3], [0.0, 0.0, 1.0], [0.0, 0.0, 2.0], [0.02, 0.0, 0.0]]);
+        let tool = |at| felt(at, 10.0, Point3::new(0.0, 0.0, 0.15), &Wrench::default());
+        let samples: Vec<_> = level.iter().map(tool).collect();
+
+        let alike = weigh(&samples, &flange_from_sensor());
+
+        assert!(matches!(alike, Err(CannotWeigh::TooMuchAlike { turned }) if turned < 0.02));
+        assert_eq!(weigh(&samples[..3], &flange_from_sensor()), Err(CannotWeigh::TooFew(3)));
+        let mut silent = samples;
+        silent[2].wrench_on_sensor.force.x = f64::NAN;
+        assert_eq!(weigh(&silent, &flange_from_sensor()), Err(CannotWeigh::Silent(2)));
+    }
+}

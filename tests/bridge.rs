@@ -1,0 +1,364 @@
+//! The bridge over real file descriptors: serial lines as pseudo-terminals, with motors behind the emulator.
+//!
+//! These tests share the processor with whatever else runs: an axis may miss 40 answers in a row where the test is not
+//! about missing them.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+mod servo_rig;
+
+use rubik_robot::cell::Arm;
+use rubik_robot::hw::devices::Devices;
+use rubik_robot::hw::driver::{self, Core, NoRecords, Switches, WallOptions};
+use rubik_robot::hw::emulator::{
+    At, Course, EmulatedArm, Emulator, EmulatorOptions, LineFaults, SensorKind,
+};
+use rubik_robot::hw::note::{Note, Notes, What, notes};
+use rubik_robot::hw::port::{Port, PortFault};
+use rubik_robot::hw::serial::SerialPort;
+use rubik_robot::hw::serial::axis::Rules;
+use rubik_robot::kinematics::builtin;
+use rubik_robot::motion::{AXES, Depth, JointPositions, Motion, MoveCommand};
+use rubik_robot::servo::ServoCommand;
+use rubik_robot::servo::io::{ArmDrive, ArmReading};
+use rubik_robot::spatial::{Pose, Wrench};
+use servo_rig::{Motors, START, config};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// What the world behind the lines was told last, and a push on its sensors.
+#[derive(Default)]
+struct Seen {
+    drives: Vec<ArmDrive>,
+    push: f64,
+}
+
+/// Motors that let a test look at their drives and push their sensors.
+struct World {
+    motors: Motors,
+    seen: Arc<Mutex<Seen>>,
+}
+
+impl Port for World {
+    fn exchange(
+        &mut self,
+        period: u64,
+        drives: &[ArmDrive],
+        readings: &mut [ArmReading],
+    ) -> Result<(), PortFault> {
+        self.motors.exchange(period, drives, readings)?;
+        let mut seen = self.seen.lock().unwrap();
+        seen.drives = drives.to_vec();
+        for (arm, reading) in readings.iter_mut().enumerate() {
+            reading.jaw_count = 100 + arm as i64;
+            reading.wrench_on_sensor =
+                Wrench::from_directions([0.0, 0.0, seen.push, 0.0, 0.0, 0.0]);
+        }
+        Ok(())
+    }
+}
+
+/// A running emulator.
+struct Rig {
+    devices: Devices,
+    seen: Arc<Mutex<Seen>>,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<Course>>,
+}
+
+impl Rig {
+    fn start(arms: usize, options: EmulatorOptions) -> Self {
+        let seen = Arc::new(Mutex::new(Seen::default()));
+        let world = World { motors: Motors::new(arms), seen: Arc::clone(&seen) };
+        let emulated: Vec<_> = NAMES[..arms]
+            .iter()
+            .map(|name| EmulatedArm { name: (*name).to_owned(), has_track: *name == "track" })
+            .collect();
+        let mut emulator = Emulator::open(world, &emulated, options).unwrap();
+        let devices = emulator.devices();
+        let stop = Arc::new(AtomicBool::new(false));
+        let ends = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let _rights = driver::RealTime::acquire(70, None);
+            emulator.run(&ends, |_, _| {}).unwrap()
+        });
+        Self { devices, seen, stop, thread: Some(thread) }
+    }
+
+    fn bridge(&self, misses: u32, notes: Notes) -> SerialPort {
+        let rules = Rules { misses, ..Rules::default() };
+        self.devices.serial(&arms(self.devices.effector.len()), rules, notes).unwrap()
+    }
+
+    fn kill(&mut self) -> Course {
+        self.stop.store(true, Ordering::Release);
+        self.thread.take().unwrap().join().unwrap()
+    }
+}
+
+const NAMES: [&str; 2] = ["track", "postument"];
+
+fn arms(count: usize) -> Vec<Arm> {
+    let config = config();
+    let arm = |name: &&str| Arm {
+        name: (*name).to_owned(),
+        model: builtin(if *name == "track" { "irp6_track" } else { "irp6_postument" }).unwrap(),
+        world_from_base: Pose::identity(),
+        flange_from_tool: config.flange_from_tool,
+        gripper: config.gripper,
+        sensor: config.sensor,
+        start: START,
+    };
+    NAMES[..count].iter().map(arm).collect()
+}
+
+fn on(pwm: i16) -> ArmDrive {
+    ArmDrive {
+        enabled: true,
+        pwm: [pwm; AXES],
+        jaw_pwm: -pwm,
+        jaw_current_limit: 0.054,
+        stops: Depth::Two,
+        ..ArmDrive::OFF
+    }
+}
+
+/// Exchanges at the servo's pace until `until` is true of the readings, or a fault ends it.
+fn exchange(
+    port: &mut SerialPort,
+    drives: &[ArmDrive],
+    from: u64,
+    mut until: impl FnMut(u64, &[ArmReading]) -> bool,
+) -> Result<u64, (u64, PortFault)> {
+    let mut readings = vec![ArmReading::default(); drives.len()];
+    let begun = Instant::now();
+    for period in from.. {
+        if let Err(fault) = port.exchange(period, drives, &mut readings) {
+            return Err((period, fault));
+        }
+        if until(period, &readings) {
+            return Ok(period);
+        }
+        assert!(begun.elapsed() < Duration::from_secs(20), "nothing happened: {readings:?}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    unreachable!()
+}
+
+#[test]
+#[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
+fn drives_and_readings_of_fifteen_axes_cross_the_lines() {
+    let rig = Rig::start(2, EmulatorOptions::default());
+    rig.seen.lock().unwrap().push = -7.5;
+    let mut port = rig.bridge(40, Notes::none());
+    let first = config().model.motors(&START).0[3];
+
+    // Off until the first drives, then both arms move.
+    let mut start = [0; 2];
+    exchange(&mut port, &[ArmDrive::OFF; 2], 0, |period, readings| {
+        start = [readings[0].counts[3], readings[1].counts[3]];
+        period > 10
+    })
+    .unwrap();
+    assert!((start[0] as f64 - first * 4000.0 / std::f64::consts::TAU).abs() < 2.0, "{start:?}");
+    exchange(&mut port, &[on(100), on(-50)], 11, |_, readings| {
+        let [a, b] = [readings[0].counts[3] - start[0], readings[1].counts[3] - start[1]];
+        let wrench = |arm: usize| readings[arm].wrench_on_sensor.force.z;
+        a > 500 && b < -250 && wrench(0) == -7.5 && wrench(1) == -7.5
+    })
+    .unwrap();
+
+    let seen = rig.seen.lock().unwrap();
+    assert_eq!(seen.drives[0].pwm, [100; AXES]);
+    assert_eq!(seen.drives[1].pwm[1..], [-50; AXES - 1], "the postument has no track");
+    assert_eq!(seen.drives[1].jaw_pwm, 50);
+    for drive in &seen.drives {
+        assert!(drive.enabled && drive.stops == Depth::Two);
+        assert!((drive.jaw_current_limit - 0.054).abs() < 1e-9);
+    }
+}
+
+#[test]
+#[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
+fn a_move_over_the_wire_ends_where_it_should() {
+    let rig = Rig::start(
+        1,
+        EmulatorOptions { sensors: SensorKind::Controller, ..EmulatorOptions::default() },
+    );
+    let mut port = rig.bridge(40, Notes::none());
+    let (mut link, end) = driver::link();
+    let switches = Arc::new(Switches::default());
+    let core =
+        Core::new(vec![config()], vec![end], switches, Box::new(NoRecords), &mut port).unwrap();
+    let wall = driver::spawn_wall(core, port, |_, _| {}, WallOptions::default()).unwrap();
+    let mut goal = START.0;
+    // Slow enough that a world which stands still for some periods does not look like a frozen encoder.
+    goal[1] += 0.05;
+    goal[6] -= 0.03;
+    let motion = Motion::Joints(JointPositions(goal));
+    let start = Instant::now();
+    while link.state().period == 0 {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+
+    let ticket = link
+        .send(ServoCommand::Move {
+            command: MoveCommand { motion, periods: 500, jaw: None },
+            start: 0,
+        })
+        .unwrap();
+    while !link.is_done(ticket, 0) {
+        assert!(start.elapsed() < Duration::from_secs(20), "{:?}", link.state());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    std::thread::sleep(Duration::from_millis(300));
+
+    let state = *link.state();
+    assert_eq!((state.fault, state.refused), (None, None));
+    let off = state.joints.0.iter().zip(goal).map(|(is, wanted)| (is - wanted).abs());
+    assert!(off.fold(0.0, f64::max) < 2e-3, "{:?} instead of {goal:?}", state.joints);
+    assert!(wall.stop().fault.is_none());
+    // The bridge's end puts the controllers into manual mode.
+    std::thread::sleep(Duration::from_millis(50));
+    assert!(!rig.seen.lock().unwrap().drives[0].enabled);
+}
+
+/// Runs two arms into a fault; returns it, its period and the notes.
+fn into_a_fault(faults: LineFaults) -> (u64, PortFault, Vec<Note>, Rig) {
+    let rig = Rig::start(2, EmulatorOptions { faults, ..EmulatorOptions::default() });
+    let (to, mut from) = notes();
+    let mut port = rig.bridge(40, to);
+    let (period, fault) = exchange(&mut port, &[on(20), on(20)], 0, |_, _| false).unwrap_err();
+    // Once given up, the bridge stays so.
+    let again = port.exchange(period + 1, &[on(20); 2], &mut [ArmReading::default(); 2]);
+    assert_eq!(again, Err(fault.clone()));
+    let mut told = Vec::new();
+    while let Ok(note) = from.pop() {
+        told.push(note);
+    }
+    (period, fault, told, rig)
+}
+
+#[test]
+#[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
+fn a_line_pulled_out_is_named_and_both_arms_brake() {
+    let faults = LineFaults {
+        unplugged: vec![At { effector: 1, axis: 3, time: 0.2 }],
+        ..LineFaults::default()
+    };
+
+    let (_, fault, told, rig) = into_a_fault(faults);
+
+    let path = &rig.devices.effector[1].axes[3];
+    assert_eq!(fault.effector, 1);
+    for wanted in ["postument, axis 3", path, "no answer for 40 periods"] {
+        assert!(fault.reason.contains(wanted), "{}", fault.reason);
+    }
+    let missed = told.iter().filter(|n| n.effector == 1 && n.what == What::Missed { axis: 3 });
+    assert!(missed.count() >= 39);
+    std::thread::sleep(Duration::from_millis(50));
+    assert!(rig.seen.lock().unwrap().drives.iter().all(|drive| !drive.enabled));
+}
+
+#[test]
+#[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
+fn a_controller_that_is_reset_is_found_out_and_both_arms_brake() {
+    let faults = LineFaults {
+        resets: vec![At { effector: 0, axis: 5, time: 0.2 }],
+        ..LineFaults::default()
+    };
+
+    let (_, fault, _, rig) = into_a_fault(faults);
+
+    assert!(fault.reason.contains("track, axis 5"), "{}", fault.reason);
+    assert!(fault.reason.contains("it was reset"), "{}", fault.reason);
+    std::thread::sleep(Duration::from_millis(50));
+    assert!(rig.seen.lock().unwrap().drives.iter().all(|drive| !drive.enabled));
+}
+
+#[test]
+#[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
+fn missed_and_spoilt_answers_and_disordered_datagrams_are_lived_with() {
+    let faults = LineFaults {
+        missed: 0.05,
+        corrupt: 0.02,
+        lost: 0.2,
+        reordered: 0.2,
+        ..LineFaults::default()
+    };
+    let rig = Rig::start(2, EmulatorOptions { faults, ..EmulatorOptions::default() });
+    rig.seen.lock().unwrap().push = -7.5;
+    let (to, mut from) = notes();
+    let mut port = rig.bridge(40, to);
+
+    let mut finite = 0;
+    exchange(&mut port, &[on(20), on(20)], 0, |period, readings| {
+        finite += u32::from(readings[0].wrench_on_sensor.is_finite());
+        period > 400
+    })
+    .unwrap();
+
+    assert!(finite > 300, "{finite}");
+    let mut kinds = [0; 4];
+    while let Ok(note) = from.pop() {
+        match note.what {
+            What::Missed { .. } => kinds[0] += 1,
+            What::Impossible { .. } => kinds[1] += 1,
+            What::Lost { .. } => kinds[2] += 1,
+            What::Reordered => kinds[3] += 1,
+            _ => {}
+        }
+    }
+    assert!(kinds[0] > 100 && kinds[1] > 5 && kinds[2] > 10 && kinds[3] > 10, "{kinds:?}");
+}
+
+#[test]
+#[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
+fn a_sensor_that_falls_silent_reads_as_no_number_and_says_so() {
+    let faults = LineFaults {
+        silenced: vec![At { effector: 1, axis: 0, time: 0.3 }],
+        ..LineFaults::default()
+    };
+    let rig = Rig::start(2, EmulatorOptions { faults, ..EmulatorOptions::default() });
+    let (to, mut from) = notes();
+    let mut port = rig.bridge(40, to);
+
+    let mut spoke = false;
+    exchange(&mut port, &[ArmDrive::OFF; 2], 0, |_, readings| {
+        let now = readings[1].wrench_on_sensor.is_finite();
+        spoke |= now;
+        spoke && !now && readings[0].wrench_on_sensor.is_finite()
+    })
+    .unwrap();
+
+    let told = std::iter::from_fn(|| from.pop().ok());
+    assert!(told.into_iter().any(|n| n.effector == 1 && n.what == What::ForceSilent));
+}
+
+#[test]
+#[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
+fn a_killed_emulator_ends_the_bridge_at_once_and_nothing_hangs() {
+    let mut rig = Rig::start(2, EmulatorOptions::default());
+    let mut port = rig.bridge(3, Notes::none());
+    let mut readings = [ArmReading::default(); 2];
+    for period in 0..20 {
+        // A loaded machine may miss answers here already: the rest is the same.
+        if port.exchange(period, &[on(20); 2], &mut readings).is_err() {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    let course = rig.kill();
+    assert!(course.orders > 0);
+
+    let begun = Instant::now();
+    let fault =
+        (20..50).find_map(|period| port.exchange(period, &[on(20); 2], &mut readings).err());
+
+    assert!(begun.elapsed() < Duration::from_millis(500), "{:?}", begun.elapsed());
+    let reason = fault.unwrap().reason;
+    for wanted in ["track", "postument", "/dev/pts/", "no answer for 20 periods", "period"] {
+        assert!(reason.contains(wanted), "{reason}");
+    }
+}

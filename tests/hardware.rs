@@ -1,0 +1,177 @@
+//! A run on hardware as its user meets it, with the emulator in a process of its own in the robot's place.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::path::PathBuf;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+const IDLE: &str = "\
+task = \"idle\"
+pace = \"real-time\"
+camera = []
+vsp = []
+[bridge]
+kind = \"serial\"
+# These tests share the processor with others.
+missed_answers = 40
+[idle]
+time_s = 2
+[[effector]]
+name = \"postument\"
+";
+
+/// An emulator, its scenario and its devices; all of them go away with the test.
+struct Robot {
+    emulator: Child,
+    folder: PathBuf,
+}
+
+impl Robot {
+    fn new(name: &str, options: &[&str]) -> Self {
+        let folder =
+            std::env::temp_dir().join(format!("rubik-robot-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("idle.toml"), IDLE).unwrap();
+        let mut emulator = program()
+            .arg("emulate")
+            .arg(folder.join("idle.toml"))
+            .arg("--set")
+            .arg(format!("bridge.devices={}", folder.join("devices.toml").display()))
+            .arg("--json")
+            .args(options)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut told = BufReader::new(emulator.stderr.take().unwrap());
+        let mut line = String::new();
+        while !line.contains("rubik-robot run") {
+            line.clear();
+            assert!(told.read_line(&mut line).unwrap() > 0, "the emulator gave up");
+        }
+        // Nobody reads on; what it might still say must not stop it.
+        std::thread::spawn(move || std::io::copy(&mut told, &mut std::io::sink()));
+        Self { emulator, folder }
+    }
+
+    fn start(&self, options: &[&str]) -> Child {
+        program()
+            .arg("run")
+            .arg(self.folder.join("idle.toml"))
+            .arg("--set")
+            .arg(format!("bridge.devices={}", self.folder.join("devices.toml").display()))
+            .arg("--json")
+            .args(options)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
+    }
+
+    /// The emulator's last word.
+    fn verdict(mut self) -> Value {
+        let mut stdout = self.emulator.stdout.take().unwrap();
+        let mut printed = String::new();
+        std::io::Read::read_to_string(&mut stdout, &mut printed).unwrap();
+        assert!(self.emulator.wait().unwrap().success());
+        assert!(!self.folder.join("devices.toml").exists(), "its devices went away with it");
+        serde_json::from_str(printed.lines().last().unwrap()).unwrap()
+    }
+}
+
+impl Drop for Robot {
+    fn drop(&mut self) {
+        let _ = self.emulator.kill();
+        let _ = self.emulator.wait();
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+fn program() -> Command {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
+    program.current_dir(env!("CARGO_MANIFEST_DIR")).stdin(Stdio::null());
+    program
+}
+
+fn summary(out: &Output) -> Value {
+    let printed = std::str::from_utf8(&out.stdout).unwrap();
+    serde_json::from_str(printed.lines().last().unwrap()).unwrap()
+}
+
+fn stderr(out: &Output) -> String {
+    String::from_utf8_lossy(&out.stderr).into_owned()
+}
+
+#[test]
+#[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
+fn an_arm_is_held_over_the_wire_and_only_the_emulator_knows_the_truth() {
+    let robot = Robot::new("held", &[]);
+
+    let out = robot.start(&[]).wait_with_output().unwrap();
+
+    assert_eq!(out.status.code(), Some(0), "{}", stderr(&out));
+    let run = summary(&out);
+    assert_eq!(run["outcome"], "solved");
+    assert!(run["reason"].as_str().unwrap().contains("controller's own account"), "{run}");
+    for unknown in ["cube_start", "cube_end", "peak_force_n", "jams", "slips", "collisions"] {
+        assert_eq!(run[unknown], Value::Null, "{unknown}");
+    }
+    let truth = robot.verdict();
+    assert_eq!(truth["cube_start"], truth["cube_end"]);
+    assert_eq!(truth["cube_start"].as_str().unwrap().len(), 54);
+    // Seven lines, 2 s: most of the periods at least.
+    assert!(truth["orders"].as_u64().unwrap() > 3000, "{truth}");
+}
+
+#[test]
+#[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
+fn a_killed_emulator_ends_the_run_at_once_with_exit_code_3_and_names_the_lines() {
+    let mut robot = Robot::new("killed", &[]);
+    let run = robot.start(&["--set", "idle.time_s=60"]);
+    std::thread::sleep(Duration::from_millis(2500));
+
+    robot.emulator.kill().unwrap();
+    let begun = Instant::now();
+    let out = run.wait_with_output().unwrap();
+
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    assert_eq!(out.status.code(), Some(3), "{}", stderr(&out));
+    let run = summary(&out);
+    assert_eq!(run["ended_by"], "fatal");
+    let reason = run["reason"].as_str().unwrap();
+    for wanted in ["postument", "/dev/pts/", "no answer for 20 periods", "period"] {
+        assert!(reason.contains(wanted), "{reason}");
+    }
+    // Told at once, too, and not only in the summary.
+    assert!(stderr(&out).contains("bridge lost"), "{}", stderr(&out));
+}
+
+#[test]
+#[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
+fn a_line_pulled_out_ends_the_run_with_exit_code_3_and_names_it() {
+    let robot = Robot::new("unplugged", &["--unplug", "postument.4@1"]);
+
+    let out = robot.start(&["--set", "idle.time_s=60"]).wait_with_output().unwrap();
+
+    assert_eq!(out.status.code(), Some(3), "{}", stderr(&out));
+    let reason = summary(&out)["reason"].as_str().unwrap().to_owned();
+    assert!(reason.contains("postument, axis 4 (/dev/pts/"), "{reason}");
+}
+
+#[test]
+fn without_a_robot_the_user_is_told_what_to_do() {
+    let robot = Robot::new("absent", &[]);
+    let nowhere = format!("bridge.devices={}", robot.folder.join("nosuch.toml").display());
+
+    let out = robot.start(&["--set", &nowhere]).wait_with_output().unwrap();
+
+    assert_eq!(out.status.code(), Some(4));
+    for wanted in ["nosuch.toml", "rubik-robot emulate"] {
+        assert!(stderr(&out).contains(wanted), "{}", stderr(&out));
+    }
+    let virtual_pace = robot.start(&["--pace", "virtual"]).wait_with_output().unwrap();
+    assert_eq!(virtual_pace.status.code(), Some(2));
+    assert!(stderr(&virtual_pace).contains("wall clock only"), "{}", stderr(&virtual_pace));
+}
