@@ -1,6 +1,6 @@
 //! The supervisor: creates ports, servos and actors from a scenario, runs the task, and sums up.
 //!
-//! It hands the controller's half of a scenario to the actors, and takes the verdict from the [`world`](super::world),
+//! It hands the controller's half of a scenario to the actors, and takes the verdict from the `world`,
 //! where that knows one.
 
 use super::build;

@@ -3,11 +3,11 @@
 //! - in: a [`Cube`], the bytes of a table of [`TABLES`], [`Limits`], [`Workers`], a flag that stops
 //! - out: an [`Answer`]: turns, or a number of turns below which there are none
 //! - source: R. Korf, "Finding optimal solutions to Rubik's cube using pattern databases" (1997); T. Rokicki, nxopt;
-//!   S. Tronto, H48; A. Skalski, vcube. What differs is told in [`coset`] and [`search`].
+//!   S. Tronto, H48; A. Skalski, vcube. What differs is told in `coset` and `search`.
 //!
-//! [`geometry`] knows the cube's symmetries, [`coset`] numbers what a table looks at, [`flips`] moves whole sets of
-//! states, [`build`] fills tables with them, [`lanes`] are the processor's vectors, [`probe`] finds a cube's entry,
-//! [`search`] walks, [`rounds`] shares the walk out.
+//! `geometry` knows the cube's symmetries, `coset` numbers what a table looks at, `flips` moves whole sets of
+//! states, `build` fills tables with them, `lanes` are the processor's vectors, `probe` finds a cube's entry,
+//! `search` walks, `rounds` shares the walk out.
 
 mod build;
 mod coset;

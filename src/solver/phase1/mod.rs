@@ -5,11 +5,11 @@
 //! 64430 x 2187, a turn is two reads, and what the table says of the turns holds as it stands.
 //!
 //! Two tables know the same distances, and so lead the same walk:
-//! - [`Near`] (36 MB): two bits a state, the distance modulo 3, and 3 for [`FAR`] or more. The walk knows its own
+//! - `Near` (36 MB): two bits a state, the distance modulo 3, and 3 for `FAR` or more. The walk knows its own
 //!   distance, and a neighbour's differs by at most 1, so two bits are enough; leaving the last levels (three
 //!   entries of five) unfilled halves the time to build. Two small tables, of slice and flips and of slice and
 //!   twists, spare most reads.
-//! - [`Wide`] (423 MB): three bytes a state, which say of each turn whether it leads nearer, farther or neither.
+//! - `Wide` (423 MB): three bytes a state, which say of each turn whether it leads nearer, farther or neither.
 //!   The four states that turns of one face carry into each other lie within one step, so 15 cases, four bits, hold
 //!   what the three turns of a face do.
 

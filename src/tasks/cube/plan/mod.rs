@@ -4,7 +4,7 @@
 //! - out: the steps of the cheapest solution, each grasp with its reason
 //! - source: the original's rule is that of Zieliński et al. (2007); the model with clearance is ours
 //!
-//! [`travel`] knows where the arms meet and how long they take, [`search`] finds the cheapest episodes of one solution,
+//! [`travel`] knows where the arms meet and how long they take, `search` finds the cheapest episodes of one solution,
 //! [`explain`] says why. The plan is chosen over many solutions: the shortest one is seldom the one that two hands make
 //! in the least time.
 
