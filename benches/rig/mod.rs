@@ -1,21 +1,19 @@
 //! What the benches of the servo share: arms that do not move, ways to print.
 #![allow(dead_code, unreachable_pub, reason = "not every bench needs all of it")]
 
+#[path = "../../tests/servo_rig/mod.rs"]
+mod servo_rig;
+
+pub use servo_rig::START;
+
 use hdrhistogram::Histogram;
-use nalgebra::Point3;
-use rubik_robot::cell::{ForceSensor, Gripper};
 use rubik_robot::hw::port::{Port, PortFault};
 use rubik_robot::kinematics::{ArmModel, builtin};
-use rubik_robot::motion::{Direction, Frame, JointPositions, Motion, MoveCommand};
+use rubik_robot::motion::{Direction, Frame, Motion, MoveCommand};
 use rubik_robot::servo::io::{ArmDrive, ArmReading};
-use rubik_robot::servo::period::Length;
-use rubik_robot::servo::regulator::{IRP6, ServoGains};
 use rubik_robot::servo::{ServoCommand, ServoConfig};
-use rubik_robot::spatial::Pose;
 use std::f64::consts::TAU;
 
-/// Where the arms stand.
-pub const START: JointPositions = JointPositions([0.5, 0.1, -1.55, 0.05, 1.2, 1.6, -0.4]);
 /// A direction that yields.
 pub const COMPLIANT: Direction =
     Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
@@ -30,32 +28,9 @@ pub fn configs() -> Vec<ServoConfig> {
     ["irp6_track", "irp6_postument"].map(config).into()
 }
 
+/// The arm of the servo's tests with another geometry.
 fn config(name: &str) -> ServoConfig {
-    ServoConfig {
-        model: model(name),
-        flange_from_tool: Pose::translation(0.0, 0.0, 0.25),
-        gripper: Gripper {
-            finger_width: 0.02,
-            finger_thickness: 0.01,
-            finger_tip: 0.01,
-            palm: 0.04,
-            palm_half_width: 0.03,
-            opening: (0.053, 0.091),
-            opening_of_motor: [0.074, -1.451910074e-5, -2.8313e-9],
-            opening_offset: 0.0,
-            increments: 128.0,
-            amperes_per_newton: 0.004,
-        },
-        sensor: ForceSensor {
-            flange_from_sensor: Pose::translation(0.0, 0.0, 0.09),
-            // Weightless, since the readings below are: the arithmetic is the same.
-            weight: 0.0,
-            centre_in_flange: Point3::origin(),
-            range: [65.0, 65.0, 130.0, 5.0, 5.0, 5.0],
-        },
-        gains: ServoGains::parse(IRP6).unwrap_or_else(|e| unreachable!("built-in gains: {e}")),
-        period: Length::default(),
-    }
+    ServoConfig { model: model(name), ..servo_rig::config() }
 }
 
 /// Position-force control that never ends: five directions yield, one holds.

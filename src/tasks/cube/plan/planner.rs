@@ -13,16 +13,13 @@ use super::super::settings::CubeSettings;
 use super::travel::Reachable;
 use super::{NoPlan, Plan, Rule, Terms};
 use crate::cube::{Axis, Cube, Face, Turn};
-use crate::generators::position::Speeds;
 use crate::motion::Depth;
-use crate::reach::MeetingTable;
 use crate::solver::{self, Budget, Tables};
 
 /// What two arms of a cell may do with a cube, and what it costs them.
 #[derive(Debug, Clone)]
 pub struct Planner {
-    meetings: MeetingTable,
-    speeds: Speeds,
+    reach: Reachable,
     terms: Terms,
 }
 
@@ -47,8 +44,7 @@ impl Planner {
     #[must_use]
     pub fn new(settings: &CubeSettings) -> Self {
         Self {
-            meetings: settings.meetings.clone(),
-            speeds: settings.speeds,
+            reach: Reachable::new(settings.meetings.clone(), &settings.speeds),
             terms: settings.terms(),
         }
     }
@@ -71,7 +67,7 @@ impl Planner {
     /// # Errors
     /// When not all faces can be shown.
     pub fn looks(&self, start: (Hand, Grip)) -> Result<(Vec<Step>, (Hand, Grip)), NoPlan> {
-        let steps = identify::looks(start, &self.terms, &self.reach())?;
+        let steps = identify::looks(start, &self.terms, &self.reach)?;
         let mut hands = [None; 2];
         hands[start.0.index()] = Some(start.1);
         let hands = steps.iter().fold(hands, hands_after);
@@ -102,10 +98,6 @@ impl Planner {
     /// # Errors
     /// When the reach allows none.
     pub fn of(&self, candidates: &[Vec<Turn>], start: (Hand, Grip)) -> Result<Plan, NoPlan> {
-        super::plan(candidates, start, &self.terms, &self.reach())
-    }
-
-    fn reach(&self) -> Reachable<'_> {
-        Reachable::new(&self.meetings, &self.speeds)
+        super::plan(candidates, start, &self.terms, &self.reach)
     }
 }

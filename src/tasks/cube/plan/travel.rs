@@ -83,9 +83,9 @@ impl Reach for Everywhere {
 }
 
 /// The reach of a cell, from its table of meetings.
-#[derive(Debug, Clone)]
-pub struct Reachable<'a> {
-    table: &'a MeetingTable,
+#[derive(Clone)]
+pub struct Reachable {
+    table: MeetingTable,
     /// [`Reach::travel`] by [`slot`], and the least of them.
     seconds: Vec<f32>,
     least: f64,
@@ -104,10 +104,17 @@ fn slot(from: Stand, newcomer: Hand, meeting: u8) -> usize {
     (from * 2 + newcomer.index()) * 24 + usize::from(meeting)
 }
 
-impl<'a> Reachable<'a> {
+/// Without the times, which follow from the rest: a thought is noted in words on the tape.
+impl std::fmt::Debug for Reachable {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Reachable").field("table", &self.table).finish_non_exhaustive()
+    }
+}
+
+impl Reachable {
     /// With the times of all ways between meetings.
     #[must_use]
-    pub fn new(table: &'a MeetingTable, speeds: &Speeds) -> Self {
+    pub fn new(table: MeetingTable, speeds: &Speeds) -> Self {
         let mut seconds = vec![TYPICAL as f32; 24 * ROLLED * ROLLED * 2 * 24];
         for (i, from) in table.grasps.iter().enumerate() {
             let Some(from) = from else { continue };
@@ -157,7 +164,7 @@ fn way(
         + 2.0 * speeds.joints_seconds(&JointPositions::default(), &apart, 1.0)
 }
 
-impl Reach for Reachable<'_> {
+impl Reach for Reachable {
     fn grasp(
         &self,
         track: UnitQuaternion<f64>,
