@@ -33,8 +33,8 @@ impl Plant {
             *gone &= touch.any();
         }
         // The chain is closed as soon as a second hand touches the cube that one holds, and open when one has let
-        // go: the layer that it held then falls back by its play at once, which knocks at its stops with up to 25 N
-        // for some periods. That is this model's, not the controller's.
+        // go: a layer that leans on the palm then joins the core within a period, which may knock at the stops with
+        // up to 20 N. That is this model's, not the controller's.
         let both = self.arms.len() == 2
             && self.balance.touches.iter().all(Touch::any)
             && self.let_go == [false; 2]

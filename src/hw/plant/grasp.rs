@@ -19,6 +19,8 @@ use crate::cell::Gripper;
 use crate::motion::Depth;
 use nalgebra::{Matrix6, Vector3};
 
+/// Share of the pads' stiffness that is left where they do not press: the solver's matrix stays regular.
+const FREE: f64 = 1e-3;
 /// The palm's stops touch the face at +- this from the axis [m].
 const STOP_SPACING: f64 = 0.020;
 /// A finger's end that meets the cube's face from the front [N/m].
@@ -256,10 +258,13 @@ impl Grasp {
         t.force.x += fx;
         t.force.z += fz;
         t.torque += m;
-        t.stiffness[(0, 0)] += j.stiffness[0];
-        t.stiffness[(2, 2)] += j.stiffness[2];
+        // Pads that no longer press hold nothing back. With their full stiffness in the solver a layer that jaws have
+        // just left would creep home through its play, and jump the rest when the jaws count as open.
+        let share = if grip > 0.0 { 1.0 } else { FREE };
+        t.stiffness[(0, 0)] += share * j.stiffness[0];
+        t.stiffness[(2, 2)] += share * j.stiffness[2];
         for i in 0..3 {
-            t.stiffness[(3 + i, 3 + i)] += j.rotation[i];
+            t.stiffness[(3 + i, 3 + i)] += share * j.rotation[i];
         }
     }
 
