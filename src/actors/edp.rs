@@ -234,7 +234,8 @@ impl Edp {
         self.state.send_replace(state);
         let actor = self.name.clone();
         if let Some(fault) = state.fault {
-            return Err(Error::Fatal { actor, place, cause: Fatal::Arm(fault) });
+            let last = Some(Box::new(state));
+            return Err(Error::Fatal { actor, place, cause: Fatal::Arm(fault), last });
         }
         match state.refused {
             Some(refused) if place == "execute" => {

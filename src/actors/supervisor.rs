@@ -481,7 +481,8 @@ async fn perform(
     let mut ending = ending;
     if let Some(fault) = fault {
         let cause = Fatal::Bridge(fault.to_string());
-        ending.error = Some(Error::Fatal { actor: "supervisor".into(), place: "servo", cause });
+        ending.error =
+            Some(Error::Fatal { actor: "supervisor".into(), place: "servo", cause, last: None });
     }
     let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
     let truth = start.zip(verdict).map(|(start, verdict)| Truth { start, verdict, jams });
