@@ -48,6 +48,7 @@ impl Line {
     }
 
     /// Throws away what has come, and says how many bytes that was.
+    #[must_use]
     pub fn drain(&self) -> usize {
         let mut rest = [0; 64];
         let mut gone = 0;
