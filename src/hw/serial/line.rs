@@ -99,10 +99,6 @@ pub struct Lines {
     answers: Vec<Partial>,
 }
 
-/// How long an answer that may be the last order's is held back for the one behind it: both come at once from whoever
-/// was kept from answering. A lost answer costs this once.
-const BEHIND: Duration = Duration::from_micros(300);
-
 /// An answer as far as it has come.
 #[derive(Debug, Clone, Copy, Default)]
 struct Partial {
@@ -114,16 +110,12 @@ struct Partial {
     asked: bool,
     /// The answer before has not come.
     owed: bool,
-    /// When a first answer was complete while another was owed.
-    first: Option<Instant>,
 }
 
 impl Partial {
     /// Whether nothing more is to be expected.
-    fn is_done(&self, now: Instant) -> bool {
-        self.dead
-            || self.length == self.bytes.len()
-            || (self.length >= STATUS && self.first.is_none_or(|first| now >= first + BEHIND))
+    fn is_done(&self) -> bool {
+        self.dead || self.length == self.room()
     }
 
     /// How many bytes may still come.
@@ -176,27 +168,30 @@ impl Lines {
         self.answers[line] = Partial { dead, owed, asked: true, ..Partial::default() };
     }
 
-    /// Waits until every line has answered, and no longer than the deadline.
+    /// Waits until every line has answered, and no longer than the deadline. Where an answer is owed from before, the
+    /// first one to come may be that, and a second one is waited for: a lost answer costs that once.
     pub fn gather(&mut self, deadline: Instant) {
         // What came while this thread was kept from running counts: hence one look after the deadline.
-        loop {
-            let now = Instant::now();
-            if self.answers.iter().all(|a| a.is_done(now)) {
-                return;
-            }
-            let held = self.answers.iter().filter(|a| !a.is_done(now)).map(|a| a.first);
-            // Sleeps until all that is left is an answer held back, and then no longer than that.
-            let until = held
-                .map(|first| first.map_or(deadline, |first| first + BEHIND))
-                .max()
-                .map_or(deadline, |until| until.min(deadline));
-            let left = deadline.saturating_duration_since(now);
-            self.wait(until.saturating_duration_since(now));
+        while !self.answers.iter().all(Partial::is_done) {
+            let left = deadline.saturating_duration_since(Instant::now());
+            self.wait(left);
             self.read();
             if left.is_zero() {
                 return;
             }
         }
+    }
+
+    /// Whether a line's answer may be the one to the order before.
+    #[must_use]
+    pub fn is_doubtful(&self, line: usize) -> bool {
+        let answer = &self.answers[line];
+        answer.owed && answer.length < answer.room()
+    }
+
+    /// The line's answer was the one to the order before: this order's is still to come.
+    pub fn owe(&mut self, line: usize) {
+        self.answers[line].length = 0;
     }
 
     /// The answer of a line, if it is complete.
@@ -212,7 +207,7 @@ impl Lines {
         let mut fds: [PollFd<'_>; MOST] =
             std::array::from_fn(|_| PollFd::new(&first.fd, PollFlags::IN));
         for (line, answer) in self.lines.iter().zip(&self.answers) {
-            if !answer.dead && answer.length < answer.room() {
+            if !answer.is_done() {
                 fds[waiting] = PollFd::new(&line.fd, PollFlags::IN);
                 waiting += 1;
             }
@@ -224,16 +219,13 @@ impl Lines {
 
     fn read(&mut self) {
         for (line, answer) in self.lines.iter().zip(&mut self.answers) {
-            let room = answer.room();
-            if answer.dead || answer.length == room {
+            if answer.is_done() {
                 continue;
             }
+            let room = answer.room();
             match line.read(&mut answer.bytes[answer.length..room]) {
                 Some(n) => answer.length += n,
                 None => answer.dead = true,
-            }
-            if answer.owed && answer.length >= STATUS && answer.first.is_none() {
-                answer.first = Some(Instant::now());
             }
         }
     }
@@ -275,17 +267,31 @@ mod tests {
         let (far, mut lines) = late();
 
         assert!(far.write(&[2; STATUS]));
-        let before = Instant::now();
-        lines.gather(soon());
+        lines.gather(Instant::now() + Duration::from_millis(20));
 
         assert_eq!(lines.answer(0), Some(&[2; STATUS]));
-        assert!(before.elapsed() >= BEHIND);
+        assert!(lines.is_doubtful(0));
         // From then on nothing is owed.
         lines.send(0, &[0; ORDER]);
         assert!(far.write(&[3; STATUS]));
         lines.gather(soon());
         assert_eq!(lines.answer(0), Some(&[3; STATUS]));
         assert!(!lines.answers[0].owed);
+    }
+
+    #[test]
+    fn what_is_known_to_be_late_leaves_its_successor_owed() {
+        let (far, mut lines) = late();
+        assert!(far.write(&[1; STATUS]));
+        lines.gather(Instant::now() + Duration::from_millis(20));
+
+        lines.owe(0);
+        lines.send(0, &[0; ORDER]);
+        assert!(far.write(&[2; STATUS]) && far.write(&[3; STATUS]));
+        lines.gather(soon());
+
+        assert_eq!(lines.answer(0), Some(&[3; STATUS]));
+        assert!(!lines.is_doubtful(0));
     }
 
     #[test]
