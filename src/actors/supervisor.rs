@@ -101,7 +101,8 @@ pub fn run_at(
         .transpose()
         .map_err(|e| not_created("interrupt", &e.to_string()))?;
     let attended = behind.is_some();
-    let (ui, helm, words) = create_ui(scenario, options, &control, behind)?;
+    let tape = Tape::default();
+    let (ui, helm, words) = create_ui(scenario, options, &control, behind, tape.clone())?;
     let plan = Plan::of(scenario)?;
     let goal = build::goal(&scenario.controller, plan.angle);
     let mut noted = None;
@@ -121,6 +122,7 @@ pub fn run_at(
         emergency: Arc::clone(&ui.emergency),
         words: attended.then_some(words),
         tempo: helm.tempo,
+        tape,
     };
     let done =
         runtime.block_on(perform(scenario, options, &control, (world, cameras), goal, plan, desk));
@@ -149,6 +151,7 @@ struct Attendance {
     /// What the operator says to MP; `None` when nobody is there to be asked.
     words: Option<mpsc::Receiver<Word>>,
     tempo: Tempo,
+    tape: Tape,
 }
 
 fn create_ui(
@@ -156,6 +159,7 @@ fn create_ui(
     options: RunOptions,
     control: &Arc<watch::Sender<Control>>,
     behind: Option<Behind>,
+    tape: Tape,
 ) -> Result<(ui::Ui, ui::Helm, mpsc::Receiver<Word>), Error> {
     let (words, heard) = mpsc::channel(4);
     let helm = ui::Helm { control: Arc::clone(control), words, tempo: Tempo::default() };
@@ -173,6 +177,7 @@ fn create_ui(
         behind,
         presenter,
         board,
+        tape,
     };
     let ui = ui::Ui::spawn(parts).map_err(|e| not_created("ui", &e.to_string()))?;
     Ok((ui, helm, heard))
@@ -297,6 +302,8 @@ struct Done {
     truth: Option<Truth>,
     /// When MP's work ended.
     ended: Instant,
+    /// Where the cube is, as the controller believes.
+    whereabouts: String,
     hash: String,
 }
 
@@ -348,9 +355,8 @@ async fn perform(
         .map(|verdict| Facelets::try_from(verdict.facelets))
         .transpose()
         .map_err(|e| not_created("plant", &e.to_string()))?;
-    let tape = Tape::default();
     let mut will = control.subscribe();
-    let Attendance { ui, emergency, words, tempo } = desk;
+    let Attendance { ui, emergency, words, tempo, tape } = desk;
     let switches = Arc::new(Switches { emergency, ..Switches::default() });
     let by_hand = goal.is_none() && words.is_some();
     // Before the start there is no time: a run does not depend on when it was started.
@@ -571,11 +577,13 @@ async fn perform(
         work,
         tape: tape.clone(),
     });
+    let mut whereabouts = String::new();
     let (ending, log) = match &mut kernel {
         Kernel::Idle(idle) => (mp.run(idle).await, MissionLog::default()),
         Kernel::Panel(panel) => (mp.run(panel).await, MissionLog::default()),
         Kernel::Cube(mission) => {
             let ending = mp.run(mission.as_mut()).await;
+            whereabouts = mission.whereabouts();
             (ending, mission.log.clone())
         }
     };
@@ -608,7 +616,7 @@ async fn perform(
     }
     let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
     let truth = start.zip(verdict).map(|(start, verdict)| Truth { start, verdict, jams });
-    Ok(Done { ending, task: log, truth, ended, hash: tape.hash() })
+    Ok(Done { ending, task: log, truth, ended, whereabouts, hash: tape.hash() })
 }
 
 fn periods(seconds: f64) -> u64 {
@@ -721,7 +729,10 @@ fn verdict_of(
         return (Outcome::Aborted, error.to_string(), ended_by);
     }
     let Some(finish) = &ending.finish else {
-        return (Outcome::Aborted, "terminated by the operator".into(), EndedBy::Operator);
+        let place = &done.whereabouts;
+        let place = if place.is_empty() { String::new() } else { format!("; {place}") };
+        let reason = format!("terminated by the operator{place}");
+        return (Outcome::Aborted, reason, EndedBy::Operator);
     };
     let (Some(Truth { verdict, jams, .. }), Some(end)) = (&done.truth, end) else {
         let outcome = if finish.achieved { Outcome::Solved } else { Outcome::Failed };

@@ -12,6 +12,7 @@ use super::present::Presenter;
 use crate::desk::{Behind, Desk, desk};
 use crate::error::Error;
 use crate::operator::{Class, Command, OutcomeView};
+use crate::record::tape::Tape;
 use std::io::{BufRead, Write};
 use std::sync::Arc;
 use std::time::Duration;
@@ -89,6 +90,8 @@ pub struct Parts {
     pub presenter: Option<Presenter>,
     /// Where the latest values stand, when there are faces.
     pub board: Option<Board>,
+    /// Where commands that were obeyed are noted.
+    pub tape: Tape,
 }
 
 /// The running UI.
@@ -122,7 +125,8 @@ impl Ui {
         }
         let emergency = Arc::clone(&behind.emergency);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
-        let (quiet, helm, mut presenter) = (parts.quiet, parts.helm, parts.presenter);
+        let (quiet, helm, tape) = (parts.quiet, parts.helm, parts.tape);
+        let mut presenter = parts.presenter;
         let work = move || {
             runtime.block_on(async move {
                 let mut commands = behind.take_commands();
@@ -133,6 +137,9 @@ impl Ui {
                         biased;
                         Some(command) = next(&mut commands) => {
                             let done = obey(&command, &helm);
+                            if done.is_ok() {
+                                tape.message("operator", "ui", &command);
+                            }
                             if let Some(presenter) = &mut presenter {
                                 presenter.commanded(&command, done);
                             }
