@@ -662,3 +662,37 @@ fn errors(truth: &Camera, lens: &Lens, found: &Pose, distance: f64) -> Errors {
         depth: error.z.abs(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario;
+    use std::path::Path;
+
+    #[test]
+    fn a_standing_camera_and_the_arm_agree_on_where_the_cube_is_taken() {
+        let scenario = scenario::read(Path::new("test.toml"), "seed = 5", &[]).unwrap();
+
+        let reports = run(&scenario, Some(0), 16, |_| {}).unwrap();
+
+        let report = &reports[0];
+        assert_eq!(report.views, (16, 16), "nothing may take the cube away");
+        let (before, after) = (report.hand.0, report.hand.1.unwrap());
+        assert!(before[0] > 3e-3, "the arm sags, the camera is elsewhere: {before:?}");
+        assert!(after[0] < 1.5e-3 && after[1] < 2e-3, "{after:?}");
+    }
+
+    #[test]
+    fn only_a_hand_over_is_worth_a_calibration() {
+        let text = |task: &str| format!("task = \"{task}\"\nseed = 5");
+        let of = |task| scenario::read(Path::new("test.toml"), &text(task), &[]).unwrap();
+        let (acquire, idle) = (of("acquire"), of("idle"));
+
+        let believed = believed(&acquire);
+
+        let [old, new] = [&acquire, &*believed].map(|s| place(&s.controller.cell.cameras[0]));
+        assert!((old.translation.vector - new.translation.vector).norm() > 1e-3);
+        assert_eq!(acquire.controller.cell.cameras[1..], believed.controller.cell.cameras[1..]);
+        assert!(matches!(super::believed(&idle), Cow::Borrowed(_)));
+    }
+}

@@ -14,7 +14,7 @@
 
 use super::assignment::assign;
 use super::classes::{Expected, Model, Points, coordinates, median};
-use super::colours::{Light, fit_light, prototype_distances, to_linear};
+use super::colours::{CLIPPED, Light, fit_light, prototype_distances, to_linear};
 use super::likeliest::{CENTRES, Likeliest, likeliest};
 use crate::cube::{Cube, Face, Facelets, ImpossibleCube, Rotation24};
 use std::sync::LazyLock;
@@ -39,12 +39,19 @@ pub enum Undecided {
     #[error("facelet {0} has no colour: not a number")]
     NotANumber(usize),
     /// Two centres cannot be told apart.
-    #[error("the centres of faces {} and {} have the same colour", first.letter(), second.letter())]
+    #[error(
+        "the centres of faces {} and {} have the same colour{}",
+        first.letter(),
+        second.letter(),
+        if *overexposed { ": both are overexposed" } else { "" }
+    )]
     SameCentres {
         /// A face,
         first: Face,
         /// and another.
         second: Face,
+        /// Both are clipped.
+        overexposed: bool,
     },
     /// The facelets are clear, and they make no cube.
     #[error("this cube cannot exist: {reason}; doubtful facelets: {doubtful:?}")]
@@ -91,7 +98,9 @@ pub fn decide_cube(rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
         for second in Face::ALL.into_iter().filter(|s| s.index() > first.index()) {
             let apart = points[CENTRES[first.index()]] - points[CENTRES[second.index()]];
             if apart.norm_squared() < 1.0 {
-                return Err(Undecided::SameCentres { first, second });
+                let centres = [first, second].map(|face| rgb[CENTRES[face.index()]]);
+                let overexposed = centres.iter().flatten().all(|&v| v >= CLIPPED);
+                return Err(Undecided::SameCentres { first, second, overexposed });
             }
         }
     }
@@ -142,6 +151,10 @@ fn contradiction(
         }
         model.learn(points, &alone, &contested);
         costs = model.costs(points);
+        // Mostly it is over here, before the likeliest cube is sought again.
+        if clearness(&costs, &alone, &best) < 0.5 * IMPLAUSIBLE {
+            return None;
+        }
         let (read, next) = (one_by_one(&costs), likeliest(&costs).facelets);
         if round > 0 && read == alone && next == best {
             break;
@@ -149,22 +162,26 @@ fn contradiction(
         (alone, best) = (read, next);
     }
     let square = |i: usize, of: &[u8; 54]| model.square(points, i, usize::from(of[i]));
-    let own = |i: usize, of: &[u8; 54]| costs[i][usize::from(of[i])];
-    let contested: Vec<usize> = (0..54).filter(|&i| alone[i] != best[i]).collect();
-    let clear: f64 = contested.iter().map(|&i| own(i, &best) - own(i, &alone)).sum();
     let certain = (0..54).filter(|&i| alone[i] == best[i]);
     let farthest = certain.map(|i| square(i, &alone)).fold(0.0, f64::max);
-    let evident = |&i: &usize| {
+    let evident = |i: usize| {
         let (near, far) = (square(i, &alone), square(i, &best));
         near <= UNLIKE.max(LIKER * far) && far >= REACH * farthest
     };
-    if clear < IMPLAUSIBLE || !contested.iter().all(evident) {
+    let mut contested = (0..54).filter(|&i| alone[i] != best[i]);
+    if clearness(&costs, &alone, &best) < IMPLAUSIBLE || !contested.all(evident) {
         return None;
     }
     let read = as_counted(&costs, alone);
     let reason = impossible(&read)?;
     let doubtful = (0..54).filter(|&i| read[i] != best[i]).collect();
     Some(Undecided::Impossible { reason, facelets: Box::new(read), doubtful })
+}
+
+/// By how much facelets cost less by themselves than on a cube.
+fn clearness(costs: &[[f64; 6]; 54], alone: &[u8; 54], best: &[u8; 54]) -> f64 {
+    let price = |facelets: &[u8; 54], i: usize| costs[i][usize::from(facelets[i])];
+    (0..54).map(|i| price(best, i) - price(alone, i)).sum()
 }
 
 /// The likeliest cube with its margins and names.
@@ -482,7 +499,15 @@ mod tests {
     fn centres_of_one_colour_and_no_numbers_are_refused() {
         let mut rgb = measured(&scrambled(3), [1.0; 3]);
         rgb[13] = rgb[4];
-        assert!(matches!(decide_cube(&rgb), Err(Undecided::SameCentres { .. })));
+        assert!(matches!(
+            decide_cube(&rgb),
+            Err(Undecided::SameCentres { overexposed: false, .. })
+        ));
+
+        // White and yellow in far too much light.
+        (rgb[4], rgb[31]) = ([247.0, 253.0, 253.0], [247.0, 253.0, 251.0]);
+        rgb[13] = [183.0, 18.0, 52.0];
+        assert!(matches!(decide_cube(&rgb), Err(Undecided::SameCentres { overexposed: true, .. })));
 
         rgb[13][0] = f64::NAN;
         assert_eq!(decide_cube(&rgb), Err(Undecided::NotANumber(13)));
