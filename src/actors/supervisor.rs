@@ -37,6 +37,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
+use tracing::Instrument as _;
 
 /// How a run is started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -451,10 +452,11 @@ async fn perform(
         work,
         tape: tape.clone(),
     });
+    let span = tracing::info_span!("mp");
     let (ending, log) = match &mut kernel {
-        Kernel::Idle(idle) => (mp.run(idle).await, MissionLog::default()),
+        Kernel::Idle(idle) => (mp.run(idle).instrument(span).await, MissionLog::default()),
         Kernel::Cube(mission) => {
-            let ending = mp.run(mission.as_mut()).await;
+            let ending = mp.run(mission.as_mut()).instrument(span).await;
             (ending, mission.log.clone())
         }
     };

@@ -216,44 +216,39 @@ impl<P: Port> Emulator<P> {
     fn serve_until(&mut self, next: u64) {
         loop {
             let left = next.saturating_sub(Clock.now());
-            self.wait(left);
-            self.serve();
+            self.wait(left, false);
+            self.serve(false);
             if left == 0 {
                 return;
             }
         }
     }
 
-    /// Answers until every line has had an order since the world's last period, or one has had its second because
-    /// another's was lost; false when that takes until `deadline`. The world then goes period by period with its
-    /// controller, however either is kept from running.
+    /// Answers until every line has had an order since the world's last period; false when that takes until
+    /// `deadline`. The world then goes period by period with its controller, however either is kept from running: a
+    /// line's next order waits, since its answer would tell of a period that has not been.
     fn serve_a_round(&mut self, deadline: u64) -> bool {
         loop {
-            let (mut least, mut most) = (u64::MAX, 0);
-            for arm in &self.arms {
-                for (line, new) in arm.lines.iter().zip(arm.new_orders()) {
-                    if line.is_some() {
-                        (least, most) = (least.min(new), most.max(new));
-                    }
-                }
-            }
-            if least.max(most / 2) > 0 {
+            let has_all = |arm: &Arm| {
+                arm.lines.iter().zip(arm.new_orders()).all(|(line, new)| line.is_none() || new > 0)
+            };
+            if self.arms.iter().all(has_all) {
                 return true;
             }
             let left = deadline.saturating_sub(Clock.now());
             if left == 0 {
                 return false;
             }
-            self.wait(left);
-            self.serve();
+            self.wait(left, true);
+            self.serve(true);
         }
     }
 
-    /// Answers what has come, at most one order a line.
-    fn serve(&mut self) {
+    /// Answers what has come, at most one order a line; `once`: and at most one in a period of the world.
+    fn serve(&mut self, once: bool) {
         let mut heard = 0;
         for arm in &mut self.arms {
-            heard += arm.serve(&mut self.chance);
+            heard += arm.serve(&mut self.chance, once);
         }
         if heard > 0 {
             self.course.orders += heard;
@@ -262,13 +257,15 @@ impl<P: Port> Emulator<P> {
         }
     }
 
-    fn wait(&self, nanos: u64) {
+    /// Sleeps until something comes; `once` as in [`Self::serve`].
+    fn wait(&self, nanos: u64, once: bool) {
         let Some(some) = self.arms.first() else { return };
         let mut count = 0;
         let mut fds: [PollFd<'_>; MOST] =
             std::array::from_fn(|_| PollFd::new(&some.sensor, PollFlags::IN));
         for arm in &self.arms {
-            for line in arm.lines.iter().flatten() {
+            for (line, new) in arm.lines.iter().zip(arm.new_orders()) {
+                let Some(line) = line.as_ref().filter(|_| !once || new == 0) else { continue };
                 fds[count] = PollFd::new(line, PollFlags::IN);
                 count += 1;
             }
@@ -361,12 +358,13 @@ impl Arm {
         std::array::from_fn(|axis| now[axis].saturating_sub(self.before[axis]))
     }
 
-    /// Answers what has come, at most one order a line; returns their number.
-    fn serve(&mut self, chance: &mut Chance) -> u64 {
+    /// See [`Emulator::serve`]; returns the number of orders.
+    fn serve(&mut self, chance: &mut Chance, once: bool) -> u64 {
         let mut orders = 0;
         let mut bytes = [0; ORDER];
-        for (line, controller) in self.lines.iter().zip(&mut self.controllers) {
-            let Some(line) = line else { continue };
+        let new = self.new_orders();
+        for ((line, controller), new) in self.lines.iter().zip(&mut self.controllers).zip(new) {
+            let Some(line) = line.as_ref().filter(|_| !once || new == 0) else { continue };
             let length = line.read(&mut bytes);
             for byte in &bytes[..length] {
                 let Some(answer) = controller.hear(*byte) else { continue };
