@@ -505,7 +505,7 @@ mod tests {
         ));
 
         // White and yellow in far too much light.
-        (rgb[4], rgb[31]) = ([247.0, 253.0, 253.0], [247.0, 253.0, 251.0]);
+        (rgb[4], rgb[31]) = ([247.0, 253.0, 253.0], [247.0, 251.0, 250.0]);
         rgb[13] = [183.0, 18.0, 52.0];
         assert!(matches!(decide_cube(&rgb), Err(Undecided::SameCentres { overexposed: true, .. })));
 
