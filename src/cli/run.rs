@@ -86,6 +86,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         wait: args.wait && !args.json,
         quiet: false,
         interruptible: true,
+        speed: 0.0,
     };
     match actors::run(&scenario, options) {
         Ok(summary) => {
