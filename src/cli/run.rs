@@ -1,14 +1,16 @@
 //! `rubik-robot run`: perform a scenario, then say what it came to.
 
 use super::output::Output;
-use super::{ScenarioArgs, WRONG, complain};
-use crate::actors::{self, RunOptions};
+use super::{ScenarioArgs, WRONG, complain, record};
+use crate::actors::{self, Around, RunOptions};
 use crate::error::Error;
+use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
 use crate::scenario::Override;
 use crate::scenario::keys::Pace;
 use clap::{Args, ValueEnum};
 use std::io::IsTerminal;
+use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -20,6 +22,7 @@ Examples:
   rubik-robot run scenarios/idle.toml --pace real-time --require-rt
   rubik-robot run scenarios/face_turn.toml --set control.force_sign=-1     a spoilt controller
   rubik-robot run scenarios/solve.toml --json | tail -1
+  rubik-robot run scenarios/solve.toml --record run.mcap      then: report run.mcap, replay run.mcap
 
 Progress goes to stderr, the summary to stdout. With --json the last line of stdout is one object.")]
 pub(super) struct RunArgs {
@@ -37,6 +40,9 @@ pub(super) struct RunArgs {
     /// Refuse to run unless every real-time right is granted (with --pace real-time)
     #[arg(long)]
     require_rt: bool,
+    /// Keep the run in an MCAP file, which ROS 2 tools, rerun and `rubik-robot replay` read
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Wait for the operator's start (s, Enter)
     #[arg(long)]
     wait: bool,
@@ -88,7 +94,25 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         interruptible: true,
         speed: 0.0,
     };
-    match actors::run(&scenario, options) {
+    let recorder = match &args.record {
+        None => Recorder::default(),
+        Some(path) => {
+            let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(more).collect();
+            match record::begin(path, &scenario, &overrides, false) {
+                Ok(recorder) => recorder,
+                Err(error) => {
+                    complain(&format!("--record: {}: {error}", path.display()));
+                    return Ok(WRONG);
+                }
+            }
+        }
+    };
+    let around = Around { recorder: recorder.clone(), ..Around::default() };
+    let done = actors::run_with(&scenario, options, around);
+    if let (Some(written), Some(path)) = (recorder.finish(), &args.record) {
+        complain(&record::told(path, &written));
+    }
+    match done {
         Ok(summary) => {
             if args.json {
                 output.line(&summary.json())?;

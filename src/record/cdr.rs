@@ -348,10 +348,10 @@ mod tests {
         assert_eq!(reader.header().unwrap(), (12_000_000_034, "tool"));
         assert!(reader.bool().unwrap());
         let floats = reader.f64_sequence().unwrap();
-        assert_eq!(floats.iter().map(|f| f.to_bits()).collect::<Vec<_>>(), [
-            nan.to_bits(),
-            (-0.0_f64).to_bits()
-        ]);
+        assert_eq!(
+            floats.iter().map(|f| f.to_bits()).collect::<Vec<_>>(),
+            [nan.to_bits(), (-0.0_f64).to_bits()]
+        );
         assert_eq!(reader.u8_sequence().unwrap(), [1, 2, 3]);
         assert_eq!(reader.string_sequence().unwrap(), ["", "ä"]);
         assert_eq!(reader.i64().unwrap(), -5);

@@ -31,7 +31,6 @@ struct Channel {
     count: u32,
 }
 
-
 impl<W: Write + Seek> File<W> {
     /// Begins a file.
     ///

@@ -11,6 +11,7 @@ use super::sensed::Sensed;
 use super::sheet::{About, Sheet};
 use crate::hw::driver::{RecordSink, ServoRecord};
 use crate::hw::scene::Scene;
+use crate::tasks::Picture;
 use image::RgbImage;
 use std::io::{Seek, Write};
 use std::path::Path;
@@ -34,8 +35,8 @@ const NAP: Duration = Duration::from_millis(2);
 pub enum Entry {
     /// A line for the log: 10 debug, 20 info, 30 warn, 40 error, 50 fatal; who says it; what.
     Log(u8, String, String),
-    /// A phase begins.
-    Phase(String),
+    /// A phase begins; at last "end" and what the run came to.
+    Phase(String, String),
     /// A virtual sensor has delivered.
     Sensed(Sensed),
     /// A camera's picture.
@@ -44,12 +45,8 @@ pub enum Entry {
     Scene(Box<Scene>),
     /// What the operator wanted, as JSON.
     Operator(String),
-    /// What is known of the cube.
-    Cube(CubeKnown),
-    /// What is to be turned.
-    Plan(PlanKnown),
-    /// A snapshot of the operator's page, as JSON.
-    Snapshot(String),
+    /// What the kernel believes of the cube, and its plan.
+    Belief(Box<Picture>),
     /// Named texts: how punctual the servo was, the summary.
     Facts(&'static str, Vec<(String, String)>),
 }
@@ -67,19 +64,6 @@ pub struct CubeKnown {
     pub truth: String,
     /// Names of the effectors that hold it.
     pub holders: Vec<String>,
-}
-
-/// A plan.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct PlanKnown {
-    /// In Singmaster's letters.
-    pub turns: Vec<String>,
-    /// What the hands do, a line a step.
-    pub steps: Vec<String>,
-    /// New grasps.
-    pub grasps: u32,
-    /// As planned [s].
-    pub seconds: f64,
 }
 
 /// What became of a recording.
@@ -165,7 +149,10 @@ impl Recorder {
         let counts = Arc::new(Counts::default());
         let thread = std::thread::Builder::new().name("recorder".into()).spawn({
             let counts = Arc::clone(&counts);
-            move || Clerk { sheet: Sheet::new(about), counts, failure: None }.work(to, records, &entries)
+            move || {
+                Clerk { sheet: Sheet::new(about), counts, failure: None }
+                    .work(to, records, &entries)
+            }
         })?;
         Ok(Self(Some(Arc::new(Shared {
             queue,
@@ -192,13 +179,19 @@ impl Recorder {
 
     /// Notes something at the beginning of a period of 2 ms.
     pub fn note(&self, period: u64, entry: impl FnOnce() -> Entry) {
+        self.note_some(period, || Some(entry()));
+    }
+
+    /// The same, if there is something.
+    pub fn note_some(&self, period: u64, entry: impl FnOnce() -> Option<Entry>) {
         let Some(shared) = &self.0 else { return };
-        let entry = entry();
+        let Some(entry) = entry() else { return };
         let picture = matches!(entry, Entry::Picture(..));
         if picture {
             let waiting = &shared.counts.pictures;
             while waiting.load(Ordering::Acquire) >= PICTURES {
-                if shared.patience == Patience::Never || shared.counts.over.load(Ordering::Acquire) {
+                if shared.patience == Patience::Never || shared.counts.over.load(Ordering::Acquire)
+                {
                     shared.lose();
                     return;
                 }
@@ -317,7 +310,8 @@ impl Clerk {
                         if matches!(entry, Entry::Picture(..)) {
                             self.counts.pictures.fetch_sub(1, Ordering::AcqRel);
                         }
-                        let written = file.as_mut().map(|file| self.sheet.entry(period, &entry, file));
+                        let written =
+                            file.as_mut().map(|file| self.sheet.entry(period, &entry, file));
                         self.settle(&mut file, written);
                     }
                     Err(TryRecvError::Empty | TryRecvError::Disconnected) => break,
@@ -339,7 +333,11 @@ impl Clerk {
     }
 
     /// Without a file everything is lost; a failure takes the file away.
-    fn settle<F>(&mut self, file: &mut Option<F>, written: Option<Result<(), super::file::Unwritten>>) {
+    fn settle<F>(
+        &mut self,
+        file: &mut Option<F>,
+        written: Option<Result<(), super::file::Unwritten>>,
+    ) {
         match written {
             Some(Ok(())) => {}
             Some(Err(why)) => {

@@ -116,13 +116,13 @@ impl Kind {
             Self::ServoTick => (SERVO_TICK, &[TIME]),
             Self::CubeState => (CUBE_STATE, &[TIME]),
             Self::TaskPhase => (
-                "# A phase of the task begins; the outcome is empty until the last, \"done\".\n\
+                "# A phase of the task begins; the outcome is empty until the last, \"end\".\n\
                  builtin_interfaces/Time stamp\nstring name\nstring outcome\n",
                 &[TIME],
             ),
             Self::Plan => (
-                "# Turns of faces in Singmaster's letters, and what the two hands do for them, a line a step.\n\
-                 builtin_interfaces/Time stamp\nstring[] turns\nstring[] steps\nuint32 grasps\nfloat64 seconds\n",
+                "# What the two hands are going to do, why, and how long each step takes as planned (s).\n\
+                 builtin_interfaces/Time stamp\nstring[] steps\nstring[] reasons\nfloat64[] seconds\n",
                 &[TIME],
             ),
             Self::Sensed => (SENSED, &[TIME]),

@@ -278,11 +278,8 @@ fn order_difference(recorded: &str, now: &str) -> Option<Difference> {
         return None;
     }
     let parse = |text: &str| serde_json::from_str::<serde_json::Value>(text);
-    let whole = Difference {
-        field: "command".to_owned(),
-        recorded: or_none(recorded),
-        now: or_none(now),
-    };
+    let whole =
+        Difference { field: "command".to_owned(), recorded: or_none(recorded), now: or_none(now) };
     let (Ok(a), Ok(b)) = (parse(recorded), parse(now)) else { return Some(whole) };
     Some(json_difference("command", &a, &b).unwrap_or(whole))
 }
@@ -291,11 +288,7 @@ fn or_none(text: &str) -> String {
     if text.is_empty() { "nothing".to_owned() } else { text.to_owned() }
 }
 
-fn json_difference(
-    path: &str,
-    a: &serde_json::Value,
-    b: &serde_json::Value,
-) -> Option<Difference> {
+fn json_difference(path: &str, a: &serde_json::Value, b: &serde_json::Value) -> Option<Difference> {
     use serde_json::Value;
     match (a, b) {
         (Value::Object(x), Value::Object(y)) if x.keys().eq(y.keys()) => x

@@ -281,8 +281,7 @@ impl Model {
         self.joint(&name("link5"), &name("link6"), roll, turns([0.0, 1.0, 0.0], 6));
 
         // In the zero pose the flange's x points along the base's x, its y down, its z along the base's y.
-        let flange =
-            pose_from_axes(Vector3::x(), -Vector3::z(), Vector3::y(), Point3::origin());
+        let flange = pose_from_axes(Vector3::x(), -Vector3::z(), Vector3::y(), Point3::origin());
         let plate = solid([0.0, 0.0, 0.01], Shape::Cylinder(0.04, 0.02), STEEL);
         self.link(&name("flange"), vec![plate]);
         self.fix(&name("link6"), &name("flange"), flange);
@@ -339,7 +338,9 @@ impl JointKind {
         };
         let axis = Vector3::from(drive.axis);
         Some(match self {
-            Self::Slides(_) => Pose::from_parts(Translation3::from(value * axis), UnitQuaternion::identity()),
+            Self::Slides(_) => {
+                Pose::from_parts(Translation3::from(value * axis), UnitQuaternion::identity())
+            }
             _ => Pose::from_parts(
                 Translation3::identity(),
                 UnitQuaternion::from_axis_angle(&Unit::new_unchecked(axis), value),
