@@ -109,15 +109,12 @@ impl Presenter {
 
     /// The operator gave a command.
     pub fn commanded(&mut self, command: &Command, done: Result<(), &'static str>) {
-        match done {
-            Ok(()) => {
-                self.say(self.time(), Class::Info, "ui", &format!("operator: {}", command.word()))
-            }
-            Err(why) => {
-                let text = format!("operator: {}: not done, {why}", command.word());
-                self.say(self.time(), Class::Warning, "ui", &text);
-            }
-        }
+        let word = command.word();
+        let (class, text) = match done {
+            Ok(()) => (Class::Info, format!("operator: {word}")),
+            Err(why) => (Class::Warning, format!("operator: {word}: not done, {why}")),
+        };
+        self.say(self.time(), class, "ui", &text);
     }
 
     fn say(&mut self, time: f64, class: Class, source: &str, text: &str) {

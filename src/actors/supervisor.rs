@@ -130,7 +130,9 @@ pub fn run_with(
         .map_err(|e| not_created("interrupt", &e.to_string()))?;
     let attended = behind.is_some() || playback.as_ref().is_some_and(|(_, attended)| *attended);
     let playback = playback.map(|(playback, _)| playback);
-    let (ui, helm, words) = create_ui(scenario, options, &control, behind, &recorder)?;
+    let tape = Tape::default();
+    let keep = (recorder.clone(), tape.clone());
+    let (ui, helm, words) = create_ui(scenario, options, &control, behind, keep)?;
     let plan = Plan::of(scenario)?;
     let goal = build::goal(&scenario.controller, plan.angle);
     let mut noted = None;
@@ -154,6 +156,7 @@ pub fn run_with(
         tempo: helm.tempo,
         recorder: recorder.clone(),
         playback,
+        tape,
     };
     let done =
         runtime.block_on(perform(scenario, options, &control, (world, cameras), goal, plan, desk));
@@ -188,6 +191,7 @@ struct Attendance {
     tempo: Tempo,
     recorder: Recorder,
     playback: Option<Playback>,
+    tape: Tape,
 }
 
 fn create_ui(
@@ -195,7 +199,7 @@ fn create_ui(
     options: RunOptions,
     control: &Arc<watch::Sender<Control>>,
     behind: Option<Behind>,
-    recorder: &Recorder,
+    (recorder, tape): (Recorder, Tape),
 ) -> Result<(ui::Ui, ui::Helm, mpsc::Receiver<Word>), Error> {
     let (words, heard) = mpsc::channel(4);
     let helm = ui::Helm { control: Arc::clone(control), words, tempo: Tempo::default() };
@@ -213,7 +217,8 @@ fn create_ui(
         behind,
         presenter,
         board,
-        recorder: recorder.clone(),
+        recorder,
+        tape,
     };
     let ui = ui::Ui::spawn(parts).map_err(|e| not_created("ui", &e.to_string()))?;
     Ok((ui, helm, heard))
@@ -338,6 +343,8 @@ struct Done {
     truth: Option<Truth>,
     /// When MP's work ended.
     ended: Instant,
+    /// Where the cube is, as the controller believes.
+    whereabouts: String,
     hash: String,
 }
 
@@ -389,8 +396,7 @@ async fn perform(
         .map(|verdict| Facelets::try_from(verdict.facelets))
         .transpose()
         .map_err(|e| not_created("plant", &e.to_string()))?;
-    let tape = Tape::default();
-    let Attendance { ui, mut emergency, mut words, tempo, recorder, playback } = desk;
+    let Attendance { ui, mut emergency, mut words, tempo, recorder, playback, tape } = desk;
     let by_hand = goal.is_none() && words.is_some();
     // Before the start there is no time: a run does not depend on when it was started.
     let mut start_of = outer.subscribe();
@@ -640,11 +646,13 @@ async fn perform(
         work,
         tape: tape.clone(),
     });
+    let mut whereabouts = String::new();
     let (ending, log) = match &mut kernel {
         Kernel::Idle(idle) => (mp.run(idle).await, MissionLog::default()),
         Kernel::Panel(panel) => (mp.run(panel).await, MissionLog::default()),
         Kernel::Cube(mission) => {
             let ending = mp.run(mission.as_mut()).await;
+            whereabouts = mission.whereabouts();
             (ending, mission.log.clone())
         }
     };
@@ -678,7 +686,7 @@ async fn perform(
     }
     let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
     let truth = start.zip(verdict).map(|(start, verdict)| Truth { start, verdict, jams });
-    Ok(Done { ending, task: log, truth, ended, hash: tape.hash() })
+    Ok(Done { ending, task: log, truth, ended, whereabouts, hash: tape.hash() })
 }
 
 fn periods(seconds: f64) -> u64 {
@@ -791,7 +799,10 @@ fn verdict_of(
         return (Outcome::Aborted, error.to_string(), ended_by);
     }
     let Some(finish) = &ending.finish else {
-        return (Outcome::Aborted, "terminated by the operator".into(), EndedBy::Operator);
+        let place = &done.whereabouts;
+        let place = if place.is_empty() { String::new() } else { format!("; {place}") };
+        let reason = format!("terminated by the operator{place}");
+        return (Outcome::Aborted, reason, EndedBy::Operator);
     };
     let (Some(Truth { verdict, jams, .. }), Some(end)) = (&done.truth, end) else {
         let outcome = if finish.achieved { Outcome::Solved } else { Outcome::Failed };

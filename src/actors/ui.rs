@@ -13,6 +13,7 @@ use crate::desk::{Behind, Desk, desk};
 use crate::error::Error;
 use crate::operator::{Class, Command, OutcomeView};
 use crate::record::recorder::Recorder;
+use crate::record::tape::Tape;
 use std::io::{BufRead, Write};
 use std::sync::Arc;
 use std::time::Duration;
@@ -100,6 +101,8 @@ pub struct Parts {
     pub board: Option<Board>,
     /// What keeps the run.
     pub recorder: Recorder,
+    /// Where commands that were obeyed are noted.
+    pub tape: Tape,
 }
 
 /// The running UI.
@@ -134,7 +137,8 @@ impl Ui {
         }
         let emergency = Arc::clone(&behind.emergency);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
-        let (quiet, helm, mut presenter) = (parts.quiet, parts.helm, parts.presenter);
+        let (quiet, helm, tape) = (parts.quiet, parts.helm, parts.tape);
+        let mut presenter = parts.presenter;
         let work = move || {
             runtime.block_on(async move {
                 let mut commands = behind.take_commands();
@@ -145,6 +149,9 @@ impl Ui {
                         biased;
                         Some(command) = next(&mut commands) => {
                             let done = obey(&command, &helm);
+                            if done.is_ok() {
+                                tape.message("operator", "ui", &command);
+                            }
                             if let Some(presenter) = &mut presenter {
                                 presenter.commanded(&command, done);
                             }

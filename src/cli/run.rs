@@ -1,13 +1,15 @@
 //! `rubik-robot run`: perform a scenario, then say what it came to.
 
+use super::face::{Face, FaceArgs};
 use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain, record};
 use crate::actors::{self, Around, RunOptions};
+use crate::desk::desk;
 use crate::error::Error;
 use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
-use crate::scenario::Override;
 use crate::scenario::keys::Pace;
+use crate::scenario::{Override, Scenario};
 use clap::{Args, ValueEnum};
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -21,10 +23,14 @@ Examples:
   rubik-robot run scenarios/solve.toml --pace real-time
   rubik-robot run scenarios/idle.toml --pace real-time --require-rt
   rubik-robot run scenarios/face_turn.toml --set control.force_sign=-1     a spoilt controller
+  rubik-robot run scenarios/solve.toml --ui web --wait --speed 5           watch it in a browser
+  rubik-robot run scenarios/idle.toml --ui web        move an arm by hand
   rubik-robot run scenarios/solve.toml --json | tail -1
   rubik-robot run scenarios/solve.toml --record run.mcap      then: report run.mcap, replay run.mcap
 
-Progress goes to stderr, the summary to stdout. With --json the last line of stdout is one object.")]
+Progress goes to stderr, the summary to stdout. With --json the last line of stdout is one object.
+At a terminal the operator's page is served at http://127.0.0.1:8780/, and stays up when the run is over;
+--ui tui shows the run in the terminal instead, --ui none does neither.")]
 pub(super) struct RunArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
@@ -43,9 +49,14 @@ pub(super) struct RunArgs {
     /// Keep the run in an MCAP file, which ROS 2 tools, rerun and `rubik-robot replay` read
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Wait for the operator's start (s, Enter)
+    /// Wait for the operator's start (the page's button; s, Enter)
     #[arg(long)]
     wait: bool,
+    /// Under virtual time: how fast time may go, in times of real time; 0 for as fast as it computes
+    #[arg(long, value_name = "FACTOR", default_value_t = 0.0)]
+    speed: f64,
+    #[command(flatten)]
+    face: FaceArgs,
     /// Start by itself, ask nothing, and end stdout with one line of JSON
     #[arg(long)]
     json: bool,
@@ -86,19 +97,28 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         complain("--require-rt: the pace is virtual; add --pace real-time");
         return Ok(WRONG);
     }
+    if !(args.speed.is_finite() && args.speed >= 0.0) {
+        complain("--speed: a factor such as 5, or 0 for as fast as it computes");
+        return Ok(WRONG);
+    }
+    let word = args.face.word(args.json);
+    let (desk, behind) = desk();
+    let face = args.face.open(word, desk)?;
+    let shown = !matches!(face, Face::None);
+    let terminal = std::io::stdin().is_terminal();
     let options = RunOptions {
         require_real_time: args.require_rt,
-        automatic: args.json || !(args.wait || std::io::stdin().is_terminal()),
-        wait: args.wait && !args.json,
-        quiet: false,
+        automatic: args.json || face.has_terminal() || !(terminal || (args.wait && !shown)),
+        wait: args.wait && (shown || !args.json),
+        quiet: face.has_terminal(),
         interruptible: true,
-        speed: 0.0,
+        speed: args.speed,
     };
     let recorder = match &args.record {
         None => Recorder::default(),
         Some(path) => {
             let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(more).collect();
-            match record::begin(path, &scenario, &overrides, false) {
+            match record::begin(path, &scenario, &overrides, shown) {
                 Ok(recorder) => recorder,
                 Err(error) => {
                     complain(&format!("--record: {}: {error}", path.display()));
@@ -107,11 +127,27 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
             }
         }
     };
-    let around = Around { recorder: recorder.clone(), ..Around::default() };
+    let behind_run = shown.then(|| behind.clone());
+    let around = Around { behind: behind_run, recorder: recorder.clone(), playback: None };
     let done = actors::run_with(&scenario, options, around);
     if let (Some(written), Some(path)) = (recorder.finish(), &args.record) {
         complain(&record::told(path, &written));
     }
+    let code = told(done, &scenario, args, output)?;
+    output.flush()?;
+    if !args.json {
+        face.linger(&behind)?;
+    }
+    Ok(code)
+}
+
+/// Says what a run came to; returns the exit code.
+fn told(
+    done: Result<Summary, Error>,
+    scenario: &Scenario,
+    args: &RunArgs,
+    output: &mut Output,
+) -> anyhow::Result<u8> {
     match done {
         Ok(summary) => {
             if args.json {

@@ -148,7 +148,7 @@ fn one_arm(solids: &mut Vec<Solid>, index: usize, arm: &Arm) {
     }
     if arm.model.has_track {
         let (low, high) = arm.model.joint_limits[0];
-        let middle = arm.world_from_base * Pose::translation(0.0, (low + high) / 2.0, 0.015);
+        let middle = arm.world_from_base * Pose::translation(0.0, f64::midpoint(low, high), 0.015);
         let shape = boxed(0.36, high - low + 0.6, 0.03);
         solids.push(Solid { arm: None, frame: 0, pose: middle, shape, colour: DARK, jaw: 0 });
     }

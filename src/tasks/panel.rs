@@ -134,13 +134,13 @@ impl Task for Panel {
                 Ok(action) => return action,
                 Err(why) => self.notes.push(format!("not done: {why}")),
             },
-            // MP has told the operator of the error itself.
-            Event::Trouble(_) => {}
             Event::Behaved(outcomes) => {
                 let odd = outcomes.into_iter().flatten().find(crate::generators::Outcome::alarms);
                 self.notes.extend(odd.map(|outcome| outcome.to_string()));
             }
+            // Of a trouble MP has told the operator itself.
             Event::Start
+            | Event::Trouble(_)
             | Event::Done
             | Event::Looked(_)
             | Event::Thought(())

@@ -300,6 +300,17 @@ impl Mission {
         }
     }
 
+    /// Where the cube is, as the controller believes.
+    #[must_use]
+    pub fn whereabouts(&self) -> String {
+        match self.belief.held.map(|held| held.is_some()) {
+            [true, true] => "both hands hold the cube".to_owned(),
+            [true, false] => "the track hand holds the cube".to_owned(),
+            [false, true] => "the postument hand holds the cube".to_owned(),
+            [false, false] => "no hand of the robot holds the cube".to_owned(),
+        }
+    }
+
     fn fail(&mut self, reason: impl Into<String>) -> Action<Thought> {
         self.queue.clear();
         self.pending = None;
@@ -319,7 +330,7 @@ impl Mission {
                 self.looked(viewer, face, tries, reading, arms)
             }
             (Some(Job::Plan), Event::Thought(conclusion)) => self.planned(conclusion),
-            (Some(Job::Ask), Event::Answered(answer)) => self.answered(answer),
+            (Some(Job::Ask), Event::Answered(answer)) => self.answered(answer.as_ref()),
             (Some(job), Event::Behaved(outcomes)) => self.behaved(job, outcomes, arms),
             _ => Ok(()),
         }
@@ -449,12 +460,11 @@ impl Mission {
             Some(Outcome::Turned(turned)) => {
                 self.turned += turned;
                 // A turn in several goes, after a stall, is one turn.
-                if !matches!(self.queue.front(), Some(Job::Turn { .. })) {
-                    if let Some(turn) = self.turning.take() {
-                        self.shown.facelets = self.shown.facelets.map(|f| f.turned(turn));
-                        self.log.executed.push(turn);
-                        self.straight = None;
-                    }
+                let over = !matches!(self.queue.front(), Some(Job::Turn { .. }));
+                if let Some(turn) = self.turning.take_if(|_| over) {
+                    self.shown.facelets = self.shown.facelets.map(|f| f.turned(turn));
+                    self.log.executed.push(turn);
+                    self.straight = None;
                 }
                 Ok(())
             }
@@ -605,11 +615,11 @@ impl Mission {
         Ok(())
     }
 
-    fn answered(&mut self, answer: Option<Answer>) -> Result<(), String> {
+    fn answered(&mut self, answer: Option<&Answer>) -> Result<(), String> {
         let Some((doubt, _)) = self.doubt.take() else { return Ok(()) };
         if let Some(Answer::Stickers { stickers }) = answer {
             self.log.notes.push("the operator has given the colours".to_owned());
-            self.given = Some(stickers);
+            self.given = Some(*stickers);
             self.queue.push_front(Job::Plan);
             return Ok(());
         }
