@@ -107,7 +107,7 @@ fn a_recording_holds_every_period_and_changes_nothing() {
     assert_eq!(with["hash"], without["hash"], "a recording changes nothing");
     let mut counts = BTreeMap::new();
     let mut label = Label::default();
-    let mut ticks = BTreeMap::from([(0, Vec::new()), (1, Vec::new())]);
+    let mut ticks: BTreeMap<u8, Vec<u64>> = BTreeMap::new();
     let mut reading = open(&path).unwrap();
     for piece in reading.by_ref() {
         label.take(&piece);
@@ -116,18 +116,19 @@ fn a_recording_holds_every_period_and_changes_nothing() {
         if message.channel.topic.ends_with("/servo") {
             let tick = Tick::read(&message.data).unwrap();
             assert_eq!(message.time, tick.period * 2_000_000);
-            ticks.get_mut(&tick.arm).unwrap().push(tick.period);
+            ticks.entry(tick.arm).or_default().push(tick.period);
         }
     }
     assert_eq!(reading.end(), Some(&End::Whole));
+    assert_eq!(ticks.len(), label.fact("arms").split(' ').count());
     for periods in ticks.values() {
-        assert!(periods.len() >= 500, "{}", periods.len());
+        assert!(periods.len() >= 498, "{}", periods.len());
         assert!(periods.iter().zip(1..).all(|(a, b)| *a == b), "no period is missing");
     }
     let periods = ticks[&0].len();
-    assert_eq!(counts["/joint_states"], 2 * (periods / 8));
+    assert_eq!(counts["/joint_states"], ticks.len() * (periods / 8));
     assert_eq!(counts["/robot_description"], 1);
-    assert!(counts["/tf"] >= 3 * (periods / 20 - 1), "arms and cube: {counts:?}");
+    assert!(counts["/tf"] >= (ticks.len() + 1) * (periods / 20 - 1), "arms and cube: {counts:?}");
     assert_eq!(label.fact("seed"), "1");
     assert!(label.scenario.contains("task = \"idle\""));
     assert_eq!(label.options().len(), 1);
@@ -140,7 +141,7 @@ fn a_file_cut_anywhere_is_read_to_the_cut_and_recovered() {
     let (path, _) = recorded("cut.mcap", "scenarios/idle.toml", &IDLE);
     let bytes = std::fs::read(&path).unwrap();
     let whole = messages(Reading::new(&bytes[..]));
-    assert!(whole.len() > 1000);
+    assert!(whole.len() > 500, "{}", whole.len());
 
     // Wherever a crash may come: everywhere, in steps of a prime.
     let mut most = 0;
@@ -184,7 +185,7 @@ fn a_full_disk_is_told_and_the_run_goes_on() {
         .split(", ")
         .find_map(|words| words.strip_suffix(" lost: No space left on device (os error 28)"));
     let told = stderr.lines().find(|l| l.starts_with("recorded")).unwrap();
-    assert!(told.contains(" lost"), "{told} {lost:?}");
+    assert!(told.contains(" lost: "), "{told}");
 }
 
 #[test]

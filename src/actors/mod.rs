@@ -19,6 +19,7 @@ pub mod mp;
 mod plant;
 mod present;
 mod recording;
+pub mod show;
 pub mod supervisor;
 pub mod ui;
 pub mod verify;

@@ -225,7 +225,7 @@ fn create_ui(
 }
 
 /// What the operator is shown at the end.
-fn outcome(summary: &Summary) -> OutcomeView {
+pub(super) fn outcome(summary: &Summary) -> OutcomeView {
     let verdict = match (summary.outcome, summary.task.as_str()) {
         (Outcome::Solved, "solve") => "solved",
         (Outcome::Solved, _) => "done",
@@ -457,7 +457,7 @@ async fn perform(
         let Some(turned) = world.show() else { return };
         // Nobody else takes the lock before the end.
         let tick = length.tick(period);
-        if tick % recording::SCENES == 0 {
+        if tick.is_multiple_of(recording::SCENES) {
             scenes.note_some(tick, || world.scene().map(|scene| Entry::Scene(Box::new(scene))));
         }
         seeing.lock().unwrap_or_else(PoisonError::into_inner).look(tick, turned);

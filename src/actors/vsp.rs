@@ -13,7 +13,7 @@ use crate::error::{Error, NonFatal, System};
 use crate::generators::{Mode, Sensing, Target, Window};
 use crate::hw::camera::{Frame, FrameSource};
 use crate::motion::{ArmState, PERIOD};
-use crate::record::playback::Playback;
+use crate::record::playback::{Playback, Played};
 use crate::record::recorder::{Entry, Recorder};
 use crate::record::sensed::{self as kept, Sensed};
 use crate::record::tape::Tape;
@@ -220,12 +220,12 @@ impl Vsp {
         let elsewhere = sensing.mode == Mode::Seek;
         let asked = format!("{sensing:?}");
         let played = self.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
-        let unheard = matches!(played, Some(None));
+        let unheard = matches!(played, Some(Played::Nothing));
         let result = self
             .work
             .run(move || {
                 let (found, frame) = match source.grab(period, sensing.exposure) {
-                    _ if played.is_some() => (of_cube(played), None),
+                    _ if played.is_some() => (played.map_or_else(unheard_of, of_cube), None),
                     Ok(frame) => {
                         let seconds = frame.period as f64 * PERIOD;
                         let found = watcher
@@ -267,12 +267,12 @@ impl Vsp {
         let (view, effort) = (look.view, self.face);
         let asked = format!("{view:?}");
         let played = self.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
-        let unheard = matches!(played, Some(None));
+        let unheard = matches!(played, Some(Played::Nothing));
         let result = self
             .work
             .run(move || {
                 let (reading, frame) = match source.grab(period, view.exposure) {
-                    _ if played.is_some() => (of_face(played), None),
+                    _ if played.is_some() => (played.map_or_else(unheard_of, of_face), None),
                     Ok(frame) => {
                         let place = &view.camera_from_face;
                         let reading = sensor::read_face(&frame.image, &intrinsics, edge, place)
@@ -351,23 +351,27 @@ impl Vsp {
 }
 
 /// What a recording delivered of the cube.
-fn of_cube(played: Option<Option<Result<kept::Found, String>>>) -> Result<Watched, String> {
-    match played.flatten() {
-        Some(Ok(kept::Found::Cube { world_from_cube, speed })) => {
+fn of_cube(played: Played) -> Result<Watched, String> {
+    match played {
+        Played::Answer(Ok(kept::Found::Cube { world_from_cube, speed })) => {
             Ok(Watched { world_from_cube, speed })
         }
-        Some(Err(reason)) => Err(reason),
-        Some(Ok(kept::Found::Face(_))) | None => Err("the recording holds no such look".into()),
+        Played::Answer(Err(reason)) => Err(reason),
+        Played::Answer(Ok(kept::Found::Face(_))) | Played::Nothing => unheard_of(),
     }
 }
 
 /// What a recording delivered of a face.
-fn of_face(played: Option<Option<Result<kept::Found, String>>>) -> Result<FaceReading, String> {
-    match played.flatten() {
-        Some(Ok(kept::Found::Face(reading))) => Ok(reading),
-        Some(Err(reason)) => Err(reason),
-        Some(Ok(kept::Found::Cube { .. })) | None => Err("the recording holds no such look".into()),
+fn of_face(played: Played) -> Result<FaceReading, String> {
+    match played {
+        Played::Answer(Ok(kept::Found::Face(reading))) => Ok(reading),
+        Played::Answer(Err(reason)) => Err(reason),
+        Played::Answer(Ok(kept::Found::Cube { .. })) | Played::Nothing => unheard_of(),
     }
+}
+
+fn unheard_of<T>() -> Result<T, String> {
+    Err("the recording holds no such look".to_owned())
 }
 
 /// Creates the VSP that aggregates the wrist forces.

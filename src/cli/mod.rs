@@ -146,7 +146,7 @@ Examples:
     Doctor(doctor::DoctorArgs),
     /// Calibrate the cameras of a scenario in the simulated cell
     Calibrate(calibrate::CalibrateArgs),
-    /// Check a recording: do its inputs make the same controller do the same again?
+    /// Show a recording again, or verify it: do its inputs make the same controller do the same?
     Replay(replay::ReplayArgs),
     /// Make a page of a recording: verdict, figures, curves, pictures, plan
     Report(report::ReportArgs),

@@ -1,18 +1,27 @@
-//! `rubik-robot replay`: a recording's inputs to the same controller, and whether it does the same again.
+//! `rubik-robot replay`: a recording shown again; or its inputs to the same controller, and whether it does the same.
 
+use super::face::{Face, FaceArgs, FaceWord};
 use super::output::Output;
 use super::{WRONG, complain, record};
+use crate::actors::show::Show;
 use crate::actors::verify::{self, Verified};
+use crate::desk::desk;
 use crate::record::reading::{Label, Piece, open};
 use crate::scenario::{self, Override, Scenario};
 use clap::Args;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Example:
+Examples:
+  rubik-robot replay run.mcap                  in the page, or --ui tui; pause, speed and seek are there
+  rubik-robot replay run.mcap --speed 10
   rubik-robot replay run.mcap --verify
-On the virtual clock the whole controller runs again on the recorded readings of the port, answers of the sensors and
+--verify: on the virtual clock the whole controller runs again on the recorded readings of the port, answers of the sensors and
 words of the operator; each order and each drive of each servo period must come out the same, to the bit. Of a run under
 the wall clock the servos run again, on the recorded readings and orders: when an actor's order reached its servo
 depended on threads, so the orders themselves are inputs there.
@@ -29,13 +38,14 @@ pub(super) struct ReplayArgs {
     /// Say it as one line of JSON
     #[arg(long)]
     json: bool,
+    /// How fast it is shown, in times of real time
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    speed: f64,
+    #[command(flatten)]
+    face: FaceArgs,
 }
 
 pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> {
-    if !args.verify {
-        complain("replay without --verify is not there yet");
-        return Ok(WRONG);
-    }
     let (label, scenario) = match load(&args.recording) {
         Ok(loaded) => loaded,
         Err(why) => {
@@ -43,6 +53,9 @@ pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> 
             return Ok(WRONG);
         }
     };
+    if !args.verify {
+        return show(args, &scenario);
+    }
     if let Err(why) = fits(&label, args.force) {
         complain(&why);
         return Ok(WRONG);
@@ -62,6 +75,44 @@ pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> 
         output.line(&verified.to_string())?;
     }
     Ok(u8::from(!same))
+}
+
+/// Shows a recording to whoever looks; without a face its phases and messages are told at once.
+fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
+    if !(args.speed.is_finite() && args.speed >= 0.0) {
+        complain("--speed: a factor such as 5, or 0 for as fast as it goes");
+        return Ok(WRONG);
+    }
+    let file = BufReader::with_capacity(1 << 20, File::open(&args.recording)?);
+    let title = args.recording.display().to_string();
+    let show = match Show::read(file, scenario, &title) {
+        Ok(show) => show,
+        Err(why) => {
+            complain(&format!("{title}: {why}"));
+            return Ok(WRONG);
+        }
+    };
+    let (desk, behind) = desk();
+    let face = match args.face.word(args.json) {
+        FaceWord::None => Face::None,
+        word => args.face.open(word, desk)?,
+    };
+    if matches!(face, Face::None) {
+        for (time, words) in show.told() {
+            complain(&format!("{time:9.2} s  {words}"));
+        }
+        return Ok(0);
+    }
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    show.run(&behind, args.speed, true, &stop);
+    if face.has_terminal() {
+        // It leaves by itself, and puts the terminal back as it was.
+        face.linger(&behind)?;
+    }
+    Ok(0)
 }
 
 fn json(verified: &Verified) -> String {

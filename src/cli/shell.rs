@@ -17,13 +17,13 @@ pub(super) fn manual(command: Option<&str>, output: &mut Output) -> anyhow::Resu
     let title = command.map_or_else(|| "rubik-robot".to_owned(), |c| format!("rubik-robot-{c}"));
     let page = match command {
         None => program,
-        Some(name) => match program.find_subcommand(name) {
-            Some(found) => found.clone(),
-            None => {
+        Some(name) => {
+            let Some(found) = program.find_subcommand(name) else {
                 complain(&format!("there is no command `{name}`; see rubik-robot --help"));
                 return Ok(WRONG);
-            }
-        },
+            };
+            found.clone()
+        }
     };
     let mut text = Vec::new();
     clap_mangen::Man::new(page).title(title).render(&mut text)?;

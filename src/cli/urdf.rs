@@ -38,14 +38,15 @@ pub(super) fn run(args: &UrdfArgs, output: &mut Output) -> anyhow::Result<u8> {
     let cell = &scenario.controller.cell;
     let arm = match &args.arm {
         None => None,
-        Some(name) => match cell.arms.iter().position(|arm| arm.name == *name) {
-            Some(index) => Some(index),
-            None => {
+        Some(name) => {
+            let index = cell.arms.iter().position(|arm| arm.name == *name);
+            if index.is_none() {
                 let names: Vec<_> = cell.arms.iter().map(|arm| arm.name.as_str()).collect();
                 complain(&format!("--arm: there is no `{name}`; there are {}", names.join(", ")));
                 return Ok(WRONG);
             }
-        },
+            index
+        }
     };
     output.text(&xml(&Model::of(cell, arm, false)))?;
     Ok(0)

@@ -75,14 +75,13 @@ impl<W: Write + Seek> File<W> {
     }
 
     fn channel(&mut self, topic: &str, kind: Kind) -> Result<u16, Unwritten> {
-        let schema = match self.schemas.get(&kind) {
-            Some(id) => *id,
-            None => {
-                let text = kind.schema();
-                let id = self.writer.add_schema(kind.name(), "ros2msg", text.as_bytes())?;
-                self.schemas.insert(kind, id);
-                id
-            }
+        let schema = if let Some(id) = self.schemas.get(&kind) {
+            *id
+        } else {
+            let text = kind.schema();
+            let id = self.writer.add_schema(kind.name(), "ros2msg", text.as_bytes())?;
+            self.schemas.insert(kind, id);
+            id
         };
         let mut metadata = BTreeMap::new();
         if matches!(topic, "/robot_description" | "/tf_static") {

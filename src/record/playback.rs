@@ -32,6 +32,15 @@ impl std::fmt::Display for Divergence {
     }
 }
 
+/// What a recording has for a look.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Played {
+    /// What the sensor delivered.
+    Answer(Result<Found, String>),
+    /// The recording holds no further look of this sensor.
+    Nothing,
+}
+
 /// A recording being played back; clones play the same one.
 #[derive(Clone)]
 pub struct Playback(Arc<Mutex<State>>);
@@ -83,18 +92,19 @@ impl Playback {
         Ok((Self(Arc::new(Mutex::new(state))), label))
     }
 
-    /// What a sensor delivered when it was asked to look at `period`, and how it was asked; `None` when the recording
-    /// holds no further look.
+    /// What a sensor delivered when it was asked to look at `period`, and how it was asked.
     #[must_use]
-    pub fn sensed(&self, sensor: &str, period: u64, asked: &str) -> Option<Result<Found, String>> {
+    pub fn sensed(&self, sensor: &str, period: u64, asked: &str) -> Played {
         let state = &mut *self.state();
-        let at = state.sensed.iter().position(|s| s.sensor == sensor)?;
+        let Some(at) = state.sensed.iter().position(|s| s.sensor == sensor) else {
+            return Played::Nothing;
+        };
         let answer = state.sensed.remove(at);
         if answer.period != period || answer.asked != asked {
             let recorded = format!("period {}, {}", answer.period, answer.asked);
             state.part(period, sensor, "look", &recorded, &format!("period {period}, {asked}"));
         }
-        Some(answer.found)
+        Played::Answer(answer.found)
     }
 
     /// A look that the recording does not hold has come to be delivered. Whoever only begins one as the run ends sees

@@ -1,8 +1,8 @@
 //! The message types of a recording, as `ros2msg` text: a definition, then those that it is made of.
 //!
 //! - out: for each [`Kind`] its name and its schema
-//! - source: fields of the standard packages std_msgs, sensor_msgs, geometry_msgs, tf2_msgs, rcl_interfaces of ROS 2;
-//!   what ends in `rubik_robot_msgs` is ours
+//! - source: fields of the standard packages `std_msgs`, `sensor_msgs`, `geometry_msgs`, `tf2_msgs` and
+//!   `rcl_interfaces` of ROS 2; what stands in `rubik_robot_msgs` is ours
 
 /// The types that a recording may hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

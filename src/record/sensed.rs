@@ -94,6 +94,7 @@ impl Sensed {
 }
 
 /// x y z qx qy qz qw.
+#[must_use]
 pub fn pose_numbers(pose: &Pose) -> [f64; 7] {
     let (t, q) = (&pose.translation.vector, &pose.rotation.coords);
     [t.x, t.y, t.z, q.x, q.y, q.z, q.w]

@@ -132,7 +132,7 @@ impl Sheet {
         let start = self.about.start;
         let description = urdf::xml(&self.model);
         self.put(file, "/robot_description", Kind::Text, start, |to| {
-            standard::text(to, &description)
+            standard::text(to, &description);
         })?;
         let model = self.model.clone();
         let fixed: Vec<_> = model.fixed().collect();
@@ -168,10 +168,10 @@ impl Sheet {
         self.joints[arm] = record.state.joints;
         self.openings[arm] = record.state.jaw_opening;
         let period = self.about.length.tick(record.period);
-        if period % STATES == 0 {
+        if period.is_multiple_of(STATES) {
             self.states(arm, time, record, file)?;
         }
-        if period % FRAMES == 0 {
+        if period.is_multiple_of(FRAMES) {
             self.frames(arm, time, record, file)?;
         }
         Ok(())

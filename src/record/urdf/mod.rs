@@ -124,19 +124,16 @@ impl Model {
     #[must_use]
     pub fn of(cell: &Cell, arm: Option<usize>, cube: bool) -> Self {
         let mut model = Self { name: "rubik_robot".to_owned(), links: vec![], joints: vec![] };
-        match arm.and_then(|index| cell.arms.get(index).map(|arm| (index, arm))) {
-            Some((index, arm)) => {
-                model.name.clone_from(&arm.name);
+        if let Some((index, arm)) = arm.and_then(|i| Some((i, cell.arms.get(i)?))) {
+            model.name.clone_from(&arm.name);
+            model.arm(index, arm);
+        } else {
+            model.link("world", vec![]);
+            model.table(cell);
+            for (index, arm) in cell.arms.iter().enumerate() {
                 model.arm(index, arm);
-            }
-            None => {
-                model.link("world", vec![]);
-                model.table(cell);
-                for (index, arm) in cell.arms.iter().enumerate() {
-                    model.arm(index, arm);
-                    let base = format!("{}_base", arm.name);
-                    model.fix("world", &base, arm.world_from_base);
-                }
+                let base = format!("{}_base", arm.name);
+                model.fix("world", &base, arm.world_from_base);
             }
         }
         for camera in &cell.cameras {
