@@ -16,7 +16,7 @@ use image::RgbImage;
 use std::io::{Seek, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -293,34 +293,32 @@ impl Clerk {
             self.fail(&why.to_string());
             file = None;
         }
+        let mut waiting: Option<(u64, Entry)> = None;
         loop {
             let last = self.counts.over.load(Ordering::Acquire);
-            let mut some = false;
-            // In turns, so that times stay near each other in the file.
-            for _ in 0..256 {
-                let Ok(record) = records.pop() else { break };
-                some = true;
+            // Who notes something has sent the records of that period before: so, looked at in this order, whatever
+            // belongs before a record is there when the record is.
+            let next = |records: &mut rtrb::Consumer<ServoRecord>| {
+                records.peek().ok().map(|r| self.sheet.tick_of(r.period))
+            };
+            let mut record = next(&mut records);
+            if waiting.is_none() {
+                waiting = entries.try_recv().ok();
+                record = record.or_else(|| next(&mut records));
+            }
+            if let Some((period, entry)) = waiting.take_if(|w| record.is_none_or(|r| w.0 < r)) {
+                if matches!(entry, Entry::Picture(..)) {
+                    self.counts.pictures.fetch_sub(1, Ordering::AcqRel);
+                }
+                let written = file.as_mut().map(|file| self.sheet.entry(period, &entry, file));
+                self.settle(&mut file, written);
+            } else if record.is_some() {
+                let Ok(record) = records.pop() else { continue };
                 let written = file.as_mut().map(|file| self.sheet.tick(&record, file));
                 self.settle(&mut file, written);
-            }
-            for _ in 0..64 {
-                match entries.try_recv() {
-                    Ok((period, entry)) => {
-                        some = true;
-                        if matches!(entry, Entry::Picture(..)) {
-                            self.counts.pictures.fetch_sub(1, Ordering::AcqRel);
-                        }
-                        let written =
-                            file.as_mut().map(|file| self.sheet.entry(period, &entry, file));
-                        self.settle(&mut file, written);
-                    }
-                    Err(TryRecvError::Empty | TryRecvError::Disconnected) => break,
-                }
-            }
-            if !some {
-                if last {
-                    break;
-                }
+            } else if last {
+                break;
+            } else {
                 std::thread::sleep(NAP);
             }
         }

@@ -117,6 +117,12 @@ impl Sheet {
         self.messages
     }
 
+    /// In which period of 2 ms a servo period is.
+    #[must_use]
+    pub fn tick_of(&self, period: u64) -> u64 {
+        self.about.length.tick(period)
+    }
+
     /// What stands at the beginning.
     ///
     /// # Errors

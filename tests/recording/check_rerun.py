@@ -13,6 +13,8 @@ with tempfile.TemporaryDirectory() as folder:
         print(f"SKIPPED: this rerun cannot convert MCAP on the command line: {made.stderr.strip()[:200]}")
         sys.exit(0)
     printed = subprocess.run([rerun, "rrd", "print", rrd], capture_output=True, text=True).stdout
+checked = subprocess.run([rerun, "mcap", "check", path], capture_output=True, text=True)
+assert checked.returncode == 0, checked.stdout + checked.stderr
 for entity in ["/joint_states", "/tf", "/rosout", "/robot_description"]:
     assert entity in printed, f"rerun does not show {entity}"
-print(f"{path}: rerun takes it; {printed.count('Chunk')} chunks")
+print(f"{path}: rerun takes it; {printed.count('Chunk')} chunks; its own check finds nothing wrong")

@@ -95,7 +95,7 @@ fn head(html: &mut String, story: &Story, title: &str) {
             fact("grasps", summary.grasps.to_string());
         }
         if let (Some(force), Some(torque)) = (summary.peak_force_n, summary.peak_torque_nm) {
-            fact("most while both hold", format!("{force:.1} N, {torque:.2} Nm"));
+            fact("peak while both hold", format!("{force:.1} N, {torque:.2} Nm"));
         }
         if let (Some(jams), Some(slips), Some(drops)) = (summary.jams, summary.slips, summary.drops)
         {
