@@ -124,6 +124,7 @@ pub(super) fn cube_settings(
             touch: 0.5 * c.approach_force,
             stale: v.pose_age,
             patience: v.patience,
+            zone: (config.cell.hand.world_from_cube, config.cell.hand.half_extent.add_scalar(ZONE)),
         },
         rule: match config.planner.rule {
             keys::Rule::Clearance => Rule::Clearance,
@@ -168,6 +169,9 @@ pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
         .map(|settings| Planner::new(&settings))
         .ok_or_else(|| "a plan is for two effectors".to_owned())
 }
+
+/// What a hand may be beside its zone [m]: sway, and the camera's error.
+const ZONE: f64 = 0.03;
 
 /// How the stand-alone camera's sensor finds the cube.
 pub(super) fn method(config: &ControllerConfig) -> Method {

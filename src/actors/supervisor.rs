@@ -46,6 +46,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, watch};
+use tracing::Instrument as _;
 
 /// How a run is started.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -647,11 +648,12 @@ async fn perform(
         tape: tape.clone(),
     });
     let mut whereabouts = String::new();
+    let span = tracing::info_span!("mp");
     let (ending, log) = match &mut kernel {
-        Kernel::Idle(idle) => (mp.run(idle).await, MissionLog::default()),
-        Kernel::Panel(panel) => (mp.run(panel).await, MissionLog::default()),
+        Kernel::Idle(idle) => (mp.run(idle).instrument(span).await, MissionLog::default()),
+        Kernel::Panel(panel) => (mp.run(panel).instrument(span).await, MissionLog::default()),
         Kernel::Cube(mission) => {
-            let ending = mp.run(mission.as_mut()).await;
+            let ending = mp.run(mission.as_mut()).instrument(span).await;
             whereabouts = mission.whereabouts();
             (ending, mission.log.clone())
         }
@@ -682,7 +684,8 @@ async fn perform(
     let mut ending = ending;
     if let Some(fault) = fault {
         let cause = Fatal::Bridge(fault.to_string());
-        ending.error = Some(Error::Fatal { actor: "supervisor".into(), place: "servo", cause });
+        ending.error =
+            Some(Error::Fatal { actor: "supervisor".into(), place: "servo", cause, last: None });
     }
     let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
     let truth = start.zip(verdict).map(|(start, verdict)| Truth { start, verdict, jams });

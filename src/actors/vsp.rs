@@ -23,6 +23,7 @@ use crate::vision::sensor::{self, FaceReading};
 use crate::vision::watcher::{CubeWatcher, Watched};
 use crate::vision::{DetectorSettings, Method};
 use tokio::sync::{mpsc, oneshot, watch};
+use tracing::Instrument as _;
 
 /// While tracking, a picture is kept each 0.2 s.
 const KEPT_PERIODS: u64 = 100;
@@ -167,7 +168,8 @@ pub fn spawn(name: &str, parts: Parts) -> VspHandle {
         sensing: configured,
         target,
     };
-    tokio::spawn(vsp.run());
+    let span = tracing::info_span!("vsp", name = vsp.name);
+    tokio::spawn(vsp.run().instrument(span));
     VspHandle {
         name,
         mailbox,
@@ -284,6 +286,9 @@ impl Vsp {
                 ((source, reading, frame), effort)
             })
             .await;
+        if let Some((_, reading, _)) = &result {
+            tracing::debug!(confidence = ?reading.as_ref().map(|r| r.confidence), "a face was looked at");
+        }
         let answer = match result {
             Some((source, reading, frame)) => {
                 self.source = Some(source);
@@ -382,7 +387,7 @@ pub fn spawn_forces(
     periods: u64,
 ) -> watch::Receiver<Forces> {
     let (publish, forces) = watch::channel(Forces::default());
-    tokio::spawn(async move {
+    let aggregating = async move {
         let mut aggregate = Forces::default();
         let mut period = clock.period();
         while !publish.is_closed() {
@@ -396,6 +401,7 @@ pub fn spawn_forces(
             }
             publish.send_replace(aggregate);
         }
-    });
+    };
+    tokio::spawn(aggregating.instrument(tracing::info_span!("vsp", name = "vsp forces")));
     forces
 }

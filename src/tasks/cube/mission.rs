@@ -354,6 +354,9 @@ impl Mission {
                 Some(Outcome::LostSight(seconds)) => {
                     Err(format!("no cube in sight of the stand-alone camera for {seconds:.1} s"))
                 }
+                Some(Outcome::OutOfZone(seconds)) => Err(format!(
+                    "no cube in reach: it was seen, but outside the place of hand-over for {seconds:.1} s"
+                )),
                 Some(Outcome::NotTouched) if tries < TAKE_TRIES => {
                     self.log.notes.push(format!("the cube was not where it was seen, try {tries}"));
                     self.push_front(&[
