@@ -16,6 +16,7 @@ use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::{AXES, ArmState, Motion as Way, MotorPositions, MoveCommand, PERIOD};
 use crate::operator::{Answer, Manual, Question};
+use crate::record::recorder::Entry;
 use crate::record::tape::Tape;
 use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
@@ -154,6 +155,9 @@ impl Mp {
                 let mut latest = board.latest();
                 (latest.picture, latest.mp) = (picture, doing(&action));
             }
+            self.parts.ui.recorder().note_some(self.parts.clock.period(), || {
+                task.picture().map(|picture| Entry::Belief(Box::new(picture)))
+            });
             tracing::debug!(now = self.now(), ?action, "action");
             event = match action {
                 Action::Finish(finish) => return Ok(finish),

@@ -107,6 +107,12 @@ impl Presenter {
         }
     }
 
+    /// A recording has a message.
+    pub fn recorded(&mut self, time: f64, class: Class, source: &str, text: &str) {
+        self.fatal |= class == Class::Fatal;
+        self.say(time, class, source, text);
+    }
+
     /// The operator gave a command.
     pub fn commanded(&mut self, command: &Command, done: Result<(), &'static str>) {
         let word = command.word();

@@ -7,9 +7,11 @@ use super::board::{Board, Seen};
 use super::build;
 use super::clock::Clock;
 use super::control::{Control, Pacer, Tempo, Word};
+use super::gate::{Gate, Inner};
 use super::interrupt::Interrupt;
 use super::mp::{self, Coordination, Mp};
 use super::present::Presenter;
+use super::recording;
 use super::ui;
 use super::vsp::{self, VspHandle};
 use super::witness::{Turning, Witness};
@@ -26,6 +28,8 @@ use crate::hw::plant::{Plant, Verdict};
 use crate::motion::PERIOD;
 use crate::operator::OutcomeView;
 use crate::reach::{MeetingTable, ReachSettings};
+use crate::record::playback::Playback;
+use crate::record::recorder::{Entry, Recorder};
 use crate::record::summary::{EndedBy, Outcome, Phase, SensorPeak, Summary};
 use crate::record::tape::Tape;
 use crate::scenario::keys::{self, Pace};
@@ -82,6 +86,17 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
     run_at(scenario, options, None)
 }
 
+/// What is around a run.
+#[derive(Default)]
+pub struct Around {
+    /// The end of the desk at which faces are.
+    pub behind: Option<Behind>,
+    /// What keeps the run; whoever made it finishes it.
+    pub recorder: Recorder,
+    /// A recording in place of the plant, the sensors and the operator, and whether an operator was there.
+    pub playback: Option<(Playback, bool)>,
+}
+
 /// The same with faces at the other end of a desk: they see what the controller believes, and command it. A run of the
 /// cube's task comes to the same with them, to the bit, as long as they command nothing; the idle task waits for their
 /// orders until it is terminated.
@@ -93,6 +108,19 @@ pub fn run_at(
     options: RunOptions,
     behind: Option<Behind>,
 ) -> Result<Summary, Error> {
+    run_with(scenario, options, Around { behind, ..Around::default() })
+}
+
+/// The same, kept in a recording, or with one as its world.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with(
+    scenario: &Scenario,
+    options: RunOptions,
+    around: Around,
+) -> Result<Summary, Error> {
+    let Around { behind, recorder, playback } = around;
     let begun = Instant::now();
     let initial = if options.wait { Control::Waiting } else { Control::Running };
     let control = Arc::new(watch::channel(initial).0);
@@ -101,13 +129,17 @@ pub fn run_at(
         .then(|| Interrupt::listen(Arc::clone(&control)))
         .transpose()
         .map_err(|e| not_created("interrupt", &e.to_string()))?;
-    let attended = behind.is_some();
+    let attended = behind.is_some() || playback.as_ref().is_some_and(|(_, attended)| *attended);
+    let playback = playback.map(|(playback, _)| playback);
     let tape = Tape::default();
-    let (ui, helm, words) = create_ui(scenario, options, &control, behind, tape.clone())?;
+    let keep = (recorder.clone(), tape.clone());
+    let (ui, helm, words) = create_ui(scenario, options, &control, behind, keep)?;
     let plan = Plan::of(scenario)?;
     let goal = build::goal(&scenario.controller, plan.angle);
     let mut noted = None;
-    let (world, cameras) = if scenario.bridge.kind.is_hardware() {
+    let (world, cameras) = if let Some(playback) = &playback {
+        World::of_recording(scenario, playback.clone(), &control)
+    } else if scenario.bridge.kind.is_hardware() {
         let (world, cameras, notes) = World::of_hardware(scenario, &control)?;
         noted = notes;
         (world, cameras)
@@ -125,6 +157,8 @@ pub fn run_at(
         emergency: Arc::clone(&ui.emergency),
         words: attended.then_some(words),
         tempo: helm.tempo,
+        recorder: recorder.clone(),
+        playback,
         tape,
     };
     let done =
@@ -144,6 +178,10 @@ pub fn run_at(
         "interrupted".clone_into(&mut summary.reason);
     }
     ui.over(outcome(&summary));
+    let period = (summary.sim_time_s / PERIOD).round() as u64;
+    let word = outcome(&summary).verdict;
+    recorder.note(period, || Entry::Phase("end".to_owned(), word));
+    recorder.note(period, || Entry::Facts("summary", vec![("json".into(), summary.json())]));
     Ok(summary)
 }
 
@@ -154,6 +192,8 @@ struct Attendance {
     /// What the operator says to MP; `None` when nobody is there to be asked.
     words: Option<mpsc::Receiver<Word>>,
     tempo: Tempo,
+    recorder: Recorder,
+    playback: Option<Playback>,
     tape: Tape,
 }
 
@@ -162,7 +202,7 @@ fn create_ui(
     options: RunOptions,
     control: &Arc<watch::Sender<Control>>,
     behind: Option<Behind>,
-    tape: Tape,
+    (recorder, tape): (Recorder, Tape),
 ) -> Result<(ui::Ui, ui::Helm, mpsc::Receiver<Word>), Error> {
     let (words, heard) = mpsc::channel(4);
     let helm = ui::Helm { control: Arc::clone(control), words, tempo: Tempo::default() };
@@ -180,6 +220,7 @@ fn create_ui(
         behind,
         presenter,
         board,
+        recorder,
         tape,
     };
     let ui = ui::Ui::spawn(parts).map_err(|e| not_created("ui", &e.to_string()))?;
@@ -187,7 +228,7 @@ fn create_ui(
 }
 
 /// What the operator is shown at the end.
-fn outcome(summary: &Summary) -> OutcomeView {
+pub(super) fn outcome(summary: &Summary) -> OutcomeView {
     let verdict = match (summary.outcome, summary.task.as_str()) {
         (Outcome::Solved, "solve") => "solved",
         (Outcome::Solved, _) => "done",
@@ -346,7 +387,7 @@ enum Driver {
 async fn perform(
     scenario: &Scenario,
     options: RunOptions,
-    control: &Arc<watch::Sender<Control>>,
+    outer: &Arc<watch::Sender<Control>>,
     (mut world, mut cameras): (World, Cameras),
     goal: Option<Goal>,
     plan: Plan,
@@ -358,14 +399,33 @@ async fn perform(
         .map(|verdict| Facelets::try_from(verdict.facelets))
         .transpose()
         .map_err(|e| not_created("plant", &e.to_string()))?;
-    let mut will = control.subscribe();
-    let Attendance { ui, emergency, words, tempo, tape } = desk;
-    let switches = Arc::new(Switches { emergency, ..Switches::default() });
+    let Attendance { ui, mut emergency, mut words, tempo, recorder, playback, tape } = desk;
     let by_hand = goal.is_none() && words.is_some();
     // Before the start there is no time: a run does not depend on when it was started.
-    if will.wait_for(|will| *will != Control::Waiting).await.is_err() {
+    let mut start_of = outer.subscribe();
+    if start_of.wait_for(|will| *will != Control::Waiting).await.is_err() {
         return Err(not_created("control", "nobody is left to start the run"));
     }
+    let mut control = Arc::clone(outer);
+    let mut gate = None;
+    if scenario.pace == Pace::Virtual {
+        control = Arc::new(watch::channel(Control::Running).0);
+        let (pressed, heard) = (std::mem::take(&mut emergency), words.take());
+        let (to_mp, inner) = mpsc::channel(4);
+        words = heard.is_some().then_some(inner);
+        let inner = Inner {
+            control: Arc::clone(&control),
+            emergency: Arc::clone(&emergency),
+            words: to_mp,
+        };
+        let keeping = (recorder.clone(), playback.clone());
+        gate = Some(Gate::new(outer.subscribe(), pressed, heard, inner, keeping));
+    } else if recorder.is_on() {
+        // Nothing waits for this; when exactly the arms heard of it is in their records.
+        recording::follow(outer.subscribe(), recorder.clone());
+    }
+    let will = control.subscribe();
+    let switches = Arc::new(Switches { emergency, ..Switches::default() });
 
     // Servos and their driver.
     let length = Length::of_seconds(scenario.real_time.period);
@@ -395,20 +455,24 @@ async fn perform(
     let turning = Turning::default();
     let witness = Arc::new(Mutex::new(Witness::new(turning.clone(), control.subscribe())));
     let seeing = Arc::clone(&witness);
+    let scenes = recorder.clone();
     let observe = move |period: u64, world: &mut World| {
         let Some(turned) = world.show() else { return };
         // Nobody else takes the lock before the end.
         let tick = length.tick(period);
+        if tick.is_multiple_of(recording::SCENES) {
+            scenes.note_some(tick, || world.scene().map(|scene| Entry::Scene(Box::new(scene))));
+        }
         seeing.lock().unwrap_or_else(PoisonError::into_inner).look(tick, turned);
     };
     let clock = Clock::new(tokio::time::Instant::now());
     let synchronised: Vec<bool>;
     let driver = match scenario.pace {
         Pace::Virtual => {
-            let seen = Seen { to: tape.clone(), board: ui.board().cloned() };
-            let mut core =
-                Core::new(configs, ends, Arc::clone(&switches), Box::new(seen), &mut world)
-                    .map_err(|e| not_created("servo", &e.to_string()))?;
+            let seen = Box::new(Seen { to: tape.clone(), board: ui.board().cloned() });
+            let seen = recording::with_playback(recording::kept(seen, &recorder), playback.clone());
+            let mut core = Core::new(configs, ends, Arc::clone(&switches), seen, &mut world)
+                .map_err(|e| not_created("servo", &e.to_string()))?;
             synchronised = core.synchronised().collect();
             Driver::Virtual(tokio::spawn(async move {
                 let result = driver::run_virtual(&mut core, &mut world, |period, world| {
@@ -418,6 +482,9 @@ async fn perform(
                         world.trace(period);
                     }
                     observe(period, world);
+                    if let Some(gate) = &mut gate {
+                        gate.pass(length.tick(period));
+                    }
                     // While the operator pauses, the cell goes on in real time, not as fast as it computes.
                     pacer.hold(length.tick(period) as f64 * PERIOD);
                 })
@@ -429,9 +496,9 @@ async fn perform(
             // Half a second of records: the writer may be late, the servo never waits for it.
             let (records, mut written) =
                 rtrb::RingBuffer::<ServoRecord>::new(512 * configs.len().max(1));
-            let core =
-                Core::new(configs, ends, Arc::clone(&switches), Box::new(records), &mut world)
-                    .map_err(|e| not_created("servo", &e.to_string()))?;
+            let records = recording::kept(Box::new(records), &recorder);
+            let core = Core::new(configs, ends, Arc::clone(&switches), records, &mut world)
+                .map_err(|e| not_created("servo", &e.to_string()))?;
             synchronised = core.synchronised().collect();
             let mut sink = Seen { to: tape.clone(), board: ui.board().cloned() };
             let writer = std::thread::spawn(move || {
@@ -512,6 +579,8 @@ async fn perform(
                     work,
                     tape: tape.clone(),
                     show: ui.board().map(|board| (board.clone(), camera)),
+                    recorder: (recorder.clone(), camera),
+                    playback: playback.clone(),
                 };
                 let carrier = match config.cell.cameras[camera].mount {
                     crate::cell::Mount::Flange { arm, .. } => Some(arm),
@@ -603,6 +672,7 @@ async fn perform(
         }
         Driver::Wall(wall, writer) => {
             let WallEnd { port, fault, timing } = wall.stop();
+            recorder.note((ending.end / PERIOD) as u64, || recording::timing(&timing));
             for line in timing.to_string().lines() {
                 ui.tell(ui::Notice::Note(ending.end, format!("servo: {line}")));
             }

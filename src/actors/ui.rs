@@ -12,6 +12,7 @@ use super::present::Presenter;
 use crate::desk::{Behind, Desk, desk};
 use crate::error::Error;
 use crate::operator::{Class, Command, OutcomeView};
+use crate::record::recorder::Recorder;
 use crate::record::tape::Tape;
 use std::io::{BufRead, Write};
 use std::sync::Arc;
@@ -41,14 +42,22 @@ pub enum Notice {
 pub struct UiHandle {
     mailbox: mpsc::Sender<Notice>,
     board: Option<Board>,
+    recorder: Recorder,
 }
 
 impl UiHandle {
     /// Tells the operator; never waits.
     pub fn tell(&self, notice: Notice) {
+        super::recording::note(&self.recorder, &notice);
         if self.mailbox.try_send(notice).is_err() {
             tracing::warn!("the operator's terminal does not keep up: a notice was dropped");
         }
+    }
+
+    /// What keeps the run.
+    #[must_use]
+    pub fn recorder(&self) -> &Recorder {
+        &self.recorder
     }
 
     /// Where the latest values stand; `None` when nobody looks.
@@ -62,7 +71,7 @@ impl UiHandle {
 #[must_use]
 pub fn mailbox() -> (UiHandle, mpsc::Receiver<Notice>) {
     let (mailbox, notices) = mpsc::channel(MAILBOX);
-    (UiHandle { mailbox, board: None }, notices)
+    (UiHandle { mailbox, board: None, recorder: Recorder::default() }, notices)
 }
 
 /// What the operator's commands act on.
@@ -90,6 +99,8 @@ pub struct Parts {
     pub presenter: Option<Presenter>,
     /// Where the latest values stand, when there are faces.
     pub board: Option<Board>,
+    /// What keeps the run.
+    pub recorder: Recorder,
     /// Where commands that were obeyed are noted.
     pub tape: Tape,
 }
@@ -112,6 +123,7 @@ impl Ui {
     pub fn spawn(parts: Parts) -> std::io::Result<Self> {
         let (mut handle, mut notices) = mailbox();
         handle.board.clone_from(&parts.board);
+        handle.recorder.clone_from(&parts.recorder);
         let behind = parts.behind.unwrap_or_else(|| desk().1);
         let keys = parts.keys.then(|| behind.desk());
         if let Some(desk) = keys {
@@ -178,7 +190,9 @@ impl Ui {
     /// Shows how the run ended, and ends.
     pub fn over(self, outcome: OutcomeView) {
         // With the mailbox full the terminal hangs; the end then comes with the last handle.
-        let _ = self.handle.mailbox.blocking_send(Notice::Over(outcome));
+        let over = Notice::Over(outcome);
+        super::recording::note(&self.handle.recorder, &over);
+        let _ = self.handle.mailbox.blocking_send(over);
         drop(self.handle);
         // A panic has told of itself.
         let _ = self.thread.join();

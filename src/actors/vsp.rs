@@ -13,14 +13,20 @@ use crate::error::{Error, NonFatal, System};
 use crate::generators::{Mode, Sensing, Target, Window};
 use crate::hw::camera::{Frame, FrameSource};
 use crate::motion::{ArmState, PERIOD};
+use crate::record::playback::{Playback, Played};
+use crate::record::recorder::{Entry, Recorder};
+use crate::record::sensed::{self as kept, Sensed};
 use crate::record::tape::Tape;
 use crate::spatial::Pose;
 use crate::tasks::{Effort, Forces, View};
 use crate::vision::sensor::{self, FaceReading};
-use crate::vision::watcher::CubeWatcher;
+use crate::vision::watcher::{CubeWatcher, Watched};
 use crate::vision::{DetectorSettings, Method};
 use tokio::sync::{mpsc, oneshot, watch};
 use tracing::Instrument as _;
+
+/// While tracking, a picture is kept each 0.2 s.
+const KEPT_PERIODS: u64 = 100;
 
 /// Requests that may wait: one face at a time is asked for.
 const MAILBOX: usize = 2;
@@ -100,6 +106,10 @@ pub struct Parts {
     pub tape: Tape,
     /// Where what was seen is shown, and the camera's index; `None` when nobody looks.
     pub show: Option<(Board, usize)>,
+    /// What keeps the run, and the camera's index.
+    pub recorder: (Recorder, usize),
+    /// A recording that delivers in place of the camera.
+    pub playback: Option<Playback>,
 }
 
 struct Vsp {
@@ -114,6 +124,10 @@ struct Vsp {
     work: Work,
     tape: Tape,
     show: Option<(Board, usize)>,
+    recorder: (Recorder, usize),
+    playback: Option<Playback>,
+    /// Period of the last picture that was kept.
+    kept: Option<u64>,
     watcher: Option<CubeWatcher>,
     mailbox: mpsc::Receiver<Look>,
     tracking: watch::Receiver<bool>,
@@ -145,6 +159,9 @@ pub fn spawn(name: &str, parts: Parts) -> VspHandle {
         work: parts.work,
         tape: parts.tape,
         show: parts.show,
+        recorder: parts.recorder,
+        playback: parts.playback,
+        kept: None,
         watcher,
         mailbox: looks,
         tracking: tracked,
@@ -203,10 +220,14 @@ impl Vsp {
             Window::Around { centre, reach } => Some((centre, reach)),
         };
         let elsewhere = sensing.mode == Mode::Seek;
+        let asked = format!("{sensing:?}");
+        let played = self.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
+        let unheard = matches!(played, Some(Played::Nothing));
         let result = self
             .work
             .run(move || {
                 let (found, frame) = match source.grab(period, sensing.exposure) {
+                    _ if played.is_some() => (played.map_or_else(unheard_of, of_cube), None),
                     Ok(frame) => {
                         let seconds = frame.period as f64 * PERIOD;
                         let found = watcher
@@ -225,7 +246,8 @@ impl Vsp {
         };
         self.source = Some(source);
         self.watcher = Some(watcher);
-        self.shown(frame, || match &found {
+        self.heard(unheard, period, &asked);
+        self.shown((period, &asked), frame, KEPT_PERIODS, &|| match &found {
             Ok(seen) => Found::Cube(seen.world_from_cube, seen.speed),
             Err(reason) => Found::Nothing(reason.clone()),
         });
@@ -245,10 +267,14 @@ impl Vsp {
         let Some(mut source) = self.source.take() else { return };
         let (intrinsics, edge, period) = (self.intrinsics, self.edge, self.clock.period());
         let (view, effort) = (look.view, self.face);
+        let asked = format!("{view:?}");
+        let played = self.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
+        let unheard = matches!(played, Some(Played::Nothing));
         let result = self
             .work
             .run(move || {
                 let (reading, frame) = match source.grab(period, view.exposure) {
+                    _ if played.is_some() => (played.map_or_else(unheard_of, of_face), None),
                     Ok(frame) => {
                         let place = &view.camera_from_face;
                         let reading = sensor::read_face(&frame.image, &intrinsics, edge, place)
@@ -266,7 +292,8 @@ impl Vsp {
         let answer = match result {
             Some((source, reading, frame)) => {
                 self.source = Some(source);
-                self.shown(frame, || match &reading {
+                self.heard(unheard, period, &asked);
+                self.shown((period, &asked), frame, 0, &|| match &reading {
                     Ok(reading) => Found::Face(Box::new(reading.clone())),
                     Err(reason) => Found::Nothing(reason.clone()),
                 });
@@ -287,13 +314,69 @@ impl Vsp {
 }
 
 impl Vsp {
-    /// Shows a picture and what was found in it.
-    fn shown(&self, frame: Option<Frame>, found: impl FnOnce() -> Found) {
+    /// A look that a recording should have delivered and did not.
+    fn heard(&self, unheard: bool, period: u64, asked: &str) {
+        if let (true, Some(playback)) = (unheard, &self.playback) {
+            playback.unheard(&self.name, period, asked);
+        }
+    }
+
+    /// Keeps and shows a picture and what was found in it. A picture is kept when the last one is `apart` periods old.
+    fn shown(
+        &mut self,
+        (period, asked): (u64, &str),
+        frame: Option<Frame>,
+        apart: u64,
+        found: &dyn Fn() -> Found,
+    ) {
+        let (recorder, camera) = &self.recorder;
+        let now = self.clock.period();
+        recorder.note(now, || {
+            let (sensor, asked) = (self.name.clone(), asked.to_owned());
+            let found = match found() {
+                Found::Cube(world_from_cube, speed) => {
+                    Ok(kept::Found::Cube { world_from_cube, speed })
+                }
+                Found::Face(reading) => Ok(kept::Found::Face(*reading)),
+                Found::Nothing(reason) => Err(reason),
+            };
+            Entry::Sensed(Sensed { period, sensor, asked, found })
+        });
+        if let Some(frame) = frame.as_ref().filter(|_| recorder.is_on())
+            && self.kept.is_none_or(|last| last + apart <= frame.period)
+        {
+            self.kept = Some(frame.period);
+            recorder.note(frame.period, || Entry::Picture(*camera, frame.image.clone()));
+        }
         if let (Some((board, camera)), Some(frame)) = (&self.show, frame) {
             let Frame { period, image } = frame;
             board.saw(*camera, Sight { period, image: Some(image), found: found() });
         }
     }
+}
+
+/// What a recording delivered of the cube.
+fn of_cube(played: Played) -> Result<Watched, String> {
+    match played {
+        Played::Answer(Ok(kept::Found::Cube { world_from_cube, speed })) => {
+            Ok(Watched { world_from_cube, speed })
+        }
+        Played::Answer(Err(reason)) => Err(reason),
+        Played::Answer(Ok(kept::Found::Face(_))) | Played::Nothing => unheard_of(),
+    }
+}
+
+/// What a recording delivered of a face.
+fn of_face(played: Played) -> Result<FaceReading, String> {
+    match played {
+        Played::Answer(Ok(kept::Found::Face(reading))) => Ok(reading),
+        Played::Answer(Err(reason)) => Err(reason),
+        Played::Answer(Ok(kept::Found::Cube { .. })) | Played::Nothing => unheard_of(),
+    }
+}
+
+fn unheard_of<T>() -> Result<T, String> {
+    Err("the recording holds no such look".to_owned())
 }
 
 /// Creates the VSP that aggregates the wrist forces.

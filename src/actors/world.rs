@@ -7,7 +7,7 @@ use super::control::Control;
 use super::supervisor::not_created;
 use crate::cell::Cell;
 use crate::error::Error;
-use crate::hw::camera::FrameSource;
+use crate::hw::camera::{Frame, FrameSource, NoFrame};
 use crate::hw::devices::{Devices, NoDevice};
 use crate::hw::emulator::Wired;
 use crate::hw::folder::FolderCamera;
@@ -19,6 +19,7 @@ use crate::hw::scene::Scene;
 use crate::hw::serial::axis::Rules;
 use crate::hw::socket_camera::SocketCamera;
 use crate::motion::PERIOD;
+use crate::record::playback::Playback;
 use crate::scenario::keys::BridgeKind;
 use crate::scenario::{CameraSource, ControllerConfig, Scenario};
 use crate::servo::io::{ArmDrive, ArmReading};
@@ -35,6 +36,7 @@ pub(super) struct World {
 enum Kind {
     Plant { plant: Plants, scenes: Vec<triple_buffer::Input<Scene>> },
     Bridge(Box<dyn Port>),
+    Recording(Playback),
 }
 
 /// The plant as it is, or behind the serial protocol.
@@ -49,6 +51,15 @@ impl Plants {
             Self::Bare(plant) => plant,
             Self::Wired(wired) => wired.world(),
         }
+    }
+}
+
+/// A camera that is not there.
+struct Nothing;
+
+impl FrameSource for Nothing {
+    fn grab(&mut self, _: u64, _: f64) -> Result<Frame, NoFrame> {
+        Err(NoFrame { camera: "recording".into(), reason: "its sensor delivers itself".into() })
     }
 }
 
@@ -107,6 +118,25 @@ impl World {
         Ok((Self { kind: Kind::Bridge(port), control: Arc::clone(control) }, cameras, Some(noted)))
     }
 
+    /// What a recording says: its readings come back, its cameras show nothing, since its sensors deliver themselves.
+    pub(super) fn of_recording(
+        scenario: &Scenario,
+        playback: Playback,
+        control: &Arc<watch::Sender<Control>>,
+    ) -> (Self, Cameras) {
+        let nothing = |_: &CameraSource| Some(Box::new(Nothing) as Box<dyn FrameSource>);
+        let cameras = scenario.controller.cameras.iter().map(nothing).collect();
+        (Self { kind: Kind::Recording(playback), control: Arc::clone(control) }, cameras)
+    }
+
+    /// What there is to be seen, where that is known.
+    pub(super) fn scene(&self) -> Option<Scene> {
+        match &self.kind {
+            Kind::Plant { plant, .. } => Some(plant.plant().scene()),
+            Kind::Bridge(_) | Kind::Recording(_) => None,
+        }
+    }
+
     /// After an exchange: shows the cameras what there is to be seen, and tells the angle of the layer that turns,
     /// where that is known.
     pub(super) fn show(&mut self) -> Option<f64> {
@@ -123,7 +153,7 @@ impl World {
     pub(super) fn verdict(&self) -> Option<Verdict> {
         match &self.kind {
             Kind::Plant { plant, .. } => Some(plant.plant().verdict()),
-            Kind::Bridge(_) => None,
+            Kind::Bridge(_) | Kind::Recording(_) => None,
         }
     }
 
@@ -171,6 +201,7 @@ impl Port for World {
                 wired.exchange(period, drives, readings)
             }
             Kind::Bridge(port) => port.exchange(period, drives, readings),
+            Kind::Recording(playback) => playback.exchange(period, drives, readings),
         };
         if let (Err(fault), Kind::Bridge(_)) = (&done, &self.kind) {
             // The operator learns it now; the task would only learn it when it asks an arm for something.

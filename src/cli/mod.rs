@@ -17,11 +17,18 @@ mod look;
 pub mod output;
 mod plan;
 mod progress;
+mod record;
+mod recover;
+mod replay;
+mod report;
 pub mod rig;
 mod run;
+mod schema;
+mod shell;
 mod solve;
 pub mod stages;
 mod tables;
+mod urdf;
 pub mod vision;
 mod weigh;
 
@@ -139,6 +146,40 @@ Examples:
     Doctor(doctor::DoctorArgs),
     /// Calibrate the cameras of a scenario in the simulated cell
     Calibrate(calibrate::CalibrateArgs),
+    /// Show a recording again, or verify it: do its inputs make the same controller do the same?
+    Replay(replay::ReplayArgs),
+    /// Make a page of a recording: verdict, figures, curves, pictures, plan
+    Report(report::ReportArgs),
+    /// Make a whole recording of one that was cut off
+    Recover(recover::RecoverArgs),
+    /// Write the cell, or one arm, as URDF
+    Urdf(urdf::UrdfArgs),
+    /// Write the JSON schema of scenarios, for editors
+    #[command(after_help = "\
+Example:
+  rubik-robot schema > scenario.schema.json
+An editor with a TOML language server (taplo, Even Better TOML) checks and completes keys with
+  #:schema ./scenario.schema.json
+in a scenario's first line.")]
+    Schema,
+    /// Write the completions of a shell
+    #[command(after_help = "\
+Examples:
+  rubik-robot completions bash > ~/.local/share/bash-completion/completions/rubik-robot
+  rubik-robot completions fish > ~/.config/fish/completions/rubik-robot.fish")]
+    Completions {
+        /// Which shell
+        shell: clap_complete::Shell,
+    },
+    /// Write the manual page
+    #[command(after_help = "\
+Examples:
+  rubik-robot man > rubik-robot.1
+  rubik-robot man run | man -l -")]
+    Man {
+        /// Of a command; without one, of the program
+        command: Option<String>,
+    },
     /// Draw the cell of a scenario, or what one of its cameras sees
     Picture(look::PictureArgs),
 }
@@ -155,6 +196,11 @@ struct ScenarioArgs {
 }
 
 impl ScenarioArgs {
+    /// Those of `--set` that can be read.
+    fn overrides(&self) -> Vec<Override> {
+        self.set.iter().filter_map(|text| Override::parse(text).ok()).collect()
+    }
+
     fn load(&self, more: &[Override]) -> Result<scenario::Scenario, String> {
         let mut overrides = Vec::new();
         let mut wrong = Vec::new();
@@ -230,6 +276,13 @@ pub fn main() -> ExitCode {
         Command::Doctor(args) => doctor::run(&args, &mut output),
         Command::Calibrate(args) => calibrate::calibrate(&args, &mut output),
         Command::Picture(args) => look::picture(&args, &mut output),
+        Command::Replay(args) => replay::run(&args, &mut output),
+        Command::Report(args) => report::run(&args),
+        Command::Recover(args) => recover::run(&args),
+        Command::Urdf(args) => urdf::run(&args, &mut output),
+        Command::Schema => schema::run(&mut output),
+        Command::Completions { shell } => shell::completions(shell, &mut output),
+        Command::Man { command } => shell::manual(command.as_deref(), &mut output),
     };
     let code = done.and_then(|code| output.flush().map(|()| code));
     match code {

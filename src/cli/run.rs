@@ -2,15 +2,17 @@
 
 use super::face::{Face, FaceArgs};
 use super::output::Output;
-use super::{ScenarioArgs, WRONG, complain};
-use crate::actors::{self, RunOptions};
+use super::{ScenarioArgs, WRONG, complain, record};
+use crate::actors::{self, Around, RunOptions};
 use crate::desk::desk;
 use crate::error::Error;
+use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
 use crate::scenario::keys::Pace;
 use crate::scenario::{Override, Scenario};
 use clap::{Args, ValueEnum};
 use std::io::IsTerminal;
+use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -24,6 +26,7 @@ Examples:
   rubik-robot run scenarios/solve.toml --ui web --wait --speed 5           watch it in a browser
   rubik-robot run scenarios/idle.toml --ui web        move an arm by hand
   rubik-robot run scenarios/solve.toml --json | tail -1
+  rubik-robot run scenarios/solve.toml --record run.mcap      then: report run.mcap, replay run.mcap
 
 Progress goes to stderr, the summary to stdout. With --json the last line of stdout is one object.
 At a terminal the operator's page is served at http://127.0.0.1:8780/, and stays up when the run is over;
@@ -43,6 +46,9 @@ pub(super) struct RunArgs {
     /// Refuse to run unless every real-time right is granted (with --pace real-time)
     #[arg(long)]
     require_rt: bool,
+    /// Keep the run in an MCAP file, which ROS 2 tools, rerun and `rubik-robot replay` read
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
     /// Wait for the operator's start (the page's button; s, Enter)
     #[arg(long)]
     wait: bool,
@@ -108,7 +114,25 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         interruptible: true,
         speed: args.speed,
     };
-    let done = actors::run_at(&scenario, options, shown.then(|| behind.clone()));
+    let recorder = match &args.record {
+        None => Recorder::default(),
+        Some(path) => {
+            let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(more).collect();
+            match record::begin(path, &scenario, &overrides, shown) {
+                Ok(recorder) => recorder,
+                Err(error) => {
+                    complain(&format!("--record: {}: {error}", path.display()));
+                    return Ok(WRONG);
+                }
+            }
+        }
+    };
+    let behind_run = shown.then(|| behind.clone());
+    let around = Around { behind: behind_run, recorder: recorder.clone(), playback: None };
+    let done = actors::run_with(&scenario, options, around);
+    if let (Some(written), Some(path)) = (recorder.finish(), &args.record) {
+        complain(&record::told(path, &written));
+    }
     let code = told(done, &scenario, args, output)?;
     output.flush()?;
     if !args.json {

@@ -1,4 +1,23 @@
-//! What leaves a run: the tape (a hash over every servo record and message) and the summary.
+//! What leaves a run: the tape (a hash over every servo record and message), the summary, and the recording.
+//!
+//! - written: [`recorder`] (the thread), [`sheet`] (what goes where), [`file`](mod@file) (MCAP), made of [`cdr`],
+//!   [`schema`], [`standard`], [`tick`], [`sensed`], [`belief`], [`urdf`]
+//! - read: [`reading`] (whole or cut off), [`recover`], [`playback`] (as a port and as sensors), [`report`]
 
+pub mod belief;
+pub mod cdr;
+pub mod file;
+pub mod playback;
+pub mod reading;
+pub mod recorder;
+pub mod recover;
+pub mod report;
+
+pub mod schema;
+pub mod sensed;
+pub mod sheet;
+pub mod standard;
 pub mod summary;
 pub mod tape;
+pub mod tick;
+pub mod urdf;

@@ -1,0 +1,97 @@
+//! `run --record FILE`: what a recording says of itself, and what is said of it at the end.
+
+use crate::cell::{Cell, Mount};
+use crate::record::recorder::{Patience, Recorder, Written};
+use crate::record::sheet::About;
+use crate::scenario::keys::Pace;
+use crate::scenario::{Override, Scenario};
+use crate::servo::period::Length;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Begins a recording. `attended`: an operator is there to be asked.
+pub(super) fn begin(
+    path: &Path,
+    scenario: &Scenario,
+    overrides: &[Override],
+    attended: bool,
+) -> std::io::Result<Recorder> {
+    let patience = match scenario.pace {
+        Pace::Virtual => Patience::Waits,
+        Pace::RealTime => Patience::Never,
+    };
+    Recorder::create(path, about(scenario, overrides, attended)?, patience)
+}
+
+/// What a recording of this scenario says of itself.
+fn about(scenario: &Scenario, overrides: &[Override], attended: bool) -> std::io::Result<About> {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let config = &scenario.controller;
+    let length = Length::of_seconds(scenario.real_time.period);
+    let arms: Vec<_> = config.cell.arms.iter().map(|arm| arm.name.as_str()).collect();
+    let pace = match scenario.pace {
+        Pace::Virtual => "virtual",
+        Pace::RealTime => "real-time",
+    };
+    let truth = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
+    let facts = [
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("build", build()),
+        ("platform", format!("{} {}", std::env::consts::ARCH, std::env::consts::OS)),
+        ("scenario", scenario.path.display().to_string()),
+        ("task", config.task.word().to_owned()),
+        ("coordination", config.coordination.word().to_owned()),
+        ("pace", pace.to_owned()),
+        ("seed", scenario.seed.to_string()),
+        ("cube_start", truth.unwrap_or_default()),
+        ("arms", arms.join(" ")),
+        ("period_ns", length.nanos().to_string()),
+        ("attended", attended.to_string()),
+        ("started_unix_s", now.as_secs().to_string()),
+        ("declared_face_s", config.vision.face.to_string()),
+        ("standalone_xyz", standalone(&config.cell)),
+        ("force_limit_n", config.control.force_limit.to_string()),
+        ("torque_limit_nm", config.control.torque_limit.to_string()),
+    ];
+    let start = match scenario.pace {
+        Pace::Virtual => 0,
+        Pace::RealTime => now.as_nanos() as u64,
+    };
+    Ok(About {
+        cell: config.cell.clone(),
+        scenario: std::fs::read_to_string(&scenario.path)?,
+        options: overrides
+            .iter()
+            .map(|o| (o.option.clone(), o.key.clone(), o.value.clone()))
+            .collect(),
+        facts: facts
+            .map(|(name, value)| (name.to_owned(), value))
+            .into_iter()
+            .collect::<BTreeMap<_, _>>(),
+        start,
+        length,
+    })
+}
+
+/// Where the camera that stands in the cell is believed to be [m].
+fn standalone(cell: &Cell) -> String {
+    let place = cell.cameras.iter().find_map(|camera| match camera.mount {
+        Mount::World { world_from_camera } => Some(world_from_camera.translation.vector),
+        Mount::Flange { .. } => None,
+    });
+    place.map_or_else(String::new, |p| format!("{} {} {}", p.x, p.y, p.z))
+}
+
+/// The sum of this very program: two builds of one version may differ.
+pub(super) fn build() -> String {
+    let program = std::env::current_exe().and_then(std::fs::read);
+    program
+        .map_or_else(|_| "unknown".to_owned(), |bytes| format!("{:08x}", crc32fast::hash(&bytes)))
+}
+
+/// What became of it, in a line for the operator.
+pub(super) fn told(path: &Path, written: &Written) -> String {
+    let size = std::fs::metadata(path).map_or(0, |m| m.len());
+    format!("recorded {}: {written}, {:.1} MB", path.display(), size as f64 / 1e6)
+}

@@ -1,0 +1,46 @@
+//! `rubik-robot recover`: a whole recording of one that was cut off.
+
+use super::{WRONG, complain};
+use crate::record::reading::End;
+use crate::record::recover::recover;
+use clap::Args;
+use std::fs::File;
+use std::io::{BufReader, BufWriter};
+use std::path::PathBuf;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  rubik-robot recover cut.mcap -o whole.mcap
+Everything up to the cut is kept; an index is written, so that any tool opens the file.")]
+pub(super) struct RecoverArgs {
+    /// The recording
+    recording: PathBuf,
+    /// Where the whole one goes
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
+    let same = args.recording.canonicalize().ok().zip(args.output.canonicalize().ok());
+    if same.is_some_and(|(from, to)| from == to) {
+        complain("the recording would be overwritten by its own remains: name another file");
+        return Ok(WRONG);
+    }
+    let from = match File::open(&args.recording) {
+        Ok(file) => BufReader::new(file),
+        Err(error) => {
+            complain(&format!("{}: {error}", args.recording.display()));
+            return Ok(WRONG);
+        }
+    };
+    let to = BufWriter::new(File::create(&args.output)?);
+    let saved = recover(from, to)?;
+    let end = match &saved.end {
+        End::Whole => "the recording was whole".to_owned(),
+        End::Cut(why) => format!("it was cut off: {why}"),
+    };
+    let (count, seconds) = (saved.messages, saved.span as f64 * 1e-9);
+    complain(&format!("{}: {count} messages, {seconds:.2} s; {end}", args.output.display()));
+    Ok(u8::from(saved.messages == 0))
+}

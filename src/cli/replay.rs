@@ -1,0 +1,180 @@
+//! `rubik-robot replay`: a recording shown again; or its inputs to the same controller, and whether it does the same.
+
+use super::face::{Face, FaceArgs, FaceWord};
+use super::output::Output;
+use super::{WRONG, complain, record};
+use crate::actors::show::Show;
+use crate::actors::verify::{self, Verified};
+use crate::desk::desk;
+use crate::record::reading::{Label, Piece, open};
+use crate::scenario::{self, Override, Scenario};
+use clap::Args;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  rubik-robot replay run.mcap                  in the page, or --ui tui; pause, speed and seek are there
+  rubik-robot replay run.mcap --speed 10
+  rubik-robot replay run.mcap --verify
+--verify: on the virtual clock the whole controller runs again on the recorded readings of the port, answers of the sensors and
+words of the operator; each order and each drive of each servo period must come out the same, to the bit. Of a run under
+the wall clock the servos run again, on the recorded readings and orders: when an actor's order reached its servo
+depended on threads, so the orders themselves are inputs there.
+Exit code 0 when all is the same, 1 when something differs, 2 when the recording cannot be used.")]
+pub(super) struct ReplayArgs {
+    /// The recording
+    recording: PathBuf,
+    /// Compare what the controller does with what it did
+    #[arg(long)]
+    verify: bool,
+    /// Verify the recording of another version, too
+    #[arg(long)]
+    force: bool,
+    /// Say it as one line of JSON
+    #[arg(long)]
+    json: bool,
+    /// How fast it is shown, in times of real time
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    speed: f64,
+    #[command(flatten)]
+    face: FaceArgs,
+}
+
+pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> {
+    let (label, scenario) = match load(&args.recording) {
+        Ok(loaded) => loaded,
+        Err(why) => {
+            complain(&why);
+            return Ok(WRONG);
+        }
+    };
+    if !args.verify {
+        return show(args, &scenario);
+    }
+    if let Err(why) = fits(&label, args.force) {
+        complain(&why);
+        return Ok(WRONG);
+    }
+    let verified =
+        match verify::verify(&args.recording, &scenario, label.fact("attended") == "true") {
+            Ok(verified) => verified,
+            Err(why) => {
+                complain(&format!("{}: {why}", args.recording.display()));
+                return Ok(WRONG);
+            }
+        };
+    let same = verified.divergence.is_none();
+    if args.json {
+        output.line(&json(&verified))?;
+    } else {
+        output.line(&verified.to_string())?;
+    }
+    Ok(u8::from(!same))
+}
+
+/// Shows a recording to whoever looks; without a face its phases and messages are told at once.
+fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
+    if !(args.speed.is_finite() && args.speed >= 0.0) {
+        complain("--speed: a factor such as 5, or 0 for as fast as it goes");
+        return Ok(WRONG);
+    }
+    let file = BufReader::with_capacity(1 << 20, File::open(&args.recording)?);
+    let title = args.recording.display().to_string();
+    let show = match Show::read(file, scenario, &title) {
+        Ok(show) => show,
+        Err(why) => {
+            complain(&format!("{title}: {why}"));
+            return Ok(WRONG);
+        }
+    };
+    let (desk, behind) = desk();
+    let face = match args.face.word(args.json) {
+        FaceWord::None => Face::None,
+        word => args.face.open(word, desk)?,
+    };
+    if matches!(face, Face::None) {
+        for (time, words) in show.told() {
+            complain(&format!("{time:9.2} s  {words}"));
+        }
+        return Ok(0);
+    }
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    show.run(&behind, args.speed, true, &stop);
+    if face.has_terminal() {
+        // It leaves by itself, and puts the terminal back as it was.
+        face.linger(&behind)?;
+    }
+    Ok(0)
+}
+
+fn json(verified: &Verified) -> String {
+    let first = verified.divergence.as_ref().map(|d| {
+        serde_json::json!({
+            "period": d.period,
+            "who": d.who,
+            "field": d.what.field,
+            "recorded": d.what.recorded,
+            "now": d.what.now,
+        })
+    });
+    serde_json::json!({
+        "same": verified.divergence.is_none(),
+        "compared": verified.compared,
+        "not_compared": verified.rest,
+        "whole_controller": verified.whole_controller,
+        "first_difference": first,
+    })
+    .to_string()
+}
+
+/// A recording's label, and the scenario that it is of.
+pub(super) fn load(path: &Path) -> Result<(Label, Scenario), String> {
+    let mut label = Label::default();
+    let reading = open(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    for piece in reading {
+        label.take(&piece);
+        // All that is needed stands at the beginning.
+        if !label.scenario.is_empty() && matches!(piece, Piece::Message(_)) {
+            break;
+        }
+    }
+    if label.fact("version").is_empty() || label.scenario.is_empty() {
+        let path = path.display();
+        return Err(format!(
+            "{path}: not a recording of this program, or cut off before its scenario"
+        ));
+    }
+    let options = label.options().into_iter();
+    let overrides: Vec<_> =
+        options.map(|(option, key, value)| Override { option, key, value }).collect();
+    let origin = Path::new(label.fact("scenario"));
+    let scenario = scenario::read(origin, &label.scenario, &overrides).map_err(|faults| {
+        format!("{}: its scenario is not right here:\n{faults}", path.display())
+    })?;
+    Ok((label, scenario))
+}
+
+/// Whether this program can be held against such a recording.
+fn fits(label: &Label, force: bool) -> Result<(), String> {
+    let (theirs, ours) = (label.fact("version"), env!("CARGO_PKG_VERSION"));
+    if theirs != ours {
+        let what = format!("the recording is of version {theirs}, this is {ours}");
+        if !force {
+            return Err(format!("{what}: another controller need not do the same; --force tries"));
+        }
+        complain(&what);
+    } else if label.fact("build") != record::build() {
+        complain(
+            "the recording is of another build of this version: a difference may come from that",
+        );
+    }
+    Ok(())
+}

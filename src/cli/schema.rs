@@ -1,0 +1,150 @@
+//! `rubik-robot schema`: the JSON schema of scenarios, from the keys that the program reads.
+//!
+//! A key is declared once (`scenario::section`); the schema, `rubik-robot keys` and the reader follow from that.
+
+use super::output::Output;
+use crate::scenario::{self, section::Key};
+use serde_json::{Map, Value, json};
+
+/// Lists of tables: each element has the keys of any of the built-in ones.
+const LISTS: [&str; 3] = ["effector", "camera", "vsp"];
+
+pub(super) fn run(output: &mut Output) -> anyhow::Result<u8> {
+    output.line(&serde_json::to_string_pretty(&schema(&scenario::all_keys()))?)?;
+    Ok(0)
+}
+
+/// The schema of a scenario with these keys.
+fn schema(keys: &[Key]) -> Value {
+    let mut root = Map::new();
+    for key in keys {
+        let parts: Vec<&str> = key.path.split('.').collect();
+        match parts.as_slice() {
+            [list, _, within @ ..] if LISTS.contains(list) => {
+                let item =
+                    root.entry(*list).or_insert_with(|| json!({"type": "array", "items": table()}));
+                insert(&mut item["items"], within, key);
+            }
+            [name] => {
+                root.insert((*name).to_owned(), value(key));
+            }
+            [section, within @ ..] => {
+                insert(root.entry(*section).or_insert_with(table), within, key);
+            }
+            [] => {}
+        }
+    }
+    json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "A scenario of rubik-robot",
+        "type": "object",
+        "additionalProperties": false,
+        "properties": root,
+    })
+}
+
+fn table() -> Value {
+    json!({"type": "object", "additionalProperties": false, "properties": {}})
+}
+
+fn insert(table_of: &mut Value, path: &[&str], key: &Key) {
+    match path {
+        [] => {}
+        [name] => table_of["properties"][*name] = value(key),
+        [section, within @ ..] => {
+            let properties = &mut table_of["properties"];
+            if properties.get(*section).is_none() {
+                properties[*section] = table();
+            }
+            insert(&mut properties[*section], within, key);
+        }
+    }
+}
+
+/// One key: its type from its description for people, its range, meaning and default.
+fn value(key: &Key) -> Value {
+    let mut schema = kind(&key.kind);
+    if let (Some(range), Some(fields)) = (&key.range, schema.as_object_mut()) {
+        let (low, high) = (json!(range.start()), json!(range.end()));
+        let holder = match fields.get_mut("items").and_then(Value::as_object_mut) {
+            Some(items) => items,
+            None => fields,
+        };
+        if holder.get("type").is_some_and(|t| t == "number" || t == "integer") {
+            holder.insert("minimum".to_owned(), low);
+            holder.insert("maximum".to_owned(), high);
+        }
+    }
+    schema["description"] = json!(key.meaning);
+    if let Some(default) = default(&key.default) {
+        schema["default"] = default;
+    }
+    schema
+}
+
+/// A default as TOML writes it.
+fn default(text: &str) -> Option<Value> {
+    let document: toml::Table = toml::from_str(&format!("v = {text}")).ok()?;
+    serde_json::to_value(document.get("v")?).ok()
+}
+
+fn kind(words: &str) -> Value {
+    let words = words.trim();
+    if words.contains('"') {
+        let options: Vec<_> = words.split('|').map(|w| w.trim().trim_matches('"')).collect();
+        return json!({"enum": options});
+    }
+    if let Some((count, each)) = words.split_once(" times ")
+        && let Ok(count) = count.parse::<usize>()
+    {
+        let item = kind(each);
+        return json!({"type": "array", "items": item, "minItems": count, "maxItems": count});
+    }
+    match words {
+        "number" => json!({"type": "number"}),
+        "whole number" => json!({"type": "integer"}),
+        "text" => json!({"type": "string"}),
+        "true | false" => json!({"type": "boolean"}),
+        _ => json!({}),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_key_is_in_the_schema_with_a_type() {
+        let keys = scenario::all_keys();
+        let schema = schema(&keys);
+
+        for key in &keys {
+            let mut at = &schema;
+            let parts: Vec<&str> = key.path.split('.').collect();
+            let (list, within) = match parts.as_slice() {
+                [list, _, within @ ..] if LISTS.contains(list) => (Some(*list), within),
+                all => (None, all),
+            };
+            if let Some(list) = list {
+                at = &at["properties"][list]["items"];
+            }
+            for part in within {
+                at = &at["properties"][*part];
+            }
+            assert!(at["type"].is_string() || at["enum"].is_array(), "{}: {}", key.path, key.kind);
+            assert!(!at["description"].as_str().unwrap().is_empty(), "{}", key.path);
+        }
+    }
+
+    #[test]
+    fn ranges_and_defaults_are_those_of_the_keys() {
+        let schema = schema(&scenario::all_keys());
+
+        let grip = &schema["properties"]["control"]["properties"]["grip_n"];
+        assert_eq!((grip["minimum"].as_f64(), grip["maximum"].as_f64()), (Some(1.0), Some(100.0)));
+        assert_eq!(grip["default"].as_f64(), Some(40.0));
+        let centre = &schema["properties"]["hand"]["properties"]["centre_xyz_mm"];
+        assert_eq!(centre["minItems"], 3);
+        assert!(schema["properties"]["task"]["enum"].as_array().unwrap().contains(&json!("solve")));
+    }
+}

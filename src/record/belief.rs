@@ -1,0 +1,87 @@
+//! What a kernel believes of the cube, in a recording: as JSON for replays, as message fields for everybody else.
+
+use super::cdr::Writer;
+use super::recorder::CubeKnown;
+use crate::operator::{Net, PlanLine};
+use crate::spatial::Pose;
+use crate::tasks::{Picture, Turning};
+use nalgebra::UnitQuaternion;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// A [`Picture`] as it is written.
+#[derive(Debug, Serialize, Deserialize)]
+struct Wire {
+    world_from_base: [Option<Pose>; 2],
+    tool_from_cube: [Option<Pose>; 2],
+    facelets: Option<crate::cube::Facelets>,
+    turning: Option<(usize, usize, UnitQuaternion<f64>)>,
+    net: Net,
+    plan: Vec<PlanLine>,
+    step: Option<usize>,
+}
+
+/// Writes it as JSON.
+#[must_use]
+pub fn json(picture: &Picture) -> String {
+    let wire = Wire {
+        world_from_base: picture.world_from_base,
+        tool_from_cube: picture.tool_from_cube,
+        facelets: picture.facelets,
+        turning: picture.turning.map(|t| (t.effector, t.face as usize, t.cube_from_tool)),
+        net: picture.net.clone(),
+        plan: picture.plan.as_ref().clone(),
+        step: picture.step,
+    };
+    serde_json::to_string(&wire).unwrap_or_default()
+}
+
+/// Reads it back; `None` when it is something else.
+#[must_use]
+pub fn read(text: &str) -> Option<Picture> {
+    let wire: Wire = serde_json::from_str(text).ok()?;
+    let turning = wire.turning.and_then(|(effector, face, cube_from_tool)| {
+        let face = *crate::cube::Face::ALL.get(face)?;
+        Some(Turning { effector, face, cube_from_tool })
+    });
+    Some(Picture {
+        world_from_base: wire.world_from_base,
+        tool_from_cube: wire.tool_from_cube,
+        facelets: wire.facelets,
+        turning,
+        net: wire.net,
+        plan: Arc::new(wire.plan),
+        step: wire.step,
+    })
+}
+
+/// Colours 0..=5 as letters URFDLB, `?` where unknown.
+pub fn letters(colours: impl Iterator<Item = Option<u8>>) -> String {
+    colours
+        .map(|c| c.and_then(|c| b"URFDLB".get(usize::from(c))).map_or('?', |l| char::from(*l)))
+        .collect()
+}
+
+/// What is known of the cube; the truth is not in it.
+#[must_use]
+pub fn known(picture: &Picture, arms: &[String]) -> CubeKnown {
+    let readings = &picture.net.facelets;
+    let holders = arms.iter().zip(&picture.tool_from_cube).filter(|(_, held)| held.is_some());
+    CubeKnown {
+        identified: letters(readings.iter().map(|r| r.map(|r| r.colour))),
+        confidences: readings.iter().map(|r| r.map_or(0.0, |r| r.confidence)).collect(),
+        believed: picture.facelets.map_or_else(String::new, |f| f.to_string()),
+        truth: String::new(),
+        holders: holders.map(|(name, _)| name.clone()).collect(),
+    }
+}
+
+/// Writes `rubik_robot_msgs/Plan`.
+pub fn write_plan(picture: &Picture, stamp: u64, to: &mut Writer) {
+    let steps: Vec<_> = picture.plan.iter().map(|line| line.what.clone()).collect();
+    let reasons: Vec<_> = picture.plan.iter().map(|line| line.why.clone()).collect();
+    to.time(stamp);
+    to.string_sequence(&steps);
+    to.string_sequence(&reasons);
+    to.f64_sequence(&picture.plan.iter().map(|line| line.seconds).collect::<Vec<_>>());
+}

@@ -1,0 +1,247 @@
+//! A recording as it is read: message by message from its beginning, whole or cut off.
+//!
+//! - in: an MCAP file
+//! - out: its messages in the order of the file, its metadata and attachments; and whether it ends as it should
+//!
+//! The index is not used: what a crash left has none, and the order of the file is the order of the run.
+
+use super::cdr::Malformed;
+use mcap::records::Record;
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Where a message stands.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Channel {
+    /// Topic.
+    pub topic: String,
+    /// Type: `package/msg/Type`.
+    pub kind: String,
+    /// Definition of the type.
+    pub schema: Vec<u8>,
+    /// How the schema is written.
+    pub encoding: String,
+    /// How messages are written.
+    pub message_encoding: String,
+    /// Other facts.
+    pub metadata: BTreeMap<String, String>,
+}
+
+/// A message.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Message {
+    /// Where it stands.
+    pub channel: Arc<Channel>,
+    /// Its time [ns].
+    pub time: u64,
+    /// Its bytes.
+    pub data: Vec<u8>,
+}
+
+/// What a file holds, piece by piece.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Piece {
+    /// A message.
+    Message(Message),
+    /// Named texts.
+    Metadata(String, BTreeMap<String, String>),
+    /// A file in the file: name, media type, bytes.
+    Attachment(String, String, Vec<u8>),
+}
+
+/// Why a recording cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum Unreadable {
+    /// The file.
+    #[error("{0}")]
+    File(#[from] std::io::Error),
+    /// Its contents.
+    #[error("not a recording: {0}")]
+    Format(String),
+    /// A message.
+    #[error("{topic}: {why}")]
+    Message {
+        /// Where.
+        topic: String,
+        /// Why.
+        why: Malformed,
+    },
+    /// Something is missing in it.
+    #[error("{0}")]
+    Missing(String),
+}
+
+/// A file being read.
+pub struct Reading<R> {
+    from: R,
+    reader: LinearReader,
+    schemas: BTreeMap<u16, (String, String, Vec<u8>)>,
+    channels: BTreeMap<u16, Arc<Channel>>,
+    /// How the file ends: `None` while it is being read.
+    end: Option<End>,
+}
+
+/// How a file ends.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum End {
+    /// As it should.
+    Whole,
+    /// In the middle: it was cut off, or what follows is none.
+    Cut(String),
+}
+
+/// Opens a file.
+///
+/// # Errors
+/// What the operating system says.
+pub fn open(path: &Path) -> Result<Reading<std::fs::File>, Unreadable> {
+    Ok(Reading::new(std::fs::File::open(path)?))
+}
+
+impl<R: Read> Reading<R> {
+    /// Reads from anything.
+    pub fn new(from: R) -> Self {
+        // A chunk is read as far as it goes: its check stands behind it, where a cut file has nothing.
+        let options = LinearReaderOptions::default().with_prevalidate_chunk_crcs(false);
+        Self {
+            from,
+            reader: LinearReader::new_with_options(options),
+            schemas: BTreeMap::new(),
+            channels: BTreeMap::new(),
+            end: None,
+        }
+    }
+
+    /// How the file ends; `None` before its end.
+    pub fn end(&self) -> Option<&End> {
+        self.end.as_ref()
+    }
+
+    fn cut(&mut self, why: &impl ToString) {
+        self.end = Some(End::Cut(why.to_string()));
+    }
+
+    fn advance(&mut self) -> Option<Piece> {
+        while self.end.is_none() {
+            let event = match self.reader.next_event() {
+                None => {
+                    self.end = Some(End::Whole);
+                    break;
+                }
+                Some(Err(why)) => {
+                    self.cut(&why);
+                    break;
+                }
+                Some(Ok(event)) => event,
+            };
+            match event {
+                LinearReadEvent::ReadRequest(count) => {
+                    match self.from.read(self.reader.insert(count)) {
+                        Ok(read) => self.reader.notify_read(read),
+                        Err(why) => self.cut(&why),
+                    }
+                }
+                LinearReadEvent::Record { opcode, data } => {
+                    match mcap::parse_record(opcode, data).map(Record::into_owned) {
+                        Ok(record) => {
+                            if let Some(piece) = self.record(record) {
+                                return Some(piece);
+                            }
+                        }
+                        Err(why) => self.cut(&why),
+                    }
+                }
+            }
+        }
+        None
+    }
+
+    fn record(&mut self, record: Record<'static>) -> Option<Piece> {
+        match record {
+            Record::Schema { header, data } => {
+                let schema = (header.name, header.encoding, data.into_owned());
+                self.schemas.insert(header.id, schema);
+            }
+            Record::Channel(channel) => {
+                let (kind, encoding, schema) =
+                    self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
+                let known = Channel {
+                    topic: channel.topic,
+                    kind,
+                    schema,
+                    encoding,
+                    message_encoding: channel.message_encoding,
+                    metadata: channel.metadata,
+                };
+                self.channels.entry(channel.id).or_insert_with(|| Arc::new(known));
+            }
+            Record::Message { header, data } => {
+                let channel = Arc::clone(self.channels.get(&header.channel_id)?);
+                let message = Message { channel, time: header.log_time, data: data.into_owned() };
+                return Some(Piece::Message(message));
+            }
+            Record::Metadata(metadata) => {
+                return Some(Piece::Metadata(metadata.name, metadata.metadata));
+            }
+            Record::Attachment { header, data, .. } => {
+                return Some(Piece::Attachment(header.name, header.media_type, data.into_owned()));
+            }
+            _ => {}
+        }
+        None
+    }
+}
+
+impl<R: Read> Iterator for Reading<R> {
+    type Item = Piece;
+
+    fn next(&mut self) -> Option<Piece> {
+        self.advance()
+    }
+}
+
+/// What a recording says of itself.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Label {
+    /// Metadata by name: "`rubik_robot`", "options", "summary", "timing".
+    pub metadata: BTreeMap<String, BTreeMap<String, String>>,
+    /// Text of the scenario.
+    pub scenario: String,
+}
+
+impl Label {
+    /// A fact of the run's beginning; empty when it is not there.
+    #[must_use]
+    pub fn fact(&self, name: &str) -> &str {
+        self.of("rubik_robot", name)
+    }
+
+    /// A fact under a name; empty when it is not there.
+    #[must_use]
+    pub fn of(&self, metadata: &str, name: &str) -> &str {
+        self.metadata.get(metadata).and_then(|m| m.get(name)).map_or("", String::as_str)
+    }
+
+    /// What overruled the scenario: option, key, value.
+    #[must_use]
+    pub fn options(&self) -> Vec<(String, String, String)> {
+        let options = self.metadata.get("options").into_iter().flat_map(BTreeMap::values);
+        options.filter_map(|text| serde_json::from_str(text).ok()).collect()
+    }
+
+    /// Takes a piece in, if it says anything about the whole.
+    pub fn take(&mut self, piece: &Piece) {
+        match piece {
+            Piece::Metadata(name, facts) => {
+                self.metadata.insert(name.clone(), facts.clone());
+            }
+            Piece::Attachment(name, _, data) if name == "scenario.toml" => {
+                self.scenario = String::from_utf8_lossy(data).into_owned();
+            }
+            Piece::Attachment(..) | Piece::Message(_) => {}
+        }
+    }
+}

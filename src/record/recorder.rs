@@ -1,0 +1,356 @@
+//! The recorder: a thread that writes what a run brings, and the ends that the run holds.
+//!
+//! - in: servo records by a ring, everything else by a bounded queue
+//! - out: an MCAP file ([`super::sheet`] says which topics), and [`Written`]: how much, and what was lost
+//!
+//! Under the wall clock nobody ever waits for the recorder: what does not fit is counted and left out. On the virtual
+//! clock, where a run goes as fast as it computes, it waits instead of losing: time that passes there is nobody's. Once
+//! the device refuses, nothing more is written, all that comes is counted, and the run goes on.
+
+use super::sensed::Sensed;
+use super::sheet::{About, Sheet};
+use crate::hw::driver::{RecordSink, ServoRecord};
+use crate::hw::scene::Scene;
+use crate::tasks::Picture;
+use image::RgbImage;
+use std::io::{Seek, Write};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Servo records in the ring: four seconds of two arms.
+const TICKS: usize = 4096;
+/// Other things in the queue.
+const QUEUE: usize = 1024;
+/// Pictures in the queue: 30 MB of them at most.
+const PICTURES: u64 = 32;
+/// How long the recorder sleeps when there is nothing to write.
+const NAP: Duration = Duration::from_millis(2);
+
+/// What a run brings beside its servo records.
+#[derive(Debug, Clone)]
+pub enum Entry {
+    /// A line for the log: 10 debug, 20 info, 30 warn, 40 error, 50 fatal; who says it; what.
+    Log(u8, String, String),
+    /// A phase begins; at last "end" and what the run came to.
+    Phase(String, String),
+    /// A virtual sensor has delivered.
+    Sensed(Sensed),
+    /// A camera's picture.
+    Picture(usize, RgbImage),
+    /// What there is to be seen, in the plant.
+    Scene(Box<Scene>),
+    /// What the operator wanted, as JSON.
+    Operator(String),
+    /// What the kernel believes of the cube, and its plan.
+    Belief(Box<Picture>),
+    /// Named texts: how punctual the servo was, the summary.
+    Facts(&'static str, Vec<(String, String)>),
+}
+
+/// What is known of the cube at one moment; empty where nobody knows.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CubeKnown {
+    /// 54 letters as read.
+    pub identified: String,
+    /// How sure each is.
+    pub confidences: Vec<f64>,
+    /// 54 letters as it is by the turns carried out.
+    pub believed: String,
+    /// 54 letters in the plant.
+    pub truth: String,
+    /// Names of the effectors that hold it.
+    pub holders: Vec<String>,
+}
+
+/// What became of a recording.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Written {
+    /// Messages in the file.
+    pub messages: u64,
+    /// Messages that are not.
+    pub lost: u64,
+    /// Why the device refused.
+    pub failure: Option<String>,
+}
+
+impl std::fmt::Display for Written {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} messages", self.messages)?;
+        match self.lost {
+            0 => write!(f, ", nothing lost"),
+            lost => write!(f, ", {lost} lost"),
+        }?;
+        match &self.failure {
+            Some(why) => write!(f, ": {why}"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Who waits when the recorder does not keep up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Patience {
+    /// The run: on the virtual clock.
+    Waits,
+    /// Nobody: what does not fit is lost.
+    Never,
+}
+
+/// The run's end of a recorder; clones write to the same file. The default one records nothing.
+#[derive(Clone, Default)]
+pub struct Recorder(Option<Arc<Shared>>);
+
+struct Shared {
+    queue: SyncSender<(u64, Entry)>,
+    ticks: Mutex<Option<rtrb::Producer<ServoRecord>>>,
+    patience: Patience,
+    counts: Arc<Counts>,
+    thread: Mutex<Option<JoinHandle<Written>>>,
+}
+
+#[derive(Default)]
+struct Counts {
+    lost: AtomicU64,
+    pictures: AtomicU64,
+    over: AtomicBool,
+}
+
+/// The servo's end: a ring.
+pub struct Ticks {
+    ring: rtrb::Producer<ServoRecord>,
+    patience: Patience,
+    counts: Arc<Counts>,
+}
+
+impl Recorder {
+    /// Begins a file.
+    ///
+    /// # Errors
+    /// What the operating system says of the file or the thread.
+    pub fn create(path: &Path, about: About, patience: Patience) -> std::io::Result<Self> {
+        Self::begin(std::fs::File::create(path)?, about, patience)
+    }
+
+    /// Records into `to`.
+    ///
+    /// # Errors
+    /// What the operating system says of the thread.
+    pub fn begin<W: Write + Seek + Send + 'static>(
+        to: W,
+        about: About,
+        patience: Patience,
+    ) -> std::io::Result<Self> {
+        let (queue, entries) = sync_channel(QUEUE);
+        let (ticks, records) = rtrb::RingBuffer::new(TICKS);
+        let counts = Arc::new(Counts::default());
+        let thread = std::thread::Builder::new().name("recorder".into()).spawn({
+            let counts = Arc::clone(&counts);
+            move || {
+                Clerk { sheet: Sheet::new(about), counts, failure: None }
+                    .work(to, records, &entries)
+            }
+        })?;
+        Ok(Self(Some(Arc::new(Shared {
+            queue,
+            ticks: Mutex::new(Some(ticks)),
+            patience,
+            counts,
+            thread: Mutex::new(Some(thread)),
+        }))))
+    }
+
+    /// The servo's end, which there is once; `None` when nothing is recorded.
+    #[must_use]
+    pub fn ticks(&self) -> Option<Ticks> {
+        let shared = self.0.as_ref()?;
+        let ring = shared.ticks.lock().unwrap_or_else(PoisonError::into_inner).take()?;
+        Some(Ticks { ring, patience: shared.patience, counts: Arc::clone(&shared.counts) })
+    }
+
+    /// Whether anything is recorded.
+    #[must_use]
+    pub fn is_on(&self) -> bool {
+        self.0.is_some()
+    }
+
+    /// Notes something at the beginning of a period of 2 ms.
+    pub fn note(&self, period: u64, entry: impl FnOnce() -> Entry) {
+        self.note_some(period, || Some(entry()));
+    }
+
+    /// The same, if there is something.
+    pub fn note_some(&self, period: u64, entry: impl FnOnce() -> Option<Entry>) {
+        let Some(shared) = &self.0 else { return };
+        let Some(entry) = entry() else { return };
+        let picture = matches!(entry, Entry::Picture(..));
+        if picture {
+            let waiting = &shared.counts.pictures;
+            while waiting.load(Ordering::Acquire) >= PICTURES {
+                if shared.patience == Patience::Never || shared.counts.over.load(Ordering::Acquire)
+                {
+                    shared.lose();
+                    return;
+                }
+                std::thread::sleep(NAP / 10);
+            }
+            waiting.fetch_add(1, Ordering::AcqRel);
+        }
+        let sent = match shared.patience {
+            Patience::Waits => shared.queue.send((period, entry)).is_ok(),
+            Patience::Never => match shared.queue.try_send((period, entry)) {
+                Ok(()) => true,
+                Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => false,
+            },
+        };
+        if !sent {
+            shared.lose();
+            if picture {
+                shared.counts.pictures.fetch_sub(1, Ordering::AcqRel);
+            }
+        }
+    }
+
+    /// Ends the file and says what became of it; `None` when nothing was recorded, or another has asked already.
+    #[must_use]
+    pub fn finish(&self) -> Option<Written> {
+        let shared = self.0.as_ref()?;
+        let thread = shared.thread.lock().unwrap_or_else(PoisonError::into_inner).take()?;
+        shared.counts.over.store(true, Ordering::Release);
+        let mut written = thread.join().unwrap_or_else(|_| Written {
+            failure: Some("the recorder died".to_owned()),
+            ..Written::default()
+        });
+        written.lost += shared.counts.lost.load(Ordering::Acquire);
+        Some(written)
+    }
+}
+
+impl Shared {
+    fn lose(&self) {
+        self.counts.lost.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+impl std::fmt::Debug for Recorder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Recorder").field("on", &self.is_on()).finish_non_exhaustive()
+    }
+}
+
+/// Under the wall clock this is called by the real-time thread: no wait, no lock, no allocation.
+impl RecordSink for Ticks {
+    fn record(&mut self, record: &ServoRecord) {
+        let mut rest = *record;
+        while let Err(rtrb::PushError::Full(back)) = self.ring.push(rest) {
+            if self.patience == Patience::Never || self.ring.is_abandoned() {
+                self.counts.lost.fetch_add(1, Ordering::Relaxed);
+                return;
+            }
+            rest = back;
+            std::thread::sleep(NAP / 20);
+        }
+    }
+}
+
+/// Two sinks as one.
+pub struct Both(pub Box<dyn RecordSink>, pub Box<dyn RecordSink>);
+
+impl RecordSink for Both {
+    fn record(&mut self, record: &ServoRecord) {
+        self.0.record(record);
+        self.1.record(record);
+    }
+}
+
+/// The thread's side.
+struct Clerk {
+    sheet: Sheet,
+    counts: Arc<Counts>,
+    failure: Option<String>,
+}
+
+impl Clerk {
+    fn work<W: Write + Seek>(
+        mut self,
+        to: W,
+        mut records: rtrb::Consumer<ServoRecord>,
+        entries: &Receiver<(u64, Entry)>,
+    ) -> Written {
+        let mut file = match super::file::File::begin(to) {
+            Ok(file) => Some(file),
+            Err(why) => {
+                self.fail(&why.to_string());
+                None
+            }
+        };
+        if let Some(open) = &mut file
+            && let Err(why) = self.sheet.begin(open)
+        {
+            self.fail(&why.to_string());
+            file = None;
+        }
+        let mut waiting: Option<(u64, Entry)> = None;
+        loop {
+            let last = self.counts.over.load(Ordering::Acquire);
+            // Who notes something has sent the records of that period before: so, looked at in this order, whatever
+            // belongs before a record is there when the record is.
+            let next = |records: &mut rtrb::Consumer<ServoRecord>| {
+                records.peek().ok().map(|r| self.sheet.tick_of(r.period))
+            };
+            let mut record = next(&mut records);
+            if waiting.is_none() {
+                waiting = entries.try_recv().ok();
+                record = record.or_else(|| next(&mut records));
+            }
+            if let Some((period, entry)) = waiting.take_if(|w| record.is_none_or(|r| w.0 < r)) {
+                if matches!(entry, Entry::Picture(..)) {
+                    self.counts.pictures.fetch_sub(1, Ordering::AcqRel);
+                }
+                let written = file.as_mut().map(|file| self.sheet.entry(period, &entry, file));
+                self.settle(&mut file, written);
+            } else if record.is_some() {
+                let Ok(record) = records.pop() else { continue };
+                let written = file.as_mut().map(|file| self.sheet.tick(&record, file));
+                self.settle(&mut file, written);
+            } else if last {
+                break;
+            } else {
+                std::thread::sleep(NAP);
+            }
+        }
+        if let Some(file) = file
+            && let Err(why) = file.finish()
+        {
+            self.fail(&why.to_string());
+        }
+        Written { messages: self.sheet.messages(), lost: 0, failure: self.failure }
+    }
+
+    /// Without a file everything is lost; a failure takes the file away.
+    fn settle<F>(
+        &mut self,
+        file: &mut Option<F>,
+        written: Option<Result<(), super::file::Unwritten>>,
+    ) {
+        match written {
+            Some(Ok(())) => {}
+            Some(Err(why)) => {
+                self.counts.lost.fetch_add(1, Ordering::Relaxed);
+                self.fail(&why.to_string());
+                *file = None;
+            }
+            None => {
+                self.counts.lost.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    }
+
+    fn fail(&mut self, why: &str) {
+        tracing::error!("the recording stops: {why}; the run goes on");
+        self.failure.get_or_insert_with(|| why.to_owned());
+    }
+}

@@ -1,0 +1,487 @@
+//! The page of a report.
+
+use super::figures::{figures, quantile};
+use super::story::{ArmStory, BIN, Shot, Story};
+use super::svg::{self, Curve, Row};
+use std::fmt::Write;
+
+/// The look, for light, dark and paper.
+const STYLE: &str = include_str!("style.css");
+
+/// Writes it.
+pub(super) fn page(story: &Story) -> String {
+    let title = title(story);
+    let mut html = String::with_capacity(1 << 20);
+    let _ = write!(
+        html,
+        "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta name=viewport content=\"width=device-width, initial-scale=1\">\n<title>{}</title>\n<style>\n{STYLE}</style></head>\n<body><main>\n",
+        escaped(&title)
+    );
+    head(&mut html, story, &title);
+    table(&mut html, story);
+    timeline(&mut html, story);
+    forces(&mut html, story);
+    timing(&mut html, story);
+    pictures(&mut html, story);
+    plan(&mut html, story);
+    messages(&mut html, story);
+    origin(&mut html, story);
+    html.push_str("</main></body></html>\n");
+    html
+}
+
+fn title(story: &Story) -> String {
+    let path = story.label.fact("scenario");
+    let name = std::path::Path::new(path).file_stem().map(|s| s.to_string_lossy().into_owned());
+    format!("{}, seed {}", name.unwrap_or_else(|| "run".to_owned()), story.label.fact("seed"))
+}
+
+fn head(html: &mut String, story: &Story, title: &str) {
+    let (class, word, reason) = match &story.summary {
+        Some(summary) => {
+            let end = story.phases.last().filter(|_| story.label.metadata.contains_key("summary"));
+            let word = match (summary.exit_code(), summary.task.as_str()) {
+                (0, "solve") => "Solved",
+                (0, _) => "Done",
+                _ if summary.outcome == crate::record::summary::Outcome::Failed => "Failed",
+                _ => "Aborted",
+            };
+            let _ = end;
+            let class = if summary.exit_code() == 0 { "good" } else { "bad" };
+            (class, word, summary.reason.clone())
+        }
+        None => ("bad", "Cut off", "the recording ends before the run does".to_owned()),
+    };
+    let _ = write!(
+        html,
+        "<header><p class=over>rubik-robot &middot; report of a run</p><h1>{}</h1>\n<p class=\"verdict {class}\"><b>{word}</b> {}</p>",
+        escaped(title),
+        escaped(&capital(&reason))
+    );
+    if let Some(why) = &story.cut {
+        let _ = write!(
+            html,
+            "<p class=warn>The recording is cut off after {:.1} s ({}). What is here is what was saved.</p>",
+            story.end,
+            escaped(why)
+        );
+    }
+    html.push_str("<div class=cubes>");
+    let start = story.label.fact("cube_start");
+    let [read, believed, truth] = &story.letters;
+    let end = if truth.is_empty() { believed } else { truth };
+    let summary_read = story.summary.as_ref().and_then(|s| s.identified.clone());
+    let read = summary_read.as_ref().unwrap_or(read);
+    for (words, letters) in
+        [("at the start", start), ("as it was read", read.as_str()), ("at the end", end.as_str())]
+    {
+        if letters.len() == 54 {
+            let _ = write!(
+                html,
+                "<figure>{}<figcaption>The cube {words}</figcaption></figure>",
+                svg::net(letters)
+            );
+        }
+    }
+    html.push_str("</div>");
+    if let Some(summary) = &story.summary {
+        html.push_str("<dl class=facts>");
+        let mut fact = |name: &str, value: String| {
+            let _ = write!(html, "<div><dt>{name}</dt><dd>{}</dd></div>", escaped(&value));
+        };
+        fact("time", format!("{:.1} s", summary.sim_time_s));
+        if summary.turns > 0 {
+            fact("turns", summary.turns.to_string());
+            fact("grasps", summary.grasps.to_string());
+        }
+        if let (Some(force), Some(torque)) = (summary.peak_force_n, summary.peak_torque_nm) {
+            fact("peak while both hold", format!("{force:.1} N, {torque:.2} Nm"));
+        }
+        if let (Some(jams), Some(slips), Some(drops)) = (summary.jams, summary.slips, summary.drops)
+        {
+            fact("jams, slips, drops", format!("{jams}, {slips}, {drops}"));
+        }
+        if let Some(angle) = summary.turned_deg {
+            fact("layer turned by", format!("{angle:.1}\u{b0}"));
+        }
+        html.push_str("</dl>");
+    }
+    html.push_str("</header>\n");
+}
+
+fn table(html: &mut String, story: &Story) {
+    html.push_str("<section><h2>Beside the paper</h2><table><thead><tr><th>figure<th>paper, 2007<th>this run<th>how</tr></thead><tbody>");
+    for figure in figures(story) {
+        let _ = write!(
+            html,
+            "<tr><th>{}<td class=n>{}<td class=n><b>{}</b><td class=how>{}</tr>",
+            escaped(figure.what),
+            escaped(figure.paper),
+            escaped(&figure.here),
+            escaped(&figure.remark)
+        );
+    }
+    html.push_str("</tbody></table></section>\n");
+}
+
+/// Phases without the last, "end".
+fn phases(story: &Story) -> Vec<(f64, String)> {
+    story.phases.iter().filter(|(_, name)| name != "end").cloned().collect()
+}
+
+fn timeline(html: &mut String, story: &Story) {
+    let phases = phases(story);
+    let end = story.end;
+    let until = |index: usize| phases.get(index + 1).map_or(end, |p| p.0);
+    let mut rows = vec![Row {
+        name: "phase".to_owned(),
+        pieces: phases
+            .iter()
+            .enumerate()
+            .map(|(i, (begin, name))| (*begin, until(i), escaped(name), format!("p{}", i % 8)))
+            .collect(),
+    }];
+    let held = |index: usize| story.holders.get(index + 1).map_or(end, |h| h.0);
+    if story.holders.iter().any(|(_, holders)| !holders.is_empty()) {
+        let mut lanes: Vec<String> = story.arms.iter().map(|arm| arm.name.clone()).collect();
+        lanes.push("neither".to_owned());
+        for (lane, name) in lanes.iter().enumerate() {
+            let holds = |holders: &Vec<String>| {
+                holders.contains(name) || (holders.is_empty() && lane + 1 == lanes.len())
+            };
+            let mut pieces: Vec<(f64, f64, String, String)> = Vec::new();
+            for (i, (begin, holders)) in story.holders.iter().enumerate() {
+                if !holds(holders) {
+                    continue;
+                }
+                match pieces.last_mut() {
+                    Some(last) if (last.1 - begin).abs() < 1e-9 => last.1 = held(i),
+                    _ => pieces.push((*begin, held(i), escaped(name), format!("h{lane}"))),
+                }
+            }
+            let words = if lane + 1 == lanes.len() {
+                "held by neither hand: with the operator".to_owned()
+            } else {
+                format!("held by {name}")
+            };
+            rows.push(Row { name: escaped(&words), pieces });
+        }
+    }
+    if !story.operator.is_empty() {
+        let pieces = story
+            .operator
+            .iter()
+            .map(|(t, word)| (*t, t + 0.004 * end, escaped(word), "op".to_owned()));
+        rows.push(Row { name: "operator".to_owned(), pieces: pieces.collect() });
+    }
+    let _ = write!(html, "<section><h2>What happened when</h2>{}", svg::timeline(&rows, end));
+    if let Some(summary) = story.summary.as_ref().filter(|s| !s.phases.is_empty()) {
+        html.push_str("<ol class=legend>");
+        for (i, phase) in summary.phases.iter().enumerate() {
+            let _ = write!(
+                html,
+                "<li><i class=p{}></i>{} <span>{:.1} s</span></li>",
+                i % 8,
+                escaped(&phase.name),
+                phase.sim_time_s
+            );
+        }
+        html.push_str("</ol>");
+    }
+    html.push_str("</section>\n");
+}
+
+fn forces(html: &mut String, story: &Story) {
+    let label = &story.label;
+    let limit = |name: &str, unit: &str| {
+        let value = label.fact(name).parse::<f64>().ok()?;
+        Some((value, format!("limit {value} {unit}")))
+    };
+    html.push_str("<section><h2>At the wrists</h2><p class=lead>The largest value in each 20 ms, of every servo period: what the tool exerts on its surroundings, its own weight taken off. The bands are the phases.</p>");
+    let phases = phases(story);
+    for arm in story.arms.iter().filter(|arm| !arm.force.is_empty()) {
+        let ArmStory { force, torque, grip, .. } = arm;
+        let curve = |title: &'static str, values, limit, class| Curve {
+            title,
+            values,
+            bin: BIN,
+            limit,
+            class,
+        };
+        let panels = [
+            curve("force [N]", force, limit("force_limit_n", "N"), "force"),
+            curve("torque [Nm]", torque, limit("torque_limit_nm", "Nm"), "torque"),
+            curve("grip [N]", grip, None, "grip"),
+        ];
+        let _ = write!(
+            html,
+            "<h3>{}</h3>{}",
+            escaped(&arm.name),
+            svg::curves(&panels, &phases, story.end)
+        );
+    }
+    html.push_str("<p class=note>The limits break a step with contact off; free motion, where inertia is felt, has none.</p></section>\n");
+}
+
+/// `nanoseconds:count` in rising order.
+pub(super) fn classes(text: &str) -> Vec<(u64, u64)> {
+    let pair = |word: &str| {
+        let (nanos, count) = word.split_once(':')?;
+        Some((nanos.parse().ok()?, count.parse().ok()?))
+    };
+    text.split_whitespace().filter_map(pair).collect()
+}
+
+fn timing(html: &mut String, story: &Story) {
+    html.push_str("<section><h2>Timing of the servo</h2>");
+    let label = &story.label;
+    if label.fact("pace") != "real-time" {
+        html.push_str("<p>This run was on the virtual clock: each servo period is exactly as long as it should be, and the run repeats to the bit. <code>run --pace real-time --record</code> brings a histogram here.</p>");
+        if let Some(summary) = &story.summary {
+            let periods = story.arms.iter().map(|arm| arm.ticks).max().unwrap_or(0);
+            let _ = write!(
+                html,
+                "<p>{periods} periods of both arms, plant, cameras and recording took {:.1} s on this machine: {:.0} us a period.</p>",
+                summary.wall_time_s,
+                summary.wall_time_s / periods.max(1) as f64 * 1e6
+            );
+        }
+    } else if !label.metadata.contains_key("timing") {
+        html.push_str("<p>The recording ends before the servo told how punctual it was.</p>");
+    } else {
+        for (name, words) in [
+            ("wake_up_ns", "from the time set to the beginning of a period"),
+            ("jitter_ns", "how far the time between two beginnings is from a period"),
+            ("work_ns", "work of a period"),
+        ] {
+            let classes = classes(label.of("timing", name));
+            let us = |q: f64| quantile(&classes, q) as f64 * 1e-3;
+            let total: u64 = classes.iter().map(|c| c.1).sum();
+            let title = format!(
+                "{words}: median {:.1} us, 99 % {:.1} us, longest {:.1} us, {total} periods",
+                us(0.5),
+                us(0.99),
+                us(1.0)
+            );
+            html.push_str(&svg::histogram(&title, &classes));
+        }
+        let _ = write!(
+            html,
+            "<p>Missed: {} periods, {} in a row; late readings: {}.</p>",
+            label.of("timing", "missed"),
+            label.of("timing", "missed_in_a_row"),
+            label.of("timing", "late_readings")
+        );
+    }
+    html.push_str("</section>\n");
+}
+
+/// Pictures that tell the run: the first in which the cube was found and the last of the stand-alone camera, the
+/// faces that were read.
+fn chosen(story: &Story) -> Vec<(&Shot, String)> {
+    let mut chosen = Vec::new();
+    let standalone: Vec<_> = story.shots.iter().filter(|s| s.camera == "standalone").collect();
+    if let Some((found, _)) = story.seen.first()
+        && let Some(shot) = standalone
+            .iter()
+            .min_by(|a, b| (a.time - found).abs().total_cmp(&(b.time - found).abs()))
+    {
+        chosen.push((*shot, "the cube is found".to_owned()));
+    }
+    if let (Some(last), true) = (standalone.last(), standalone.len() > 1) {
+        chosen.push((*last, "before the grasp".to_owned()));
+    }
+    let hands: Vec<_> = story.shots.iter().filter(|s| s.camera != "standalone").collect();
+    let read = |shot: &Shot| {
+        let near = story
+            .faces
+            .iter()
+            .min_by(|a, b| (a.0 - shot.time).abs().total_cmp(&(b.0 - shot.time).abs()));
+        near.is_some_and(|(_, _, why)| why.is_none())
+    };
+    for shot in hands.into_iter().filter(|s| read(s)).take(8) {
+        chosen.push((shot, "a face is read".to_owned()));
+    }
+    chosen
+}
+
+fn pictures(html: &mut String, story: &Story) {
+    let chosen = chosen(story);
+    if chosen.is_empty() {
+        return;
+    }
+    html.push_str("<section><h2>What the cameras saw</h2><div class=shots>");
+    for (shot, words) in chosen {
+        let _ = write!(
+            html,
+            "<figure><img alt=\"{} at {:.1} s\" src=\"data:image/jpeg;base64,{}\"><figcaption><b>{:.1} s</b> {}: {words}</figcaption></figure>",
+            escaped(&shot.camera),
+            shot.time,
+            base64(&shot.jpeg),
+            shot.time,
+            escaped(&shot.camera)
+        );
+    }
+    html.push_str("</div></section>\n");
+}
+
+fn plan(html: &mut String, story: &Story) {
+    let summary = story.summary.as_ref();
+    if story.plan.is_empty() && summary.is_none_or(|s| s.executed.is_empty()) {
+        return;
+    }
+    html.push_str("<section><h2>The plan</h2>");
+    if let Some(summary) = summary {
+        if let Some(solution) = summary.solution.as_ref().filter(|s| !s.is_empty()) {
+            let _ = write!(html, "<p class=turns><span>solution</span> {}</p>", escaped(solution));
+        }
+        if !summary.executed.is_empty() {
+            let _ = write!(
+                html,
+                "<p class=turns><span>carried out</span> {}</p>",
+                escaped(&summary.executed)
+            );
+        }
+    }
+    if !story.plan.is_empty() {
+        html.push_str("<table class=plan><thead><tr><th><th>what<th>why<th class=n>planned</tr></thead><tbody>");
+        for (index, (what, why, seconds)) in story.plan.iter().enumerate() {
+            let _ = write!(
+                html,
+                "<tr><td class=n>{}<td>{}<td class=how>{}<td class=n>{seconds:.1} s</tr>",
+                index + 1,
+                escaped(what),
+                escaped(why)
+            );
+        }
+        html.push_str("</tbody></table>");
+    }
+    html.push_str("</section>\n");
+}
+
+fn messages(html: &mut String, story: &Story) {
+    html.push_str("<section><h2>Messages above information</h2>");
+    if story.messages.is_empty() {
+        html.push_str("<p>None: no warning, no error.</p></section>\n");
+        return;
+    }
+    html.push_str("<table><thead><tr><th class=n>time<th>class<th>who<th>what</tr></thead><tbody>");
+    for (time, level, who, what) in &story.messages {
+        let class = match level {
+            0..=30 => "warning",
+            31..=40 => "error",
+            _ => "fatal",
+        };
+        let _ = write!(
+            html,
+            "<tr class={class}><td class=n>{time:.2} s<td>{class}<td>{}<td>{}</tr>",
+            escaped(who),
+            escaped(what)
+        );
+    }
+    html.push_str("</tbody></table></section>\n");
+}
+
+fn origin(html: &mut String, story: &Story) {
+    let label = &story.label;
+    html.push_str("<section class=origin><h2>Where this comes from</h2><table><tbody>");
+    let mut row = |name: &str, value: &str| {
+        if !value.is_empty() {
+            let _ = write!(html, "<tr><th>{name}<td><code>{}</code></tr>", escaped(value));
+        }
+    };
+    row(
+        "program",
+        &format!(
+            "rubik-robot {}, build {}, {}",
+            label.fact("version"),
+            label.fact("build"),
+            label.fact("platform")
+        ),
+    );
+    row("scenario", label.fact("scenario"));
+    let options = label.options();
+    let words: Vec<_> = options.iter().map(|(_, key, value)| format!("{key} = {value}")).collect();
+    row("overruled by", &words.join("; "));
+    row("seed", label.fact("seed"));
+    row("coordination", label.fact("coordination"));
+    row("pace", label.fact("pace"));
+    row("begun", &utc(label.fact("started_unix_s").parse().unwrap_or(0)));
+    if let Some(summary) = &story.summary {
+        row("hash of the run", &summary.hash);
+    }
+    row("recording", &format!("{} messages over {:.1} s", story.count, story.end));
+    html.push_str("</tbody></table><h3>The scenario</h3><pre>");
+    html.push_str(&escaped(&label.scenario));
+    html.push_str("</pre></section>\n");
+}
+
+/// Seconds since 1970 as a date; by days since 0000-03-01, a calendar that begins its years after the leap day.
+fn utc(seconds: u64) -> String {
+    let (days, rest) = (seconds / 86_400 + 719_468, seconds % 86_400);
+    let (era, day_of_era) = (days / 146_097, days % 146_097);
+    let year = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year + year / 4 - year / 100);
+    let shifted = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
+    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
+    let year = year + era * 400 + u64::from(month <= 2);
+    format!("{year}-{month:02}-{day:02} {:02}:{:02} UTC", rest / 3600, rest % 3600 / 60)
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+/// For text and attributes.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let at = |i: usize| u32::from(three.get(i).copied().unwrap_or(0));
+        let word = at(0) << 16 | at(1) << 8 | at(2);
+        for i in 0..4 {
+            let letter = LETTERS[(word >> (18 - 6 * i) & 63) as usize];
+            text.push(if i <= three.len() { char::from(letter) } else { '=' });
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_become_letters() {
+        assert_eq!(base64(b""), "");
+        assert_eq!(base64(b"M"), "TQ==");
+        assert_eq!(base64(b"Ma"), "TWE=");
+        assert_eq!(base64(b"Man"), "TWFu");
+        assert_eq!(base64(&[0xff, 0xd8, 0xff, 0xe0]), "/9j/4A==");
+    }
+
+    #[test]
+    fn seconds_become_dates() {
+        assert_eq!(utc(0), "1970-01-01 00:00 UTC");
+        assert_eq!(utc(951_782_400), "2000-02-29 00:00 UTC");
+        assert_eq!(utc(1_795_291_200), "2026-11-21 20:00 UTC");
+    }
+
+    #[test]
+    fn what_comes_from_outside_cannot_become_markup() {
+        let mut story = Story::default();
+        story.messages.push((1.0, 40, "<script>".into(), "a < b & c".into()));
+        story.label.scenario = "</pre><script>alert(1)</script>".into();
+
+        let html = page(&story);
+
+        assert!(!html.contains("<script"));
+        assert!(html.contains("a &lt; b &amp; c"));
+    }
+}

@@ -1,0 +1,233 @@
+//! What a report tells, gathered from a recording in one pass.
+
+use crate::record::cdr::{Malformed, Reader};
+use crate::record::reading::{End, Label, Message, Piece, Reading, Unreadable};
+use crate::record::sensed::{Found, Sensed};
+use crate::record::summary::Summary;
+use crate::record::tick::Tick;
+use nalgebra::Point3;
+use std::io::Read;
+
+/// Time of a bin of a curve [s].
+pub(super) const BIN: f64 = 0.02;
+/// Time between two pictures of the stand-alone camera that are kept [s].
+const APART: f64 = 1.0;
+
+/// What a report tells.
+#[derive(Debug, Default)]
+pub struct Story {
+    /// What the recording says of itself.
+    pub label: Label,
+    /// What the run came to; `None` when the recording ends before.
+    pub summary: Option<Summary>,
+    /// Phases: when each begins [s], its name; the last is "end".
+    pub phases: Vec<(f64, String)>,
+    /// Who holds the cube from when on.
+    pub holders: Vec<(f64, Vec<String>)>,
+    /// Every effector.
+    pub arms: Vec<ArmStory>,
+    /// Pictures: when, by which camera, as JPEG.
+    pub shots: Vec<Shot>,
+    /// When the stand-alone camera found the cube [s], and where its centre was by it [m].
+    pub seen: Vec<(f64, Point3<f64>)>,
+    /// When a face was read or not: sensor, and why not.
+    pub faces: Vec<(f64, String, Option<String>)>,
+    /// Times of exposures of the tracking camera, in servo periods of 2 ms.
+    pub looks: Vec<u64>,
+    /// Where the cube really was: time [s], its centre [m].
+    pub cube: Vec<(f64, Point3<f64>)>,
+    /// The latest plan: what, why, how long [s].
+    pub plan: Vec<(String, String, f64)>,
+    /// Letters as read, believed, and in the plant; empty where unknown.
+    pub letters: [String; 3],
+    /// Messages above info: when, level, who, what.
+    pub messages: Vec<(f64, u8, String, String)>,
+    /// The operator's words.
+    pub operator: Vec<(f64, String)>,
+    /// When the recording ends [s].
+    pub end: f64,
+    /// Why it ends in the middle.
+    pub cut: Option<String>,
+    /// Messages in the recording.
+    pub count: u64,
+}
+
+/// A picture.
+#[derive(Debug, Clone)]
+pub struct Shot {
+    /// When [s].
+    pub time: f64,
+    /// Name of the camera.
+    pub camera: String,
+    /// The file.
+    pub jpeg: Vec<u8>,
+}
+
+/// An effector's curves: the largest value in each bin of 20 ms.
+#[derive(Debug, Default)]
+pub struct ArmStory {
+    /// Name.
+    pub name: String,
+    /// Norm of the force at the tool [N].
+    pub force: Vec<f32>,
+    /// Norm of the torque at the tool [Nm].
+    pub torque: Vec<f32>,
+    /// Force of the jaws [N].
+    pub grip: Vec<f32>,
+    /// Largest distance of a rotary joint from its set value [rad].
+    pub following: Vec<f32>,
+    /// Servo periods in the recording.
+    pub ticks: u64,
+}
+
+/// Gathers the story of a recording.
+///
+/// # Errors
+/// [`Unreadable`].
+pub fn gather<R: Read>(from: R) -> Result<Story, Unreadable> {
+    let mut story = Story::default();
+    let mut reading = Reading::new(from);
+    let mut start = None;
+    for piece in reading.by_ref() {
+        story.label.take(&piece);
+        let Piece::Message(message) = piece else { continue };
+        if story.arms.is_empty() {
+            let names = story.label.fact("arms").split_whitespace();
+            story.arms =
+                names.map(|n| ArmStory { name: n.to_owned(), ..ArmStory::default() }).collect();
+        }
+        story.count += 1;
+        let start = *start.get_or_insert(message.time);
+        let time = message.time.saturating_sub(start) as f64 * 1e-9;
+        story.end = story.end.max(time);
+        story
+            .take(time, &message)
+            .map_err(|why| Unreadable::Message { topic: message.channel.topic.clone(), why })?;
+    }
+    if story.label.fact("version").is_empty() {
+        return Err(Unreadable::Missing("not a recording of this program".to_owned()));
+    }
+    story.summary = serde_json::from_str(story.label.of("summary", "json")).ok();
+    if let Some(End::Cut(why)) = reading.end() {
+        story.cut = Some(why.clone());
+    }
+    Ok(story)
+}
+
+impl Story {
+    fn take(&mut self, time: f64, message: &Message) -> Result<(), Malformed> {
+        let topic = message.channel.topic.as_str();
+        let data = &message.data;
+        match topic {
+            "/phase" => {
+                let mut from = stamped(data)?;
+                self.phases.push((time, from.string()?.to_owned()));
+            }
+            "/cube" => {
+                let mut from = stamped(data)?;
+                let identified = from.string()?.to_owned();
+                from.f64_sequence()?;
+                let (believed, truth) = (from.string()?.to_owned(), from.string()?.to_owned());
+                let holders = from.string_sequence()?.into_iter().map(str::to_owned).collect();
+                self.letters = [identified, believed, truth];
+                if self.holders.last().is_none_or(|(_, before)| *before != holders) {
+                    self.holders.push((time, holders));
+                }
+            }
+            "/plan" => {
+                let mut from = stamped(data)?;
+                let (what, why) = (from.string_sequence()?, from.string_sequence()?);
+                let seconds = from.f64_sequence()?;
+                let steps = what.iter().zip(&why).zip(&seconds);
+                self.plan = steps
+                    .map(|((what, why), s)| ((*what).to_owned(), (*why).to_owned(), *s))
+                    .collect();
+            }
+            "/rosout" => {
+                let mut from = stamped(data)?;
+                let level = from.u8()?;
+                let (who, what) = (from.string()?.to_owned(), from.string()?.to_owned());
+                if level > 20 {
+                    self.messages.push((time, level, who, what));
+                }
+            }
+            "/operator" => {
+                let mut from = stamped(data)?;
+                from.u64()?;
+                self.operator.push((time, from.string()?.to_owned()));
+            }
+            "/sensed" => self.sensed(time, &Sensed::read(data)?),
+            "/tf" => self.transforms(time, data)?,
+            _ if topic.ends_with("/servo") => self.tick(time, &Tick::read(data)?),
+            _ if topic.ends_with("/image") => self.shot(time, topic, data)?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn sensed(&mut self, time: f64, sensed: &Sensed) {
+        let exposed = sensed.period as f64 * 0.002;
+        // Faces are asked for with a view, the tracker with a window.
+        let tracks = sensed.asked.starts_with("Sensing");
+        if tracks {
+            self.looks.push(sensed.period);
+        } else {
+            let why = sensed.found.as_ref().err().cloned();
+            self.faces.push((time, sensed.sensor.clone(), why));
+        }
+        if let Ok(Found::Cube { world_from_cube, .. }) = &sensed.found {
+            self.seen.push((exposed, world_from_cube.translation.vector.into()));
+        }
+    }
+
+    fn tick(&mut self, time: f64, tick: &Tick) {
+        let Some(arm) = self.arms.get_mut(usize::from(tick.arm)) else { return };
+        arm.ticks += 1;
+        let bin = (time / BIN) as usize;
+        let most = |curve: &mut Vec<f32>, value: f64| {
+            if curve.len() <= bin {
+                curve.resize(bin + 1, 0.0);
+            }
+            curve[bin] = curve[bin].max(value as f32);
+        };
+        most(&mut arm.force, tick.wrench_in_tool.force.norm());
+        most(&mut arm.torque, tick.wrench_in_tool.torque.norm());
+        most(&mut arm.grip, tick.jaw_force);
+        let apart = (1..7).map(|i| (tick.joints[i] - tick.desired_joints[i]).abs());
+        most(&mut arm.following, apart.fold(0.0, f64::max));
+    }
+
+    /// Where the cube is, of all transforms.
+    fn transforms(&mut self, time: f64, data: &[u8]) -> Result<(), Malformed> {
+        let mut from = Reader::new(data)?;
+        if from.u32()? != 1 {
+            return Ok(());
+        }
+        let (_, _) = from.header()?;
+        if from.string()? == "cube" {
+            let [x, y, z] = from.f64s()?;
+            self.cube.push((time, Point3::new(x, y, z)));
+        }
+        Ok(())
+    }
+
+    fn shot(&mut self, time: f64, topic: &str, data: &[u8]) -> Result<(), Malformed> {
+        let camera = topic.trim_start_matches('/').trim_end_matches("/image").to_owned();
+        let last = self.shots.iter().rev().find(|shot| shot.camera == camera);
+        if last.is_some_and(|last| time - last.time < APART) {
+            return Ok(());
+        }
+        let mut from = Reader::new(data)?;
+        from.header()?;
+        from.string()?;
+        let jpeg = from.u8_sequence()?.to_vec();
+        self.shots.push(Shot { time, camera, jpeg });
+        Ok(())
+    }
+}
+
+fn stamped(data: &[u8]) -> Result<Reader<'_>, Malformed> {
+    let mut from = Reader::new(data)?;
+    from.time()?;
+    Ok(from)
+}

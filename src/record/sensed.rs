@@ -1,0 +1,178 @@
+//! What a virtual sensor delivered, as a message: the controller's inputs beside the port's readings.
+//!
+//! - in: a [`Sensed`]; or the bytes of a message
+//! - out: the bytes; or the same [`Sensed`], to the bit
+
+use super::cdr::{Malformed, Reader, Writer};
+use crate::spatial::Pose;
+use crate::vision::sensor::FaceReading;
+use nalgebra::{Quaternion, Translation3, UnitQuaternion, Vector3};
+
+/// One answer of a virtual sensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensed {
+    /// Servo period of the exposure.
+    pub period: u64,
+    /// Name of the sensor.
+    pub sensor: String,
+    /// How it had been asked to look.
+    pub asked: String,
+    /// What it found, or why nothing.
+    pub found: Result<Found, String>,
+}
+
+/// What a virtual sensor finds.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Found {
+    /// The cube.
+    Cube {
+        /// Where it is.
+        world_from_cube: Pose,
+        /// Speed of its centre [m/s].
+        speed: f64,
+    },
+    /// A face.
+    Face(FaceReading),
+}
+
+const CUBE: u8 = 0;
+const FACE: u8 = 1;
+
+impl Sensed {
+    /// Writes the message at `stamp` [ns].
+    pub fn write(&self, stamp: u64, to: &mut Writer) {
+        to.time(stamp);
+        to.u64(self.period);
+        to.string(&self.sensor);
+        to.string(&self.asked);
+        to.string(self.found.as_ref().err().map_or("", String::as_str));
+        let mut values = Vec::new();
+        let kind = match &self.found {
+            Ok(Found::Cube { world_from_cube, speed }) => {
+                values.extend(pose_numbers(world_from_cube));
+                values.push(*speed);
+                CUBE
+            }
+            Ok(Found::Face(face)) => {
+                values.extend(face.rgb.iter().flatten());
+                values.extend(face.colours.iter().map(|c| f64::from(*c)));
+                values.extend(face.confidences);
+                values.extend(pose_numbers(&face.camera_from_face));
+                values.extend([face.residual_px, face.confidence]);
+                values.extend(face.occluded.iter().map(|o| f64::from(u8::from(*o))));
+                FACE
+            }
+            Err(_) => CUBE,
+        };
+        to.u8(kind);
+        to.f64_sequence(&values);
+    }
+
+    /// Reads a message.
+    ///
+    /// # Errors
+    /// [`Malformed`].
+    pub fn read(bytes: &[u8]) -> Result<Self, Malformed> {
+        let mut from = Reader::new(bytes)?;
+        from.time()?;
+        let period = from.u64()?;
+        let sensor = from.string()?.to_owned();
+        let asked = from.string()?.to_owned();
+        let refusal = from.string()?.to_owned();
+        let kind = from.u8()?;
+        let values = from.f64_sequence()?;
+        let mut values = Values(values.iter().copied());
+        let found = if !refusal.is_empty() {
+            Err(refusal)
+        } else if kind == CUBE {
+            Ok(Found::Cube { world_from_cube: values.pose()?, speed: values.next()? })
+        } else {
+            Ok(Found::Face(values.face()?))
+        };
+        Ok(Self { period, sensor, asked, found })
+    }
+}
+
+/// x y z qx qy qz qw.
+#[must_use]
+pub fn pose_numbers(pose: &Pose) -> [f64; 7] {
+    let (t, q) = (&pose.translation.vector, &pose.rotation.coords);
+    [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
+}
+
+struct Values<I>(I);
+
+impl<I: Iterator<Item = f64>> Values<I> {
+    fn next(&mut self) -> Result<f64, Malformed> {
+        self.0.next().ok_or(Malformed)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[f64; N], Malformed> {
+        let mut values = [0.0; N];
+        for value in &mut values {
+            *value = self.next()?;
+        }
+        Ok(values)
+    }
+
+    /// The quaternion is taken as it is: to normalise it again would change bits.
+    fn pose(&mut self) -> Result<Pose, Malformed> {
+        let [x, y, z, qx, qy, qz, qw] = self.array()?;
+        let rotation = UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz));
+        Ok(Pose::from_parts(Translation3::from(Vector3::new(x, y, z)), rotation))
+    }
+
+    fn face(&mut self) -> Result<FaceReading, Malformed> {
+        let mut rgb = [[0.0; 3]; 9];
+        for tile in &mut rgb {
+            *tile = self.array()?;
+        }
+        let colours = self.array::<9>()?.map(|c| c as u8);
+        let confidences = self.array()?;
+        let camera_from_face = self.pose()?;
+        let [residual_px, confidence] = self.array()?;
+        let occluded = self.array::<9>()?.map(|o| o != 0.0);
+        Ok(FaceReading {
+            rgb,
+            colours,
+            confidences,
+            camera_from_face,
+            residual_px,
+            confidence,
+            occluded,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn back(sensed: &Sensed) -> Sensed {
+        let mut writer = Writer::default();
+        sensed.write(9, &mut writer);
+        Sensed::read(&writer.bytes()).unwrap()
+    }
+
+    #[test]
+    fn what_was_sensed_comes_back_to_the_bit() {
+        let pose = Pose::new(Vector3::new(0.1, 0.2, 1.0 / 3.0), Vector3::new(0.3, -0.7, 0.1));
+        let face = FaceReading {
+            rgb: std::array::from_fn(|i| [i as f64 / 7.0, 0.0, 255.0]),
+            colours: [0, 1, 2, 3, 4, 5, 0, 1, 2],
+            confidences: std::array::from_fn(|i| i as f64 / 9.0),
+            camera_from_face: pose,
+            residual_px: 0.1,
+            confidence: 0.9,
+            occluded: std::array::from_fn(|i| i == 4),
+        };
+        for found in [
+            Ok(Found::Cube { world_from_cube: pose, speed: 0.01 }),
+            Ok(Found::Face(face)),
+            Err("glare".to_owned()),
+        ] {
+            let sensed = Sensed { period: 4, sensor: "vsp gs1".into(), asked: "x".into(), found };
+            assert_eq!(back(&sensed), sensed);
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! Standard messages of ROS 2, written from our own types.
+//!
+//! - in: poses, wrenches, joint values, pictures, texts, and their stamps [ns]
+//! - out: fields in a [`Writer`], in the order of [`super::schema`]
+
+use super::cdr::Writer;
+use crate::cell::Intrinsics;
+use crate::spatial::{Pose, Wrench};
+use nalgebra::Vector3;
+
+/// `std_msgs/String`.
+pub fn text(to: &mut Writer, text: &str) {
+    to.string(text);
+}
+
+/// `sensor_msgs/JointState`, positions only.
+pub fn joint_state(to: &mut Writer, stamp: u64, names: &[String], positions: &[f64]) {
+    to.header(stamp, "");
+    to.string_sequence(names);
+    to.f64_sequence(positions);
+    to.f64_sequence(&[]);
+    to.f64_sequence(&[]);
+}
+
+/// `tf2_msgs/TFMessage` of parents, children, and `parent_from_child`.
+pub fn transforms(to: &mut Writer, stamp: u64, transforms: &[(&str, &str, Pose)]) {
+    to.u32(transforms.len() as u32);
+    for (parent, child, pose) in transforms {
+        to.header(stamp, parent);
+        to.string(child);
+        vector(to, &pose.translation.vector);
+        to.f64s(pose.rotation.coords.as_slice());
+    }
+}
+
+/// `geometry_msgs/WrenchStamped` in `frame`.
+pub fn wrench(to: &mut Writer, stamp: u64, frame: &str, wrench: &Wrench) {
+    to.header(stamp, frame);
+    vector(to, &wrench.force);
+    vector(to, &wrench.torque);
+}
+
+/// `geometry_msgs/PoseStamped` in `frame`.
+pub fn pose(to: &mut Writer, stamp: u64, frame: &str, pose: &Pose) {
+    to.header(stamp, frame);
+    vector(to, &pose.translation.vector);
+    to.f64s(pose.rotation.coords.as_slice());
+}
+
+/// `sensor_msgs/CompressedImage`.
+pub fn picture(to: &mut Writer, stamp: u64, frame: &str, jpeg: &[u8]) {
+    to.header(stamp, frame);
+    to.string("jpeg");
+    to.u8_sequence(jpeg);
+}
+
+/// `sensor_msgs/CameraInfo`: pinhole with two radial coefficients.
+pub fn camera_info(to: &mut Writer, stamp: u64, frame: &str, camera: &Intrinsics) {
+    let ((fx, fy), (cx, cy)) = (camera.focal, camera.centre);
+    to.header(stamp, frame);
+    to.u32(camera.height);
+    to.u32(camera.width);
+    to.string("plumb_bob");
+    to.f64_sequence(&[camera.distortion.0, camera.distortion.1, 0.0, 0.0, 0.0]);
+    to.f64s(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]);
+    to.f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+    to.f64s(&[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    to.u32(0);
+    to.u32(0);
+    for _ in 0..4 {
+        to.u32(0);
+    }
+    to.bool(false);
+}
+
+/// `rcl_interfaces/Log`; levels as there: 10 debug, 20 info, 30 warn, 40 error, 50 fatal.
+pub fn log(to: &mut Writer, stamp: u64, level: u8, name: &str, message: &str) {
+    to.time(stamp);
+    to.u8(level);
+    to.string(name);
+    to.string(message);
+    to.string("");
+    to.string("");
+    to.u32(0);
+}
+
+fn vector(to: &mut Writer, v: &Vector3<f64>) {
+    to.f64s(&[v.x, v.y, v.z]);
+}

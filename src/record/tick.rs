@@ -1,0 +1,370 @@
+//! A servo tick: one arm in one servo period as a message, and what two of them differ in.
+//!
+//! - in: a [`ServoRecord`]; or the bytes of a message
+//! - out: the bytes; or a [`Tick`], from which the servo can be fed again
+
+use super::cdr::{Malformed, Reader, Writer};
+use crate::hw::driver::ServoRecord;
+use crate::motion::Depth;
+use crate::servo::ServoCommand;
+use crate::servo::io::{ArmDrive, ArmReading};
+use crate::spatial::Wrench;
+use std::fmt::Debug;
+use std::hash::{DefaultHasher, Hasher};
+
+/// A tick as it was recorded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tick {
+    /// Number of the period.
+    pub period: u64,
+    /// Index of the effector.
+    pub arm: u8,
+    /// What was read.
+    pub reading: ArmReading,
+    /// What the EDP ordered, as JSON; empty when nothing.
+    pub command: String,
+    /// What the drives were told.
+    pub drive: ArmDrive,
+    /// Measured joints [m or rad].
+    pub joints: [f64; 7],
+    /// Set joints [m or rad].
+    pub desired_joints: [f64; 7],
+    /// What the tool exerts, in its own axes.
+    pub wrench_in_tool: Wrench,
+    /// Distance between the pads [m].
+    pub jaw_opening: f64,
+    /// Force of the jaws [N].
+    pub jaw_force: f64,
+    /// Why the last command was refused; empty when it was not.
+    pub refused: String,
+    /// Why the arm stopped; empty when it did not.
+    pub fault: String,
+    /// Over all of the record.
+    pub check: u64,
+}
+
+/// Two ticks differ: in which field, and what stands there.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Difference {
+    /// As in the message's definition, with the index or the way into the order.
+    pub field: String,
+    /// As recorded.
+    pub recorded: String,
+    /// As it came out now.
+    pub now: String,
+}
+
+/// Writes a record as a message at `stamp` [ns].
+pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
+    let ServoRecord { reading, drive, state, .. } = record;
+    to.time(stamp);
+    to.u64(record.period);
+    to.u8(record.arm);
+    for count in reading.counts {
+        to.i64(count);
+    }
+    to.i64(reading.jaw_count);
+    to.f64s(&reading.currents);
+    for bits in [
+        reading.limit_switches,
+        reading.over_currents,
+        reading.power_faults,
+        reading.sync_switches,
+        reading.encoder_zeros,
+        reading.synchronised,
+    ] {
+        to.u8(bits);
+    }
+    to.f64s(&reading.wrench_on_sensor.directions());
+    to.string(&command_text(record.command.as_ref()));
+    to.bool(drive.enabled);
+    for pwm in drive.pwm {
+        to.i16(pwm);
+    }
+    to.i16(drive.jaw_pwm);
+    to.f64(drive.jaw_current_limit);
+    to.u8(depth_number(drive.stops));
+    to.u8(drive.synchronise);
+    to.f64s(&state.joints.0);
+    to.f64s(&state.desired_joints.0);
+    to.f64s(&state.wrench_in_tool.directions());
+    to.f64(state.jaw_opening);
+    to.f64(state.jaw_force);
+    to.string(&state.refused.map_or_else(String::new, |why| why.to_string()));
+    to.string(&state.fault.map_or_else(String::new, |why| why.to_string()));
+    to.u64(check(record));
+}
+
+fn command_text(command: Option<&ServoCommand>) -> String {
+    command.map_or_else(String::new, |c| serde_json::to_string(c).unwrap_or_default())
+}
+
+fn depth_number(depth: Depth) -> u8 {
+    match depth {
+        Depth::One => 1,
+        Depth::Two => 2,
+    }
+}
+
+/// A number for everything in a record.
+fn check(record: &ServoRecord) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    record.feed(&mut |bytes| hasher.write(bytes));
+    hasher.finish()
+}
+
+impl Tick {
+    /// Reads a message.
+    ///
+    /// # Errors
+    /// [`Malformed`].
+    pub fn read(bytes: &[u8]) -> Result<Self, Malformed> {
+        let mut from = Reader::new(bytes)?;
+        from.time()?;
+        let (period, arm) = (from.u64()?, from.u8()?);
+        let mut reading = ArmReading::default();
+        for count in &mut reading.counts {
+            *count = from.i64()?;
+        }
+        reading.jaw_count = from.i64()?;
+        reading.currents = from.f64s()?;
+        for bits in [
+            &mut reading.limit_switches,
+            &mut reading.over_currents,
+            &mut reading.power_faults,
+            &mut reading.sync_switches,
+            &mut reading.encoder_zeros,
+            &mut reading.synchronised,
+        ] {
+            *bits = from.u8()?;
+        }
+        reading.wrench_on_sensor = Wrench::from_directions(from.f64s()?);
+        let command = from.string()?.to_owned();
+        let mut drive = ArmDrive { enabled: from.bool()?, ..ArmDrive::OFF };
+        for pwm in &mut drive.pwm {
+            *pwm = from.i16()?;
+        }
+        drive.jaw_pwm = from.i16()?;
+        drive.jaw_current_limit = from.f64()?;
+        drive.stops = match from.u8()? {
+            1 => Depth::One,
+            2 => Depth::Two,
+            _ => return Err(Malformed),
+        };
+        drive.synchronise = from.u8()?;
+        Ok(Self {
+            period,
+            arm,
+            reading,
+            command,
+            drive,
+            joints: from.f64s()?,
+            desired_joints: from.f64s()?,
+            wrench_in_tool: Wrench::from_directions(from.f64s()?),
+            jaw_opening: from.f64()?,
+            jaw_force: from.f64()?,
+            refused: from.string()?.to_owned(),
+            fault: from.string()?.to_owned(),
+            check: from.u64()?,
+        })
+    }
+
+    /// A tick of what happens now, as it would come out of a recording.
+    #[must_use]
+    pub fn of(record: &ServoRecord) -> Self {
+        let state = &record.state;
+        Self {
+            period: record.period,
+            arm: record.arm,
+            reading: record.reading,
+            command: command_text(record.command.as_ref()),
+            drive: record.drive,
+            joints: state.joints.0,
+            desired_joints: state.desired_joints.0,
+            wrench_in_tool: state.wrench_in_tool,
+            jaw_opening: state.jaw_opening,
+            jaw_force: state.jaw_force,
+            refused: state.refused.map_or_else(String::new, |why| why.to_string()),
+            fault: state.fault.map_or_else(String::new, |why| why.to_string()),
+            check: check(record),
+        }
+    }
+
+    /// What the EDP ordered in this period.
+    ///
+    /// # Errors
+    /// What the recording holds instead of an order.
+    pub fn order(&self) -> Result<Option<ServoCommand>, String> {
+        if self.command.is_empty() {
+            return Ok(None);
+        }
+        serde_json::from_str(&self.command).map(Some).map_err(|_| self.command.clone())
+    }
+
+    /// The first field, in the message's order, in which what comes out now is not what was recorded: orders, drives,
+    /// then what the servo knew. Numbers are compared by their bits.
+    #[must_use]
+    pub fn difference(&self, now: &Self) -> Option<Difference> {
+        let bits = f64::to_bits;
+        let wrench = |w: &Wrench| w.directions();
+        let (a, b) = (&self.reading, &now.reading);
+        each("counts", &a.counts, &b.counts, |x, y| x == y)
+            .or_else(|| one("jaw_count", &a.jaw_count, &b.jaw_count))
+            .or_else(|| each("currents", &a.currents, &b.currents, |x, y| bits(*x) == bits(*y)))
+            .or_else(|| one("limit_switches", &a.limit_switches, &b.limit_switches))
+            .or_else(|| one("over_currents", &a.over_currents, &b.over_currents))
+            .or_else(|| one("power_faults", &a.power_faults, &b.power_faults))
+            .or_else(|| one("sync_switches", &a.sync_switches, &b.sync_switches))
+            .or_else(|| one("encoder_zeros", &a.encoder_zeros, &b.encoder_zeros))
+            .or_else(|| one("synchronised", &a.synchronised, &b.synchronised))
+            .or_else(|| {
+                let (a, b) = (wrench(&a.wrench_on_sensor), wrench(&b.wrench_on_sensor));
+                each("wrench_on_sensor", &a, &b, |x, y| bits(*x) == bits(*y))
+            })
+            .or_else(|| order_difference(&self.command, &now.command))
+            .or_else(|| one("enabled", &self.drive.enabled, &now.drive.enabled))
+            .or_else(|| each("pwm", &self.drive.pwm, &now.drive.pwm, |x, y| x == y))
+            .or_else(|| one("jaw_pwm", &self.drive.jaw_pwm, &now.drive.jaw_pwm))
+            .or_else(|| {
+                let (a, b) = ([self.drive.jaw_current_limit], [now.drive.jaw_current_limit]);
+                each("jaw_current_limit", &a, &b, |x, y| bits(*x) == bits(*y))
+            })
+            .or_else(|| one("stops", &self.drive.stops, &now.drive.stops))
+            .or_else(|| one("synchronise", &self.drive.synchronise, &now.drive.synchronise))
+            .or_else(|| each("joints", &self.joints, &now.joints, |x, y| bits(*x) == bits(*y)))
+            .or_else(|| {
+                let (a, b) = (&self.desired_joints, &now.desired_joints);
+                each("desired_joints", a, b, |x, y| bits(*x) == bits(*y))
+            })
+            .or_else(|| {
+                let (a, b) = (wrench(&self.wrench_in_tool), wrench(&now.wrench_in_tool));
+                each("wrench_in_tool", &a, &b, |x, y| bits(*x) == bits(*y))
+            })
+            .or_else(|| {
+                let (a, b) = ([self.jaw_opening, self.jaw_force], [now.jaw_opening, now.jaw_force]);
+                each("jaw (opening, force)", &a, &b, |x, y| bits(*x) == bits(*y))
+            })
+            .or_else(|| one("refused", &self.refused, &now.refused))
+            .or_else(|| one("fault", &self.fault, &now.fault))
+            .or_else(|| one("check (poses)", &self.check, &now.check))
+    }
+}
+
+fn one<T: Debug + PartialEq>(field: &str, recorded: &T, now: &T) -> Option<Difference> {
+    (recorded != now).then(|| Difference {
+        field: field.to_owned(),
+        recorded: format!("{recorded:?}"),
+        now: format!("{now:?}"),
+    })
+}
+
+fn each<T: Debug>(
+    field: &str,
+    recorded: &[T],
+    now: &[T],
+    same: impl Fn(&T, &T) -> bool,
+) -> Option<Difference> {
+    let at = recorded.iter().zip(now).position(|(a, b)| !same(a, b))?;
+    Some(Difference {
+        field: format!("{field}[{at}]"),
+        recorded: format!("{:?}", recorded[at]),
+        now: format!("{:?}", now[at]),
+    })
+}
+
+/// Where two orders part, by the way into them: `command.Move.command.periods`.
+fn order_difference(recorded: &str, now: &str) -> Option<Difference> {
+    if recorded == now {
+        return None;
+    }
+    let parse = |text: &str| serde_json::from_str::<serde_json::Value>(text);
+    let whole =
+        Difference { field: "command".to_owned(), recorded: or_none(recorded), now: or_none(now) };
+    let (Ok(a), Ok(b)) = (parse(recorded), parse(now)) else { return Some(whole) };
+    Some(json_difference("command", &a, &b).unwrap_or(whole))
+}
+
+fn or_none(text: &str) -> String {
+    if text.is_empty() { "nothing".to_owned() } else { text.to_owned() }
+}
+
+fn json_difference(path: &str, a: &serde_json::Value, b: &serde_json::Value) -> Option<Difference> {
+    use serde_json::Value;
+    match (a, b) {
+        (Value::Object(x), Value::Object(y)) if x.keys().eq(y.keys()) => x
+            .iter()
+            .zip(y.values())
+            .find_map(|((key, a), b)| json_difference(&format!("{path}.{key}"), a, b)),
+        (Value::Array(x), Value::Array(y)) if x.len() == y.len() => {
+            let mut pairs = x.iter().zip(y).enumerate();
+            pairs.find_map(|(i, (a, b))| json_difference(&format!("{path}[{i}]"), a, b))
+        }
+        _ => (a != b).then(|| Difference {
+            field: path.to_owned(),
+            recorded: a.to_string(),
+            now: b.to_string(),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::{ArmState, JawCommand, Motion, MoveCommand};
+    use crate::spatial::Pose;
+
+    fn record() -> ServoRecord {
+        let jaw = JawCommand { opening: 0.1 + 0.2, force_limit: 40.0, stops: Depth::Two };
+        let command =
+            MoveCommand { motion: Motion::Pose(Pose::identity()), periods: 8, jaw: Some(jaw) };
+        let mut reading = ArmReading { jaw_count: -3, encoder_zeros: 5, ..ArmReading::default() };
+        reading.wrench_on_sensor.force.x = f64::NAN;
+        ServoRecord {
+            period: 77,
+            arm: 1,
+            reading,
+            command: Some(ServoCommand::Move { command, start: 78 }),
+            drive: ArmDrive { enabled: true, pwm: [-255; 7], stops: Depth::Two, ..ArmDrive::OFF },
+            state: ArmState { jaw_force: 1.0 / 3.0, ..ArmState::default() },
+        }
+    }
+
+    fn recorded(record: &ServoRecord) -> Tick {
+        let mut writer = Writer::default();
+        write(record, 5, &mut writer);
+        Tick::read(&writer.bytes()).unwrap()
+    }
+
+    #[test]
+    fn a_record_comes_back_to_the_bit() {
+        let tick = recorded(&record());
+
+        assert_eq!(tick.difference(&Tick::of(&record())), None);
+        assert_eq!(tick.order().unwrap(), record().command);
+        assert!(tick.reading.wrench_on_sensor.force.x.is_nan());
+    }
+
+    #[test]
+    fn the_first_difference_is_named_with_its_field() {
+        let mut other = record();
+        other.drive.pwm[3] = 12;
+        let found = recorded(&record()).difference(&Tick::of(&other)).unwrap();
+        assert_eq!((found.field.as_str(), found.now.as_str()), ("pwm[3]", "12"));
+
+        let Some(ServoCommand::Move { command, .. }) = &mut other.command else { panic!() };
+        command.jaw.as_mut().unwrap().opening = 0.3;
+        let found = recorded(&record()).difference(&Tick::of(&other)).unwrap();
+        assert_eq!(found.field, "command.Move.command.jaw.opening");
+        assert_eq!(found.recorded, "0.30000000000000004");
+
+        other = record();
+        other.command = None;
+        let found = recorded(&record()).difference(&Tick::of(&other)).unwrap();
+        assert_eq!((found.field.as_str(), found.now.as_str()), ("command", "nothing"));
+
+        other = record();
+        other.state.base_from_tool.translation.x = 1e-16;
+        let found = recorded(&record()).difference(&Tick::of(&other)).unwrap();
+        assert_eq!(found.field, "check (poses)");
+    }
+}

@@ -1,0 +1,93 @@
+//! A [`Model`] as URDF text.
+//!
+//! - source: the URDF specification of ROS (link, joint, visual, collision, limit); lengths in m, angles in rad
+
+use super::{JointKind, Link, Model, Shape};
+use crate::spatial::Pose;
+use std::fmt::{self, Write};
+
+/// Efforts are not known; the format wants a number [N or Nm].
+const EFFORT: f64 = 100.0;
+/// The fastest that a set value may be asked to go is a motor's speed; as joints about 1.5 rad/s [rad/s or m/s].
+const SPEED: f64 = 1.5;
+
+/// Writes the model.
+#[must_use]
+pub fn xml(model: &Model) -> String {
+    let mut text = String::new();
+    // Writing to a string cannot fail.
+    let _ = write(model, &mut text);
+    text
+}
+
+fn write(model: &Model, to: &mut String) -> fmt::Result {
+    writeln!(to, "<?xml version=\"1.0\"?>")?;
+    writeln!(to, "<robot name=\"{}\">", escaped(&model.name))?;
+    for link in &model.links {
+        write_link(link, to)?;
+    }
+    for joint in &model.joints {
+        let kind = match joint.kind {
+            JointKind::Fixed => "fixed",
+            JointKind::Floating => "floating",
+            JointKind::Turns(_) => "revolute",
+            JointKind::Slides(_) => "prismatic",
+        };
+        writeln!(to, "  <joint name=\"{}\" type=\"{kind}\">", escaped(&joint.name))?;
+        writeln!(to, "    <parent link=\"{}\"/>", escaped(&joint.parent))?;
+        writeln!(to, "    <child link=\"{}\"/>", escaped(&joint.child))?;
+        writeln!(to, "    {}", origin(&joint.origin))?;
+        if let Some(drive) = joint.kind.drive() {
+            let [x, y, z] = drive.axis;
+            let (low, high) = drive.limits;
+            writeln!(to, "    <axis xyz=\"{x} {y} {z}\"/>")?;
+            writeln!(
+                to,
+                "    <limit lower=\"{low}\" upper=\"{high}\" effort=\"{EFFORT}\" velocity=\"{SPEED}\"/>"
+            )?;
+        }
+        writeln!(to, "  </joint>")?;
+    }
+    writeln!(to, "</robot>")
+}
+
+fn write_link(link: &Link, to: &mut String) -> fmt::Result {
+    if link.solids.is_empty() {
+        return writeln!(to, "  <link name=\"{}\"/>", escaped(&link.name));
+    }
+    writeln!(to, "  <link name=\"{}\">", escaped(&link.name))?;
+    for (index, solid) in link.solids.iter().enumerate() {
+        let [r, g, b] = solid.colour;
+        let place = origin(&solid.link_from_solid);
+        let shape = match solid.shape {
+            Shape::Box([x, y, z]) => format!("<box size=\"{x} {y} {z}\"/>"),
+            Shape::Cylinder(radius, length) => {
+                format!("<cylinder radius=\"{radius}\" length=\"{length}\"/>")
+            }
+        };
+        writeln!(to, "    <visual>")?;
+        writeln!(to, "      {place}")?;
+        writeln!(to, "      <geometry>{shape}</geometry>")?;
+        let name = escaped(&link.name);
+        writeln!(
+            to,
+            "      <material name=\"{name}_{index}\"><color rgba=\"{r} {g} {b} 1\"/></material>"
+        )?;
+        writeln!(to, "    </visual>")?;
+        writeln!(to, "    <collision>")?;
+        writeln!(to, "      {place}")?;
+        writeln!(to, "      <geometry>{shape}</geometry>")?;
+        writeln!(to, "    </collision>")?;
+    }
+    writeln!(to, "  </link>")
+}
+
+fn origin(pose: &Pose) -> String {
+    let t = pose.translation.vector;
+    let (roll, pitch, yaw) = pose.rotation.euler_angles();
+    format!("<origin xyz=\"{} {} {}\" rpy=\"{roll} {pitch} {yaw}\"/>", t.x, t.y, t.z)
+}
+
+fn escaped(name: &str) -> String {
+    name.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
+}

@@ -1,0 +1,277 @@
+//! Recordings of short runs: read back, cut off, recovered, verified, tampered with; written where there is no room.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use rubik_robot::record::reading::{End, Label, Message, Piece, Reading, open};
+use rubik_robot::record::recover::recover;
+use rubik_robot::record::tick::Tick;
+use std::collections::BTreeMap;
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn program(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+/// A place of this test's own.
+fn place(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("recording");
+    std::fs::create_dir_all(&folder).unwrap();
+    folder.join(name)
+}
+
+/// Runs a scenario and returns its summary.
+fn run(scenario: &str, more: &[&str]) -> (serde_json::Value, String) {
+    let mut arguments = vec!["run", scenario, "--json"];
+    arguments.extend(more);
+    let output = program(&arguments);
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    let stdout = String::from_utf8(output.stdout).unwrap();
+    let summary = serde_json::from_str(stdout.lines().last().unwrap()).unwrap();
+    (summary, stderr)
+}
+
+const IDLE: [&str; 2] = ["--set", "idle.time_s=1"];
+
+fn recorded(name: &str, scenario: &str, more: &[&str]) -> (PathBuf, serde_json::Value) {
+    let path = place(name);
+    let mut all = vec!["--record", path.to_str().unwrap()];
+    all.extend(more);
+    let (summary, stderr) = run(scenario, &all);
+    assert!(stderr.contains("nothing lost"), "{stderr}");
+    (path, summary)
+}
+
+fn messages(pieces: impl Iterator<Item = Piece>) -> Vec<Message> {
+    pieces
+        .filter_map(|piece| match piece {
+            Piece::Message(message) => Some(message),
+            Piece::Metadata(..) | Piece::Attachment(..) => None,
+        })
+        .collect()
+}
+
+fn verify(path: &Path, more: &[&str]) -> (Option<i32>, serde_json::Value, String) {
+    let mut arguments = vec!["replay", path.to_str().unwrap(), "--verify", "--json"];
+    arguments.extend(more);
+    let output = program(&arguments);
+    let json = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    (output.status.code(), json, String::from_utf8(output.stderr).unwrap())
+}
+
+/// A copy of a recording in which one message is another; `false` when the change did not find its message.
+fn tampered(from: &Path, to: &Path, mut change: impl FnMut(&mut Message) -> bool) -> bool {
+    let mut writer = mcap::Writer::new(std::fs::File::create(to).unwrap()).unwrap();
+    let mut done = false;
+    for piece in open(from).unwrap() {
+        match piece {
+            Piece::Metadata(name, metadata) => {
+                writer.write_metadata(&mcap::records::Metadata { name, metadata }).unwrap();
+            }
+            Piece::Attachment(name, media_type, data) => {
+                let data = data.into();
+                let attachment =
+                    mcap::Attachment { log_time: 0, create_time: 0, name, media_type, data };
+                writer.attach(&attachment).unwrap();
+            }
+            Piece::Message(mut message) => {
+                done = done || change(&mut message);
+                let c = &message.channel;
+                let schema = writer.add_schema(&c.kind, &c.encoding, &c.schema).unwrap();
+                let id = writer.add_channel(schema, &c.topic, "cdr", &c.metadata).unwrap();
+                let (log_time, publish_time) = (message.time, message.time);
+                let header = mcap::records::MessageHeader {
+                    channel_id: id,
+                    sequence: 0,
+                    log_time,
+                    publish_time,
+                };
+                writer.write_to_known_channel(&header, &message.data).unwrap();
+            }
+        }
+    }
+    writer.finish().unwrap();
+    done
+}
+
+#[test]
+fn a_recording_holds_every_period_and_changes_nothing() {
+    let (path, with) = recorded("idle.mcap", "scenarios/idle.toml", &IDLE);
+    let (without, _) = run("scenarios/idle.toml", &IDLE);
+
+    assert_eq!(with["hash"], without["hash"], "a recording changes nothing");
+    let mut counts = BTreeMap::new();
+    let mut label = Label::default();
+    let mut ticks: BTreeMap<u8, Vec<u64>> = BTreeMap::new();
+    let mut reading = open(&path).unwrap();
+    for piece in reading.by_ref() {
+        label.take(&piece);
+        let Piece::Message(message) = piece else { continue };
+        *counts.entry(message.channel.topic.clone()).or_insert(0) += 1;
+        if message.channel.topic.ends_with("/servo") {
+            let tick = Tick::read(&message.data).unwrap();
+            assert_eq!(message.time, tick.period * 2_000_000);
+            ticks.entry(tick.arm).or_default().push(tick.period);
+        }
+    }
+    assert_eq!(reading.end(), Some(&End::Whole));
+    assert_eq!(ticks.len(), label.fact("arms").split(' ').count());
+    for periods in ticks.values() {
+        assert!(periods.len() >= 498, "{}", periods.len());
+        assert!(periods.iter().zip(1..).all(|(a, b)| *a == b), "no period is missing");
+    }
+    let periods = ticks[&0].len();
+    assert_eq!(counts["/joint_states"], ticks.len() * (periods / 8));
+    assert_eq!(counts["/robot_description"], 1);
+    assert!(counts["/tf"] >= (ticks.len() + 1) * (periods / 20 - 1), "arms and cube: {counts:?}");
+    assert_eq!(label.fact("seed"), "1");
+    assert!(label.scenario.contains("task = \"idle\""));
+    assert_eq!(label.options().len(), 1);
+    let summary: serde_json::Value = serde_json::from_str(label.of("summary", "json")).unwrap();
+    assert_eq!(summary["hash"], with["hash"]);
+}
+
+#[test]
+fn a_file_cut_anywhere_is_read_to_the_cut_and_recovered() {
+    let (path, _) = recorded("cut.mcap", "scenarios/idle.toml", &IDLE);
+    let bytes = std::fs::read(&path).unwrap();
+    let whole = messages(Reading::new(&bytes[..]));
+    assert!(whole.len() > 500, "{}", whole.len());
+
+    // Wherever a crash may come: everywhere, in steps of a prime.
+    let mut most = 0;
+    for cut in (0..bytes.len()).step_by((bytes.len() / 37).max(1) | 1) {
+        let mut reading = Reading::new(&bytes[..cut]);
+        let read = messages(reading.by_ref());
+        assert!(matches!(reading.end(), Some(End::Cut(_))), "{cut}");
+        assert_eq!(read, whole[..read.len()], "{cut}: what is there is right");
+        assert!(read.len() >= most, "{cut}: more bytes, no fewer messages");
+        most = read.len();
+
+        let mut recovered = Cursor::new(Vec::new());
+        let saved = recover(&bytes[..cut], &mut recovered).unwrap();
+        assert_eq!(saved.messages as usize, read.len());
+        let recovered = recovered.into_inner();
+        let mut again = Reading::new(&recovered[..]);
+        assert_eq!(messages(again.by_ref()).len(), read.len(), "{cut}");
+        assert_eq!(again.end(), Some(&End::Whole));
+        if read.is_empty() {
+            continue;
+        }
+        let summary = mcap::Summary::read(&recovered).unwrap().unwrap();
+        assert_eq!(summary.stats.unwrap().message_count as usize, read.len(), "it has an index");
+    }
+    // What stands in the second half of the file is not lost with its last chunk.
+    assert!(most > whole.len() / 2, "{most} of {}", whole.len());
+}
+
+#[test]
+fn a_full_disk_is_told_and_the_run_goes_on() {
+    let (without, _) = run("scenarios/idle.toml", &IDLE);
+
+    let mut more = vec!["--record", "/dev/full"];
+    more.extend(IDLE);
+    let (summary, stderr) = run("scenarios/idle.toml", &more);
+
+    assert_eq!(summary["outcome"], "solved");
+    assert_eq!(summary["hash"], without["hash"]);
+    assert!(stderr.contains("No space left") && stderr.contains("the run goes on"), "{stderr}");
+    let lost = stderr
+        .split(", ")
+        .find_map(|words| words.strip_suffix(" lost: No space left on device (os error 28)"));
+    let told = stderr.lines().find(|l| l.starts_with("recorded")).unwrap();
+    assert!(told.contains(" lost: "), "{told}");
+}
+
+#[test]
+fn a_true_recording_verifies_and_a_changed_one_is_told_where() {
+    let (path, summary) = recorded("turn.mcap", "scenarios/face_turn.toml", &[]);
+    assert_eq!(summary["outcome"], "solved");
+
+    let (code, verdict, stderr) = verify(&path, &[]);
+    assert_eq!(code, Some(0), "{verdict} {stderr}");
+    assert_eq!(verdict["same"], true);
+    assert_eq!(verdict["not_compared"], 0);
+    let ticks = (summary["sim_time_s"].as_f64().unwrap() * 1000.0) as u64;
+    assert!(verdict["compared"].as_u64().unwrap() >= ticks - 2, "{verdict}");
+
+    // Another drive than the controller's.
+    let other = place("turn_drive.mcap");
+    let found = tampered(&path, &other, |message| {
+        let (at, topic) = (message.time, message.channel.topic.as_str());
+        if topic != "/postument/servo" || at != 1_000 * 2_000_000 {
+            return false;
+        }
+        let tick = Tick::read(&message.data).unwrap();
+        let (from, to) = (tick.drive.pwm[2].to_le_bytes(), (tick.drive.pwm[2] + 1).to_le_bytes());
+        let pwm: Vec<u8> = tick.drive.pwm.iter().flat_map(|p| p.to_le_bytes()).collect();
+        let place = message.data.windows(14).position(|w| w == pwm).unwrap() + 4;
+        assert_eq!(message.data[place..place + 2], from);
+        message.data[place..place + 2].copy_from_slice(&to);
+        true
+    });
+    assert!(found);
+    let (code, verdict, _) = verify(&other, &[]);
+    assert_eq!(code, Some(1));
+    let first = &verdict["first_difference"];
+    assert_eq!(
+        (&first["period"], &first["who"], &first["field"]),
+        (&1000.into(), &"postument".into(), &"pwm[2]".into())
+    );
+
+    // Another reading makes another drive, a period or more later.
+    let other = place("turn_reading.mcap");
+    let found = tampered(&path, &other, |message| {
+        let (at, topic) = (message.time, message.channel.topic.as_str());
+        if topic != "/track/servo" || at != 1_500 * 2_000_000 {
+            return false;
+        }
+        let counts = Tick::read(&message.data).unwrap().counts_bytes();
+        let place = message.data.windows(8).position(|w| w == counts).unwrap();
+        message.data[place] ^= 8;
+        true
+    });
+    assert!(found);
+    let (code, verdict, _) = verify(&other, &[]);
+    assert_eq!(code, Some(1));
+    let first = &verdict["first_difference"];
+    assert!((1500..1510).contains(&first["period"].as_u64().unwrap()), "{first}");
+    assert_eq!(first["who"], "track");
+}
+
+/// The counter of the first rotary axis as it stands in a message.
+trait CountsBytes {
+    fn counts_bytes(&self) -> [u8; 8];
+}
+
+impl CountsBytes for Tick {
+    fn counts_bytes(&self) -> [u8; 8] {
+        self.reading.counts[1].to_le_bytes()
+    }
+}
+
+#[test]
+fn the_recording_of_another_version_is_refused_with_its_name() {
+    let (path, _) = recorded("version.mcap", "scenarios/idle.toml", &IDLE);
+    let other = place("version_other.mcap");
+    let mut bytes = Vec::new();
+    // The facts stand in the open, before the first chunk.
+    let (from, to) = (env!("CARGO_PKG_VERSION").as_bytes(), b"9.9.9");
+    assert_eq!(from.len(), to.len());
+    bytes.extend(std::fs::read(&path).unwrap());
+    let key = b"version";
+    let at = bytes.windows(key.len()).position(|w| w == key).unwrap() + key.len() + 4;
+    bytes[at..at + to.len()].copy_from_slice(to);
+    std::fs::write(&other, bytes).unwrap();
+
+    let (code, _, stderr) = verify(&other, &[]);
+    assert_eq!(code, Some(2));
+    assert!(stderr.contains("of version 9.9.9"), "{stderr}");
+    let (code, verdict, stderr) = verify(&other, &["--force"]);
+    assert_eq!((code, &verdict["same"]), (Some(0), &true.into()), "{stderr}");
+}

@@ -1,0 +1,20 @@
+"""Has rerun import a recording and looks for what it should draw: joint curves, frames, log, pictures, the robot."""
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+path = sys.argv[1]
+rerun = str(Path(sys.executable).parent / "rerun")
+with tempfile.TemporaryDirectory() as folder:
+    rrd = str(Path(folder) / "run.rrd")
+    made = subprocess.run([rerun, "mcap", "convert", path, "-o", rrd], capture_output=True, text=True)
+    if made.returncode != 0:
+        print(f"SKIPPED: this rerun cannot convert MCAP on the command line: {made.stderr.strip()[:200]}")
+        sys.exit(0)
+    printed = subprocess.run([rerun, "rrd", "print", rrd], capture_output=True, text=True).stdout
+checked = subprocess.run([rerun, "mcap", "check", path], capture_output=True, text=True)
+assert checked.returncode == 0, checked.stdout + checked.stderr
+for entity in ["/joint_states", "/tf", "/rosout", "/robot_description"]:
+    assert entity in printed, f"rerun does not show {entity}"
+print(f"{path}: rerun takes it; {printed.count('Chunk')} chunks; its own check finds nothing wrong")
