@@ -7,7 +7,7 @@
 //! A failed step of the task (the cube slipped, a face could not be read) is an outcome, not an error.
 //! Every error carries its class as its type, the actor that detected it and the place.
 
-use crate::motion::{ArmFault, MoveRefused};
+use crate::motion::{ArmFault, ArmState, MoveRefused};
 
 /// An error that crosses a mailbox.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -31,6 +31,8 @@ pub enum Error {
         place: &'static str,
         /// Why.
         cause: Fatal,
+        /// What the servo last told of the effector, where there is one.
+        last: Option<Box<ArmState>>,
     },
     /// The system of actors is damaged.
     #[error("system, {actor}, {place}: {cause}")]

@@ -222,6 +222,11 @@ pub enum Synchronisation {
     Yes,
 }
 
+/// Unit of a joint: the track (0) and the jaw (7) slide.
+const fn unit(axis: usize) -> &'static str {
+    if axis == 0 || axis == AXES { "m" } else { "rad" }
+}
+
 /// Why a command could not be carried out (the arm holds; non-fatal).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum MoveRefused {
@@ -229,7 +234,7 @@ pub enum MoveRefused {
     #[error("pose out of reach: {0:.4} m short")]
     OutOfReach(f64),
     /// A joint limit.
-    #[error("joint {axis}: {value:.4} is outside {low:.4}..{high:.4}")]
+    #[error("joint {axis}: {value:.4} {unit} is outside {low:.4}..{high:.4}", unit = unit(*axis))]
     JointLimit {
         /// 0 the track, 1..=6.
         axis: usize,

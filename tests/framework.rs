@@ -303,14 +303,16 @@ async fn an_effector_that_fails_ends_the_run_with_a_fatal_error_that_the_operato
     switches.emergency.store(true, Ordering::Release);
     let ending = mission.await.unwrap();
 
-    let wanted = Error::Fatal {
-        actor: "edp track".into(),
-        place: "execute",
-        cause: Fatal::Arm(ArmFault::EmergencyStop),
+    let Some(Error::Fatal { actor, place: "execute", cause, last: Some(last) }) = &ending.error
+    else {
+        panic!("{ending:?}");
     };
-    assert_eq!(ending.error.as_ref(), Some(&wanted));
+    assert_eq!((actor.as_str(), cause), ("edp track", &Fatal::Arm(ArmFault::EmergencyStop)));
+    assert!(last.period > 0 && last.fault == Some(ArmFault::EmergencyStop));
     assert_eq!(ending.finish, None);
-    assert!(matches!(notices.recv().await, Some(Notice::Error(_, told)) if told == wanted));
+    assert!(
+        matches!(notices.recv().await, Some(Notice::Error(_, told)) if Some(&told) == ending.error.as_ref())
+    );
     assert_eq!(
         edp.state().await.unwrap_err().to_string(),
         "fatal, edp track, state: emergency stop"

@@ -6,7 +6,7 @@
 use rubik_robot::actors::{self, RunOptions};
 use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
 use rubik_robot::scenario::{self, Override};
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -205,6 +205,69 @@ fn an_interrupt_ends_a_run_with_130_and_a_whole_summary() {
     assert_eq!(child.wait().unwrap().code(), Some(130), "{told}{printed}");
     let summary: Summary = serde_json::from_str(printed.lines().last().unwrap()).unwrap();
     assert_eq!((summary.outcome, summary.ended_by), (Outcome::Aborted, EndedBy::Interrupt));
+}
+
+/// A hand-over that the operator starts; `words` are said while it acquires. The exit code and what was printed.
+fn commanded(words: impl FnOnce(&mut dyn FnMut(&str))) -> (Option<i32>, String) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        .args(["run", "scenarios/acquire.toml", "--wait"])
+        .args(["--set", "plant.hand.withdrawals=0"])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut keys = child.stdin.take().unwrap();
+    let mut say = |word: &str| writeln!(keys, "{word}").unwrap();
+    say("s");
+    let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
+    assert!(told.any(|line| line.unwrap().contains("acquire")), "it does not start");
+    words(&mut say);
+    let mut printed = String::new();
+    child.stdout.take().unwrap().read_to_string(&mut printed).unwrap();
+    (child.wait().unwrap().code(), printed)
+}
+
+#[test]
+fn a_paused_hand_over_is_resumed_and_done() {
+    let before = std::time::Instant::now();
+    let pause = std::time::Duration::from_millis(700);
+
+    let (code, printed) = commanded(|say| {
+        say("p");
+        std::thread::sleep(pause);
+        say("r");
+    });
+
+    assert_eq!(code, Some(0), "{printed}");
+    assert!(printed.contains("DONE"), "{printed}");
+    assert!(before.elapsed() > pause);
+}
+
+#[test]
+fn an_operator_who_terminates_gets_an_aborted_summary_at_once() {
+    // In a pause nothing else could end it.
+    let (code, printed) = commanded(|say| {
+        say("p");
+        say("t");
+    });
+
+    assert_eq!(code, Some(1), "{printed}");
+    assert!(printed.contains("ABORTED"), "{printed}");
+    assert!(printed.contains("terminated by the operator"), "{printed}");
+}
+
+#[test]
+fn the_scenario_of_2007_reads_the_cube_and_ends_with_a_cause() {
+    let summary = run("paper2007.toml", &[]);
+
+    assert_eq!(summary.ended_by, EndedBy::Task, "{}", summary.reason);
+    assert_eq!(summary.identified, summary.cube_start);
+    assert!(summary.solution.is_some_and(|s| !s.is_empty()));
+    let causes = ["over-force", "oscillat", "jam", "slip", "stall", "over-turn"];
+    let told = causes.iter().any(|cause| summary.reason.contains(cause));
+    assert!(summary.outcome == Outcome::Solved || told, "{}", summary.reason);
 }
 
 #[test]

@@ -361,7 +361,12 @@ impl Arms {
             (self.drives[i], self.states[i]) = (drive, state);
             if let Some(fault) = state.fault {
                 let cause = Fatal::Arm(fault);
-                return Err(Error::Fatal { actor: "calibration".into(), place: "move", cause });
+                return Err(Error::Fatal {
+                    actor: "calibration".into(),
+                    place: "move",
+                    cause,
+                    last: None,
+                });
             }
         }
         self.port

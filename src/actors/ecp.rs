@@ -14,6 +14,7 @@ use crate::record::tape::Tape;
 use crate::tasks::View;
 use crate::vision::sensor::FaceReading;
 use tokio::sync::{mpsc, oneshot, watch};
+use tracing::Instrument as _;
 
 /// Capacity of the mailbox: one request under way and one end from above.
 const MAILBOX: usize = 4;
@@ -147,7 +148,8 @@ pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
     let (mailbox, requests) = mpsc::channel(MAILBOX);
     let name = format!("ecp {name}");
     let ecp = Ecp { name: name.clone(), parts, mailbox: requests };
-    tokio::spawn(ecp.run());
+    let span = tracing::info_span!("ecp", name = ecp.name);
+    tokio::spawn(ecp.run().instrument(span));
     EcpHandle { name, mailbox }
 }
 
@@ -162,7 +164,9 @@ impl Ecp {
                 }
                 Request::Behave { behaviour, reply } => {
                     self.parts.tape.message("mp", &self.name, &behaviour);
+                    tracing::debug!(?behaviour, "begins");
                     let answer = self.behave(&behaviour).await;
+                    tracing::debug!(?answer, "ends");
                     self.parts.tape.message(&self.name, "mp", &answer);
                     let _ = reply.send(answer);
                 }

@@ -13,6 +13,7 @@ use crate::servo::ServoCommand;
 use crate::spatial::Pose;
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
+use tracing::Instrument as _;
 
 /// How many periods before its end a macrostep is answered.
 const EARLY: u64 = 2;
@@ -128,7 +129,8 @@ pub fn spawn(name: &str, mut link: ServoLink, clock: Clock, tape: Tape) -> EdpHa
     let (state, watching) = watch::channel(*link.state());
     let name = format!("edp {name}");
     let edp = Edp { name: name.clone(), link, clock, mailbox: requests, state, tape, free: 0 };
-    tokio::spawn(edp.run());
+    let span = tracing::info_span!("edp", name = edp.name);
+    tokio::spawn(edp.run().instrument(span));
     EdpHandle { name, mailbox, state: watching }
 }
 
@@ -174,6 +176,7 @@ impl Edp {
             return Err(Error::NonFatal { actor: self.name.clone(), place: "execute", cause });
         }
         let start = self.free.max(self.link.state().period + 1);
+        tracing::trace!(start, periods = command.periods, motion = ?command.motion, "execute");
         let ticket = self.send("execute", ServoCommand::Move { command, start })?;
         self.free = start + u64::from(command.periods);
         self.done("execute", ticket, self.free.saturating_sub(self.link.early()).max(start))
@@ -234,7 +237,8 @@ impl Edp {
         self.state.send_replace(state);
         let actor = self.name.clone();
         if let Some(fault) = state.fault {
-            return Err(Error::Fatal { actor, place, cause: Fatal::Arm(fault) });
+            let last = Some(Box::new(state));
+            return Err(Error::Fatal { actor, place, cause: Fatal::Arm(fault), last });
         }
         match state.refused {
             Some(refused) if place == "execute" => {

@@ -141,6 +141,7 @@ pub fn emulate(
             actor: "emulator".into(),
             place: "plant",
             cause: Fatal::Bridge(fault.to_string()),
+            last: None,
         })?;
     let plant = emulator.world();
     Ok(Emulated {

@@ -13,6 +13,11 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
+/// Begin of the files' names.
+const PREFIX: &str = "meetings-";
+/// Tables that are kept.
+const MOST: usize = 32;
+
 /// A table as it is kept.
 #[derive(Serialize, Deserialize)]
 struct Kept {
@@ -59,7 +64,7 @@ fn in_folder(folder: &Path, cell: &Cell, settings: &ReachSettings) -> MeetingTab
 fn path(folder: &Path, made_of: &str) -> PathBuf {
     let mut hasher = DefaultHasher::new();
     made_of.hash(&mut hasher);
-    folder.join(format!("meetings-{:016x}.json", hasher.finish()))
+    folder.join(format!("{PREFIX}{:016x}.json", hasher.finish()))
 }
 
 /// A search that was changed must not find the old one's results.
@@ -77,7 +82,28 @@ fn keep(path: &Path, kept: &Kept) -> std::io::Result<()> {
     fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
     let beside = path.with_extension(format!("{}.part", std::process::id()));
     fs::write(&beside, serde_json::to_string(kept)?)?;
-    fs::rename(&beside, path).inspect_err(|_| drop(fs::remove_file(&beside)))
+    fs::rename(&beside, path).inspect_err(|_| drop(fs::remove_file(&beside)))?;
+    forget_oldest(path);
+    Ok(())
+}
+
+/// Tables of cells that nobody asks for any more would pile up: the newest ones stay.
+fn forget_oldest(path: &Path) {
+    let Some(Ok(entries)) = path.parent().map(fs::read_dir) else { return };
+    let mut kept: Vec<_> = entries
+        .filter_map(Result::ok)
+        .filter(|e| {
+            let name = e.file_name();
+            let name = name.to_string_lossy();
+            name.starts_with(PREFIX) && name.ends_with(".json")
+        })
+        .filter_map(|e| Some((e.metadata().ok()?.modified().ok()?, e.path())))
+        .collect();
+    kept.sort();
+    for (_, old) in kept.iter().rev().skip(MOST) {
+        // Another process may have been faster.
+        let _ = fs::remove_file(old);
+    }
 }
 
 #[cfg(test)]

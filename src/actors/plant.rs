@@ -7,14 +7,17 @@ use crate::cell::Cell;
 use crate::hw::emulator::{LineFaults, Wired};
 use crate::hw::plant::render::{Look, Renderer, Setting};
 use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
-use crate::hw::plant::{CubeMechanics, HandScript, Jaws, Plant, PlantConfig, SensorNoise, Start};
+use crate::hw::plant::{
+    CubeMechanics, HandScript, Jaws, Plant, PlantConfig, SensorNoise, Start, sagging,
+};
 use crate::hw::serial::axis::Rules;
 use crate::motion::JointPositions;
-use crate::reach::MeetingTable;
+use crate::reach::{Meeting, MeetingTable};
 use crate::scenario::Scenario;
 use crate::scenario::plant::{CubeKind, Jaws as JawsKey};
 use crate::servo::period::Length;
 use crate::spatial::Pose;
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 
 /// Creates the plant; a face turn starts with the cube in the postument's hand.
 pub(super) fn create(
@@ -25,9 +28,12 @@ pub(super) fn create(
     let mut belief = scenario.controller.cell.clone();
     let keys = &scenario.plant.keys;
     let mut grasp = GraspError::default();
+    let mut met: Vec<Meeting> =
+        meetings.map_or(Vec::new(), |table| table.grasps.iter().flatten().copied().collect());
     if let Some(start) = face_turn {
         place_for_face_turn(&mut belief, start);
         let arm = &belief.arms[1];
+        met = vec![start.meeting];
         grasp = GraspError {
             lateral: keys.grasp_error,
             axial: keys.grasp_error,
@@ -37,7 +43,10 @@ pub(super) fn create(
                 * arm.flange_from_tool,
         };
     }
-    let mut config = config(scenario, &belief, meetings, grasp);
+    let pivot =
+        meetings.map_or(ErrorSpreads::default().pivot, |table| meeting_place(&belief, table));
+    let measured = calibrated(&belief, &met, pivot);
+    let mut config = config(scenario, &measured, pivot, grasp);
     if let Some(start) = face_turn {
         let edge = config.cell.cube.edge;
         let tool_from_cube = start.body.cube_from_tool(start.half_roll, edge).inverse();
@@ -58,17 +67,47 @@ pub(super) fn create_holding(
     for (arm, start) in belief.arms.iter_mut().zip(starts) {
         arm.start = *start;
     }
-    let mut config = config(scenario, &belief, None, GraspError::default());
+    let pivot = ErrorSpreads::default().pivot;
+    let mut config = config(scenario, &belief, pivot, GraspError::default());
     config.start = Start::Held { arm, tool_from_cube };
     config.start_grip = scenario.controller.control.grip;
     Plant::new(config, scenario.seed).map_err(|e| e.to_string())
+}
+
+/// The cell whose arms, sagging as they do, meet where a controller believes: a workshop lets the hands meet to find
+/// where the bases stand to each other, and sees the sag of both then. `met` are the meetings, `pivot` their place.
+fn calibrated(belief: &Cell, met: &[Meeting], pivot: Point3<f64>) -> Cell {
+    let mut cell = belief.clone();
+    if cell.arms.len() < 2 || met.is_empty() {
+        return cell;
+    }
+    let dynamics = PlantConfig::new(belief.clone()).arms;
+    let pivot = Translation3::from(pivot);
+    let (mut moved, mut turned) = (Vector3::zeros(), Vector3::zeros());
+    for meeting in met {
+        // By how much the second arm's base must be elsewhere for the hands to stand to each other as believed.
+        let both = [(0, meeting.track), (1, meeting.postument)].map(|(i, joints)| {
+            let arm = &belief.arms[i];
+            let meant =
+                arm.world_from_base * arm.model.base_from_flange(&joints) * arm.flange_from_tool;
+            sagging(arm, &dynamics[i], &joints) * meant.inverse()
+        });
+        let off = pivot.inverse() * both[0] * both[1].inverse() * pivot;
+        moved += off.translation.vector;
+        turned += off.rotation.scaled_axis();
+    }
+    let share = 1.0 / met.len() as f64;
+    let off =
+        Pose::from_parts((moved * share).into(), UnitQuaternion::from_scaled_axis(turned * share));
+    cell.arms[1].world_from_base = pivot * off * pivot.inverse() * cell.arms[1].world_from_base;
+    cell
 }
 
 /// What the plant is made of, around the controller's belief.
 fn config(
     scenario: &Scenario,
     belief: &Cell,
-    meetings: Option<&MeetingTable>,
+    pivot: Point3<f64>,
     grasp: GraspError,
 ) -> PlantConfig {
     let keys = &scenario.plant.keys;
@@ -85,7 +124,7 @@ fn config(
         weight: e.weight,
         weight_centre: e.weight_centre,
         grasp,
-        pivot: meetings.map_or(ErrorSpreads::default().pivot, |table| meeting_place(belief, table)),
+        pivot,
     };
     let truth = truth::draw(belief, &errors, scenario.seed);
     let mut config = PlantConfig::new(truth);

@@ -42,6 +42,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, watch};
+use tracing::Instrument as _;
 
 /// How a run is started.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -430,6 +431,9 @@ async fn perform(
                 Core::new(configs, ends, Arc::clone(&switches), Box::new(records), &mut world)
                     .map_err(|e| not_created("servo", &e.to_string()))?;
             synchronised = core.synchronised().collect();
+            if let Some(board) = ui.board() {
+                board.latest().punctual = Some((Arc::clone(&switches), scenario.real_time.period));
+            }
             let mut sink = Seen { to: tape.clone(), board: ui.board().cloned() };
             let writer = std::thread::spawn(move || {
                 while !written.is_abandoned() || !written.is_empty() {
@@ -578,11 +582,12 @@ async fn perform(
         tape: tape.clone(),
     });
     let mut whereabouts = String::new();
+    let span = tracing::info_span!("mp");
     let (ending, log) = match &mut kernel {
-        Kernel::Idle(idle) => (mp.run(idle).await, MissionLog::default()),
-        Kernel::Panel(panel) => (mp.run(panel).await, MissionLog::default()),
+        Kernel::Idle(idle) => (mp.run(idle).instrument(span).await, MissionLog::default()),
+        Kernel::Panel(panel) => (mp.run(panel).instrument(span).await, MissionLog::default()),
         Kernel::Cube(mission) => {
-            let ending = mp.run(mission.as_mut()).await;
+            let ending = mp.run(mission.as_mut()).instrument(span).await;
             whereabouts = mission.whereabouts();
             (ending, mission.log.clone())
         }
@@ -612,7 +617,8 @@ async fn perform(
     let mut ending = ending;
     if let Some(fault) = fault {
         let cause = Fatal::Bridge(fault.to_string());
-        ending.error = Some(Error::Fatal { actor: "supervisor".into(), place: "servo", cause });
+        ending.error =
+            Some(Error::Fatal { actor: "supervisor".into(), place: "servo", cause, last: None });
     }
     let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
     let truth = start.zip(verdict).map(|(start, verdict)| Truth { start, verdict, jams });

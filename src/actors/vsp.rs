@@ -20,6 +20,7 @@ use crate::vision::sensor::{self, FaceReading};
 use crate::vision::watcher::CubeWatcher;
 use crate::vision::{DetectorSettings, Method};
 use tokio::sync::{mpsc, oneshot, watch};
+use tracing::Instrument as _;
 
 /// Requests that may wait: one face at a time is asked for.
 const MAILBOX: usize = 2;
@@ -150,7 +151,8 @@ pub fn spawn(name: &str, parts: Parts) -> VspHandle {
         sensing: configured,
         target,
     };
-    tokio::spawn(vsp.run());
+    let span = tracing::info_span!("vsp", name = vsp.name);
+    tokio::spawn(vsp.run().instrument(span));
     VspHandle {
         name,
         mailbox,
@@ -258,6 +260,9 @@ impl Vsp {
                 ((source, reading, frame), effort)
             })
             .await;
+        if let Some((_, reading, _)) = &result {
+            tracing::debug!(confidence = ?reading.as_ref().map(|r| r.confidence), "a face was looked at");
+        }
         let answer = match result {
             Some((source, reading, frame)) => {
                 self.source = Some(source);
@@ -299,7 +304,7 @@ pub fn spawn_forces(
     periods: u64,
 ) -> watch::Receiver<Forces> {
     let (publish, forces) = watch::channel(Forces::default());
-    tokio::spawn(async move {
+    let aggregating = async move {
         let mut aggregate = Forces::default();
         let mut period = clock.period();
         while !publish.is_closed() {
@@ -313,6 +318,7 @@ pub fn spawn_forces(
             }
             publish.send_replace(aggregate);
         }
-    });
+    };
+    tokio::spawn(aggregating.instrument(tracing::info_span!("vsp", name = "vsp forces")));
     forces
 }

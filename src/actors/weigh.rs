@@ -213,7 +213,7 @@ impl Scale {
 }
 
 fn fatal(cause: Fatal) -> Error {
-    Error::Fatal { actor: "weigh".into(), place: "servo", cause }
+    Error::Fatal { actor: "weigh".into(), place: "servo", cause, last: None }
 }
 
 fn refuse(refused: MoveRefused) -> Error {

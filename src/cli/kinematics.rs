@@ -151,7 +151,11 @@ fn pose_of(m: &[f64]) -> Result<Pose, String> {
     let matrix = Matrix3::new(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]);
     let error = (matrix.transpose() * matrix - Matrix3::identity()).amax();
     if !(error < ORTHONORMAL && matrix.determinant() > 0.0) {
-        return Err(format!("columns 1-3, 5-7, 9-11 are no rotation: off by {error:.2e}"));
+        return Err(if error < ORTHONORMAL {
+            "columns 1-3, 5-7, 9-11 are a reflection, no rotation".to_owned()
+        } else {
+            format!("columns 1-3, 5-7, 9-11 are no rotation: off by {error:.2e}")
+        });
     }
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
     Ok(Pose::from_parts(Translation3::new(m[3], m[7], m[11]), rotation))
@@ -235,6 +239,8 @@ mod tests {
         assert!(error(Question::Fk, "0,0,nan,0,0,0").contains("column 3"));
         let zeros = ["0"; 18].join(",");
         assert!(error(Question::Ik, &zeros).contains("no rotation"));
+        let mirror = format!("-1,0,0,0,0,1,0,0,0,0,1,1,{}", ["0"; 6].join(","));
+        assert!(error(Question::Ik, &mirror).contains("a reflection"));
         let far = format!("1,0,0,5,0,1,0,0,0,0,1,1,{}", ["0"; 6].join(","));
         assert!(error(Question::Ik, &far).contains("out of reach"));
     }

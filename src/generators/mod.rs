@@ -128,6 +128,8 @@ pub enum Outcome {
     Pulled,
     /// The visual sensor has lost the cube for this long [s].
     LostSight(f64),
+    /// The cube stayed outside the place of hand-over for this long [s].
+    OutOfZone(f64),
     /// It took longer than allowed [s].
     TimedOut(f64),
 }
@@ -171,6 +173,9 @@ impl std::fmt::Display for Outcome {
             Self::Ended => f.write_str("ended from above"),
             Self::Pulled => f.write_str("the operator pulls"),
             Self::LostSight(seconds) => write!(f, "the cube was out of sight for {seconds:.1} s"),
+            Self::OutOfZone(seconds) => {
+                write!(f, "the cube stayed outside the place of hand-over for {seconds:.1} s")
+            }
             Self::TimedOut(seconds) => write!(f, "not done in {seconds:.1} s"),
         }
     }

@@ -45,6 +45,9 @@ pub struct Order {
     pub stale: f64,
     /// Time without any target after which the servo gives up [s].
     pub patience: f64,
+    /// Where cubes are handed over: `world_from_zone` and the half extents of a box in its axes [m]. A cube outside is
+    /// watched from the zone's edge, since the arm may not reach it.
+    pub zone: (Pose, Vector3<f64>),
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,6 +71,10 @@ pub struct VisualServo {
     still: f64,
     confirmed: u32,
     first_period: Option<u64>,
+    /// Where the cube was seen last, in the world.
+    cube: Option<Vector3<f64>>,
+    /// Last period in which it was seen inside the zone.
+    inside: Option<u64>,
     /// Exposure that was asked for last, and the one with which the cube was seen.
     asked: f64,
     exposure: f64,
@@ -105,6 +112,8 @@ impl VisualServo {
             still: 0.0,
             confirmed: 0,
             first_period: None,
+            cube: None,
+            inside: None,
             asked: 1.0,
             exposure: 1.0,
         }
@@ -121,11 +130,9 @@ impl VisualServo {
         let last_seen =
             if self.goal.is_some() { self.seen } else { self.first_period.unwrap_or(0) };
         let age = inputs.period.saturating_sub(last_seen) as f64 * PERIOD;
-        let sensing = match self.goal {
-            Some(goal) if age <= self.order.stale => {
-                let seat = Pose::translation(0.0, 0.0, self.order.seat);
-                let cube = self.order.world_from_base * goal * seat;
-                let window = Window::Around { centre: cube.translation.vector, reach: REACH };
+        let sensing = match self.cube {
+            Some(centre) if age <= self.order.stale => {
+                let window = Window::Around { centre, reach: REACH };
                 Sensing { window, mode: Mode::Track, exposure: self.exposure }
             }
             _ => {
@@ -153,6 +160,10 @@ impl VisualServo {
         let age = inputs.period.saturating_sub(last_seen) as f64 * PERIOD;
         if !frozen && age > self.order.patience {
             return Next::Done(Outcome::LostSight(age));
+        }
+        let outside = inputs.period.saturating_sub(self.inside.unwrap_or(first)) as f64 * PERIOD;
+        if !frozen && self.goal.is_some() && outside > self.order.patience {
+            return Next::Done(Outcome::OutOfZone(outside));
         }
         let total = inputs.period.saturating_sub(first) as f64 * PERIOD;
         if !frozen && total > RESTLESS * self.order.patience {
@@ -192,7 +203,18 @@ impl VisualServo {
         self.seen = target.period;
         self.exposure = self.asked;
         let base_from_world = self.order.world_from_base.inverse();
-        let cube = base_from_world * target.world_from_cube;
+        let seen = target.world_from_cube.translation.vector;
+        self.cube = Some(seen);
+        let (world_from_zone, half) = self.order.zone;
+        let local = world_from_zone.inverse_transform_point(&Point3::from(seen));
+        let nearest = Point3::from(local.coords.zip_map(&half, |x, h| x.clamp(-h, h)));
+        let is_inside = nearest == local;
+        if is_inside {
+            self.inside = Some(target.period);
+        }
+        let within =
+            Pose::from_parts((world_from_zone * nearest).into(), target.world_from_cube.rotation);
+        let cube = base_from_world * within;
         let approach = base_from_world.rotation * self.order.approach;
         let jaws = base_from_world.rotation * self.order.jaws;
         let rotation = grasp_rotation(&cube.rotation, &approach, &jaws);
@@ -211,7 +233,7 @@ impl VisualServo {
             ),
         };
         self.goal = Some(goal);
-        let is_still = target.speed < self.order.still_speed;
+        let is_still = is_inside && target.speed < self.order.still_speed;
         self.still = if is_still { self.still + moved.min(0.2) } else { 0.0 };
     }
 
@@ -358,6 +380,7 @@ mod tests {
             touch: 3.0,
             stale: 0.1,
             patience: 5.0,
+            zone: (Pose::translation(1.0, 0.0, 1.2), Vector3::new(0.2, 0.2, 0.2)),
         }
     }
 
@@ -465,6 +488,21 @@ mod tests {
         assert_eq!(outcome, Outcome::NotTouched);
         let tip = pose * Point3::new(0.0, 0.0, 0.019);
         assert!((tip.y, tip.z - 1.2) < (1e-3, 1e-3) && (tip.x - 1.015).abs() < 2e-3, "{tip}");
+    }
+
+    #[test]
+    fn a_cube_outside_the_zone_is_watched_from_its_edge_and_taken_when_it_comes() {
+        let at = |x: f64, period| {
+            Some(Target { world_from_cube: Pose::translation(x, 0.0, 1.2), speed: 0.0, period })
+        };
+
+        let (pose, outcome) = run(|period| at(1.5, period));
+        assert!(matches!(outcome, Outcome::OutOfZone(seconds) if seconds > 5.0), "{outcome:?}");
+        // The vicinity of a cube at the edge, 1.2 m.
+        assert!((pose.translation.x - (1.2 - 0.019 - 0.1)).abs() < 0.01, "{pose}");
+
+        let (_, outcome) = run(|period| at(if period < 2000 { 1.5 } else { 1.1 }, period));
+        assert_eq!(outcome, Outcome::NotTouched);
     }
 
     #[test]

@@ -63,6 +63,18 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         );
         help(reader, "task", reason, Some("task = \"idle\" takes any number".to_owned()));
     }
+    if root.task != Task::Idle
+        && let [Some(first), Some(second)] = &arms[..]
+        && !first.model.has_track
+    {
+        let reason = format!(
+            "`task`: \"{}\" needs the effector on the track first; that is \"{}\", not \"{}\"",
+            root.task.word(),
+            second.name,
+            first.name
+        );
+        fault(reader, &key("effector", &first.name), reason);
+    }
     let sees = |kind| draft.vsps.iter().filter(|v| v.kind == kind).count();
     let at = |list: &str| if draft.vsps.is_empty() { "task".to_owned() } else { list.to_owned() };
     if matches!(root.task, Task::Solve | Task::Acquire) && sees(VspKind::Cube) == 0 {
@@ -537,6 +549,11 @@ mod tests {
         assert!(alone.contains("stands alone"), "{alone}");
         let nameless = faults("[[vsp]]\nkind = \"cube\"\n", &[]);
         assert!(nameless.contains("has no name") && !nameless.contains("`vsp.`"), "{nameless}");
+
+        let swapped = "[[effector]]\nname = \"postument\"\n[[effector]]\nname = \"track\"\n";
+        let swapped = faults(swapped, &[]);
+        assert!(swapped.contains("needs the effector on the track first"), "{swapped}");
+        assert!(swapped.contains("t.toml:"), "{swapped}");
 
         let over = Override::parse("effector.0.name=left").unwrap();
         assert!(faults("", &[over]).contains("cannot rename"));

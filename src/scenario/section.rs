@@ -242,7 +242,11 @@ macro_rules! whole {
                 match node.value {
                     Value::Integer(i) => Self::try_from(i).map_err(|_| Wrong {
                         place: None,
-                        reason: format!("{i} is outside {}..{}", Self::MIN, Self::MAX),
+                        reason: if i < 0 && Self::MIN == 0 {
+                            format!("{i} is negative")
+                        } else {
+                            format!("{i} is too large")
+                        },
                         help: None,
                     }),
                     _ => Err(Wrong::kind("a whole number", node)),

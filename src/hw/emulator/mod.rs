@@ -23,7 +23,7 @@ use super::devices::{Devices, EffectorDevices};
 use super::driver::{Clock, PERIOD_NANOS};
 use super::port::{Port, PortFault};
 use super::serial::MOST;
-use super::serial::frame::Status;
+use super::serial::frame::{ORDER, Status};
 use crate::motion::{AXES, Depth, PERIOD};
 use crate::servo::io::{ArmDrive, ArmReading, JAW};
 use faults::Chance;
@@ -67,9 +67,6 @@ pub struct EmulatorOptions {
     pub leaves_after: Option<f64>,
 }
 
-/// Periods that are made up for at once.
-const MAKES_UP: u64 = 20;
-
 /// How an emulation went.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Course {
@@ -86,6 +83,8 @@ struct Arm {
     lines: [Option<Pty>; AXES + 1],
     has_track: bool,
     controllers: [AxisController; AXES + 1],
+    /// Orders of each line at the world's last period.
+    before: [u64; AXES + 1],
     sensor: Sensor,
     silent: bool,
 }
@@ -99,8 +98,6 @@ pub struct Emulator<P> {
     chance: Chance,
     leaves_after: Option<u64>,
     patience: u64,
-    /// Orders of the first line, as counted last.
-    rounds: u64,
     course: Course,
     /// Period of the first and the last order.
     orders: Option<(u64, u64)>,
@@ -133,7 +130,6 @@ impl<P: Port> Emulator<P> {
             chance: Chance::new(options.faults, options.seed),
             leaves_after: options.leaves_after.map(|s| (s / PERIOD) as u64),
             patience: (options.patience / PERIOD) as u64,
-            rounds: 0,
             course: Course::default(),
             orders: None,
         };
@@ -178,42 +174,33 @@ impl<P: Port> Emulator<P> {
     ) -> Result<Course, PortFault> {
         let clock = Clock;
         let mut next = clock.now() + PERIOD_NANOS;
-        let mut gave_up_at = None;
+        // Whoever has not begun or has left is not waited for.
+        let mut waits = false;
         while !stop.load(Ordering::Acquire) {
             let before = self.course.orders;
-            self.serve_until(next);
-            // Whoever has not begun or has left is not waited for.
-            let mut waited = 0;
-            while self.orders.is_some()
-                && waited < self.patience
-                && self.course.orders == before
-                && gave_up_at != Some(before)
-            {
-                next += PERIOD_NANOS;
-                waited += 1;
+            if waits && self.patience > 0 {
+                waits = self.serve_a_round(clock.now() + self.patience * PERIOD_NANOS);
+                if !waits {
+                    self.course.stalled += self.patience;
+                }
+            } else {
                 self.serve_until(next);
-            }
-            self.course.stalled += waited;
-            // It waits for its controller, so it must not lag behind it either: what came while this thread was kept
-            // from running is made up for.
-            let due = if self.patience > 0 { self.rounds() } else { 1 };
-            for _ in 1..due.clamp(1, MAKES_UP) {
-                self.course.periods += 1;
-                self.period()?;
-            }
-            if waited > 0 && self.course.orders == before {
-                gave_up_at = Some(before);
+                waits = self.course.orders > before;
             }
             self.course.periods += 1;
             self.fail();
             self.period()?;
             hook(self.course.periods, &mut self.world);
-            next += PERIOD_NANOS;
             let now = clock.now();
-            if now >= next {
-                let missed = (now - next) / PERIOD_NANOS + 1;
-                self.course.stalled += missed;
-                next += missed * PERIOD_NANOS;
+            if self.patience > 0 {
+                next = now + PERIOD_NANOS;
+            } else {
+                next += PERIOD_NANOS;
+                if now >= next {
+                    let missed = (now - next) / PERIOD_NANOS + 1;
+                    self.course.stalled += missed;
+                    next += missed * PERIOD_NANOS;
+                }
             }
             let gone = |(_, last): (u64, u64)| {
                 self.leaves_after.is_some_and(|after| self.course.periods > last + after)
@@ -229,39 +216,56 @@ impl<P: Port> Emulator<P> {
     fn serve_until(&mut self, next: u64) {
         loop {
             let left = next.saturating_sub(Clock.now());
-            self.wait(left);
-            let mut heard = 0;
-            for arm in &mut self.arms {
-                heard += arm.serve(&mut self.chance);
-            }
-            if heard > 0 {
-                self.course.orders += heard;
-                let first = self.orders.map_or(self.course.periods, |(first, _)| first);
-                self.orders = Some((first, self.course.periods));
-            }
+            self.wait(left, false);
+            self.serve(false);
             if left == 0 {
                 return;
             }
         }
     }
 
-    /// Orders that the first line has brought since the last call: as many periods has the controller done.
-    fn rounds(&mut self) -> u64 {
-        let first = self.arms.first().and_then(|arm| {
-            let axis = arm.lines.iter().position(Option::is_some)?;
-            Some(arm.controllers[axis].orders())
-        });
-        let orders = first.unwrap_or_default();
-        orders - std::mem::replace(&mut self.rounds, orders).min(orders)
+    /// Answers until every line has had an order since the world's last period; false when that takes until
+    /// `deadline`. The world then goes period by period with its controller, however either is kept from running: a
+    /// line's next order waits, since its answer would tell of a period that has not been.
+    fn serve_a_round(&mut self, deadline: u64) -> bool {
+        loop {
+            let has_all = |arm: &Arm| {
+                arm.lines.iter().zip(arm.new_orders()).all(|(line, new)| line.is_none() || new > 0)
+            };
+            if self.arms.iter().all(has_all) {
+                return true;
+            }
+            let left = deadline.saturating_sub(Clock.now());
+            if left == 0 {
+                return false;
+            }
+            self.wait(left, true);
+            self.serve(true);
+        }
     }
 
-    fn wait(&self, nanos: u64) {
+    /// Answers what has come, at most one order a line; `once`: and at most one in a period of the world.
+    fn serve(&mut self, once: bool) {
+        let mut heard = 0;
+        for arm in &mut self.arms {
+            heard += arm.serve(&mut self.chance, once);
+        }
+        if heard > 0 {
+            self.course.orders += heard;
+            let first = self.orders.map_or(self.course.periods, |(first, _)| first);
+            self.orders = Some((first, self.course.periods));
+        }
+    }
+
+    /// Sleeps until something comes; `once` as in [`Self::serve`].
+    fn wait(&self, nanos: u64, once: bool) {
         let Some(some) = self.arms.first() else { return };
         let mut count = 0;
         let mut fds: [PollFd<'_>; MOST] =
             std::array::from_fn(|_| PollFd::new(&some.sensor, PollFlags::IN));
         for arm in &self.arms {
-            for line in arm.lines.iter().flatten() {
+            for (line, new) in arm.lines.iter().zip(arm.new_orders()) {
+                let Some(line) = line.as_ref().filter(|_| !once || new == 0) else { continue };
                 fds[count] = PollFd::new(line, PollFlags::IN);
                 count += 1;
             }
@@ -299,6 +303,9 @@ impl<P: Port> Emulator<P> {
         }
         self.world.exchange(self.course.periods, &self.drives, &mut self.readings)?;
         self.latch();
+        for arm in &mut self.arms {
+            arm.before = arm.orders();
+        }
         Ok(())
     }
 
@@ -331,6 +338,7 @@ impl Arm {
             has_track: arm.has_track,
             lines,
             controllers: std::array::from_fn(|_| AxisController::default()),
+            before: [0; AXES + 1],
             sensor: match sensors {
                 SensorKind::NetFt => Sensor::net()?,
                 SensorKind::Controller => Sensor::controller()?,
@@ -339,12 +347,24 @@ impl Arm {
         })
     }
 
-    /// Answers what has come; returns the number of orders.
-    fn serve(&mut self, chance: &mut Chance) -> u64 {
+    fn orders(&self) -> [u64; AXES + 1] {
+        std::array::from_fn(|axis| self.controllers[axis].orders())
+    }
+
+    /// Orders of each line since the world's last period.
+    fn new_orders(&self) -> [u64; AXES + 1] {
+        let now = self.orders();
+        // A reset forgets what was counted.
+        std::array::from_fn(|axis| now[axis].saturating_sub(self.before[axis]))
+    }
+
+    /// See [`Emulator::serve`]; returns the number of orders.
+    fn serve(&mut self, chance: &mut Chance, once: bool) -> u64 {
         let mut orders = 0;
-        let mut bytes = [0; 64];
-        for (line, controller) in self.lines.iter().zip(&mut self.controllers) {
-            let Some(line) = line else { continue };
+        let mut bytes = [0; ORDER];
+        let new = self.new_orders();
+        for ((line, controller), new) in self.lines.iter().zip(&mut self.controllers).zip(new) {
+            let Some(line) = line.as_ref().filter(|_| !once || new == 0) else { continue };
             let length = line.read(&mut bytes);
             for byte in &bytes[..length] {
                 let Some(answer) = controller.hear(*byte) else { continue };

@@ -161,7 +161,7 @@ impl FtController {
     }
 
     fn ask(&mut self) {
-        self.line.drain();
+        let _ = self.line.drain();
         if let Some(words) = &mut self.words {
             while words.take().is_some() {}
         }

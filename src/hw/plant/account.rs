@@ -57,7 +57,7 @@ impl Plant {
                 self.verdict.counts.slips += 1;
                 self.record(Incident::Slip { arm: i, distance, angle });
             }
-            let squeeze = touch.pads[0].max(touch.pads[1]);
+            let squeeze = touch.pads[0].max(touch.pads[1]).max(touch.palm);
             if squeeze > 150.0 && !self.crushed[i] {
                 self.crushed[i] = true;
                 self.verdict.counts.crushed += 1;

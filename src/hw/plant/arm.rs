@@ -15,10 +15,14 @@ use crate::cell::Arm;
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions, MotorPositions};
 use crate::servo::io::{ArmDrive, ArmReading};
+use crate::spatial::Pose;
 use nalgebra::{Matrix6, Vector3};
 
 /// Presliding of a motor's friction [rad of the shaft]: below it friction is a spring.
 const PRESLIDING: f64 = 0.005;
+/// Beyond the limits that the software keeps, its set values in the period that reaches them included, the switches
+/// open [rad of the shaft].
+const SWITCH: f64 = 1.0;
 /// Beyond the limit switches an axis has this far to its hard stop [rad of the shaft].
 const OVERTRAVEL: f64 = 3.0;
 
@@ -51,16 +55,41 @@ pub(super) struct PlantArm {
     pub(super) world_from_tool: Frame,
 }
 
+/// Joints of links at rest whose weight stretches the springs behind the encoders, and their weight there [Nm, N].
+fn at_rest(
+    model: &ArmModel,
+    dynamics: &ArmDynamics,
+    gravity: &Vector3<f64>,
+    encoders: &[f64; AXES],
+) -> ([f64; AXES], [f64; AXES]) {
+    let mut q = *encoders;
+    let mut weight = [0.0; AXES];
+    // A sag of milliradians changes the weight by thousandths: converged after two rounds.
+    for _ in 0..3 {
+        (_, weight) = Placement::new(model, &q).dynamics(&dynamics.links, &[0.0; AXES], gravity);
+        q = std::array::from_fn(|j| encoders[j] - weight[j] / dynamics.stiffness[j]);
+    }
+    (q, weight)
+}
+
+/// `world_from_tool` of an arm at rest with its encoders at `joints`: what it sags by is where a workshop sees it.
+#[must_use]
+pub fn sagging(arm: &Arm, dynamics: &ArmDynamics, joints: &JointPositions) -> Pose {
+    let world_from_base = Frame::from_pose(&arm.world_from_base);
+    let gravity = world_from_base.r.tr_mul(&Vector3::new(0.0, 0.0, -9.81)) * dynamics.gravity;
+    let (q, _) = at_rest(&arm.model, dynamics, &gravity, &joints.0);
+    arm.world_from_base * arm.model.base_from_flange(&JointPositions(q)) * arm.flange_from_tool
+}
+
 impl PlantArm {
-    /// An arm at rest in its start pose, springs stretched and motors loaded by its weight.
+    /// An arm at rest, its encoders in the start pose: springs stretched and motors loaded by its weight.
     pub(super) fn new(arm: &Arm, dynamics: &ArmDynamics, synchronised: bool) -> Self {
         let world_from_base = Frame::from_pose(&arm.world_from_base);
         let gravity = world_from_base.r.tr_mul(&Vector3::new(0.0, 0.0, -9.81)) * dynamics.gravity;
-        let q = arm.start.0;
+        let stretched = arm.start.0;
+        let (q, weight) = at_rest(&arm.model, dynamics, &gravity, &stretched);
         let placement = Placement::new(&arm.model, &q);
-        let (_, weight) = placement.dynamics(&dynamics.links, &[0.0; AXES], &gravity);
-        let stretched = std::array::from_fn(|j| q[j] + weight[j] / dynamics.stiffness[j]);
-        let m = arm.model.motors(&JointPositions(stretched)).0;
+        let m = arm.model.motors(&arm.start).0;
         let mut this = Self {
             encoders: std::array::from_fn(|j| {
                 // There is no axis 0 to look for without a track.
@@ -283,7 +312,8 @@ impl PlantArm {
             self.m[j] += dt * self.vm[j];
             self.bristles[j] = (self.bristles[j] + dt * self.vm[j]).clamp(-PRESLIDING, PRESLIDING);
             let (low, high) = self.model.motor_limits[j];
-            let stopped = self.m[j].clamp(low - OVERTRAVEL, high + OVERTRAVEL);
+            let beyond = SWITCH + OVERTRAVEL;
+            let stopped = self.m[j].clamp(low - beyond, high + beyond);
             if stopped != self.m[j] {
                 self.m[j] = stopped;
                 self.vm[j] = 0.0;
@@ -347,7 +377,7 @@ impl PlantArm {
             reading.synchronised |= u8::from(report.synchronised) << j;
             reading.currents[j] = self.currents[j];
             let (low, high) = self.model.motor_limits[j];
-            if self.m[j] < low || self.m[j] > high {
+            if self.m[j] < low - SWITCH || self.m[j] > high + SWITCH {
                 reading.limit_switches |= bit;
             }
             if self.currents[j].abs() > self.dynamics.motors[j].trip_current {

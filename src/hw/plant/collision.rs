@@ -2,6 +2,8 @@
 //!
 //! - in: where both arms, the jaws and the cube are, once a servo period
 //! - out: forces on the arms (penalty springs with damping, held for the next period), and each new contact
+//! - swept: what moved far in a period is looked at on its way, too; a graze between two periods counts, but leaves no
+//!   force, which the same bodies touching at the period's end would
 //! - shapes: fingers, hands, wrists and forearms are capsules, palm plates are boxes, the cube is its eight
 //!   corners; the contact of pads, palms' stops and finger ends with the cube belongs to the grasp. An arm
 //!   does not meet itself; the operator's hand gives way
@@ -23,10 +25,14 @@ const PALM: f64 = 0.004;
 const APART: f64 = 2e-3;
 /// Arms whose wrists are farther apart than this cannot touch [m].
 const FAR: f64 = 1.3;
+/// Farthest that anything moves unseen [m]: an eighth of a finger's thickness.
+const STEP: f64 = 5e-4;
+/// Most looks a period; at 1 m/s four are needed.
+const LOOKS: f64 = 8.0;
 /// Capsules of an arm: two fingers, hand, wrist, forearm.
 const CAPSULES: usize = 5;
 
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 struct Capsule {
     a: Vector3<f64>,
     b: Vector3<f64>,
@@ -42,16 +48,27 @@ struct Contact {
 }
 
 /// Everything of an arm that may collide.
+#[derive(Debug, Clone, Copy)]
 struct Shape {
     capsules: [Capsule; CAPSULES],
     palm: Frame,
     palm_half: Vector3<f64>,
 }
 
+/// Everything that may collide, at one instant.
+#[derive(Debug, Clone, Copy)]
+struct Scene {
+    arms: [Option<Shape>; 2],
+    /// Of the cube.
+    corners: [Vector3<f64>; 8],
+}
+
 /// What is being touched now.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Collisions {
     active: u128,
+    /// At the end of the last period.
+    before: Option<Scene>,
     /// Joint torques of the obstacles, per arm.
     pub(super) torques: [[f64; AXES]; 2],
 }
@@ -64,7 +81,7 @@ pub(super) struct HeldCube {
 }
 
 impl Collisions {
-    /// Looks at one instant; `found` is told each new contact.
+    /// Looks at the way since the last period and at where everything is now; `found` is told each new contact.
     pub(super) fn look(
         &mut self,
         arms: &[PlantArm],
@@ -75,9 +92,36 @@ impl Collisions {
         mut found: impl FnMut(Incident),
     ) {
         self.torques = [[0.0; AXES]; 2];
-        let shape = |i: usize| Shape::new(&arms[i], openings[i], grippers[i]);
-        let first = shape(0);
-        let second = (arms.len() > 1).then(|| shape(1));
+        let now = Scene {
+            arms: std::array::from_fn(|i| {
+                arms.get(i).map(|arm| Shape::new(arm, openings[i], grippers[i]))
+            }),
+            corners: std::array::from_fn(|i| {
+                let side = |bit: usize| if i >> bit & 1 == 0 { -0.5 } else { 0.5 } * cube.edge;
+                cube.frame.point(&Vector3::new(side(0), side(1), side(2)))
+            }),
+        };
+        if let Some(before) = self.before.replace(now) {
+            let looks = (before.farthest(&now) / STEP).ceil().min(LOOKS);
+            for k in 1..looks as u32 {
+                let on_the_way = before.towards(&now, f64::from(k) / looks);
+                self.look_at(&on_the_way, arms, cube, table, false, &mut found);
+            }
+        }
+        self.look_at(&now, arms, cube, table, true, &mut found);
+    }
+
+    /// Looks at one instant; `push`: contacts act on the arms.
+    fn look_at(
+        &mut self,
+        scene: &Scene,
+        arms: &[PlantArm],
+        cube: &HeldCube,
+        table: f64,
+        push: bool,
+        found: &mut impl FnMut(Incident),
+    ) {
+        let [first, second] = [scene.arms[0].as_ref(), scene.arms[1].as_ref()];
         let mut index = 0;
         let mut touched = |me: &mut Self, contact: Option<Contact>, a: Part, b: Part| {
             let bit = 1_u128 << index;
@@ -90,6 +134,7 @@ impl Collisions {
                 me.active &= !bit;
             }
             if let Some(contact) = contact
+                && push
                 && depth > 0.0
             {
                 me.push(arms, &contact, a, b, cube.holder);
@@ -97,7 +142,7 @@ impl Collisions {
         };
 
         // Each arm and the table; forearms stand well above it.
-        for (i, shape) in [Some(&first), second.as_ref()].into_iter().enumerate() {
+        for (i, shape) in [first, second].into_iter().enumerate() {
             for k in 0..4 {
                 let contact = shape.map(|s| above_table(&s.capsules[k], table));
                 touched(self, contact, part(i, k), Part::Table);
@@ -110,16 +155,14 @@ impl Collisions {
                 < FAR * FAR;
         for k in 0..CAPSULES {
             for l in 0..CAPSULES {
-                let contact = match &second {
-                    Some(s) if near => Some(capsules(&first.capsules[k], &s.capsules[l])),
+                let contact = match (first, second) {
+                    (Some(f), Some(s)) if near => Some(capsules(&f.capsules[k], &s.capsules[l])),
                     _ => None,
                 };
                 touched(self, contact, part(0, k), part(1, l));
             }
         }
-        for (owner, plate, other) in
-            [(0, Some(&first), second.as_ref()), (1, second.as_ref(), Some(&first))]
-        {
+        for (owner, plate, other) in [(0, first, second), (1, second, first)] {
             for k in 0..2 {
                 let contact = match (plate, other) {
                     (Some(plate), Some(other)) if near => Some(plate.meets(&other.capsules[k])),
@@ -130,13 +173,9 @@ impl Collisions {
         }
 
         // The cube in one arm's hand, against the other arm and the table.
-        let corners: [Vector3<f64>; 8] = std::array::from_fn(|i| {
-            let side = |bit: usize| if i >> bit & 1 == 0 { -0.5 } else { 0.5 } * cube.edge;
-            cube.frame.point(&Vector3::new(side(0), side(1), side(2)))
-        });
         let deepest = |f: &dyn Fn(&Capsule) -> Contact| {
             let mut worst: Option<Contact> = None;
-            for at in &corners {
+            for at in &scene.corners {
                 let contact = f(&Capsule { a: *at, b: *at, radius: 0.0 });
                 if worst.is_none_or(|w| contact.depth > w.depth) {
                     worst = Some(contact);
@@ -148,7 +187,7 @@ impl Collisions {
         let any = cube.holder.is_some();
         let table_contact = if any { deepest(&|c| above_table(c, table)) } else { None };
         touched(self, table_contact, Part::Cube, Part::Table);
-        for (i, shape) in [Some(&first), second.as_ref()].into_iter().enumerate() {
+        for (i, shape) in [first, second].into_iter().enumerate() {
             let other = if any && near && !held(i) { shape } else { None };
             for k in 2..CAPSULES {
                 let contact = other.and_then(|s| deepest(&|c| capsules(c, &s.capsules[k])));
@@ -202,6 +241,42 @@ fn part(arm: usize, capsule: usize) -> Part {
         0 | 1 => Part::Finger(arm),
         2 | 3 => Part::Hand(arm),
         _ => Part::Forearm(arm),
+    }
+}
+
+impl Scene {
+    /// How far anything moved that is in both [m].
+    fn farthest(&self, later: &Self) -> f64 {
+        let mut most = 0.0_f64;
+        let mut see = |a: &Vector3<f64>, b: &Vector3<f64>| most = most.max((a - b).norm_squared());
+        for (was, is) in self.arms.iter().zip(&later.arms) {
+            let (Some(was), Some(is)) = (was, is) else { continue };
+            for (c, d) in was.capsules.iter().zip(&is.capsules) {
+                see(&c.a, &d.a);
+                see(&c.b, &d.b);
+            }
+        }
+        for (c, d) in self.corners.iter().zip(&later.corners) {
+            see(c, d);
+        }
+        most.sqrt()
+    }
+
+    /// A share of the way on; over a period all of it is nearly straight.
+    fn towards(&self, later: &Self, share: f64) -> Self {
+        let point = |a: &Vector3<f64>, b: &Vector3<f64>| a + (b - a) * share;
+        let mut between = *later;
+        for (shape, was) in between.arms.iter_mut().zip(&self.arms) {
+            let (Some(shape), Some(was)) = (shape, was) else { continue };
+            for (c, d) in shape.capsules.iter_mut().zip(&was.capsules) {
+                (c.a, c.b) = (point(&d.a, &c.a), point(&d.b, &c.b));
+            }
+            shape.palm.p = point(&was.palm.p, &shape.palm.p);
+        }
+        for (c, d) in between.corners.iter_mut().zip(&self.corners) {
+            *c = point(d, c);
+        }
+        between
     }
 }
 
@@ -295,6 +370,26 @@ mod tests {
             assert!((contact.depth - depth).abs() < 1e-12);
             assert_eq!(contact.normal, -Vector3::z());
         }
+    }
+
+    #[test]
+    fn what_only_touches_on_its_way_is_found_there() {
+        let finger = |x: f64| {
+            let a = Vector3::new(x, 0.0, 0.0);
+            Capsule { a, b: a + Vector3::z() * 0.05, radius: 0.004 }
+        };
+        let scene = |x: f64| {
+            let palm = Frame::rotated(nalgebra::Matrix3::identity());
+            let shape =
+                Shape { capsules: [finger(x); CAPSULES], palm, palm_half: Vector3::zeros() };
+            Scene { arms: [Some(shape), None], corners: [Vector3::zeros(); 8] }
+        };
+        let (before, after, obstacle) = (scene(-0.01), scene(0.01), finger(0.0));
+        let depth = |s: &Scene| capsules(&s.arms[0].unwrap().capsules[0], &obstacle).depth;
+
+        assert!(depth(&before) < 0.0 && depth(&after) < 0.0);
+        assert!((before.farthest(&after) - 0.02).abs() < 1e-12);
+        assert!((depth(&before.towards(&after, 0.5)) - 0.008).abs() < 1e-12);
     }
 
     #[test]

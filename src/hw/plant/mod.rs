@@ -29,6 +29,7 @@ mod tests;
 pub mod truth;
 pub mod verdict;
 
+pub use arm::sagging;
 pub use config::{
     ArmDynamics, CubeMechanics, HandScript, Jaws, MotorDynamics, PlantConfig, SensorNoise, Start,
 };

@@ -135,6 +135,8 @@ pub struct Axis {
     tries: u32,
 }
 
+/// Steps of a counter up to this say nothing of the time [increments].
+const NOISE: u32 = 8;
 /// Periods for which a counter goes on as before.
 const GOES_ON: u32 = 8;
 /// Answers that settle a start.
@@ -194,6 +196,16 @@ impl Axis {
                 synchronise: drive.synchronise,
             },
         }
+    }
+
+    /// Whether what came while an answer was owed is that one rather than the last order's: the axis seems to stand
+    /// where it was expected a period ago.
+    #[must_use]
+    pub fn is_late(&self, answer: &[u8; STATUS]) -> bool {
+        let Some(told) = Status::decode(answer) else { return false };
+        let off = |count: i32| told.count.wrapping_sub(count).unsigned_abs();
+        self.step.unsigned_abs() > NOISE
+            && off(self.count) < off(self.count.wrapping_add(self.step))
     }
 
     /// Judges what came in answer to the last order.
@@ -409,6 +421,19 @@ mod tests {
         assert_eq!(miss(&mut axis), Ok(Answer::Missed(1)));
         assert_eq!(miss(&mut axis), Ok(Answer::Missed(2)));
         assert_eq!(miss(&mut axis), Err(AxisFault::Silent(3)));
+    }
+
+    #[test]
+    fn an_answer_of_the_period_before_is_told_by_its_counter() {
+        let mut axis = Axis::new(Rules::default());
+        let at = |count| Status { count, ..Status::default() }.encode();
+        for k in 0..20 {
+            axis.take(Some(&at(300 * k))).unwrap();
+        }
+        axis.take(None).unwrap();
+
+        assert!(axis.is_late(&at(300 * 20 + 5)));
+        assert!(!axis.is_late(&at(300 * 21 - 5)));
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! Serial lines, all of them served at once: each order goes out, each answer comes in, before one deadline.
 //!
 //! - the lines are file descriptors that never block; nothing is allocated in an exchange
-//! - an answer that came too late is thrown away before the next order goes out
+//! - an answer that came too late is thrown away before the next order goes out, or, where it comes even later, gives
+//!   way to the one behind it: answers have no number, and one that is a period old taken for a new one would make an
+//!   axis at speed seem to stand and then to jump
 
 use super::frame::{ORDER, STATUS};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -45,15 +47,20 @@ impl Line {
         &self.path
     }
 
-    /// Throws away what has come.
-    pub fn drain(&self) {
+    /// Throws away what has come, and says how many bytes that was.
+    #[must_use]
+    pub fn drain(&self) -> usize {
         let mut rest = [0; 64];
+        let mut gone = 0;
         // Bounded: a line that never stops talking must not hold up the period.
         for _ in 0..8 {
-            if !matches!(read(&self.fd, &mut rest), Ok(n) if n == rest.len()) {
-                return;
+            let Ok(n) = read(&self.fd, &mut rest) else { break };
+            gone += n;
+            if n < rest.len() {
+                break;
             }
         }
+        gone
     }
 
     /// Writes all bytes, or says that it could not.
@@ -95,9 +102,32 @@ pub struct Lines {
 /// An answer as far as it has come.
 #[derive(Debug, Clone, Copy, Default)]
 struct Partial {
-    bytes: [u8; STATUS],
+    /// Room for a late answer and the one behind it.
+    bytes: [u8; 2 * STATUS],
     length: usize,
     dead: bool,
+    /// An order was sent.
+    asked: bool,
+    /// The answer before has not come.
+    owed: bool,
+}
+
+impl Partial {
+    /// Whether nothing more is to be expected.
+    fn is_done(&self) -> bool {
+        self.dead || self.length == self.room()
+    }
+
+    /// How many bytes may still come.
+    fn room(&self) -> usize {
+        if self.owed { self.bytes.len() } else { STATUS }
+    }
+
+    /// The answer, if it is complete: the later one of two.
+    fn answer(&self) -> Option<&[u8; STATUS]> {
+        let from = if self.length == self.bytes.len() { STATUS } else { 0 };
+        (self.length >= STATUS).then(|| self.bytes[from..from + STATUS].first_chunk()).flatten()
+    }
 }
 
 impl Lines {
@@ -130,15 +160,19 @@ impl Lines {
 
     /// Sends an order; what an earlier one left behind is thrown away.
     pub fn send(&mut self, line: usize, order: &[u8; ORDER]) {
-        self.lines[line].drain();
+        let before = &self.answers[line];
+        let missing = !before.dead && before.asked && before.length < STATUS;
+        let gone = self.lines[line].drain();
         let dead = !self.lines[line].write(order);
-        self.answers[line] = Partial { dead, ..Partial::default() };
+        let owed = missing && before.length + gone < STATUS;
+        self.answers[line] = Partial { dead, owed, asked: true, ..Partial::default() };
     }
 
-    /// Waits until every line has answered, and no longer than the deadline.
+    /// Waits until every line has answered, and no longer than the deadline. Where an answer is owed from before, the
+    /// first one to come may be that, and a second one is waited for: a lost answer costs that once.
     pub fn gather(&mut self, deadline: Instant) {
         // What came while this thread was kept from running counts: hence one look after the deadline.
-        while !self.all_done() {
+        while !self.answers.iter().all(Partial::is_done) {
             let left = deadline.saturating_duration_since(Instant::now());
             self.wait(left);
             self.read();
@@ -148,25 +182,32 @@ impl Lines {
         }
     }
 
+    /// Whether a line's answer may be the one to the order before.
+    #[must_use]
+    pub fn is_doubtful(&self, line: usize) -> bool {
+        let answer = &self.answers[line];
+        answer.owed && answer.length < answer.room()
+    }
+
+    /// The line's answer was the one to the order before: this order's is still to come.
+    pub fn owe(&mut self, line: usize) {
+        self.answers[line].length = 0;
+    }
+
     /// The answer of a line, if it is complete.
     #[must_use]
     pub fn answer(&self, line: usize) -> Option<&[u8; STATUS]> {
-        let answer = &self.answers[line];
-        (answer.length == STATUS).then_some(&answer.bytes)
+        self.answers[line].answer()
     }
 
-    fn all_done(&self) -> bool {
-        self.answers.iter().all(|a| a.dead || a.length == STATUS)
-    }
-
-    /// Sleeps until a line that has not answered yet has something to say.
+    /// Sleeps until a line from which something may come has something to say.
     fn wait(&self, time: Duration) {
         let Some(first) = self.lines.first() else { return };
         let mut waiting = 0;
         let mut fds: [PollFd<'_>; MOST] =
             std::array::from_fn(|_| PollFd::new(&first.fd, PollFlags::IN));
         for (line, answer) in self.lines.iter().zip(&self.answers) {
-            if !answer.dead && answer.length < STATUS {
+            if !answer.is_done() {
                 fds[waiting] = PollFd::new(&line.fd, PollFlags::IN);
                 waiting += 1;
             }
@@ -178,13 +219,97 @@ impl Lines {
 
     fn read(&mut self) {
         for (line, answer) in self.lines.iter().zip(&mut self.answers) {
-            if answer.dead || answer.length == STATUS {
+            if answer.is_done() {
                 continue;
             }
-            match line.read(&mut answer.bytes[answer.length..]) {
+            let room = answer.room();
+            match line.read(&mut answer.bytes[answer.length..room]) {
                 Some(n) => answer.length += n,
                 None => answer.dead = true,
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hw::emulator::pty::Pty;
+
+    /// A line whose first order was not answered in time, and then has its second.
+    fn late() -> (Pty, Lines) {
+        let far = Pty::open().unwrap();
+        let near = Line::open(far.path(), AXIS_BAUD, true).unwrap();
+        let mut lines = Lines::new(vec![near]);
+        lines.send(0, &[0; ORDER]);
+        lines.gather(Instant::now());
+        assert_eq!(lines.answer(0), None);
+        lines.send(0, &[0; ORDER]);
+        (far, lines)
+    }
+
+    fn soon() -> Instant {
+        Instant::now() + Duration::from_millis(500)
+    }
+
+    #[test]
+    fn an_answer_that_comes_after_the_next_order_gives_way_to_the_one_behind_it() {
+        let (far, mut lines) = late();
+
+        assert!(far.write(&[1; STATUS]) && far.write(&[2; STATUS]));
+        lines.gather(soon());
+
+        assert_eq!(lines.answer(0), Some(&[2; STATUS]));
+    }
+
+    #[test]
+    fn after_a_lost_answer_the_next_one_counts() {
+        let (far, mut lines) = late();
+
+        assert!(far.write(&[2; STATUS]));
+        lines.gather(Instant::now() + Duration::from_millis(20));
+
+        assert_eq!(lines.answer(0), Some(&[2; STATUS]));
+        assert!(lines.is_doubtful(0));
+        // From then on nothing is owed.
+        lines.send(0, &[0; ORDER]);
+        assert!(far.write(&[3; STATUS]));
+        lines.gather(soon());
+        assert_eq!(lines.answer(0), Some(&[3; STATUS]));
+        assert!(!lines.answers[0].owed);
+    }
+
+    #[test]
+    fn what_is_known_to_be_late_leaves_its_successor_owed() {
+        let (far, mut lines) = late();
+        assert!(far.write(&[1; STATUS]));
+        lines.gather(Instant::now() + Duration::from_millis(20));
+
+        lines.owe(0);
+        lines.send(0, &[0; ORDER]);
+        assert!(far.write(&[2; STATUS]) && far.write(&[3; STATUS]));
+        lines.gather(soon());
+
+        assert_eq!(lines.answer(0), Some(&[3; STATUS]));
+        assert!(!lines.is_doubtful(0));
+    }
+
+    #[test]
+    fn an_answer_that_came_before_the_next_order_is_thrown_away() {
+        let far = Pty::open().unwrap();
+        let near = Line::open(far.path(), AXIS_BAUD, true).unwrap();
+        let mut lines = Lines::new(vec![near]);
+        lines.send(0, &[0; ORDER]);
+        lines.gather(Instant::now());
+        assert!(far.write(&[1; STATUS]));
+        // A pseudo-terminal hands over in its own time.
+        lines.wait(Duration::from_secs(5));
+
+        lines.send(0, &[0; ORDER]);
+        assert!(far.write(&[2; STATUS]));
+        lines.gather(soon());
+
+        assert_eq!(lines.answer(0), Some(&[2; STATUS]));
+        assert!(!lines.answers[0].owed);
     }
 }

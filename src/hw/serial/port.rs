@@ -128,6 +128,11 @@ impl SerialPort {
         for (effector, arm) in self.arms.iter_mut().enumerate() {
             for index in 0..=AXES {
                 let Some(line) = arm.lines[index] else { continue };
+                let late = self.lines.is_doubtful(line)
+                    && self.lines.answer(line).is_some_and(|told| arm.axes[index].is_late(told));
+                if late {
+                    self.lines.owe(line);
+                }
                 let what = match arm.axes[index].take(self.lines.answer(line)) {
                     Ok(Answer::Taken) => continue,
                     Ok(Answer::Missed(_)) => What::Missed { axis: index },
