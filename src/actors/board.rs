@@ -2,9 +2,9 @@
 //! waits for a reader; the real-time thread does not write here, its records come by the ring.
 
 use crate::generators::Behaviour;
-use crate::hw::driver::{RecordSink, ServoRecord};
+use crate::hw::driver::{RecordSink, ServoRecord, Switches};
 use crate::motion::ArmState;
-use crate::operator::{Question, ServoTiming};
+use crate::operator::Question;
 use crate::spatial::Pose;
 use crate::tasks::Picture;
 use crate::vision::sensor::FaceReading;
@@ -32,8 +32,8 @@ pub struct Latest {
     pub manual: bool,
     /// What each camera's VSP saw last.
     pub sights: Vec<Option<Sight>>,
-    /// Of a real-time run.
-    pub servo: Option<ServoTiming>,
+    /// Of a real-time run: how punctual the servo is, and the length of its period [s].
+    pub punctual: Option<(Arc<Switches>, f64)>,
 }
 
 /// An effector.

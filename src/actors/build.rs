@@ -281,8 +281,10 @@ pub(super) fn face_turn_start(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cube::Facelets;
     use crate::generators::{Behaviour, Outcome};
     use crate::motion::ArmState;
+    use crate::operator::{Answer, Question, Subject};
     use crate::tasks::cube::mission::Mission;
     use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
     use crate::vision::sensor::FaceReading;
@@ -292,12 +294,22 @@ mod tests {
     fn perform(
         look: impl Fn(&Pose) -> Result<FaceReading, String>,
     ) -> (Vec<&'static str>, Vec<String>, usize, Finish) {
+        perform_with(look, None, |_| None)
+    }
+
+    /// The same with somebody to ask.
+    fn perform_with(
+        look: impl Fn(&Pose) -> Result<FaceReading, String>,
+        patience: Option<f64>,
+        mut answer: impl FnMut(Question) -> Option<Answer>,
+    ) -> (Vec<&'static str>, Vec<String>, usize, Finish) {
         let text = "[planner]\nnode_budget = 1000\ncandidates = 1\n";
         let scenario = crate::scenario::read(std::path::Path::new("t.toml"), text, &[]).unwrap();
         let reach = ReachSettings::default();
         let meetings = super::super::meetings::of(&scenario.controller.cell, &reach);
         let settings = cube_settings(&scenario.controller, meetings, reach.back).unwrap();
         let mut mission = Mission::new(settings, Goal::Solve, None);
+        mission.patience = patience;
         let arms = [ArmState::default(); 2];
         let (mut phases, mut notes, mut looks, mut event) = (vec![], vec![], 0, Event::Start);
         for _ in 0..2000 {
@@ -318,7 +330,7 @@ mod tests {
                 }
                 Action::Think(thought) => Event::Thought(Mission::think(thought).0),
                 Action::Bias(_) | Action::Watch(_) => Event::Done,
-                Action::Ask(_) => Event::Answered(None),
+                Action::Ask(question) => Event::Answered(answer(question)),
                 Action::Await | Action::Manual { .. } => panic!("a mission takes no orders"),
             };
         }
@@ -349,6 +361,39 @@ mod tests {
         assert!(finish.reason.contains("cannot be read: glare"), "{}", finish.reason);
         assert!(finish.reason.ends_with("handed back as it is"), "{}", finish.reason);
         assert_eq!(phases.last(), Some(&"hand back"));
+    }
+
+    #[test]
+    fn the_operator_fills_in_what_cannot_be_read_and_is_asked_again_when_it_is_no_cube() {
+        let mut asked = Vec::new();
+        let glare = |_: &Pose| Err("glare".to_owned());
+        let mut twisted = *Facelets::solved().colours();
+        twisted.swap(0, 1);
+        twisted[8] = 2;
+        twisted[20] = 0;
+        let answers = |question: Question| {
+            let Subject::Stickers { read, doubtful } = &question.subject else { panic!() };
+            asked.push((question.number, read.clone(), doubtful.len(), question.text.clone()));
+            let colours = if asked.len() == 1 { twisted } else { *Facelets::solved().colours() };
+            Some(Answer::Stickers { stickers: Facelets::try_from(colours).unwrap() })
+        };
+        let (phases, _, _, finish) = perform_with(glare, Some(60.0), answers);
+
+        assert_eq!(asked.len(), 2, "{asked:?}");
+        assert_eq!((asked[0].0, asked[0].2), (1, 54));
+        assert_eq!(asked[0].1, "-".repeat(54));
+        assert!(asked[1].3.contains("cannot exist"), "{asked:?}");
+        assert!(finish.achieved, "{}", finish.reason);
+        assert!(phases.contains(&"solve"), "{phases:?}");
+    }
+
+    #[test]
+    fn without_an_answer_the_cube_goes_back() {
+        let (_, notes, _, finish) = perform_with(|_| Err("glare".to_owned()), Some(60.0), |_| None);
+
+        assert!(!finish.achieved);
+        assert!(finish.reason.contains("cannot be read"), "{}", finish.reason);
+        assert!(notes.iter().any(|n| n.contains("the operator is asked")), "{notes:?}");
     }
 
     #[test]

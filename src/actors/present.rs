@@ -115,7 +115,7 @@ impl Presenter {
 
     /// The operator gave a command.
     pub fn commanded(&mut self, command: &Command, done: Result<(), &'static str>) {
-        let word = command.word();
+        let word = command.words();
         let (class, text) = match done {
             Ok(()) => (Class::Info, format!("operator: {word}")),
             Err(why) => (Class::Warning, format!("operator: {word}: not done, {why}")),
@@ -152,10 +152,15 @@ impl Presenter {
         for arm in &mut latest.arms {
             (arm.peak, arm.following) = ((0.0, 0.0), 0.0);
         }
-        let servo: Option<ServoTiming> = latest.servo;
-        if let Some(servo) = &mut latest.servo {
-            (servo.late, servo.work) = (0.0, 0.0);
-        }
+        let servo = latest.punctual.as_ref().map(|(switches, period)| {
+            let (late, work, missed) = switches.punctual.take();
+            ServoTiming {
+                period: *period,
+                late: late as f64 * 1e-9,
+                work: work as f64 * 1e-9,
+                missed,
+            }
+        });
         let picture = latest.picture.clone();
         let (mp, orders, manual) = (latest.mp, latest.orders, latest.manual);
         let question = latest.question.clone();
@@ -297,6 +302,7 @@ impl Presenter {
             held.iter().filter_map(|&i| arms.get(i)).map(|arm| arm.name.as_str()).collect();
         let with = match (names.as_slice(), seen.is_some()) {
             ([], true) => "in the operator's hand".to_owned(),
+            ([], false) if picture.handed_back => "handed back".to_owned(),
             ([], false) => "with nobody that the robot knows of".to_owned(),
             (names, _) => format!("held by {}", names.join(" and ")),
         };
@@ -603,6 +609,7 @@ mod tests {
             actor: "edp postument".into(),
             place: "execute",
             cause: crate::error::Fatal::Arm(fault),
+            last: None,
         };
 
         presenter.notice(&Notice::Error(1.0, error));

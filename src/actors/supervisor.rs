@@ -498,6 +498,9 @@ async fn perform(
             let core = Core::new(configs, ends, Arc::clone(&switches), records, &mut world)
                 .map_err(|e| not_created("servo", &e.to_string()))?;
             synchronised = core.synchronised().collect();
+            if let Some(board) = ui.board() {
+                board.latest().punctual = Some((Arc::clone(&switches), scenario.real_time.period));
+            }
             let mut sink = Seen { to: tape.clone(), board: ui.board().cloned() };
             let writer = std::thread::spawn(move || {
                 while !written.is_abandoned() || !written.is_empty() {

@@ -64,6 +64,45 @@ impl Command {
     }
 }
 
+impl Command {
+    /// The command with its arguments, for people.
+    #[must_use]
+    pub fn words(&self) -> String {
+        match self {
+            Self::Speed { factor } if *factor > 0.0 => format!("speed {factor} x"),
+            Self::Speed { .. } => "speed unlimited".to_owned(),
+            Self::Answer { answer: Answer::Declined, .. } => "does not know the answer".to_owned(),
+            Self::Answer { answer: Answer::Choice { option }, .. } => {
+                format!("answer {}", option + 1)
+            }
+            Self::Manual { effector, order } => format!("arm {effector}: {}", order.words()),
+            other => other.word().to_owned(),
+        }
+    }
+}
+
+impl Manual {
+    fn words(&self) -> String {
+        let turn = |angle: f64| format!("{:+.1} deg", angle.to_degrees());
+        let way = |length: f64| format!("{:+.1} mm", length * 1e3);
+        match self {
+            Self::Synchronise => "synchronise".to_owned(),
+            Self::Motor(Step { axis, by }) => format!("motor {axis} by {by:+.1} rad"),
+            Self::Joint(Step { axis: 0, by }) => format!("track by {}", way(*by)),
+            Self::Joint(Step { axis, by }) => format!("joint {axis} by {}", turn(*by)),
+            Self::Tool(Step { axis, by }) if *axis < 3 => {
+                format!("along the tool's {} by {}", ["x", "y", "z"][*axis], way(*by))
+            }
+            Self::Tool(Step { axis, by }) => {
+                format!("about the tool's {} by {}", ["x", "y", "z"][*axis % 3], turn(*by))
+            }
+            Self::Jaw { opening } => format!("jaws to {:.1} mm", opening * 1e3),
+            Self::Pose { name } => format!("go to {name}"),
+            Self::Bias => "zero the force sensor".to_owned(),
+        }
+    }
+}
+
 /// An order of the operator to one arm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "order", rename_all = "snake_case")]
@@ -125,8 +164,8 @@ pub enum Subject {
     },
     /// The colours of the cube's stickers, as far as they were read.
     Stickers {
-        /// As read, in the order URFDLB; colours are those of [`Facelets`].
-        read: Facelets,
+        /// As read: 54 letters in the order URFDLB, `-` where nothing was read; colours are those of [`Facelets`].
+        read: String,
         /// Facelets that the controller is not sure of.
         doubtful: Vec<usize>,
     },

@@ -81,6 +81,8 @@ pub struct Picture {
     pub world_from_base: [Option<Pose>; 2],
     /// The cube in each hand that holds it.
     pub tool_from_cube: [Option<Pose>; 2],
+    /// The operator has been given the cube back.
+    pub handed_back: bool,
     /// How the cube looks, as far as it has been read and turned.
     pub facelets: Option<Facelets>,
     /// The layer that is being turned.

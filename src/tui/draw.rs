@@ -387,7 +387,7 @@ mod tests {
 
     #[test]
     fn a_question_lies_over_everything_and_the_net_has_its_colours() {
-        let read = crate::cube::Facelets::solved();
+        let read = crate::cube::Facelets::solved().to_string();
         let question = Question {
             number: 1,
             text: "stickers F5 are not certain".into(),

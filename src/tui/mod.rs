@@ -97,7 +97,8 @@ impl App {
             (None, _) => self.answer = None,
             (Some((number, ..)), Some((own, ..))) if *own == number => {}
             (Some((number, read, doubtful)), _) => {
-                let colours = (0..54).map(|i| Some(read.colour(i))).collect();
+                let mut colours: Vec<_> = read.chars().map(Face::from_letter).collect();
+                colours.resize(54, None);
                 self.answer = Some((number, colours, doubtful.first().copied().unwrap_or(0)));
             }
         }
@@ -289,7 +290,7 @@ mod tests {
     #[test]
     fn stickers_are_corrected_with_cursor_and_letters() {
         let read = Facelets::solved();
-        let subject = Subject::Stickers { read, doubtful: vec![20] };
+        let subject = Subject::Stickers { read: read.to_string(), doubtful: vec![20] };
         let question = Question {
             number: 3,
             text: String::new(),

@@ -21,6 +21,38 @@ pub struct Switches {
     /// Counted up by the actors while they live. Watched from the first count on: after 0.1 s of silence the
     /// arms are brought to a stand and hold, after 1 s they stop.
     pub beats: AtomicU64,
+    /// What a wall driver tells of itself while it runs.
+    pub punctual: Punctual,
+}
+
+/// How punctual a wall driver is: the real-time thread writes without waiting, anyone may read.
+#[derive(Debug, Default)]
+pub struct Punctual {
+    late: AtomicU64,
+    work: AtomicU64,
+    missed: AtomicU64,
+}
+
+impl Punctual {
+    /// A period began this late and worked this long [ns].
+    pub(super) fn note(&self, late: u64, work: u64) {
+        self.late.fetch_max(late, Ordering::Relaxed);
+        self.work.fetch_max(work, Ordering::Relaxed);
+    }
+
+    /// Grid points passed without a period.
+    pub(super) fn miss(&self, points: u64) {
+        self.missed.fetch_add(points, Ordering::Relaxed);
+    }
+
+    /// The largest lateness and work since the last call [ns], and all missed grid points.
+    pub fn take(&self) -> (u64, u64, u64) {
+        (
+            self.late.swap(0, Ordering::Relaxed),
+            self.work.swap(0, Ordering::Relaxed),
+            self.missed.load(Ordering::Relaxed),
+        )
+    }
 }
 
 /// The servos of all arms with what they need in each period.

@@ -139,10 +139,12 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
         port.send(period, core.compute(period));
         let done = clock.now();
         timing.work.record(done - begun);
+        core.switches().punctual.note(begun.saturating_sub(next), done - begun);
         next += length;
         if done >= next {
             let missed = (done - next) / length + 1;
             timing.missed += missed;
+            core.switches().punctual.miss(missed);
             timing.missed_in_a_row = timing.missed_in_a_row.max(missed);
             next += missed * length;
             last = None;

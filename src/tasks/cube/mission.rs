@@ -307,6 +307,7 @@ impl Mission {
             [true, true] => "both hands hold the cube".to_owned(),
             [true, false] => "the track hand holds the cube".to_owned(),
             [false, true] => "the postument hand holds the cube".to_owned(),
+            [false, false] if self.with_operator => "the operator has the cube".to_owned(),
             [false, false] => "no hand of the robot holds the cube".to_owned(),
         }
     }
@@ -538,6 +539,12 @@ impl Mission {
                 ]);
                 Ok(())
             }
+            // What the eyes cannot see somebody else may.
+            Err(reason) if self.patience.is_some() => {
+                let note = format!("face {} cannot be read: {reason}", face.letter());
+                self.log.notes.push(note);
+                Ok(())
+            }
             Err(reason) => {
                 self.give_back(format!("face {} cannot be read: {reason}", face.letter()))
             }
@@ -596,9 +603,7 @@ impl Mission {
 
     /// Asks the operator, if somebody is there and there is something to start from.
     fn ask(&mut self, doubt: Doubt) -> Result<(), String> {
-        let (Some(seconds), Some(read)) = (self.patience, doubt.read) else {
-            return self.unanswered(doubt);
-        };
+        let Some(seconds) = self.patience else { return self.unanswered(doubt) };
         self.questions += 1;
         let otherwise = if doubt.possible {
             "without an answer the likeliest colours are taken"
@@ -610,12 +615,32 @@ impl Mission {
             text: format!("{}. What are the colours?", doubt.reason),
             otherwise: otherwise.to_owned(),
             seconds,
-            subject: Subject::Stickers { read, doubtful: doubt.doubtful.clone() },
+            subject: Subject::Stickers {
+                read: self.guess(&doubt),
+                doubtful: doubt.doubtful.clone(),
+            },
         };
         self.log.notes.push(format!("{}: the operator is asked", doubt.reason));
         self.doubt = Some((doubt, question));
         self.queue.push_front(Job::Ask);
         Ok(())
+    }
+
+    /// The colours that the operator starts from.
+    fn guess(&self, doubt: &Doubt) -> String {
+        let net = |i: usize| self.shown.net.facelets.get(i).copied().flatten();
+        // An impossible cube is read by the faces whose centres have the colours: named as the centres look.
+        let names: Vec<usize> =
+            (0..6).filter_map(|f| net(f * 9 + 4)).map(|r| usize::from(r.colour.min(5))).collect();
+        let mut sorted = names.clone();
+        sorted.sort_unstable();
+        let permuted = sorted == [0, 1, 2, 3, 4, 5] && self.given.is_none();
+        let letter = |i: usize| match doubt.read {
+            Some(read) if doubt.possible || !permuted => read.colour(i).letter(),
+            Some(read) => Face::ALL[names[read.colour(i).index()]].letter(),
+            None => net(i).map_or('-', |r| Face::ALL[usize::from(r.colour.min(5))].letter()),
+        };
+        (0..54).map(letter).collect()
     }
 
     fn answered(&mut self, answer: Option<&Answer>) -> Result<(), String> {
@@ -821,7 +846,18 @@ impl Mission {
                 self.queue.extend([Job::Phase("plan"), Job::Plan]);
                 return Ok(None);
             }
-            Job::Plan => self.plan()?,
+            Job::Plan => {
+                let missing: Vec<usize> = (0..54).filter(|&i| self.seen[i].is_none()).collect();
+                if self.given.is_none() && self.patience.is_some() && !missing.is_empty() {
+                    let names: Vec<String> =
+                        missing.iter().map(|&i| facelet_place(i).to_string()).collect();
+                    let reason = format!("stickers {} cannot be read", names.join(", "));
+                    let doubtful = missing;
+                    self.ask(Doubt { reason, read: None, doubtful, possible: false })?;
+                    return Ok(None);
+                }
+                self.plan()?
+            }
             Job::Ask => match &self.doubt {
                 Some((_, question)) => Action::Ask(question.clone()),
                 None => return Ok(None),
@@ -999,7 +1035,8 @@ impl Mission {
     fn plan(&self) -> Result<Action<Thought>, String> {
         let mut rgb = [[0.0; 3]; 54];
         for (i, seen) in self.seen.iter().enumerate() {
-            rgb[i] = seen.ok_or_else(|| format!("sticker {i} was never seen"))?;
+            let given = self.given.map(|_| [0.0; 3]);
+            rgb[i] = seen.or(given).ok_or_else(|| format!("sticker {i} was never seen"))?;
         }
         let holder = self.holder()?;
         let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
@@ -1069,6 +1106,7 @@ impl Task for Mission {
             world_from_base: [Hand::Track, Hand::Postument]
                 .map(|h| Some(self.belief.world_from_base(h))),
             tool_from_cube: [Hand::Track, Hand::Postument].map(|h| self.belief.tool_from_cube(h)),
+            handed_back: self.with_operator,
             facelets: self.shown.facelets,
             turning,
             net: self.shown.net.clone(),

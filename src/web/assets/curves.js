@@ -3,8 +3,8 @@
 const KEEP = 6000;
 
 const CHARTS = [
-  { name: "Force at the tools", unit: "N", of: (arm) => arm.peak[0], limit: (l) => l.force, least: 5 },
-  { name: "Torque at the tools", unit: "Nm", of: (arm) => arm.peak[1], limit: (l) => l.torque, least: 1 },
+  { name: "Force", unit: "N", of: (arm) => arm.peak[0], limit: (l) => l.force, least: 5 },
+  { name: "Torque", unit: "Nm", of: (arm) => arm.peak[1], limit: (l) => l.torque, least: 1 },
   { name: "Following error", unit: "mm", of: (arm) => arm.following * 1e3, least: 1 },
   { name: "Servo: late and work", unit: "µs", servo: true, limit: (l) => l.period * 1e6, least: 100 },
 ];
@@ -50,7 +50,7 @@ export class Curves {
   /** Curves are drawn five times a second: the eye needs no more. */
   due() {
     const now = performance.now();
-    if (now - (this.drawn ?? 0) < 200) return;
+    if (now - (this.drawn ?? 0) < 250) return;
     this.drawn = now;
     this.charts.forEach((chart) => this.draw(chart));
   }
@@ -60,10 +60,11 @@ export class Curves {
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
     const [w, h] = [canvas.clientWidth, canvas.clientHeight];
     if (!w || !h) return;
-    canvas.width = w * ratio;
-    canvas.height = h * ratio;
+    const [wide, tall] = [Math.round(w * ratio), Math.round(h * ratio)];
+    if (canvas.width !== wide || canvas.height !== tall) [canvas.width, canvas.height] = [wide, tall];
     const at = canvas.getContext("2d");
-    at.scale(ratio, ratio);
+    at.setTransform(ratio, 0, 0, ratio, 0, 0);
+    at.clearRect(0, 0, w, h);
     const style = getComputedStyle(canvas);
     const colour = (name) => style.getPropertyValue(name).trim();
     const end = this.points.at(-1)?.time ?? 0;

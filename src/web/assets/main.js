@@ -89,7 +89,7 @@ function show() {
   $("terminate").hidden = control === "ended";
   $("quit").hidden = control !== "ended";
   $("quit").disabled = !own;
-  $("speed-label").hidden = !s.services.speed;
+  $("speed-label").hidden = !s.services.speed || s.services.manual;
   $("speed").disabled = !own;
   if (document.activeElement !== $("speed")) {
     const known = [...$("speed").options].some((o) => Number(o.value) === s.speed);

@@ -65,18 +65,27 @@ export class Scene {
   set(stage) {
     this.stage = stage;
     const zone = stage.hand_zone?.translation;
-    const bases = stage.solids.filter((s) => s.arm === null && s.shape === "box");
-    if (stage.arms.length === 1) VIEWS.cell.target = [0.3, 0, 0.8];
     this.zone = zone;
+    this.now = this.before = undefined;
+  }
+
+  /** The whole cell: between the bases and the tools of all arms. */
+  aim() {
+    const arms = this.now.arms.map((arm) => [arm.frames[0].translation, arm.frames[6].translation]).flat();
+    const mean = (i) => arms.reduce((sum, p) => sum + p[i], 0) / arms.length;
+    VIEWS.cell.target = [mean(0), mean(1), 0.82];
+    VIEWS.cell.away = this.now.arms.length > 1 ? 3.35 : 2.6;
     this.look("cell");
-    return bases;
+    this.view = { ...this.goal };
   }
 
   show(snapshot) {
+    const first = !this.now;
     this.before = this.now ?? snapshot;
     if (this.before.arms.length !== snapshot.arms.length) this.before = snapshot;
     this.now = snapshot;
     this.since = performance.now();
+    if (first) this.aim();
   }
 
   look(name) {
@@ -159,7 +168,6 @@ export class Scene {
 
   draw() {
     if (!this.stage || !this.now || !this.renderer) return;
-    if (!this.canvas.checkVisibility?.() && this.canvas.offsetParent === null) return;
     const begun = performance.now();
     // What stands still is not drawn again.
     const size = `${this.canvas.clientWidth} ${this.canvas.clientHeight}`;
@@ -205,9 +213,11 @@ export class Scene {
     if (now - this.judged > 2500 && this.frames.length > 3) {
       this.judged = now;
       const rate = this.rate();
-      if (rate < 14 && this.level < 3) this.level += 1;
+      if (rate < 14 && this.level < 2) this.level += 1;
     }
-    return [{ ratio: 2, shadows: true }, { ratio: 1, shadows: true }, { ratio: 0.8, shadows: false }, { ratio: 0.55, shadows: false }][this.level];
+    // The last picture before everything stands still is a good one.
+    if (this.drawn) return { ratio: 2, shadows: true };
+    return [{ ratio: 2, shadows: true }, { ratio: 1, shadows: true }, { ratio: 0.7, shadows: false }][this.level];
   }
 
   /** Frames per second over the last two seconds. */
