@@ -71,6 +71,8 @@ pub(super) fn create_holding(
     let mut config = config(scenario, &belief, pivot, GraspError::default());
     config.start = Start::Held { arm, tool_from_cube };
     config.start_grip = scenario.controller.control.grip;
+    // Nobody waits for the cube: a hand would take it where a pose shows it near the hand-over place.
+    (config.hand.appears, config.hand.return_after) = (f64::INFINITY, f64::INFINITY);
     Plant::new(config, scenario.seed).map_err(|e| e.to_string())
 }
 

@@ -146,6 +146,8 @@ pub fn run_with(
     } else {
         World::of_plant(scenario, plan.plant(scenario)?, &control)?
     };
+    // From here on the controller: the world has its truth.
+    let scenario = &*super::calibrate::believed(scenario);
     let mut builder = tokio::runtime::Builder::new_current_thread();
     builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
     let runtime = builder.build().map_err(|e| not_created("runtime", &e.to_string()))?;

@@ -146,6 +146,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
             },
             effectors: effectors.into_iter().collect::<Option<_>>()?,
             cameras: sources,
+            calibrate_views: draft.cameras.iter().map(|c| c.calibrate_views).collect(),
             vsps: vsps.into_iter().collect::<Option<_>>()?,
             control: root.control,
             visual_servo: root.visual_servo,

@@ -133,6 +133,9 @@ section! {
         centre [px]: [f64; 2] = [319.5, 239.5], 0.0..=4096.0;
         /// Radial distortion k1, k2.
         distortion: [f64; 2] = [0.0, 0.0], -1.0..=1.0;
+        /// Before a simulated hand-over the arm shows the cube to this camera so many times, and the controller believes
+        /// what that calibration finds; 0: it believes the numbers above.
+        calibrate_views: u32 = 0, 0.0..=200.0;
     }
 }
 

@@ -66,6 +66,8 @@ pub struct ControllerConfig {
     pub effectors: Vec<EffectorConfig>,
     /// Per camera of `cell.cameras`: where its frames come from.
     pub cameras: Vec<CameraSource>,
+    /// Per camera of `cell.cameras`: views of the calibration before a simulated hand-over; 0 for none.
+    pub calibrate_views: Vec<u32>,
     /// Virtual sensors.
     pub vsps: Vec<VspConfig>,
     /// Gains, speeds, limits.

@@ -30,6 +30,9 @@ struct Prototype {
     log_value: f64,
 }
 
+/// From this level on a channel counts as clipped: encoders do not leave it at 255.
+pub(super) const CLIPPED: f64 = 246.0;
+
 /// Gains of red and blue against green that the light may have (log spaced; prior s.d. 0.25 in log).
 const GAINS: [f64; 7] = [0.6, 0.72, 0.85, 1.0, 1.18, 1.4, 1.65];
 

@@ -153,7 +153,12 @@ impl Patch {
         let samples: [TileSample; 9] =
             std::array::from_fn(|i| self.sample(&lattice.homography, GRID[i], lattice.sticker));
         let rgb = samples.map(|s| s.rgb);
-        let (colours, confidences) = colours::decide_face(&rgb);
+        let (colours, mut confidences) = colours::decide_face(&rgb);
+        for (confidence, sample) in confidences.iter_mut().zip(&samples) {
+            if sample.clipped {
+                *confidence *= 0.5;
+            }
+        }
         // A cell without a region of its own may still be a tile: then its inside is even.
         let even = (0..9)
             .filter(|&i| lattice.tiles[i].is_none() && samples[i].spread < 0.08)

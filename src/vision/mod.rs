@@ -18,6 +18,7 @@
 
 pub mod assignment;
 pub mod calibration;
+mod classes;
 pub mod colours;
 pub mod detect;
 mod edges;

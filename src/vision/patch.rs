@@ -4,6 +4,7 @@
 //! - out: a copy with its own pixel coordinates; colours of tiles in it
 
 use super::Rect;
+use super::colours::CLIPPED;
 use super::homography::{Point, apply};
 use super::segment::percentile;
 use image::RgbImage;
@@ -113,13 +114,15 @@ pub(super) struct TileSample {
     pub(super) spread: f64,
     /// Share of samples that lie in the image.
     pub(super) inside: f64,
+    /// All channels are clipped: white, or yellow in too much light.
+    pub(super) clipped: bool,
 }
 
 impl TileSample {
     fn new(mut pixels: Vec<[f64; 3]>) -> Self {
         let inside = pixels.len() as f64 / 49.0;
         if pixels.is_empty() {
-            return Self { rgb: [0.0; 3], spread: 1.0, inside };
+            return Self { rgb: [0.0; 3], spread: 1.0, inside, clipped: false };
         }
         let sum = |p: &[f64; 3]| p[0] + 2.0 * p[1] + p[2];
         // The darker half without its darkest: glare covers a part of a tile and makes it brighter, what is
@@ -133,6 +136,7 @@ impl TileSample {
             .map(|p| (0..3).map(|c| (p[c] - rgb[c]).abs()).fold(0.0, f64::max))
             .sum::<f64>()
             / (255.0 * pixels.len() as f64);
-        Self { rgb, spread, inside }
+        let clipped = rgb.iter().all(|&v| v >= CLIPPED);
+        Self { rgb, spread, inside, clipped }
     }
 }

@@ -97,6 +97,8 @@ pub fn read_face(
     for i in 0..9 {
         if occluded[i] {
             confidences[i] = 0.0;
+        } else if samples[i].clipped {
+            confidences[i] *= 0.5;
         }
     }
     let held = face.seen.iter().filter(|s| **s).count() as f64;

@@ -7,7 +7,8 @@
 //! - out: [`ColourTable`]; with it, 54 mean colours -> [`Decision`]
 //! - source: own work; shrinkage of means after Stein (1956)
 
-use super::whole::{Decision, Expected, Undecided, coordinates, decide_cube, decide_expected};
+use super::classes::{Expected, coordinates};
+use super::whole::{Decision, Undecided, decide_cube, decide_expected};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
