@@ -197,6 +197,14 @@ fn a_true_recording_verifies_and_a_changed_one_is_told_where() {
     let ticks = (summary["sim_time_s"].as_f64().unwrap() * 1000.0) as u64;
     assert!(verdict["compared"].as_u64().unwrap() >= ticks - 2, "{verdict}");
 
+    // What a crash left of it verifies as far as it goes.
+    let cut = place("turn_cut.mcap");
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&cut, &bytes[..bytes.len() * 2 / 3]).unwrap();
+    let (code, verdict, stderr) = verify(&cut, &[]);
+    assert_eq!(code, Some(0), "{verdict} {stderr}");
+    assert!((ticks / 3..ticks).contains(&verdict["compared"].as_u64().unwrap()), "{verdict}");
+
     // Another drive than the controller's.
     let other = place("turn_drive.mcap");
     let found = tampered(&path, &other, |message| {
@@ -271,4 +279,63 @@ fn the_recording_of_another_version_is_refused_with_its_name() {
     assert!(stderr.contains("of version 9.9.9"), "{stderr}");
     let (code, verdict, stderr) = verify(&other, &["--force"]);
     assert_eq!((code, &verdict["same"]), (Some(0), &true.into()), "{stderr}");
+}
+
+#[test]
+fn a_recording_is_shown_paused_and_sought() {
+    use rubik_robot::actors::show::Show;
+    use rubik_robot::desk::desk;
+    use rubik_robot::operator::{Command, ControlView};
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::time::{Duration, Instant};
+
+    let (path, summary) = recorded("show.mcap", "scenarios/face_turn.toml", &[]);
+    let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/face_turn.toml");
+    let scenario = rubik_robot::scenario::load(&scenario, &[]).unwrap();
+    let show = Show::read(std::fs::File::open(&path).unwrap(), &scenario, "show.mcap").unwrap();
+    let (desk, behind) = desk();
+    let stop = Arc::new(AtomicBool::new(false));
+    let thread = std::thread::spawn({
+        let stop = Arc::clone(&stop);
+        move || show.run(&behind, 1.0, true, &stop)
+    });
+    let snapshot = || Arc::clone(&desk.snapshots.borrow());
+    let until = |wanted: &dyn Fn() -> bool| {
+        let begun = Instant::now();
+        while !wanted() {
+            assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", snapshot());
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    };
+
+    until(&|| snapshot().time > 0.1);
+    assert!(desk.command(Command::Seek { time: 9.0 }));
+    until(&|| snapshot().time > 8.9);
+    assert_eq!(snapshot().phase, "turn");
+    assert_eq!(desk.stage.borrow().pace, "replay");
+
+    assert!(desk.command(Command::Pause));
+    until(&|| snapshot().control == ControlView::Paused);
+    let held = snapshot().time;
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(snapshot().time, held);
+    let arm = snapshot().arms[0].joints;
+
+    assert!(desk.command(Command::Seek { time: 1.0 }));
+    until(&|| snapshot().time < 1.1);
+    assert_eq!(snapshot().phase, "grasp", "phases to come are not told yet");
+    assert!(arm != snapshot().arms[0].joints);
+
+    assert!(desk.command(Command::Resume));
+    assert!(desk.command(Command::Speed { factor: 0.0 }));
+    until(&|| snapshot().control == ControlView::Ended);
+    let outcome = snapshot().outcome.clone().unwrap();
+    assert_eq!(
+        (outcome.good, outcome.reason.as_str()),
+        (true, summary["reason"].as_str().unwrap())
+    );
+
+    assert!(desk.command(Command::Quit));
+    thread.join().unwrap();
 }

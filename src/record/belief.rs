@@ -19,6 +19,8 @@ struct Wire {
     net: Net,
     plan: Vec<PlanLine>,
     step: Option<usize>,
+    #[serde(default)]
+    handed_back: bool,
 }
 
 /// Writes it as JSON.
@@ -32,6 +34,7 @@ pub fn json(picture: &Picture) -> String {
         net: picture.net.clone(),
         plan: picture.plan.as_ref().clone(),
         step: picture.step,
+        handed_back: picture.handed_back,
     };
     serde_json::to_string(&wire).unwrap_or_default()
 }
@@ -52,6 +55,7 @@ pub fn read(text: &str) -> Option<Picture> {
         net: wire.net,
         plan: Arc::new(wire.plan),
         step: wire.step,
+        handed_back: wire.handed_back,
     })
 }
 

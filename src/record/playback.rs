@@ -212,7 +212,8 @@ impl Port for Playback {
         // What is read at the end of a period is what the next one begins with.
         while state.ahead.len() < readings.len() {
             let Some(tick) = state.next_tick() else {
-                // The run's last readings are used by no period.
+                // The run's last readings are used by no period; of a file that is cut off, a part of the arms.
+                state.ahead.clear();
                 state.over = true;
                 return Ok(());
             };
