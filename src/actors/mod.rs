@@ -5,6 +5,7 @@
 
 mod build;
 pub mod calibrate;
+mod calibration_poses;
 pub mod clock;
 pub mod control;
 pub mod ecp;
