@@ -6,11 +6,12 @@
 //! |---|---|---|
 //! | edge | [`cli`] | words and units of the workshop (mm, degrees, ms), exit codes |
 //! | shells | [`actors`] | mailboxes, lifecycles, clocks, errors |
-//! | configuration, results | [`scenario`], [`record`], [`tables`] | files in, data to the actors; hash and summary out; the solver's tables kept |
+//! | faces | [`web`], [`tui`] | the operator's page and terminal |
+//! | configuration, results | [`scenario`], [`record`], [`tables`], [`desk`] | files in, data to the actors; hash and summary out; the solver's tables kept; snapshots up, commands down |
 //! | hardware | [`hw`] | ports, the servo's drivers of time, cameras, the simulated plant |
 //! | task kernels | [`tasks`] | event -> next action; the regrasp plan |
 //! | pure | [`generators`], [`vision`], [`solver`], [`reach`], [`servo`] | step(inputs) -> output |
-//! | vocabulary | [`cell`], [`kinematics`], [`motion`], [`cube`], [`spatial`], [`error`] | types of the field |
+//! | vocabulary | [`cell`], [`kinematics`], [`motion`], [`cube`], [`spatial`], [`operator`], [`error`] | types of the field |
 //!
 //! Nothing below `hw` knows a thread, a clock, a file or a log: time, randomness and configuration are arguments.
 
@@ -23,11 +24,13 @@ pub mod actors;
 pub mod cell;
 pub mod cli;
 pub mod cube;
+pub mod desk;
 pub mod error;
 pub mod generators;
 pub mod hw;
 pub mod kinematics;
 pub mod motion;
+pub mod operator;
 pub mod reach;
 pub mod record;
 pub mod scenario;
@@ -36,4 +39,6 @@ pub mod solver;
 pub mod spatial;
 pub mod tables;
 pub mod tasks;
+pub mod tui;
 pub mod vision;
+pub mod web;

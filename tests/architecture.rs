@@ -13,12 +13,12 @@ use std::path::Path;
 /// `scenario` stands below `actors`, which take their configuration from it as data.
 const LAYERS: &[&[&str]] = &[
     &["cli"],
-    &["actors"],
-    &["record", "scenario", "tables"],
+    &["actors", "web", "tui"],
+    &["record", "scenario", "tables", "desk"],
     &["hw"],
     &["tasks"],
     &["generators", "vision", "solver", "reach", "servo"],
-    &["cell", "kinematics", "motion", "cube", "spatial", "error"],
+    &["cell", "kinematics", "motion", "cube", "spatial", "operator", "error"],
 ];
 
 /// The first pure layer: no threads, clocks, files, logs from here down.

@@ -5,7 +5,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
 use rubik_robot::actors::clock::Clock;
-use rubik_robot::actors::control::Control;
+use rubik_robot::actors::control::{Control, Tempo};
 use rubik_robot::actors::edp::EdpHandle;
 use rubik_robot::actors::move_instruction::Manner;
 use rubik_robot::actors::mp::{Coordination, Ending, Mp, Parts};
@@ -130,6 +130,8 @@ fn mp(
         manners: vec![manner()],
         control,
         ui,
+        operator: None,
+        tempo: Tempo::default(),
         clock,
         work: Work(Pace::Virtual),
         tape,

@@ -18,6 +18,7 @@ use crate::tasks::cube::mission::Goal;
 use crate::tasks::cube::plan::{Planner, Rule};
 use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
 use crate::tasks::cube::think::Strategy;
+use crate::tasks::panel::{Bench, Panel};
 use crate::vision::Method;
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
@@ -207,6 +208,16 @@ pub(super) fn wall(scenario: &Scenario, options: RunOptions) -> WallOptions {
     }
 }
 
+/// What the operator may tell each arm by hand.
+pub(super) fn panel(config: &ControllerConfig) -> Panel {
+    let bench = |arm: &crate::cell::Arm| Bench {
+        poses: super::present::poses(arm),
+        opening: arm.gripper.opening,
+        grip: config.control.grip,
+    };
+    Panel::new(config.cell.arms.iter().map(bench).collect())
+}
+
 /// What the cube's kernel is to do; `None` when the task is another one. A face turn by `angle` [rad] is positive
 /// clockwise seen from outside, which is positive about the tool's z.
 pub(super) fn goal(config: &ControllerConfig, angle: f64) -> Option<Goal> {
@@ -307,6 +318,8 @@ mod tests {
                 }
                 Action::Think(thought) => Event::Thought(Mission::think(thought).0),
                 Action::Bias(_) | Action::Watch(_) => Event::Done,
+                Action::Ask(_) => Event::Answered(None),
+                Action::Await | Action::Manual { .. } => panic!("a mission takes no orders"),
             };
         }
         panic!("the mission never ends: {phases:?} {notes:?}");

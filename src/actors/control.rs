@@ -1,5 +1,10 @@
-//! What the operator wants of the run: start, pause, resume, terminate. One `watch`, latest value wins.
+//! What the operator wants of the run: start, pause, resume, terminate. One `watch`, latest value wins. And how fast
+//! simulated time may go meanwhile.
 
+use crate::operator::{Answer, Manual};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
 /// The operator's will.
@@ -13,6 +18,15 @@ pub enum Control {
     Paused,
     /// End.
     Terminated,
+}
+
+/// What the operator says to MP beside that.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Word {
+    /// The answer to the question of this number.
+    Answer(u64, Answer),
+    /// An order to an effector.
+    Order(usize, Manual),
 }
 
 /// The run was terminated by the operator.
@@ -37,11 +51,112 @@ pub async fn permission(control: &mut watch::Receiver<Control>) -> Result<(), Te
 }
 
 /// How often whoever waits for permission looks at its arms: a stop or a fault must not wait for the operator.
-const LOOK: std::time::Duration = std::time::Duration::from_millis(20);
+pub(super) const LOOK: Duration = Duration::from_millis(20);
 
 /// Waits as [`permission`] does, but not for long: `None` when it is time to look at the arms.
 pub async fn permission_soon(
     control: &mut watch::Receiver<Control>,
 ) -> Option<Result<(), Terminated>> {
     tokio::time::timeout(LOOK, permission(control)).await.ok()
+}
+
+/// How fast simulated time may go. Whoever looks on can slow it down; what happens in it does not change.
+#[derive(Debug, Clone, Default)]
+pub struct Tempo(Arc<TempoState>);
+
+#[derive(Debug, Default)]
+struct TempoState {
+    /// Bits of the limit, in times of real time; 0 for none.
+    limit: AtomicU64,
+    /// The operator is being waited for.
+    attended: AtomicBool,
+}
+
+impl Tempo {
+    /// Limits it, in times of real time; 0 for as fast as it computes.
+    pub fn set(&self, factor: f64) {
+        let factor = if factor.is_finite() { factor.max(0.0) } else { 0.0 };
+        self.0.limit.store(factor.to_bits(), Ordering::Relaxed);
+    }
+
+    /// The limit; 0 for none.
+    #[must_use]
+    pub fn limit(&self) -> f64 {
+        f64::from_bits(self.0.limit.load(Ordering::Relaxed))
+    }
+
+    /// MP's word for it: the operator is being waited for, and meanwhile time goes as it does for people.
+    pub fn attend(&self, attended: bool) {
+        self.0.attended.store(attended, Ordering::Relaxed);
+    }
+}
+
+/// Holds simulated time back.
+#[derive(Debug)]
+pub struct Pacer {
+    tempo: Tempo,
+    control: watch::Receiver<Control>,
+    /// Limit, and since when and which time it has been so.
+    since: Option<(f64, Instant, f64)>,
+}
+
+impl Pacer {
+    /// What is ahead by less than this waits until it is worth a sleep [s].
+    const AHEAD: f64 = 0.002;
+
+    /// Listens to the operator.
+    #[must_use]
+    pub fn new(tempo: Tempo, control: watch::Receiver<Control>) -> Self {
+        Self { tempo, control, since: None }
+    }
+
+    /// Called when simulated time has come to `time` [s]: sleeps when that is too early.
+    pub fn hold(&mut self, time: f64) {
+        let people = self.tempo.0.attended.load(Ordering::Relaxed)
+            || *self.control.borrow() == Control::Paused;
+        let limit = if people { 1.0 } else { self.tempo.limit() };
+        if limit == 0.0 {
+            self.since = None;
+            return;
+        }
+        let (_, begun, from) = match self.since {
+            Some(since) if since.0 == limit => since,
+            _ => *self.since.insert((limit, Instant::now(), time)),
+        };
+        let ahead = (time - from) / limit - begun.elapsed().as_secs_f64();
+        if ahead > Self::AHEAD {
+            std::thread::sleep(Duration::from_secs_f64(ahead));
+        } else if ahead < -0.2 {
+            // It does not keep up: what was lost is not made up for.
+            self.since = None;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_is_held_back_to_the_limit_and_not_without_one() {
+        let (_control, will) = watch::channel(Control::Running);
+        let tempo = Tempo::default();
+        let mut pacer = Pacer::new(tempo.clone(), will);
+        let run = |pacer: &mut Pacer, from: f64, seconds: f64| {
+            let begun = Instant::now();
+            for i in 0..=(seconds / 0.002) as u32 {
+                pacer.hold(from + f64::from(i) * 0.002);
+            }
+            begun.elapsed().as_secs_f64()
+        };
+
+        assert!(run(&mut pacer, 0.0, 100.0) < 1.0);
+        tempo.set(10.0);
+        let took = run(&mut pacer, 100.0, 1.0);
+        assert!((0.09..0.5).contains(&took), "{took}");
+        tempo.set(0.0);
+        tempo.attend(true);
+        let took = run(&mut pacer, 101.0, 0.1);
+        assert!((0.09..0.5).contains(&took), "{took}");
+    }
 }

@@ -27,6 +27,7 @@ enum Request {
     Behave { behaviour: Behaviour, reply: Reply<(Outcome, ArmState)> },
     End,
     Bias { reply: Reply<ArmState> },
+    Synchronise { reply: Reply<ArmState> },
     State { reply: Reply<ArmState> },
     Watch { on: bool },
     Look { view: View, reply: Reply<FaceReading> },
@@ -70,6 +71,14 @@ impl EcpHandle {
     /// Those of the EDP.
     pub async fn bias(&self) -> Result<ArmState, Error> {
         self.ask("bias", |reply| Request::Bias { reply }).await
+    }
+
+    /// Has the EDP find the synchronisation position.
+    ///
+    /// # Errors
+    /// Those of the EDP.
+    pub async fn synchronise(&self) -> Result<ArmState, Error> {
+        self.ask("synchronise", |reply| Request::Synchronise { reply }).await
     }
 
     /// The effector's state.
@@ -166,6 +175,11 @@ impl Ecp {
                 Request::Bias { reply } => {
                     self.parts.tape.message("mp", &self.name, &"bias");
                     let answer = self.parts.edp.bias().await;
+                    let _ = reply.send(answer);
+                }
+                Request::Synchronise { reply } => {
+                    self.parts.tape.message("mp", &self.name, &"synchronise");
+                    let answer = self.parts.edp.synchronise().await;
                     let _ = reply.send(answer);
                 }
                 Request::State { reply } => {

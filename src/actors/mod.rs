@@ -3,6 +3,7 @@
 //! Actors are tokio tasks with bounded mailboxes. Requests go down a tree (MP, ECP, EDP), answers come back by
 //! `oneshot`, states go up by `watch`; so there is no cycle of waiting.
 
+pub mod board;
 mod build;
 pub mod calibrate;
 mod calibration_poses;
@@ -16,6 +17,7 @@ pub mod meetings;
 pub mod move_instruction;
 pub mod mp;
 mod plant;
+mod present;
 pub mod supervisor;
 pub mod ui;
 pub mod vsp;
@@ -25,4 +27,4 @@ pub mod work;
 mod world;
 
 pub use build::planner;
-pub use supervisor::{RunOptions, run};
+pub use supervisor::{RunOptions, run, run_at};

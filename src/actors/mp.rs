@@ -5,7 +5,7 @@
 //! behaviours and the ECPs run the generators.
 
 use super::clock::Clock;
-use super::control::{Control, Terminated, permission_soon};
+use super::control::{Control, LOOK, Tempo, Terminated, Word, permission_soon};
 use super::ecp::EcpHandle;
 use super::move_instruction::{Manner, Motion};
 use super::ui::{Notice, UiHandle};
@@ -14,12 +14,13 @@ use super::witness::Turning;
 use super::work::Work;
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
-use crate::motion::{ArmState, PERIOD};
+use crate::motion::{AXES, ArmState, Motion as Way, MotorPositions, MoveCommand, PERIOD};
+use crate::operator::{Answer, Manual, Question};
 use crate::record::tape::Tape;
 use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 
 /// Who runs the generators.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,6 +52,10 @@ pub struct Parts {
     pub control: watch::Receiver<Control>,
     /// The operator's face.
     pub ui: UiHandle,
+    /// What the operator says; `None` when nobody is there to be asked.
+    pub operator: Option<mpsc::Receiver<Word>>,
+    /// Told while the operator is waited for.
+    pub tempo: Tempo,
     /// Servo periods and time.
     pub clock: Clock,
     /// The door for long work.
@@ -144,6 +149,11 @@ impl Mp {
             for note in task.notes() {
                 self.parts.ui.tell(Notice::Note(self.now(), note));
             }
+            if let Some(board) = self.parts.ui.board() {
+                let picture = task.picture();
+                let mut latest = board.latest();
+                (latest.picture, latest.mp) = (picture, doing(&action));
+            }
             tracing::debug!(now = self.now(), ?action, "action");
             event = match action {
                 Action::Finish(finish) => return Ok(finish),
@@ -154,6 +164,9 @@ impl Mp {
                     Event::Done
                 }
                 Action::Behave { orders, until } => {
+                    if let Some(board) = self.parts.ui.board() {
+                        board.ordered(&orders);
+                    }
                     let turns = orders.iter().any(|o| matches!(o, Some(Behaviour::Turn { .. })));
                     self.parts.turning.tell(turns);
                     let outcomes = match self.parts.coordination {
@@ -161,6 +174,9 @@ impl Mp {
                         Coordination::Continuous => self.move_all(orders, until).await,
                     };
                     self.parts.turning.tell(false);
+                    if let Some(board) = self.parts.ui.board() {
+                        board.ordered(&[None, None]);
+                    }
                     if *self.parts.control.borrow() == Control::Terminated {
                         return Err(Stop::Terminated);
                     }
@@ -210,6 +226,16 @@ impl Mp {
                         None => return Err(Stop::Error(Self::system("think", "the worker"))),
                     }
                 }
+                Action::Ask(question) => Event::Answered(self.ask(&question).await?),
+                Action::Await => {
+                    let (effector, order) = self.ordered().await?;
+                    Event::Ordered(effector, order)
+                }
+                Action::Manual { effector, order } => match self.manual(effector, &order).await {
+                    Ok(()) => Event::Done,
+                    Err(Stop::Error(error)) => self.trouble(error)?,
+                    Err(terminated) => return Err(terminated),
+                },
             };
         }
     }
@@ -247,6 +273,121 @@ impl Mp {
                 ecp.state().await?;
             }
         }
+    }
+
+    /// Asks the operator, and waits as long as the question allows. The arms hold meanwhile.
+    async fn ask(&mut self, question: &Question) -> Result<Option<Answer>, Stop> {
+        if self.parts.operator.is_none() {
+            return Ok(None);
+        }
+        if let Some(board) = self.parts.ui.board() {
+            board.latest().question = Some(question.clone());
+        }
+        self.parts.tempo.attend(true);
+        let until = self.now() + question.seconds;
+        let mut answer = Ok(None);
+        while self.now() < until {
+            match self.word().await {
+                Ok(Some(Word::Answer(number, given)))
+                    if number == question.number && given.fits(&question.subject) =>
+                {
+                    answer = Ok(Some(given));
+                    break;
+                }
+                Ok(_) => {}
+                Err(stop) => {
+                    answer = Err(stop);
+                    break;
+                }
+            }
+        }
+        self.parts.tempo.attend(false);
+        if let Some(board) = self.parts.ui.board() {
+            board.latest().question = None;
+        }
+        answer
+    }
+
+    /// The operator's next order.
+    async fn ordered(&mut self) -> Result<(usize, Manual), Stop> {
+        self.parts.tempo.attend(true);
+        if let Some(board) = self.parts.ui.board() {
+            board.latest().manual = true;
+        }
+        let order = loop {
+            match self.word().await {
+                Ok(Some(Word::Order(effector, order))) => break Ok((effector, order)),
+                Ok(_) => {}
+                Err(stop) => break Err(stop),
+            }
+        };
+        self.refresh().await?;
+        order
+    }
+
+    /// The operator's next word, if one comes soon; a terminate and a fault of an arm come first.
+    async fn word(&mut self) -> Result<Option<Word>, Stop> {
+        self.permitted().await?.map_err(|_| Stop::Terminated)?;
+        let word = match &mut self.parts.operator {
+            Some(words) => tokio::time::timeout(LOOK, words.recv()).await.ok().flatten(),
+            None => return Err(Stop::Error(Self::system("listen", "the operator"))),
+        };
+        if word.is_none() {
+            // Not to spin when nobody is left to speak.
+            tokio::time::sleep(LOOK).await;
+        }
+        self.refresh().await?;
+        Ok(word)
+    }
+
+    /// What no behaviour does.
+    async fn manual(&mut self, effector: usize, order: &Manual) -> Result<(), Stop> {
+        match order {
+            Manual::Synchronise => {
+                self.ecp(effector)?.synchronise().await?;
+            }
+            Manual::Motor(step) => self.turn_motor(effector, step.axis, step.by).await?,
+            other => {
+                let cause = NonFatal::Arguments(format!("{other:?} is no order to a shell"));
+                return Err(Stop::Error(Error::NonFatal {
+                    actor: "mp".into(),
+                    place: "manual",
+                    cause,
+                }));
+            }
+        }
+        self.refresh().await?;
+        Ok(())
+    }
+
+    /// Turns one motor by an angle [rad], from rest to rest; a pause brings it to rest in between.
+    async fn turn_motor(&mut self, effector: usize, axis: usize, by: f64) -> Result<(), Stop> {
+        /// Largest speed [rad/s], and the least time that it takes [s].
+        const FASTEST: f64 = 25.0;
+        const LEAST: f64 = 0.4;
+        /// From full pace to rest [s].
+        const REST: f64 = 0.4;
+        let macrostep = self.parts.manners.get(effector).map_or(8, |m| m.compliance.macrostep);
+        let step = f64::from(macrostep) * PERIOD;
+        let lasts = (by.abs() * std::f64::consts::FRAC_PI_2 / FASTEST).max(LEAST);
+        let way = |t: f64| 0.5 * by * (1.0 - libm::cos(std::f64::consts::PI * t.min(1.0)));
+        let ecp = self.ecp(effector)?.clone();
+        let (mut at, mut pace) = (0.0, 1.0_f64);
+        while at < 1.0 {
+            if pace <= 0.0 {
+                self.permitted().await?.map_err(|_| Stop::Terminated)?;
+            }
+            let rises = *self.parts.control.borrow() == Control::Running;
+            pace = (pace + if rises { step / REST } else { -step / REST }).clamp(0.0, 1.0);
+            let next = at + pace * step / lasts;
+            let mut motors = MotorPositions([0.0; AXES]);
+            motors.0[axis.min(AXES - 1)] = way(next) - way(at);
+            at = next;
+            let command =
+                MoveCommand { motion: Way::MotorsBy(motors), periods: macrostep, jaw: None };
+            ecp.transmit(command).await?;
+        }
+        Ok(())
     }
 
     async fn refresh(&mut self) -> Result<(), Error> {
@@ -367,5 +508,21 @@ impl Mp {
         }
         self.refresh().await?;
         Ok(outcomes)
+    }
+}
+
+/// An action in words.
+fn doing<T>(action: &Action<T>) -> &'static str {
+    match action {
+        Action::Phase(_) => "goes to the next phase",
+        Action::Behave { .. } => "coordinates motions",
+        Action::Bias(_) => "zeroes force sensors",
+        Action::Watch(_) => "switches the stand-alone camera",
+        Action::Look { .. } => "has a face read",
+        Action::Think(_) => "has a plan made",
+        Action::Ask(_) => "asks the operator",
+        Action::Await => "waits for an order",
+        Action::Manual { .. } => "carries out an order",
+        Action::Finish(_) => "has finished",
     }
 }

@@ -3,11 +3,13 @@
 //! It hands the controller's half of a scenario to the actors, and takes the verdict from the `world`,
 //! where that knows one.
 
+use super::board::{Board, Seen};
 use super::build;
 use super::clock::Clock;
-use super::control::Control;
+use super::control::{Control, Pacer, Tempo, Word};
 use super::interrupt::Interrupt;
 use super::mp::{self, Coordination, Mp};
+use super::present::Presenter;
 use super::ui;
 use super::vsp::{self, VspHandle};
 use super::witness::{Turning, Witness};
@@ -15,12 +17,14 @@ use super::work::Work;
 use super::world::{Cameras, World};
 use super::{ecp, edp};
 use crate::cube::{Facelets, format_turns};
+use crate::desk::Behind;
 use crate::error::{Error, Fatal, System};
 use crate::generators::Behaviour;
-use crate::hw::driver::{self, Core, ServoLink, ServoRecord, Switches, WallEnd};
+use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches, WallEnd};
 use crate::hw::note::{self, Note};
 use crate::hw::plant::{Plant, Verdict};
 use crate::motion::PERIOD;
+use crate::operator::OutcomeView;
 use crate::reach::{MeetingTable, ReachSettings};
 use crate::record::summary::{EndedBy, Outcome, Phase, SensorPeak, Summary};
 use crate::record::tape::Tape;
@@ -32,15 +36,16 @@ use crate::servo::{ForceSettings, ServoCommand, ServoConfig};
 use crate::tasks::cube::hold::Hand;
 use crate::tasks::cube::mission::{Goal, Mission, MissionLog};
 use crate::tasks::idle::Idle;
+use crate::tasks::panel::Panel;
 use crate::tasks::{Effort, Forces};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 use tracing::Instrument as _;
 
 /// How a run is started.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[allow(
     clippy::struct_excessive_bools,
     reason = "switches of the command line, independent of each other"
@@ -56,8 +61,12 @@ pub struct RunOptions {
     pub require_real_time: bool,
     /// Takes the process's SIGINT and SIGTERM as the operator's terminate.
     pub interruptible: bool,
+    /// Under virtual time: how fast time may go at first, in times of real time; 0 for as fast as it computes.
+    pub speed: f64,
 }
 
+/// Time that the operator has for an answer [s].
+const PATIENCE: f64 = 120.0;
 /// Time after a hand-back in which the operator's hand withdraws [s].
 const WITHDRAWAL: f64 = 4.0;
 /// A force on the cube above this is excessive [N]: a verdict, not a limit of anything.
@@ -70,6 +79,20 @@ const HEART_BEAT: Duration = Duration::from_millis(20);
 /// # Errors
 /// When it could not be performed at all; an error in mid-run is part of the summary.
 pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
+    run_at(scenario, options, None)
+}
+
+/// The same with faces at the other end of a desk: they see what the controller believes, and command it. A run of the
+/// cube's task comes to the same with them, to the bit, as long as they command nothing; the idle task waits for their
+/// orders until it is terminated.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_at(
+    scenario: &Scenario,
+    options: RunOptions,
+    behind: Option<Behind>,
+) -> Result<Summary, Error> {
     let begun = Instant::now();
     let initial = if options.wait { Control::Waiting } else { Control::Running };
     let control = Arc::new(watch::channel(initial).0);
@@ -78,6 +101,9 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
         .then(|| Interrupt::listen(Arc::clone(&control)))
         .transpose()
         .map_err(|e| not_created("interrupt", &e.to_string()))?;
+    let attended = behind.is_some();
+    let tape = Tape::default();
+    let (ui, helm, words) = create_ui(scenario, options, &control, behind, tape.clone())?;
     let plan = Plan::of(scenario)?;
     let goal = build::goal(&scenario.controller, plan.angle);
     let mut noted = None;
@@ -94,15 +120,109 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
     builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
     let runtime = builder.build().map_err(|e| not_created("runtime", &e.to_string()))?;
     let teller = noted.map(|noted| Teller::start(noted, &scenario.controller));
+    let desk = Attendance {
+        ui: ui.handle.clone(),
+        emergency: Arc::clone(&ui.emergency),
+        words: attended.then_some(words),
+        tempo: helm.tempo,
+        tape,
+    };
     let done =
-        runtime.block_on(perform(scenario, options, &control, (world, cameras), goal, plan))?;
+        runtime.block_on(perform(scenario, options, &control, (world, cameras), goal, plan, desk));
     drop(teller);
+    drop(runtime);
+    let done = match done {
+        Ok(done) => done,
+        Err(error) => {
+            ui.over(broken_off(&error));
+            return Err(error);
+        }
+    };
     let mut summary = summary(scenario, goal, &done, begun.elapsed().as_secs_f64());
     if summary.ended_by == EndedBy::Operator && interrupt.is_some_and(|i| i.came()) {
         summary.ended_by = EndedBy::Interrupt;
         "interrupted".clone_into(&mut summary.reason);
     }
+    ui.over(outcome(&summary));
     Ok(summary)
+}
+
+/// The operator's side of a run.
+struct Attendance {
+    ui: ui::UiHandle,
+    emergency: Arc<AtomicBool>,
+    /// What the operator says to MP; `None` when nobody is there to be asked.
+    words: Option<mpsc::Receiver<Word>>,
+    tempo: Tempo,
+    tape: Tape,
+}
+
+fn create_ui(
+    scenario: &Scenario,
+    options: RunOptions,
+    control: &Arc<watch::Sender<Control>>,
+    behind: Option<Behind>,
+    tape: Tape,
+) -> Result<(ui::Ui, ui::Helm, mpsc::Receiver<Word>), Error> {
+    let (words, heard) = mpsc::channel(4);
+    let helm = ui::Helm { control: Arc::clone(control), words, tempo: Tempo::default() };
+    helm.tempo.set(options.speed);
+    let board = behind.as_ref().map(|_| Board::default());
+    let presenter = behind.as_ref().zip(board.clone()).map(|(behind, board)| {
+        let (presenter, stage) = Presenter::new(scenario, board);
+        behind.stage.send_replace(Arc::new(stage));
+        presenter
+    });
+    let parts = ui::Parts {
+        quiet: options.quiet,
+        keys: !options.automatic,
+        helm: helm.clone(),
+        behind,
+        presenter,
+        board,
+        tape,
+    };
+    let ui = ui::Ui::spawn(parts).map_err(|e| not_created("ui", &e.to_string()))?;
+    Ok((ui, helm, heard))
+}
+
+/// What the operator is shown at the end.
+fn outcome(summary: &Summary) -> OutcomeView {
+    let verdict = match (summary.outcome, summary.task.as_str()) {
+        (Outcome::Solved, "solve") => "solved",
+        (Outcome::Solved, _) => "done",
+        (Outcome::Failed, _) => "failed",
+        (Outcome::Aborted, _) => "aborted",
+    };
+    let mut figures = vec![
+        ("simulated time".to_owned(), format!("{:.1} s", summary.sim_time_s)),
+        ("times real time".to_owned(), format!("{:.1}", summary.real_time_factor())),
+        ("turns".to_owned(), summary.turns.to_string()),
+        ("grasps".to_owned(), summary.grasps.to_string()),
+        ("executed".to_owned(), summary.executed.clone()),
+    ];
+    for sensor in &summary.sensors {
+        figures.push((
+            format!("{} felt at most", sensor.effector),
+            format!("{:.1} N, {:.2} Nm", sensor.felt_force_n, sensor.felt_torque_nm),
+        ));
+    }
+    figures.push(("hash".to_owned(), summary.hash.clone()));
+    OutcomeView {
+        verdict: verdict.to_owned(),
+        good: summary.outcome == Outcome::Solved,
+        reason: summary.reason.clone(),
+        figures,
+    }
+}
+
+fn broken_off(error: &Error) -> OutcomeView {
+    OutcomeView {
+        verdict: "aborted".to_owned(),
+        good: false,
+        reason: error.to_string(),
+        figures: Vec::new(),
+    }
 }
 
 /// Where the arms can meet, and how a face turn begins: from the belief alone.
@@ -185,6 +305,8 @@ struct Done {
     truth: Option<Truth>,
     /// When MP's work ended.
     ended: Instant,
+    /// Where the cube is, as the controller believes.
+    whereabouts: String,
     hash: String,
 }
 
@@ -199,6 +321,7 @@ struct Truth {
 enum Kernel {
     Cube(Box<Mission>),
     Idle(Idle),
+    Panel(Panel),
 }
 
 fn cube_kernel(
@@ -227,6 +350,7 @@ async fn perform(
     (mut world, mut cameras): (World, Cameras),
     goal: Option<Goal>,
     plan: Plan,
+    desk: Attendance,
 ) -> Result<Done, Error> {
     let config = &scenario.controller;
     let start = world
@@ -234,12 +358,10 @@ async fn perform(
         .map(|verdict| Facelets::try_from(verdict.facelets))
         .transpose()
         .map_err(|e| not_created("plant", &e.to_string()))?;
-    let tape = Tape::default();
     let mut will = control.subscribe();
-    let switches = Arc::new(Switches::default());
-    let keys = (!options.automatic)
-        .then(|| ui::Keys { control: Arc::clone(control), switches: Arc::clone(&switches) });
-    let ui = ui::spawn(options.quiet, keys);
+    let Attendance { ui, emergency, words, tempo, tape } = desk;
+    let switches = Arc::new(Switches { emergency, ..Switches::default() });
+    let by_hand = goal.is_none() && words.is_some();
     // Before the start there is no time: a run does not depend on when it was started.
     if will.wait_for(|will| *will != Control::Waiting).await.is_err() {
         return Err(not_created("control", "nobody is left to start the run"));
@@ -269,7 +391,7 @@ async fn perform(
                 .map_err(|e| not_created("servo", &e.to_string()))?;
         }
     }
-    let paused = control.subscribe();
+    let mut pacer = Pacer::new(tempo.clone(), control.subscribe());
     let turning = Turning::default();
     let witness = Arc::new(Mutex::new(Witness::new(turning.clone(), control.subscribe())));
     let seeing = Arc::clone(&witness);
@@ -283,8 +405,9 @@ async fn perform(
     let synchronised: Vec<bool>;
     let driver = match scenario.pace {
         Pace::Virtual => {
+            let seen = Seen { to: tape.clone(), board: ui.board().cloned() };
             let mut core =
-                Core::new(configs, ends, Arc::clone(&switches), Box::new(tape.clone()), &mut world)
+                Core::new(configs, ends, Arc::clone(&switches), Box::new(seen), &mut world)
                     .map_err(|e| not_created("servo", &e.to_string()))?;
             synchronised = core.synchronised().collect();
             Driver::Virtual(tokio::spawn(async move {
@@ -295,10 +418,8 @@ async fn perform(
                         world.trace(period);
                     }
                     observe(period, world);
-                    if *paused.borrow() == Control::Paused {
-                        // While the operator pauses, the cell goes on in real time, not as fast as it computes.
-                        std::thread::sleep(Duration::from_secs_f64(PERIOD));
-                    }
+                    // While the operator pauses, the cell goes on in real time, not as fast as it computes.
+                    pacer.hold(length.tick(period) as f64 * PERIOD);
                 })
                 .await;
                 (world, result)
@@ -312,7 +433,7 @@ async fn perform(
                 Core::new(configs, ends, Arc::clone(&switches), Box::new(records), &mut world)
                     .map_err(|e| not_created("servo", &e.to_string()))?;
             synchronised = core.synchronised().collect();
-            let sink = tape.clone();
+            let mut sink = Seen { to: tape.clone(), board: ui.board().cloned() };
             let writer = std::thread::spawn(move || {
                 while !written.is_abandoned() || !written.is_empty() {
                     while let Ok(record) = written.pop() {
@@ -347,7 +468,8 @@ async fn perform(
         .zip(links)
         .map(|(arm, link)| edp::spawn(&arm.name, link, clock, tape.clone()))
         .collect();
-    let blind: Vec<usize> = (0..edps.len()).filter(|&i| !synchronised[i]).collect();
+    // By hand, the operator decides when an arm is synchronised.
+    let blind: Vec<usize> = (0..edps.len()).filter(|&i| !synchronised[i] && !by_hand).collect();
     for &i in &blind {
         let (edp, arm) = (&edps[i], &config.cell.arms[i]);
         let now = clock.period() as f64 * PERIOD;
@@ -389,6 +511,7 @@ async fn perform(
                     clock,
                     work,
                     tape: tape.clone(),
+                    show: ui.board().map(|board| (board.clone(), camera)),
                 };
                 let carrier = match config.cell.cameras[camera].mount {
                     crate::cell::Mount::Flange { arm, .. } => Some(arm),
@@ -430,9 +553,12 @@ async fn perform(
         }
     }
     let mut kernel = match goal {
+        None if by_hand => Kernel::Panel(build::panel(config)),
         None => Kernel::Idle(Idle::new(config.idle.time)),
         Some(goal) => {
-            Kernel::Cube(Box::new(cube_kernel(config, goal, plan.meetings, plan.face_turn)?))
+            let mut mission = cube_kernel(config, goal, plan.meetings, plan.face_turn)?;
+            mission.patience = words.is_some().then_some(PATIENCE);
+            Kernel::Cube(Box::new(mission))
         }
     };
     let mp = Mp::new(mp::Parts {
@@ -448,15 +574,20 @@ async fn perform(
         manners: vec![manner; config.cell.arms.len()],
         control: will,
         ui: ui.clone(),
+        operator: words,
+        tempo,
         clock,
         work,
         tape: tape.clone(),
     });
     let span = tracing::info_span!("mp");
+    let mut whereabouts = String::new();
     let (ending, log) = match &mut kernel {
         Kernel::Idle(idle) => (mp.run(idle).instrument(span).await, MissionLog::default()),
+        Kernel::Panel(panel) => (mp.run(panel).instrument(span).await, MissionLog::default()),
         Kernel::Cube(mission) => {
             let ending = mp.run(mission.as_mut()).instrument(span).await;
+            whereabouts = mission.whereabouts();
             (ending, mission.log.clone())
         }
     };
@@ -490,7 +621,7 @@ async fn perform(
     }
     let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
     let truth = start.zip(verdict).map(|(start, verdict)| Truth { start, verdict, jams });
-    Ok(Done { ending, task: log, truth, ended, hash: tape.hash() })
+    Ok(Done { ending, task: log, truth, ended, whereabouts, hash: tape.hash() })
 }
 
 fn periods(seconds: f64) -> u64 {
@@ -603,7 +734,10 @@ fn verdict_of(
         return (Outcome::Aborted, error.to_string(), ended_by);
     }
     let Some(finish) = &ending.finish else {
-        return (Outcome::Aborted, "terminated by the operator".into(), EndedBy::Operator);
+        let place = &done.whereabouts;
+        let place = if place.is_empty() { String::new() } else { format!("; {place}") };
+        let reason = format!("terminated by the operator{place}");
+        return (Outcome::Aborted, reason, EndedBy::Operator);
     };
     let (Some(Truth { verdict, jams, .. }), Some(end)) = (&done.truth, end) else {
         let outcome = if finish.achieved { Outcome::Solved } else { Outcome::Failed };

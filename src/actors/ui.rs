@@ -1,19 +1,27 @@
-//! UI: presents what happens and takes the operator's start, pause, resume and terminate.
+//! UI: presents what happens and takes the operator's commands.
 //!
-//! At this stage a terminal face: keys on stdin, a line each, or automatic start. The emergency stop goes past all
-//! actors to the servos; it is no safety function. Lines go to stderr, so that
-//! stdout stays for machines.
+//! It owns the snapshot that every face shows, and obeys what they command: page, terminal and the keys on stdin sit at
+//! the same [`Desk`]. Notices come by a bounded mailbox, what changes quickly by the [`Board`]; nobody waits for it.
+//! It lives on a thread of its own, in wall-clock time: a virtual run neither sees it nor slows down for it. The
+//! emergency stop goes past all actors to the servos; it is no safety function. Lines go to stderr, so that stdout
+//! stays for machines.
 
-use super::control::Control;
+use super::board::Board;
+use super::control::{Control, Tempo, Word};
+use super::present::Presenter;
+use crate::desk::{Behind, Desk, desk};
 use crate::error::Error;
-use crate::hw::driver::Switches;
+use crate::operator::{Class, Command, OutcomeView};
+use crate::record::tape::Tape;
 use std::io::{BufRead, Write};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 
 /// Notices that may wait; more would mean that the terminal hangs, and then they are dropped and counted.
-const MAILBOX: usize = 64;
+const MAILBOX: usize = 1024;
+/// Time between two snapshots.
+const REFRESH: Duration = Duration::from_millis(50);
 
 /// What the other actors tell the operator.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,12 +32,15 @@ pub enum Notice {
     Note(f64, String),
     /// An error, with its class, actor and place.
     Error(f64, Error),
+    /// The run is over; nothing comes after it.
+    Over(OutcomeView),
 }
 
-/// The far end of the UI's mailbox.
+/// The far end of the UI's mailbox, and the board beside it.
 #[derive(Debug, Clone)]
 pub struct UiHandle {
     mailbox: mpsc::Sender<Notice>,
+    board: Option<Board>,
 }
 
 impl UiHandle {
@@ -39,121 +50,279 @@ impl UiHandle {
             tracing::warn!("the operator's terminal does not keep up: a notice was dropped");
         }
     }
+
+    /// Where the latest values stand; `None` when nobody looks.
+    #[must_use]
+    pub fn board(&self) -> Option<&Board> {
+        self.board.as_ref()
+    }
 }
 
 /// The mailbox alone: whoever takes the receiver is the operator's face.
 #[must_use]
 pub fn mailbox() -> (UiHandle, mpsc::Receiver<Notice>) {
     let (mailbox, notices) = mpsc::channel(MAILBOX);
-    (UiHandle { mailbox }, notices)
+    (UiHandle { mailbox, board: None }, notices)
 }
 
-/// What the operator's keys act on.
+/// What the operator's commands act on.
 #[derive(Debug, Clone)]
-pub struct Keys {
+pub struct Helm {
     /// Start, pause, resume, terminate.
     pub control: Arc<watch::Sender<Control>>,
-    /// The emergency stop.
-    pub switches: Arc<Switches>,
+    /// Answers and orders to MP.
+    pub words: mpsc::Sender<Word>,
+    /// How fast simulated time may go.
+    pub tempo: Tempo,
 }
 
-/// Creates the UI. `quiet` writes nothing; `keys` listens on stdin.
-#[must_use]
-pub fn spawn(quiet: bool, keys: Option<Keys>) -> UiHandle {
-    let (handle, mut notices) = mailbox();
-    if let Some(keys) = keys {
-        let mut err = std::io::stderr().lock();
-        let _ = writeln!(
-            err,
-            "keys: s start, p pause, r resume, t terminate, e emergency stop; Enter after each"
-        );
-        // A thread of its own: stdin cannot be awaited under paused time.
-        std::thread::spawn(move || obey(std::io::stdin().lock(), &keys));
-    }
-    tokio::spawn(async move {
-        while let Some(notice) = notices.recv().await {
-            match &notice {
-                Notice::Phase(_, name) => tracing::info!(phase = %name, "phase"),
-                Notice::Note(_, text) => tracing::info!("{text}"),
-                Notice::Error(_, error) => tracing::error!("{error}"),
-            }
-            if !quiet {
-                let mut err = std::io::stderr().lock();
-                // A closed stderr leaves nobody to tell.
-                let _ = match &notice {
-                    Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {name}"),
-                    Notice::Note(_, text) => writeln!(err, "       note: {text}"),
-                    Notice::Error(t, error) => writeln!(err, "{t:9.2} s  ! {error}"),
-                };
-            }
+/// How the UI is created.
+pub struct Parts {
+    /// Writes nothing to stderr.
+    pub quiet: bool,
+    /// Listens to keys on stdin.
+    pub keys: bool,
+    /// What commands act on.
+    pub helm: Helm,
+    /// The end at which faces listen; `None` when there are none.
+    pub behind: Option<Behind>,
+    /// Makes the snapshots, when there are faces.
+    pub presenter: Option<Presenter>,
+    /// Where the latest values stand, when there are faces.
+    pub board: Option<Board>,
+    /// Where commands that were obeyed are noted.
+    pub tape: Tape,
+}
+
+/// The running UI.
+#[derive(Debug)]
+pub struct Ui {
+    /// For the other actors.
+    pub handle: UiHandle,
+    /// The flag of the emergency stop, for the servos.
+    pub emergency: Arc<std::sync::atomic::AtomicBool>,
+    thread: std::thread::JoinHandle<()>,
+}
+
+impl Ui {
+    /// Creates the UI.
+    ///
+    /// # Errors
+    /// What the operating system says to another thread.
+    pub fn spawn(parts: Parts) -> std::io::Result<Self> {
+        let (mut handle, mut notices) = mailbox();
+        handle.board.clone_from(&parts.board);
+        let behind = parts.behind.unwrap_or_else(|| desk().1);
+        let keys = parts.keys.then(|| behind.desk());
+        if let Some(desk) = keys {
+            let mut err = std::io::stderr().lock();
+            let _ = writeln!(
+                err,
+                "keys: s start, p pause, r resume, t terminate, e emergency stop; Enter after each"
+            );
+            // stdin cannot be awaited: a thread waits for it, and ends with the process.
+            std::thread::spawn(move || listen(std::io::stdin().lock(), &desk));
         }
-    });
-    handle
+        let emergency = Arc::clone(&behind.emergency);
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
+        let (quiet, helm, tape) = (parts.quiet, parts.helm, parts.tape);
+        let mut presenter = parts.presenter;
+        let work = move || {
+            runtime.block_on(async move {
+                let mut commands = behind.take_commands();
+                let mut refresh = tokio::time::interval(REFRESH);
+                refresh.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+                loop {
+                    tokio::select! {
+                        biased;
+                        Some(command) = next(&mut commands) => {
+                            let done = obey(&command, &helm);
+                            if done.is_ok() {
+                                tape.message("operator", "ui", &command);
+                            }
+                            if let Some(presenter) = &mut presenter {
+                                presenter.commanded(&command, done);
+                            }
+                        }
+                        notice = notices.recv() => {
+                            let Some(notice) = notice else { break };
+                            if !quiet {
+                                print(&notice);
+                            }
+                            if let Some(presenter) = &mut presenter {
+                                presenter.notice(&notice);
+                            }
+                            if matches!(notice, Notice::Over(_)) {
+                                break;
+                            }
+                        }
+                        _ = refresh.tick(), if presenter.is_some() => {
+                            if let Some(presenter) = &mut presenter {
+                                presenter.publish(&behind, *helm.control.borrow(), helm.tempo.limit());
+                            }
+                        }
+                    }
+                }
+                if let Some(presenter) = &mut presenter {
+                    presenter.publish(&behind, *helm.control.borrow(), helm.tempo.limit());
+                }
+                if let Some(commands) = commands {
+                    behind.return_commands(commands);
+                }
+            });
+        };
+        let thread = std::thread::Builder::new().name("ui".into()).spawn(work)?;
+        Ok(Self { handle, emergency, thread })
+    }
+
+    /// Shows how the run ended, and ends.
+    pub fn over(self, outcome: OutcomeView) {
+        // With the mailbox full the terminal hangs; the end then comes with the last handle.
+        let _ = self.handle.mailbox.blocking_send(Notice::Over(outcome));
+        drop(self.handle);
+        // A panic has told of itself.
+        let _ = self.thread.join();
+    }
 }
 
-/// Obeys the operator's words, a line each, until they end.
-fn obey(words: impl BufRead, keys: &Keys) {
-    let control = &keys.control;
-    for line in words.lines().map_while(Result::ok) {
-        let next = match line.trim() {
-            "s" | "start" | "r" | "resume" => Control::Running,
-            // A bare Enter starts, but moves no arm that was paused.
-            "" if *control.borrow() == Control::Waiting => Control::Running,
-            "" => continue,
-            "p" | "pause" => Control::Paused,
-            "t" | "terminate" | "q" => Control::Terminated,
-            "e" | "stop" => {
-                keys.switches.emergency.store(true, Ordering::Release);
-                continue;
+async fn next(commands: &mut Option<mpsc::Receiver<Command>>) -> Option<Command> {
+    match commands {
+        Some(commands) => commands.recv().await,
+        None => std::future::pending().await,
+    }
+}
+
+fn print(notice: &Notice) {
+    match notice {
+        Notice::Phase(_, name) => tracing::info!(phase = %name, "phase"),
+        Notice::Note(_, text) => tracing::info!("{text}"),
+        Notice::Error(_, error) => tracing::error!("{error}"),
+        Notice::Over(_) => return,
+    }
+    let mut err = std::io::stderr().lock();
+    // A closed stderr leaves nobody to tell.
+    let _ = match notice {
+        Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {name}"),
+        Notice::Note(_, text) => writeln!(err, "       note: {text}"),
+        Notice::Error(t, error) => writeln!(err, "{t:9.2} s  ! {error}"),
+        Notice::Over(_) => Ok(()),
+    };
+}
+
+/// Obeys a command; `Err` says why not.
+fn obey(command: &Command, helm: &Helm) -> Result<(), &'static str> {
+    let control = &helm.control;
+    let now = *control.borrow();
+    let over = || if now == Control::Terminated { Err("the run is over") } else { Ok(()) };
+    match command {
+        // A start moves no arm that was paused.
+        Command::Start if now == Control::Paused => return Err("the run has begun: resume it"),
+        Command::Start | Command::Resume => {
+            over()?;
+            control.send_replace(Control::Running);
+        }
+        Command::Pause => {
+            over()?;
+            if now == Control::Waiting {
+                return Err("the run has not begun");
             }
+            control.send_replace(Control::Paused);
+        }
+        Command::Terminate => {
+            control.send_replace(Control::Terminated);
+        }
+        // The flag was set on the way here.
+        Command::EmergencyStop => {}
+        Command::Answer { question, answer } => {
+            let word = Word::Answer(*question, answer.clone());
+            helm.words.try_send(word).map_err(|_| "nobody waits for an answer")?;
+        }
+        Command::Manual { effector, order } => {
+            let word = Word::Order(*effector, order.clone());
+            helm.words.try_send(word).map_err(|_| "the arms are busy")?;
+        }
+        Command::Speed { factor } => helm.tempo.set(*factor),
+        Command::Quit | Command::Seek { .. } => return Err("not while a run is on"),
+    }
+    Ok(())
+}
+
+/// The class of an error.
+pub(super) fn class(error: &Error) -> (Class, &str) {
+    match error {
+        Error::NonFatal { actor, .. } => (Class::NonFatal, actor),
+        Error::Fatal { actor, .. } => (Class::Fatal, actor),
+        Error::System { actor, .. } => (Class::System, actor),
+    }
+}
+
+/// Listens to the operator's words, a line each, until they end.
+fn listen(words: impl BufRead, desk: &Desk) {
+    for line in words.lines().map_while(Result::ok) {
+        let command = match line.trim() {
+            "s" | "start" | "r" | "resume" => Command::Resume,
+            "" => Command::Start,
+            "p" | "pause" => Command::Pause,
+            "t" | "terminate" | "q" => Command::Terminate,
+            "e" | "stop" => Command::EmergencyStop,
             other => {
                 let _ = writeln!(std::io::stderr(), "'{other}' is none of s, p, r, t, e");
                 continue;
             }
         };
-        if *control.borrow() == Control::Terminated {
-            return;
-        }
-        control.send_replace(next);
+        let _ = desk.command(command);
     }
     // The end of input never makes the run wait.
-    control.send_if_modified(|now| {
-        let waits = matches!(now, Control::Waiting | Control::Paused);
-        if waits {
-            *now = Control::Running;
-        }
-        waits
-    });
+    let _ = desk.command(Command::Resume);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::Ordering;
 
     /// What the operator's words come to.
-    fn after(words: &str) -> Control {
+    fn after(words: &str) -> (Control, bool) {
         let (control, _will) = watch::channel(Control::Waiting);
-        let keys = Keys { control: Arc::new(control), switches: Arc::default() };
-        obey(words.as_bytes(), &keys);
-        assert_eq!(keys.switches.emergency.load(Ordering::Acquire), words.contains("e\n"));
-        *keys.control.borrow()
+        let helm =
+            Helm { control: Arc::new(control), words: mpsc::channel(1).0, tempo: Tempo::default() };
+        let (desk, behind) = desk();
+        listen(words.as_bytes(), &desk);
+        let mut commands = behind.take_commands().unwrap();
+        while let Ok(command) = commands.try_recv() {
+            let _ = obey(&command, &helm);
+        }
+        (*helm.control.borrow(), behind.emergency.load(Ordering::Acquire))
     }
 
     #[test]
     fn the_emergency_stop_reaches_the_servos_at_once() {
-        assert_eq!(after("s\ne\n"), Control::Running);
+        assert_eq!(after("s\ne\n"), (Control::Running, true));
     }
 
     #[test]
     fn the_end_of_input_makes_nobody_wait() {
-        assert_eq!(after(""), Control::Running);
-        assert_eq!(after("s\np\n"), Control::Running);
-        assert_eq!(after("what\n"), Control::Running);
+        assert_eq!(after(""), (Control::Running, false));
+        assert_eq!(after("s\np\n"), (Control::Running, false));
+        assert_eq!(after("what\n"), (Control::Running, false));
+    }
+
+    #[test]
+    fn a_bare_enter_starts_but_moves_no_arm_that_was_paused() {
+        let (control, _will) = watch::channel(Control::Waiting);
+        let helm =
+            Helm { control: Arc::new(control), words: mpsc::channel(1).0, tempo: Tempo::default() };
+
+        obey(&Command::Start, &helm).unwrap();
+        assert_eq!(*helm.control.borrow(), Control::Running);
+        obey(&Command::Pause, &helm).unwrap();
+        assert!(obey(&Command::Start, &helm).is_err());
+        assert_eq!(*helm.control.borrow(), Control::Paused);
     }
 
     #[test]
     fn who_terminates_does_not_come_back() {
-        assert_eq!(after("s\nt\n"), Control::Terminated);
-        assert_eq!(after("t\nr\n"), Control::Terminated);
+        assert_eq!(after("s\nt\n"), (Control::Terminated, false));
+        assert_eq!(after("t\nr\n"), (Control::Terminated, false));
     }
 }

@@ -5,12 +5,13 @@
 //! (of MP) and `VSP_GS1`, `VSP_GS2` (of the ECPs) and the text explains the cameras only: that MPF aggregates the
 //! forces and that GS are the gripper's cameras is our reading.
 
+use super::board::{Board, Found, Sight};
 use super::clock::Clock;
 use super::work::Work;
 use crate::cell::Intrinsics;
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Mode, Sensing, Target, Window};
-use crate::hw::camera::FrameSource;
+use crate::hw::camera::{Frame, FrameSource};
 use crate::motion::{ArmState, PERIOD};
 use crate::record::tape::Tape;
 use crate::spatial::Pose;
@@ -97,6 +98,8 @@ pub struct Parts {
     pub work: Work,
     /// Where messages are noted.
     pub tape: Tape,
+    /// Where what was seen is shown, and the camera's index; `None` when nobody looks.
+    pub show: Option<(Board, usize)>,
 }
 
 struct Vsp {
@@ -110,6 +113,7 @@ struct Vsp {
     clock: Clock,
     work: Work,
     tape: Tape,
+    show: Option<(Board, usize)>,
     watcher: Option<CubeWatcher>,
     mailbox: mpsc::Receiver<Look>,
     tracking: watch::Receiver<bool>,
@@ -140,6 +144,7 @@ pub fn spawn(name: &str, parts: Parts) -> VspHandle {
         clock: parts.clock,
         work: parts.work,
         tape: parts.tape,
+        show: parts.show,
         watcher,
         mailbox: looks,
         tracking: tracked,
@@ -201,24 +206,29 @@ impl Vsp {
         let result = self
             .work
             .run(move || {
-                let found = match source.grab(period, sensing.exposure) {
+                let (found, frame) = match source.grab(period, sensing.exposure) {
                     Ok(frame) => {
                         let seconds = frame.period as f64 * PERIOD;
-                        watcher
+                        let found = watcher
                             .observe(&frame.image, seconds, near, elsewhere)
-                            .map_err(|refusal| refusal.to_string())
+                            .map_err(|refusal| refusal.to_string());
+                        (found, Some(frame))
                     }
-                    Err(missing) => Err(missing.to_string()),
+                    Err(missing) => (Err(missing.to_string()), None),
                 };
-                ((source, watcher, found), effort)
+                ((source, watcher, found, frame), effort)
             })
             .await;
-        let Some((source, watcher, found)) = result else {
+        let Some((source, watcher, found, frame)) = result else {
             tracing::error!(actor = %self.name, "the image worker died");
             return;
         };
         self.source = Some(source);
         self.watcher = Some(watcher);
+        self.shown(frame, || match &found {
+            Ok(seen) => Found::Cube(seen.world_from_cube, seen.speed),
+            Err(reason) => Found::Nothing(reason.clone()),
+        });
         match found {
             Ok(seen) => {
                 self.tape.message(&self.name, "look", &sensing);
@@ -238,22 +248,28 @@ impl Vsp {
         let result = self
             .work
             .run(move || {
-                let reading = match source.grab(period, view.exposure) {
+                let (reading, frame) = match source.grab(period, view.exposure) {
                     Ok(frame) => {
-                        sensor::read_face(&frame.image, &intrinsics, edge, &view.camera_from_face)
-                            .map_err(|refusal| refusal.to_string())
+                        let place = &view.camera_from_face;
+                        let reading = sensor::read_face(&frame.image, &intrinsics, edge, place)
+                            .map_err(|refusal| refusal.to_string());
+                        (reading, Some(frame))
                     }
-                    Err(missing) => Err(missing.to_string()),
+                    Err(missing) => (Err(missing.to_string()), None),
                 };
-                ((source, reading), effort)
+                ((source, reading, frame), effort)
             })
             .await;
-        if let Some((_, reading)) = &result {
+        if let Some((_, reading, _)) = &result {
             tracing::debug!(confidence = ?reading.as_ref().map(|r| r.confidence), "a face was looked at");
         }
         let answer = match result {
-            Some((source, reading)) => {
+            Some((source, reading, frame)) => {
                 self.source = Some(source);
+                self.shown(frame, || match &reading {
+                    Ok(reading) => Found::Face(Box::new(reading.clone())),
+                    Err(reason) => Found::Nothing(reason.clone()),
+                });
                 reading.map_err(|reason| Error::NonFatal {
                     actor: self.name.clone(),
                     place: "look",
@@ -267,6 +283,16 @@ impl Vsp {
             }),
         };
         let _ = look.reply.send(answer);
+    }
+}
+
+impl Vsp {
+    /// Shows a picture and what was found in it.
+    fn shown(&self, frame: Option<Frame>, found: impl FnOnce() -> Found) {
+        if let (Some((board, camera)), Some(frame)) = (&self.show, frame) {
+            let Frame { period, image } = frame;
+            board.saw(*camera, Sight { period, image: Some(image), found: found() });
+        }
     }
 }
 

@@ -9,6 +9,7 @@ mod doctor;
 mod emulate;
 mod engine;
 pub mod evaluate;
+mod face;
 mod frames;
 pub mod kinematics;
 mod locate;

@@ -1,12 +1,14 @@
 //! `rubik-robot run`: perform a scenario, then say what it came to.
 
+use super::face::{Face, FaceArgs};
 use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain};
 use crate::actors::{self, RunOptions};
+use crate::desk::desk;
 use crate::error::Error;
 use crate::record::summary::{EndedBy, Summary};
-use crate::scenario::Override;
 use crate::scenario::keys::Pace;
+use crate::scenario::{Override, Scenario};
 use clap::{Args, ValueEnum};
 use std::io::IsTerminal;
 
@@ -19,9 +21,13 @@ Examples:
   rubik-robot run scenarios/solve.toml --pace real-time
   rubik-robot run scenarios/idle.toml --pace real-time --require-rt
   rubik-robot run scenarios/face_turn.toml --set control.force_sign=-1     a spoilt controller
+  rubik-robot run scenarios/solve.toml --ui web --wait --speed 5           watch it in a browser
+  rubik-robot run scenarios/idle.toml --ui web        move an arm by hand
   rubik-robot run scenarios/solve.toml --json | tail -1
 
-Progress goes to stderr, the summary to stdout. With --json the last line of stdout is one object.")]
+Progress goes to stderr, the summary to stdout. With --json the last line of stdout is one object.
+At a terminal the operator's page is served at http://127.0.0.1:8780/, and stays up when the run is over;
+--ui tui shows the run in the terminal instead, --ui none does neither.")]
 pub(super) struct RunArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
@@ -37,9 +43,14 @@ pub(super) struct RunArgs {
     /// Refuse to run unless every real-time right is granted (with --pace real-time)
     #[arg(long)]
     require_rt: bool,
-    /// Wait for the operator's start (s, Enter)
+    /// Wait for the operator's start (the page's button; s, Enter)
     #[arg(long)]
     wait: bool,
+    /// Under virtual time: how fast time may go, in times of real time; 0 for as fast as it computes
+    #[arg(long, value_name = "FACTOR", default_value_t = 0.0)]
+    speed: f64,
+    #[command(flatten)]
+    face: FaceArgs,
     /// Start by itself, ask nothing, and end stdout with one line of JSON
     #[arg(long)]
     json: bool,
@@ -80,14 +91,40 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         complain("--require-rt: the pace is virtual; add --pace real-time");
         return Ok(WRONG);
     }
+    if !(args.speed.is_finite() && args.speed >= 0.0) {
+        complain("--speed: a factor such as 5, or 0 for as fast as it computes");
+        return Ok(WRONG);
+    }
+    let word = args.face.word(args.json);
+    let (desk, behind) = desk();
+    let face = args.face.open(word, desk)?;
+    let shown = !matches!(face, Face::None);
+    let terminal = std::io::stdin().is_terminal();
     let options = RunOptions {
         require_real_time: args.require_rt,
-        automatic: args.json || !(args.wait || std::io::stdin().is_terminal()),
-        wait: args.wait && !args.json,
-        quiet: false,
+        automatic: args.json || face.has_terminal() || !(terminal || (args.wait && !shown)),
+        wait: args.wait && (shown || !args.json),
+        quiet: face.has_terminal(),
         interruptible: true,
+        speed: args.speed,
     };
-    match actors::run(&scenario, options) {
+    let done = actors::run_at(&scenario, options, shown.then(|| behind.clone()));
+    let code = told(done, &scenario, args, output)?;
+    output.flush()?;
+    if !args.json {
+        face.linger(&behind)?;
+    }
+    Ok(code)
+}
+
+/// Says what a run came to; returns the exit code.
+fn told(
+    done: Result<Summary, Error>,
+    scenario: &Scenario,
+    args: &RunArgs,
+    output: &mut Output,
+) -> anyhow::Result<u8> {
+    match done {
         Ok(summary) => {
             if args.json {
                 output.line(&summary.json())?;

@@ -39,7 +39,11 @@ impl Task for Idle {
                 Action::Behave { orders, until: Until::All }
             }
             Event::Trouble(reason) => finish(false, reason),
-            Event::Behaved(_) | Event::Looked(_) | Event::Thought(()) => {
+            Event::Behaved(_)
+            | Event::Looked(_)
+            | Event::Thought(())
+            | Event::Answered(_)
+            | Event::Ordered(..) => {
                 finish(true, format!("the arms held their places for {:.0} s", self.seconds))
             }
         }

@@ -6,11 +6,16 @@
 
 pub mod cube;
 pub mod idle;
+pub mod panel;
 
+use crate::cube::{Face, Facelets};
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::ArmState;
+use crate::operator::{Answer, Manual, Net, PlanLine, Question};
 use crate::spatial::Pose;
 use crate::vision::sensor::FaceReading;
+use nalgebra::UnitQuaternion;
+use std::sync::Arc;
 
 /// A kernel of MP.
 pub trait Task: Send {
@@ -29,6 +34,11 @@ pub trait Task: Send {
     /// What the operator should be told since the last call: where and why something was tried again.
     fn notes(&mut self) -> Vec<String> {
         Vec::new()
+    }
+
+    /// What the kernel believes now, for whoever shows it; nothing depends on whether it is asked.
+    fn picture(&self) -> Option<Picture> {
+        None
     }
 
     /// Does the long work. A pure function of its argument.
@@ -62,6 +72,36 @@ pub struct Felt {
     pub peak_force: f64,
     /// Largest torque since the start [Nm].
     pub peak_torque: f64,
+}
+
+/// What a kernel believes of the cube, and what it is about to do.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Picture {
+    /// Where the effectors' bases are believed to be, where that has been learnt.
+    pub world_from_base: [Option<Pose>; 2],
+    /// The cube in each hand that holds it.
+    pub tool_from_cube: [Option<Pose>; 2],
+    /// How the cube looks, as far as it has been read and turned.
+    pub facelets: Option<Facelets>,
+    /// The layer that is being turned.
+    pub turning: Option<Turning>,
+    /// The cube as it was read.
+    pub net: Net,
+    /// The plan.
+    pub plan: Arc<Vec<PlanLine>>,
+    /// The plan's step that is being carried out.
+    pub step: Option<usize>,
+}
+
+/// A layer that goes along with a hand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Turning {
+    /// The effector that turns it.
+    pub effector: usize,
+    /// The layer's face.
+    pub face: Face,
+    /// How the tool stood to the cube when the layer was straight.
+    pub cube_from_tool: UnitQuaternion<f64>,
 }
 
 /// How a camera in a hand looks at one face.
@@ -102,6 +142,17 @@ pub enum Action<T> {
     },
     /// Long work.
     Think(T),
+    /// The operator is asked something.
+    Ask(Question),
+    /// The operator's next order to an arm is waited for, while all arms hold their places.
+    Await,
+    /// An order of the operator that no behaviour carries out: motors, synchronising.
+    Manual {
+        /// To whom.
+        effector: usize,
+        /// What.
+        order: Manual,
+    },
     /// The task is over.
     Finish(Finish),
 }
@@ -128,6 +179,10 @@ pub enum Event<C> {
     Looked(Result<FaceReading, String>),
     /// The long work is done.
     Thought(C),
+    /// The operator has answered; `None` when no answer came in time.
+    Answered(Option<Answer>),
+    /// The operator wants this of an effector.
+    Ordered(usize, Manual),
     /// An effector or sensor could not do what was asked; the text says which and why.
     Trouble(String),
 }

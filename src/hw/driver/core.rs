@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 pub struct Switches {
     /// Emergency stop: all arms trip in the next period. Each must be reset afterwards. A software stop is no
     /// safety function.
-    pub emergency: AtomicBool,
+    pub emergency: Arc<AtomicBool>,
     /// Ends the driver.
     pub stop: AtomicBool,
     /// Counted up by the actors while they live. Watched from the first count on: after 0.1 s of silence the

@@ -99,34 +99,44 @@ pub struct Lines {
     answers: Vec<Partial>,
 }
 
-/// An answer as far as it has come.
+/// The most answers of one line that are kept apart: the last order's and late ones before it.
+const MOST_DUE: usize = 4;
+
+/// Answers as far as they have come.
 #[derive(Debug, Clone, Copy, Default)]
 struct Partial {
-    /// Room for a late answer and the one behind it.
-    bytes: [u8; 2 * STATUS],
+    bytes: [u8; MOST_DUE * STATUS],
     length: usize,
     dead: bool,
-    /// An order was sent.
-    asked: bool,
-    /// The answer before has not come.
-    owed: bool,
+    /// How many may come: one, and those that earlier orders were not given.
+    due: usize,
+    /// The last one that came is known to be an earlier order's.
+    late: bool,
 }
 
 impl Partial {
+    /// Whole answers.
+    fn received(&self) -> usize {
+        self.length / STATUS
+    }
+
     /// Whether nothing more is to be expected.
     fn is_done(&self) -> bool {
-        self.dead || self.length == self.room()
+        self.dead || self.received() == self.due
     }
 
-    /// How many bytes may still come.
-    fn room(&self) -> usize {
-        if self.owed { self.bytes.len() } else { STATUS }
-    }
-
-    /// The answer, if it is complete: the later one of two.
+    /// The last answer that is complete.
     fn answer(&self) -> Option<&[u8; STATUS]> {
-        let from = if self.length == self.bytes.len() { STATUS } else { 0 };
-        (self.length >= STATUS).then(|| self.bytes[from..from + STATUS].first_chunk()).flatten()
+        let last = self.received().checked_sub(1).filter(|_| !self.late)?;
+        self.bytes[last * STATUS..].first_chunk()
+    }
+
+    /// How many are still to come, after `gone` bytes were thrown away.
+    fn outstanding(&self, gone: usize) -> usize {
+        if self.dead || (self.received() > 0 && !self.late) {
+            return 0;
+        }
+        self.due.saturating_sub((self.length + gone) / STATUS)
     }
 }
 
@@ -160,16 +170,14 @@ impl Lines {
 
     /// Sends an order; what an earlier one left behind is thrown away.
     pub fn send(&mut self, line: usize, order: &[u8; ORDER]) {
-        let before = &self.answers[line];
-        let missing = !before.dead && before.asked && before.length < STATUS;
         let gone = self.lines[line].drain();
+        let due = (self.answers[line].outstanding(gone) + 1).min(MOST_DUE);
         let dead = !self.lines[line].write(order);
-        let owed = missing && before.length + gone < STATUS;
-        self.answers[line] = Partial { dead, owed, asked: true, ..Partial::default() };
+        self.answers[line] = Partial { dead, due, ..Partial::default() };
     }
 
     /// Waits until every line has answered, and no longer than the deadline. Where an answer is owed from before, the
-    /// first one to come may be that, and a second one is waited for: a lost answer costs that once.
+    /// first one to come may be that, and another one is waited for: a lost answer costs that once.
     pub fn gather(&mut self, deadline: Instant) {
         // What came while this thread was kept from running counts: hence one look after the deadline.
         while !self.answers.iter().all(Partial::is_done) {
@@ -185,13 +193,12 @@ impl Lines {
     /// Whether a line's answer may be the one to the order before.
     #[must_use]
     pub fn is_doubtful(&self, line: usize) -> bool {
-        let answer = &self.answers[line];
-        answer.owed && answer.length < answer.room()
+        self.answers[line].received() < self.answers[line].due
     }
 
-    /// The line's answer was the one to the order before: this order's is still to come.
+    /// The line's answer was that of an earlier order: this order's is still to come.
     pub fn owe(&mut self, line: usize) {
-        self.answers[line].length = 0;
+        self.answers[line].late = true;
     }
 
     /// The answer of a line, if it is complete.
@@ -222,7 +229,7 @@ impl Lines {
             if answer.is_done() {
                 continue;
             }
-            let room = answer.room();
+            let room = answer.due * STATUS;
             match line.read(&mut answer.bytes[answer.length..room]) {
                 Some(n) => answer.length += n,
                 None => answer.dead = true,
@@ -276,7 +283,19 @@ mod tests {
         assert!(far.write(&[3; STATUS]));
         lines.gather(soon());
         assert_eq!(lines.answer(0), Some(&[3; STATUS]));
-        assert!(!lines.answers[0].owed);
+        assert_eq!(lines.answers[0].due, 1);
+    }
+
+    #[test]
+    fn two_late_answers_give_way_to_the_third() {
+        let (far, mut lines) = late();
+        lines.gather(Instant::now());
+        lines.send(0, &[0; ORDER]);
+
+        assert!((1..=3).all(|i| far.write(&[i; STATUS])));
+        lines.gather(soon());
+
+        assert_eq!(lines.answer(0), Some(&[3; STATUS]));
     }
 
     #[test]
@@ -310,6 +329,6 @@ mod tests {
         lines.gather(soon());
 
         assert_eq!(lines.answer(0), Some(&[2; STATUS]));
-        assert!(!lines.answers[0].owed);
+        assert_eq!(lines.answers[0].due, 1);
     }
 }

@@ -100,6 +100,12 @@ impl Belief {
         Some(Pose::from_parts(place.into(), tilt * nominal.rotation))
     }
 
+    /// The cube in a hand as believed now, if the hand holds it.
+    #[must_use]
+    pub fn tool_from_cube(&self, hand: Hand) -> Option<Pose> {
+        self.in_tool(&self.state, hand)
+    }
+
     fn cube(&self, state: &State, holder: Hand, arms: &[ArmState]) -> Option<Pose> {
         Some(self.tool(state, holder, arms) * self.in_tool(state, holder)?)
     }

@@ -8,19 +8,22 @@
 //! smaller jobs with what is known by then; what an action brought is digested by the job that asked for it.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use super::belief::Belief;
 use super::hold::{Grip, Hand, Hold, Step};
 use super::plan::Planner;
 use super::plan::explain::Line;
 use super::settings::{ComplianceChoice, CompliantArm, CubeSettings, LEAVE_SECONDS};
-use super::think::{Conclusion, NoAnswer, Thought};
-use crate::cube::{Axis, Face};
+use super::think::{Conclusion, Doubt, NoAnswer, Thought};
+use crate::cube::{Axis, Face, Facelets, facelet_at, facelet_place};
 use crate::generators::{Behaviour, Outcome, visual_servo};
 use crate::motion::{ArmState, Depth, JawCommand, JointPositions};
+use crate::operator::{Answer, Net, PlanLine, Question, Reading, Subject};
 use crate::reach::Meeting;
 use crate::spatial::Pose;
-use crate::tasks::{Action, Event, Finish, Readings, Task, Until, View};
+use crate::tasks::{Action, Event, Finish, Picture, Readings, Task, Turning, Until, View};
+use nalgebra::UnitQuaternion;
 
 /// What the kernel is to do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,6 +105,8 @@ enum Job {
     },
     LooksFrom(Hand),
     Plan,
+    /// The operator is asked what the eyes cannot decide.
+    Ask,
     Turn {
         turner: Hand,
         angle: f64,
@@ -142,8 +147,30 @@ pub struct Mission {
     failure: Option<String>,
     /// The turn of the plan that is being made.
     turning: Option<crate::cube::Turn>,
+    /// Who turns a layer, and how the tool stood to the cube when it was straight.
+    straight: Option<(Hand, Face, UnitQuaternion<f64>)>,
+    /// Time that the operator has for an answer [s]; `None` when nobody is there to be asked.
+    pub patience: Option<f64>,
+    /// What is not certain, and the question about it.
+    doubt: Option<(Doubt, Question)>,
+    /// Questions asked so far.
+    questions: u64,
+    /// The cube as the operator gave it.
+    given: Option<Facelets>,
+    /// What is shown of all this.
+    shown: Shown,
     /// Facts for the summary.
     pub log: MissionLog,
+}
+
+/// The cube as read, and the plan.
+#[derive(Debug, Default)]
+struct Shown {
+    net: Net,
+    plan: Arc<Vec<PlanLine>>,
+    step: Option<usize>,
+    /// Named by the centres' colours, after what was turned.
+    facelets: Option<Facelets>,
 }
 
 /// What the controller did, as it believes.
@@ -211,6 +238,12 @@ impl Mission {
             rounds: 1,
             failure: None,
             turning: None,
+            straight: None,
+            patience: None,
+            doubt: None,
+            questions: 0,
+            given: None,
+            shown: Shown::default(),
             log: MissionLog::default(),
         }
     }
@@ -267,6 +300,17 @@ impl Mission {
         }
     }
 
+    /// Where the cube is, as the controller believes.
+    #[must_use]
+    pub fn whereabouts(&self) -> String {
+        match self.belief.held.map(|held| held.is_some()) {
+            [true, true] => "both hands hold the cube".to_owned(),
+            [true, false] => "the track hand holds the cube".to_owned(),
+            [false, true] => "the postument hand holds the cube".to_owned(),
+            [false, false] => "no hand of the robot holds the cube".to_owned(),
+        }
+    }
+
     fn fail(&mut self, reason: impl Into<String>) -> Action<Thought> {
         self.queue.clear();
         self.pending = None;
@@ -286,6 +330,7 @@ impl Mission {
                 self.looked(viewer, face, tries, reading, arms)
             }
             (Some(Job::Plan), Event::Thought(conclusion)) => self.planned(conclusion),
+            (Some(Job::Ask), Event::Answered(answer)) => self.answered(answer.as_ref()),
             (Some(job), Event::Behaved(outcomes)) => self.behaved(job, outcomes, arms),
             _ => Ok(()),
         }
@@ -418,8 +463,11 @@ impl Mission {
             Some(Outcome::Turned(turned)) => {
                 self.turned += turned;
                 // A turn in several goes, after a stall, is one turn.
-                if !matches!(self.queue.front(), Some(Job::Turn { .. })) {
-                    self.log.executed.extend(self.turning.take());
+                let over = !matches!(self.queue.front(), Some(Job::Turn { .. }));
+                if let Some(turn) = self.turning.take_if(|_| over) {
+                    self.shown.facelets = self.shown.facelets.map(|f| f.turned(turn));
+                    self.log.executed.push(turn);
+                    self.straight = None;
                 }
                 Ok(())
             }
@@ -458,6 +506,10 @@ impl Mission {
         let reading = reading.and_then(|reading| {
             for (i, rgb) in reading.rgb.iter().enumerate().filter(|(i, _)| !reading.occluded[*i]) {
                 self.seen[face as usize * 9 + i] = Some(*rgb);
+                self.shown.net.facelets.resize(54, None);
+                let (colour, confidence) = (reading.colours[i], reading.confidences[i]);
+                self.shown.net.facelets[face as usize * 9 + i] =
+                    Some(Reading { colour, confidence });
             }
             let missing: Vec<_> = (0..9)
                 .filter(|i| self.seen[face as usize * 9 + i].is_none())
@@ -519,18 +571,18 @@ impl Mission {
     fn planned(&mut self, conclusion: Conclusion) -> Result<(), String> {
         let answer = match conclusion.0 {
             Ok(answer) => answer,
-            Err(NoAnswer::Unread(reason)) if self.rounds < LOOK_ROUNDS => {
-                self.log.notes.push(format!("{reason}: all faces are looked at again"));
+            Err(NoAnswer::Unread(doubt)) if self.rounds < LOOK_ROUNDS => {
+                self.log.notes.push(format!("{}: all faces are looked at again", doubt.reason));
                 self.rounds += 1;
                 self.seen = [None; 54];
                 let holder = self.holder()?;
                 self.queue.extend([Job::Phase("identify again"), Job::LooksFrom(holder)]);
                 return Ok(());
             }
-            Err(NoAnswer::Unread(reason) | NoAnswer::Unplanned(reason)) => {
-                return self.give_back(reason);
-            }
+            Err(NoAnswer::Unread(doubt)) => return self.ask(*doubt),
+            Err(NoAnswer::Unplanned(reason)) => return self.give_back(reason),
         };
+        self.shown.decided(&answer);
         self.log.identified = Some(answer.identified);
         self.log.solution.clone_from(&answer.turns);
         self.log.plan = answer.lines;
@@ -540,6 +592,55 @@ impl Mission {
         self.queue.extend(answer.steps.into_iter().map(Job::Step));
         self.queue.extend([Job::HandBack, Job::Finish { achieved: true }]);
         Ok(())
+    }
+
+    /// Asks the operator, if somebody is there and there is something to start from.
+    fn ask(&mut self, doubt: Doubt) -> Result<(), String> {
+        let (Some(seconds), Some(read)) = (self.patience, doubt.read) else {
+            return self.unanswered(doubt);
+        };
+        self.questions += 1;
+        let otherwise = if doubt.possible {
+            "without an answer the likeliest colours are taken"
+        } else {
+            "without an answer the cube is handed back as it is"
+        };
+        let question = Question {
+            number: self.questions,
+            text: format!("{}. What are the colours?", doubt.reason),
+            otherwise: otherwise.to_owned(),
+            seconds,
+            subject: Subject::Stickers { read, doubtful: doubt.doubtful.clone() },
+        };
+        self.log.notes.push(format!("{}: the operator is asked", doubt.reason));
+        self.doubt = Some((doubt, question));
+        self.queue.push_front(Job::Ask);
+        Ok(())
+    }
+
+    fn answered(&mut self, answer: Option<&Answer>) -> Result<(), String> {
+        let Some((doubt, _)) = self.doubt.take() else { return Ok(()) };
+        if let Some(Answer::Stickers { stickers }) = answer {
+            self.log.notes.push("the operator has given the colours".to_owned());
+            self.given = Some(*stickers);
+            self.queue.push_front(Job::Plan);
+            return Ok(());
+        }
+        // Who did not answer now is not asked again.
+        self.patience = None;
+        self.unanswered(doubt)
+    }
+
+    /// Nobody knows better: the likeliest cube, if there is one.
+    fn unanswered(&mut self, doubt: Doubt) -> Result<(), String> {
+        match doubt.read {
+            Some(read) if doubt.possible => {
+                self.given = Some(read);
+                self.queue.push_front(Job::Plan);
+                Ok(())
+            }
+            _ => self.give_back(doubt.reason),
+        }
     }
 
     /// Turns a job into an action, or into smaller jobs and `None`.
@@ -698,6 +799,7 @@ impl Mission {
                 return Ok(None);
             }
             Job::Step(step) => {
+                self.shown.step = self.shown.step.map(|step| step + 1);
                 self.unfold_step(step)?;
                 return Ok(None);
             }
@@ -720,7 +822,14 @@ impl Mission {
                 return Ok(None);
             }
             Job::Plan => self.plan()?,
-            Job::Turn { turner, angle, .. } => self.turn(turner, angle)?,
+            Job::Ask => match &self.doubt {
+                Some((_, question)) => Action::Ask(question.clone()),
+                None => return Ok(None),
+            },
+            Job::Turn { turner, angle, .. } => {
+                self.straight = self.straight.or_else(|| self.straight_now(turner));
+                self.turn(turner, angle)?
+            }
             Job::Report => {
                 let achieved = match self.goal {
                     Goal::FaceTurn(angle) => (self.turned - angle).abs() < 0.05,
@@ -829,6 +938,7 @@ impl Mission {
                 self.push_front(&jobs);
             }
             Step::Turn { turner, turn } => {
+                self.straight = self.straight_now(turner);
                 let angle = self.turn_angle(turner, turn.quarters)?;
                 self.turning = Some(turn);
                 self.turned = 0.0;
@@ -839,6 +949,13 @@ impl Mission {
             }
         }
         Ok(())
+    }
+
+    /// How the turner's tool stands to the cube while its layer is straight.
+    fn straight_now(&self, turner: Hand) -> Option<(Hand, Face, UnitQuaternion<f64>)> {
+        let held = self.belief.held[turner.index()]?;
+        let cube_from_tool = held.hold.cube_from_tool(held.half_roll, self.settings.edge);
+        Some((turner, held.hold.palm, cube_from_tool.rotation))
     }
 
     /// Roll of the turner's tool for a number of clockwise quarter turns: the tool's z points into the cube, so
@@ -888,7 +1005,8 @@ impl Mission {
         let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
         Ok(Action::Think(Thought {
             rgb,
-            particular: self.rounds < LOOK_ROUNDS,
+            particular: self.rounds < LOOK_ROUNDS || self.patience.is_some(),
+            given: self.given,
             start: (holder, Grip { hold: held.hold, half_roll: held.half_roll }),
             strategy: self.settings.strategy.clone(),
             planner: Planner::new(&self.settings),
@@ -940,8 +1058,48 @@ impl Task for Mission {
         std::mem::take(&mut self.log.notes)
     }
 
+    fn picture(&self) -> Option<Picture> {
+        let turning = self.straight.filter(|_| matches!(self.pending, Some(Job::Turn { .. })));
+        let turning = turning.map(|(hand, face, cube_from_tool)| Turning {
+            effector: hand.index(),
+            face,
+            cube_from_tool,
+        });
+        Some(Picture {
+            world_from_base: [Hand::Track, Hand::Postument]
+                .map(|h| Some(self.belief.world_from_base(h))),
+            tool_from_cube: [Hand::Track, Hand::Postument].map(|h| self.belief.tool_from_cube(h)),
+            facelets: self.shown.facelets,
+            turning,
+            net: self.shown.net.clone(),
+            plan: Arc::clone(&self.shown.plan),
+            step: self.shown.step.and_then(|step| step.checked_sub(1)),
+        })
+    }
+
     fn think(thought: Thought) -> (Conclusion, crate::tasks::Effort) {
         super::think::think(&thought)
+    }
+}
+
+impl Shown {
+    /// The whole cube has been decided, and there is a plan: all in the frame of the centres' colours.
+    fn decided(&mut self, answer: &super::think::Answer) {
+        let (colours, rotation) = (answer.read.colours(), answer.rotation);
+        self.net = Net { facelets: vec![None; 54], decided: true };
+        for (index, (colour, confidence)) in colours.iter().zip(answer.margins).enumerate() {
+            let place = facelet_place(index);
+            let to = facelet_at(rotation.cell(place.cell()), rotation.face(place.face));
+            self.net.facelets[to] = Some(Reading { colour: *colour, confidence });
+        }
+        self.facelets = answer.identified.parse().ok();
+        let line = |line: &Line| PlanLine {
+            what: line.what.clone(),
+            why: line.why.clone(),
+            seconds: line.seconds,
+        };
+        self.plan = Arc::new(answer.lines.iter().map(line).collect());
+        self.step = Some(0);
     }
 }
 

@@ -6,14 +6,14 @@
 use super::hold::{Grip, Hand, Step};
 use super::plan::Planner;
 use super::plan::explain::Line;
-use crate::cube::{Cube, Face, Facelets, Rotation24, Turn};
+use crate::cube::{Cube, Facelets, Rotation24, Turn, facelet_place};
 use crate::solver::korf::Korf;
 use crate::solver::optimal::{Answer as Exact, Limits};
 use crate::solver::table::InTurn;
 use crate::solver::tables::Bytes;
 use crate::solver::{self, Budget, Solution, Tables};
 use crate::tasks::Effort;
-use crate::vision::colours;
+use crate::vision::colours::{self, Decision, Undecided};
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 
@@ -53,6 +53,8 @@ pub struct Thought {
     pub rgb: [[f64; 3]; 54],
     /// Whether stickers that are not certain should be looked at again, rather than decided by the whole cube.
     pub particular: bool,
+    /// The cube's colours as the operator gave them: nothing is left to decide.
+    pub given: Option<Facelets>,
     /// Who holds the cube, and how, in the same frame.
     pub start: (Hand, Grip),
     /// Which solution is carried out.
@@ -72,12 +74,25 @@ pub struct Thought {
 pub struct Conclusion(pub Result<Answer, NoAnswer>);
 
 /// Why there is no plan.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum NoAnswer {
-    /// What was seen is no cube, or not for certain: another look may help.
-    Unread(String),
+    /// What was seen is no cube, or not for certain: another look may help, or the operator.
+    Unread(Box<Doubt>),
     /// The cube is clear, and yet there is no plan.
     Unplanned(String),
+}
+
+/// What is not certain of a cube.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Doubt {
+    /// In words.
+    pub reason: String,
+    /// The likeliest colours; `None` when there is not even a guess.
+    pub read: Option<Facelets>,
+    /// Facelets that may have another colour.
+    pub doubtful: Vec<usize>,
+    /// Whether the likeliest colours make a cube that can exist.
+    pub possible: bool,
 }
 
 /// A facelet with less margin than this is looked at again.
@@ -88,6 +103,10 @@ const LEAST_MARGIN: f64 = 0.05;
 pub struct Answer {
     /// 54 letters, named by the centres' colours.
     pub identified: String,
+    /// How sure each facelet is, 0..=1, in the frame of acquisition.
+    pub margins: [f64; 54],
+    /// The colours, in the frame of acquisition.
+    pub read: Facelets,
     /// Rotation from the cube frame at acquisition to the one named by the centres' colours.
     pub rotation: Rotation24,
     /// Face turns.
@@ -112,25 +131,53 @@ const SECONDS_PER_CANDIDATE: f64 = 4e-4;
 
 /// The plan, if what was seen is certain enough.
 fn reason(thought: &Thought) -> Result<(Answer, f64), NoAnswer> {
-    let decision =
-        colours::decide_cube(&thought.rgb).map_err(|e| NoAnswer::Unread(e.to_string()))?;
-    if let Some(doubt) = doubt(&decision.margins).filter(|_| thought.particular) {
-        return Err(NoAnswer::Unread(doubt));
+    if let Some(given) = thought.given {
+        let possible = given.normalised().and_then(|(named, _)| Cube::try_from(named));
+        if let Err(reason) = possible {
+            let reason = format!("this cube cannot exist: {reason}");
+            let read = Some(given);
+            let doubt = Doubt { reason, read, doubtful: Vec::new(), possible: false };
+            return Err(NoAnswer::Unread(Box::new(doubt)));
+        }
+        return named(thought, *given.colours(), [1.0; 54]).map_err(NoAnswer::Unplanned);
     }
-    named(thought, decision.colours).map_err(NoAnswer::Unplanned)
+    let decision = colours::decide_cube(&thought.rgb).map_err(undecided)?;
+    if let Some(doubt) = doubt(&decision).filter(|_| thought.particular) {
+        return Err(NoAnswer::Unread(Box::new(doubt)));
+    }
+    named(thought, decision.colours, decision.margins).map_err(NoAnswer::Unplanned)
 }
 
-/// The facelets that might have another colour, in words.
-fn doubt(margins: &[f64; 54]) -> Option<String> {
-    let unsure: Vec<String> = (0..54)
-        .filter(|&i| margins[i] < LEAST_MARGIN)
-        .map(|i| format!("{}{}", Face::ALL[i / 9].letter(), i % 9 + 1))
-        .collect();
-    (!unsure.is_empty()).then(|| format!("stickers {} are not certain", unsure.join(", ")))
+/// There is no decision: what is left for somebody who sees better.
+fn undecided(why: Undecided) -> NoAnswer {
+    let reason = why.to_string();
+    let (read, doubtful) = match why {
+        Undecided::Impossible { facelets, doubtful, .. } => {
+            (Facelets::try_from(*facelets).ok(), doubtful)
+        }
+        Undecided::NotANumber(_) | Undecided::SameCentres { .. } => (None, Vec::new()),
+    };
+    NoAnswer::Unread(Box::new(Doubt { reason, read, doubtful, possible: false }))
+}
+
+/// The facelets that might have another colour.
+fn doubt(decision: &Decision) -> Option<Doubt> {
+    let doubtful: Vec<usize> = (0..54).filter(|&i| decision.margins[i] < LEAST_MARGIN).collect();
+    if doubtful.is_empty() {
+        return None;
+    }
+    let names: Vec<String> = doubtful.iter().map(|&i| facelet_place(i).to_string()).collect();
+    let reason = format!("stickers {} are not certain", names.join(", "));
+    let read = Facelets::try_from(decision.colours).ok();
+    Some(Doubt { reason, read, doubtful, possible: true })
 }
 
 /// The plan for a cube of these colours, and the declared time of finding it [s].
-fn named(thought: &Thought, colours: [u8; 54]) -> Result<(Answer, f64), String> {
+fn named(
+    thought: &Thought,
+    colours: [u8; 54],
+    margins: [f64; 54],
+) -> Result<(Answer, f64), String> {
     // Named by the colours themselves, so that the words do not depend on how the cube is held.
     let read = Facelets::try_from(colours).map_err(|e| e.to_string())?;
     let (named, rotation) = read.normalised().map_err(|e| e.to_string())?;
@@ -153,6 +200,8 @@ fn named(thought: &Thought, colours: [u8; 54]) -> Result<(Answer, f64), String> 
         .map_err(|e| e.to_string())?;
     let answer = Answer {
         identified: named.to_string(),
+        margins,
+        read,
         rotation,
         turns: plan.turns,
         steps: plan.steps,

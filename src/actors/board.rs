@@ -1,0 +1,140 @@
+//! The board: the latest word of every actor and arm, for the UI. Whoever writes replaces what stood there, and never
+//! waits for a reader; the real-time thread does not write here, its records come by the ring.
+
+use crate::generators::Behaviour;
+use crate::hw::driver::{RecordSink, ServoRecord};
+use crate::motion::ArmState;
+use crate::operator::{Question, ServoTiming};
+use crate::spatial::Pose;
+use crate::tasks::Picture;
+use crate::vision::sensor::FaceReading;
+use image::RgbImage;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// A handle on the board.
+#[derive(Debug, Clone, Default)]
+pub struct Board(Arc<Mutex<Latest>>);
+
+/// What stands on it.
+#[derive(Debug, Default)]
+pub struct Latest {
+    /// Every effector's latest state, and what it came to between two looks.
+    pub arms: Vec<ArmLatest>,
+    /// What MP is doing.
+    pub mp: &'static str,
+    /// What each effector was ordered.
+    pub orders: [Option<&'static str>; 2],
+    /// The kernel's belief.
+    pub picture: Option<Picture>,
+    /// The open question.
+    pub question: Option<Question>,
+    /// Arms may be moved by hand now.
+    pub manual: bool,
+    /// What each camera's VSP saw last.
+    pub sights: Vec<Option<Sight>>,
+    /// Of a real-time run.
+    pub servo: Option<ServoTiming>,
+}
+
+/// An effector.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ArmLatest {
+    /// Its state.
+    pub state: ArmState,
+    /// Largest norms of force and torque since the last look.
+    pub peak: (f64, f64),
+    /// Largest distance of the tool from its set place since the last look.
+    pub following: f64,
+}
+
+/// What a camera's VSP saw.
+#[derive(Debug, Clone)]
+pub struct Sight {
+    /// Servo period of the exposure.
+    pub period: u64,
+    /// The pixels, until the UI has taken them.
+    pub image: Option<RgbImage>,
+    /// What was found, or why nothing was.
+    pub found: Found,
+}
+
+/// What vision found.
+#[derive(Debug, Clone)]
+pub enum Found {
+    /// The cube: `world_from_cube`, speed of its centre [m/s].
+    Cube(Pose, f64),
+    /// A face.
+    Face(Box<FaceReading>),
+    /// Nothing, and why.
+    Nothing(String),
+}
+
+impl Board {
+    /// For reading or writing; hold it for moments only.
+    pub fn latest(&self) -> MutexGuard<'_, Latest> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A camera's VSP has looked.
+    pub fn saw(&self, camera: usize, sight: Sight) {
+        let mut latest = self.latest();
+        if latest.sights.len() <= camera {
+            latest.sights.resize(camera + 1, None);
+        }
+        latest.sights[camera] = Some(sight);
+    }
+
+    /// What the effectors were ordered.
+    pub fn ordered(&self, orders: &[Option<Behaviour>; 2]) {
+        self.latest().orders = [0, 1].map(|i| orders[i].as_ref().map(words));
+    }
+
+    fn arm(&self, record: &ServoRecord) {
+        let (index, state) = (usize::from(record.arm), &record.state);
+        let mut latest = self.latest();
+        if latest.arms.len() <= index {
+            latest.arms.resize(index + 1, ArmLatest::default());
+        }
+        let arm = &mut latest.arms[index];
+        let wrench = &state.wrench_in_tool;
+        arm.peak.0 = arm.peak.0.max(wrench.force.norm());
+        arm.peak.1 = arm.peak.1.max(wrench.torque.norm());
+        let (set, is) = (&state.desired_base_from_tool, &state.base_from_tool);
+        let off = (set.translation.vector - is.translation.vector).norm();
+        arm.following = arm.following.max(off);
+        arm.state = *state;
+    }
+}
+
+/// Servo records on their way to somewhere else, with a look at them for the board, if there is one.
+pub struct Seen<S> {
+    /// Where they go.
+    pub to: S,
+    /// Who looks.
+    pub board: Option<Board>,
+}
+
+impl<S: RecordSink> RecordSink for Seen<S> {
+    fn record(&mut self, record: &ServoRecord) {
+        if let Some(board) = &self.board {
+            board.arm(record);
+        }
+        self.to.record(record);
+    }
+}
+
+fn words(behaviour: &Behaviour) -> &'static str {
+    match behaviour {
+        Behaviour::Joints { .. } => "joint motion",
+        Behaviour::Line { .. } => "straight line",
+        Behaviour::Jaw { .. } => "moves the jaws",
+        Behaviour::Approach { .. } => "approaches",
+        Behaviour::Withdraw { .. } => "draws back",
+        Behaviour::Grasp { .. } => "grasps",
+        Behaviour::Secure { .. } => "seats the cube",
+        Behaviour::Turn { .. } => "turns",
+        Behaviour::Comply { .. } => "yields",
+        Behaviour::Present { .. } => "holds out",
+        Behaviour::VisualServo(_) => "visual servo",
+    }
+}

@@ -1,0 +1,624 @@
+//! From notices and the board to the snapshot that the operator sees: the controller's belief, never the plant's truth.
+
+use super::board::{ArmLatest, Board, Found, Latest, Sight};
+use super::control::Control;
+use super::ui::{Notice, class};
+use crate::cell::{Cell, Mount};
+use crate::cube::Face;
+use crate::desk::{Behind, Picture as Pixels, Pixels as Kind};
+use crate::generators::Target;
+use crate::motion::{JointPositions, PERIOD, Synchronisation};
+use crate::operator::{
+    ActorView, ArmStage, ArmView, CameraStage, CameraView, Class, Command, ControlView, CubeView,
+    HandView, LayerTurn, Limits, Mark, Message, OutcomeView, Services, ServoTiming, Snapshot,
+    Stage, State, arm_frames, arm_solids,
+};
+use crate::scenario::Scenario;
+use crate::scenario::keys::Pace;
+use crate::spatial::Pose;
+use crate::tasks::Picture;
+use nalgebra::{Point3, UnitQuaternion};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Messages that are kept for whoever opens a page late.
+const MESSAGES: usize = 400;
+/// A cube that the stand-alone camera has not seen for this long is not shown [s].
+const STALE: f64 = 1.0;
+/// The speed of time is measured over this.
+const FACTOR: Duration = Duration::from_millis(500);
+/// Time between two pictures of a camera: people see no more.
+const PICTURE: Duration = Duration::from_millis(120);
+
+/// Makes snapshots.
+pub struct Presenter {
+    board: Board,
+    cell: Cell,
+    vsps: Vec<(String, Option<usize>)>,
+    virtual_pace: bool,
+    begun: bool,
+    number: u64,
+    phases: Vec<(String, f64)>,
+    messages: Arc<Vec<Message>>,
+    told: u64,
+    outcome: Option<OutcomeView>,
+    fatal: bool,
+    /// When and which time the speed of time was measured last, and the speed.
+    factor: (Instant, f64, f64),
+    /// Each camera's picture: when it was taken over, and its number.
+    pictures: Vec<Option<Arc<Pixels>>>,
+    views: Vec<CameraView>,
+    looked: Vec<Option<Instant>>,
+    hand: Option<Target>,
+}
+
+impl Presenter {
+    /// For a run of this scenario; `stage` is what does not change in it.
+    #[must_use]
+    pub fn new(scenario: &Scenario, board: Board) -> (Self, Stage) {
+        let config = &scenario.controller;
+        let cell = config.cell.clone();
+        let stage = stage(scenario);
+        let views = stage
+            .cameras
+            .iter()
+            .map(|c| CameraView { name: c.name.clone(), size: c.size, ..CameraView::default() })
+            .collect();
+        let presenter = Self {
+            board,
+            vsps: config.vsps.iter().map(|v| (v.name.clone(), v.camera)).collect(),
+            virtual_pace: scenario.pace == Pace::Virtual,
+            begun: false,
+            number: 0,
+            phases: Vec::new(),
+            messages: Arc::default(),
+            told: 0,
+            outcome: None,
+            fatal: false,
+            factor: (Instant::now(), 0.0, 0.0),
+            pictures: vec![None; cell.cameras.len()],
+            looked: vec![None; cell.cameras.len()],
+            views,
+            hand: None,
+            cell,
+        };
+        (presenter, stage)
+    }
+
+    /// A notice has come.
+    pub fn notice(&mut self, notice: &Notice) {
+        match notice {
+            Notice::Phase(time, name) => {
+                self.phases.push((name.clone(), *time));
+                self.say(*time, Class::Info, "mp", &format!("phase: {name}"));
+            }
+            Notice::Note(time, text) => self.say(*time, Class::Info, "mp", text),
+            Notice::Error(time, error) => {
+                let (class, actor) = class(error);
+                self.fatal |= class == Class::Fatal;
+                self.say(*time, class, actor, &error.to_string());
+            }
+            Notice::Over(outcome) => {
+                let class = if outcome.good { Class::Info } else { Class::Warning };
+                let text = format!("{}: {}", outcome.verdict, outcome.reason);
+                self.say(self.time(), class, "ui", &text);
+                self.outcome = Some(outcome.clone());
+            }
+        }
+    }
+
+    /// The operator gave a command.
+    pub fn commanded(&mut self, command: &Command, done: Result<(), &'static str>) {
+        let word = command.word();
+        let (class, text) = match done {
+            Ok(()) => (Class::Info, format!("operator: {word}")),
+            Err(why) => (Class::Warning, format!("operator: {word}: not done, {why}")),
+        };
+        self.say(self.time(), class, "ui", &text);
+    }
+
+    fn say(&mut self, time: f64, class: Class, source: &str, text: &str) {
+        self.told += 1;
+        let messages = Arc::make_mut(&mut self.messages);
+        if messages.len() >= MESSAGES {
+            messages.drain(..MESSAGES / 4);
+        }
+        messages.push(Message {
+            number: self.told,
+            time,
+            class,
+            source: source.to_owned(),
+            text: text.to_owned(),
+        });
+    }
+
+    fn time(&self) -> f64 {
+        time_of(&self.board.latest())
+    }
+
+    /// Publishes pictures and snapshot.
+    pub fn publish(&mut self, behind: &Behind, control: Control, speed: f64) {
+        let board = self.board.clone();
+        let mut latest = board.latest();
+        let time = time_of(&latest);
+        let new = self.take_pictures(&mut latest);
+        let arms: Vec<ArmLatest> = latest.arms.clone();
+        for arm in &mut latest.arms {
+            (arm.peak, arm.following) = ((0.0, 0.0), 0.0);
+        }
+        let servo: Option<ServoTiming> = latest.servo;
+        if let Some(servo) = &mut latest.servo {
+            (servo.late, servo.work) = (0.0, 0.0);
+        }
+        let picture = latest.picture.clone();
+        let (mp, orders, manual) = (latest.mp, latest.orders, latest.manual);
+        let question = latest.question.clone();
+        drop(latest);
+
+        self.begun |= !arms.is_empty();
+        self.measure(time);
+        self.number += 1;
+        let control = match (control, &self.outcome) {
+            (_, Some(_)) => ControlView::Ended,
+            (Control::Waiting, None) => ControlView::Waiting,
+            (Control::Running, None) => ControlView::Running,
+            (Control::Paused, None) => ControlView::Paused,
+            (Control::Terminated, None) => ControlView::Terminated,
+        };
+        let views = self.arms(&arms, picture.as_ref());
+        let cube = self.cube(&views, picture.as_ref(), time);
+        let hand = self.hand(time).filter(|_| cube.held_by.is_empty());
+        let picture = picture.unwrap_or_default();
+        let snapshot = Snapshot {
+            number: self.number,
+            time,
+            factor: self.factor.2,
+            speed,
+            control,
+            phase: self.phases.last().map(|p| p.0.clone()).unwrap_or_default(),
+            phases: self.phases.clone(),
+            actors: self.actors(control, &arms, mp, orders, manual),
+            arms: views,
+            cube,
+            hand,
+            cameras: self.views.clone(),
+            net: picture.net,
+            plan: picture.plan,
+            step: picture.step,
+            servo,
+            question,
+            services: Services {
+                manual: manual && self.outcome.is_none(),
+                speed: self.virtual_pace && self.outcome.is_none(),
+                seek_ms: None,
+            },
+            messages: Arc::clone(&self.messages),
+            outcome: self.outcome.clone(),
+        };
+        if new {
+            behind.pictures.send_replace(self.pictures.clone());
+        }
+        behind.snapshots.send_replace(Arc::new(snapshot));
+    }
+
+    fn measure(&mut self, time: f64) {
+        let (at, then, _) = self.factor;
+        let passed = at.elapsed();
+        if passed >= FACTOR {
+            self.factor = (Instant::now(), time, (time - then) / passed.as_secs_f64());
+        }
+    }
+
+    /// Takes new pictures over, with what was found in them; `true` when there was one.
+    fn take_pictures(&mut self, latest: &mut Latest) -> bool {
+        let mut new = false;
+        for (camera, sight) in latest.sights.iter_mut().enumerate() {
+            let Some(sight) = sight else { continue };
+            if let Found::Cube(world_from_cube, speed) = sight.found {
+                self.hand = Some(Target { world_from_cube, speed, period: sight.period });
+            }
+            let soon =
+                self.looked.get(camera).copied().flatten().is_some_and(|at| at.elapsed() < PICTURE);
+            let Some(image) = sight.image.take_if(|_| !soon) else { continue };
+            let Some(view) = self.views.get_mut(camera) else { continue };
+            view.frame += 1;
+            view.time = sight.period as f64 * PERIOD;
+            view.size = image.dimensions();
+            found_in(view, &self.cell, camera, sight);
+            self.pictures[camera] =
+                Some(Arc::new(Pixels { frame: view.frame, pixels: Kind::Raw(image) }));
+            self.looked[camera] = Some(Instant::now());
+            new = true;
+        }
+        new
+    }
+
+    fn arms(&self, arms: &[ArmLatest], picture: Option<&Picture>) -> Vec<ArmView> {
+        let believed = |i: usize| picture.and_then(|p| p.world_from_base.get(i).copied().flatten());
+        let view = |(i, arm): (usize, &crate::cell::Arm)| {
+            let ArmLatest { state, peak, following } = arms.get(i).copied().unwrap_or_default();
+            let synchronised = state.synchronisation == Synchronisation::Yes && i < arms.len();
+            let joints = if i < arms.len() { state.joints } else { arm.start };
+            ArmView {
+                name: arm.name.clone(),
+                joints: joints.0,
+                motors: state.motors.0,
+                frames: arm_frames(arm, &believed(i).unwrap_or(arm.world_from_base), &joints),
+                opening: state.jaw_opening,
+                grip: state.jaw_force,
+                wrench: state.wrench_in_tool.directions(),
+                peak,
+                following,
+                synchronised,
+                fault: state.fault.map(|fault| fault.to_string()),
+            }
+        };
+        self.cell.arms.iter().enumerate().map(view).collect()
+    }
+
+    fn hand(&self, time: f64) -> Option<HandView> {
+        let Target { world_from_cube, speed, period } = self.hand?;
+        let age = time - period as f64 * PERIOD;
+        (age < STALE).then_some(HandView { world_from_cube, speed, age })
+    }
+
+    fn cube(&self, arms: &[ArmView], picture: Option<&Picture>, time: f64) -> CubeView {
+        let Some(picture) = picture else {
+            let seen = self.hand(time).map(|hand| hand.world_from_cube);
+            let with = if seen.is_some() { "in the operator's hand" } else { "not seen yet" };
+            return CubeView {
+                world_from_cube: seen,
+                with: with.to_owned(),
+                facelets: "-".repeat(54),
+                ..CubeView::default()
+            };
+        };
+        let tool = |arm: usize| arms.get(arm).and_then(|a| a.frames.get(6)).copied();
+        let held: Vec<usize> =
+            (0..2).filter(|&i| picture.tool_from_cube[i].is_some() && tool(i).is_some()).collect();
+        // The body is with whoever does not turn a layer.
+        let turner = picture.turning.map(|turning| turning.effector);
+        let body = held.iter().copied().find(|&i| Some(i) != turner).or(held.first().copied());
+        let by_hand = body.and_then(|i| Some(tool(i)? * picture.tool_from_cube[i]?));
+        let seen = self.hand(time).map(|hand| hand.world_from_cube);
+        let turned = picture.turning.zip(by_hand).and_then(|(turning, world_from_cube)| {
+            let cube_from_tool =
+                world_from_cube.rotation.inverse() * tool(turning.effector)?.rotation;
+            let angle = roll(&(turning.cube_from_tool.inverse() * cube_from_tool));
+            Some(LayerTurn { face: turning.face.index(), angle })
+        });
+        let names: Vec<&str> =
+            held.iter().filter_map(|&i| arms.get(i)).map(|arm| arm.name.as_str()).collect();
+        let with = match (names.as_slice(), seen.is_some()) {
+            ([], true) => "in the operator's hand".to_owned(),
+            ([], false) => "with nobody that the robot knows of".to_owned(),
+            (names, _) => format!("held by {}", names.join(" and ")),
+        };
+        CubeView {
+            world_from_cube: by_hand.or(seen),
+            held_by: held,
+            with,
+            facelets: letters(picture),
+            turned,
+        }
+    }
+
+    fn actors(
+        &self,
+        control: ControlView,
+        arms: &[ArmLatest],
+        mp: &str,
+        orders: [Option<&'static str>; 2],
+        manual: bool,
+    ) -> Vec<ActorView> {
+        let actor = |name: String, state: State, words: &str| ActorView {
+            name,
+            state,
+            words: words.to_owned(),
+        };
+        let over = control == ControlView::Ended;
+        let alive = |state: State| match control {
+            ControlView::Ended => State::Absent,
+            ControlView::Waiting => State::Idle,
+            ControlView::Paused => State::Held,
+            ControlView::Running | ControlView::Terminated => state,
+        };
+        let mut actors = vec![
+            actor("ui".into(), State::Running, "shows this"),
+            match control {
+                _ if self.fatal => actor("mp".into(), State::Fault, "stopped by an error"),
+                ControlView::Waiting => actor("mp".into(), State::Idle, "waits for the start"),
+                ControlView::Paused => actor("mp".into(), State::Held, "paused"),
+                ControlView::Ended => actor("mp".into(), State::Absent, "has ended"),
+                ControlView::Running | ControlView::Terminated => {
+                    let state = if manual { State::Idle } else { State::Running };
+                    actor("mp".into(), state, mp)
+                }
+            },
+        ];
+        for (i, arm) in self.cell.arms.iter().enumerate() {
+            let order = orders.get(i).copied().flatten();
+            let state = if order.is_some() { State::Running } else { State::Idle };
+            let words = if over { "" } else { order.unwrap_or("waits for an order") };
+            actors.push(actor(format!("ecp {}", arm.name), alive(state), words));
+        }
+        for (i, arm) in self.cell.arms.iter().enumerate() {
+            let (state, words) = match arms.get(i) {
+                None => (State::Absent, String::new()),
+                Some(ArmLatest { state, .. }) => edp(state, over),
+            };
+            actors.push(actor(format!("edp {}", arm.name), state, &words));
+        }
+        for (name, camera) in &self.vsps {
+            let view = camera.and_then(|camera| self.views.get(camera));
+            let words = match (view, camera) {
+                (Some(view), _) if view.frame > 0 => view.words.clone(),
+                (_, Some(_)) => "has not looked yet".to_owned(),
+                (_, None) => "gathers the wrists' forces".to_owned(),
+            };
+            let state = if self.begun { State::Running } else { State::Absent };
+            actors.push(actor(format!("vsp {name}"), alive(state), &words));
+        }
+        actors
+    }
+}
+
+fn edp(state: &crate::motion::ArmState, over: bool) -> (State, String) {
+    if let Some(fault) = state.fault {
+        return (State::Fault, fault.to_string());
+    }
+    match state.synchronisation {
+        Synchronisation::No => (State::NotSynchronised, "not synchronised".to_owned()),
+        Synchronisation::Under { axis } => {
+            (State::NotSynchronised, format!("synchronises axis {axis}"))
+        }
+        Synchronisation::Yes if over => (State::Held, "holds".to_owned()),
+        Synchronisation::Yes if state.command_end > state.period => {
+            (State::Running, "synchronised, moves".to_owned())
+        }
+        Synchronisation::Yes => (State::Held, "synchronised, holds".to_owned()),
+    }
+}
+
+fn time_of(latest: &Latest) -> f64 {
+    latest.arms.iter().map(|arm| arm.state.period).max().unwrap_or(0) as f64 * PERIOD
+}
+
+/// Angle of a rotation about z.
+fn roll(rotation: &UnitQuaternion<f64>) -> f64 {
+    let angle = 2.0 * rotation.k.atan2(rotation.w);
+    (angle + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
+}
+
+/// The cube's facelets, or what the net has of them so far.
+fn letters(picture: &Picture) -> String {
+    if let Some(facelets) = &picture.facelets {
+        return facelets.to_string();
+    }
+    let letter = |i: usize| {
+        let reading = picture.net.facelets.get(i).copied().flatten();
+        reading.map_or('-', |r| Face::ALL[usize::from(r.colour.min(5))].letter())
+    };
+    (0..54).map(letter).collect()
+}
+
+/// What was found, in pixels of the picture.
+fn found_in(view: &mut CameraView, cell: &Cell, camera: usize, sight: &Sight) {
+    let optics = &cell.cameras[camera].intrinsics;
+    let half = 0.5 * cell.cube.edge;
+    let project = |point: Point3<f64>| (point.z > 0.01).then(|| optics.project(&point));
+    view.outlines.clear();
+    view.marks.clear();
+    view.found = true;
+    match &sight.found {
+        Found::Nothing(why) => {
+            view.found = false;
+            view.words.clone_from(why);
+        }
+        Found::Cube(world_from_cube, speed) => {
+            let Mount::World { world_from_camera } = cell.cameras[camera].mount else { return };
+            let camera_from_cube = world_from_camera.inverse() * world_from_cube;
+            for face in Face::ALL {
+                let (x, y) = face.reading_axes();
+                let normal = face.normal();
+                let centre = camera_from_cube * Point3::from(normal * half);
+                if (camera_from_cube.rotation * normal).dot(&centre.coords) >= 0.0 {
+                    continue;
+                }
+                let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+                let outline: Option<Vec<_>> = corners
+                    .into_iter()
+                    .map(|(a, b)| {
+                        let corner = (normal + x * a + y * b) * half;
+                        project(camera_from_cube * Point3::from(corner))
+                    })
+                    .collect();
+                view.outlines.extend(outline);
+            }
+            let away = camera_from_cube.translation.vector.norm();
+            view.words = format!("cube {away:.2} m away, {:.0} mm/s", speed * 1e3);
+        }
+        Found::Face(reading) => {
+            let at = |x: f64, y: f64| project(reading.camera_from_face * Point3::new(x, y, 0.0));
+            let corners = [(-half, -half), (half, -half), (half, half), (-half, half)];
+            let outline: Option<Vec<_>> = corners.into_iter().map(|(x, y)| at(x, y)).collect();
+            view.outlines.extend(outline);
+            let pitch = cell.cube.edge / 3.0;
+            for i in 0..9 {
+                let (column, row) = ((i % 3) as f64 - 1.0, (i / 3) as f64 - 1.0);
+                let Some(at) = at(column * pitch, row * pitch) else { continue };
+                view.marks.push(Mark {
+                    at,
+                    colour: (!reading.occluded[i]).then_some(reading.colours[i]),
+                    confidence: reading.confidences[i],
+                });
+            }
+            view.words = format!(
+                "face, confidence {:.2}, residual {:.2} px",
+                reading.confidence, reading.residual_px
+            );
+        }
+    }
+}
+
+/// Names of the poses that an arm can be sent to, with its joints there.
+pub(super) fn poses(arm: &crate::cell::Arm) -> Vec<(String, JointPositions)> {
+    let mut poses = vec![("start".to_owned(), arm.start)];
+    let track = arm.start.0[0];
+    let front = [track, 0.0, -1.57, 0.0, 1.57, 1.57, -1.57];
+    poses.push(("front".to_owned(), JointPositions(front)));
+    let sync = crate::motion::MotorPositions(arm.model.sync);
+    poses.extend(arm.model.joints(&sync).ok().map(|at| ("synchronisation".to_owned(), at)));
+    poses.retain(|(_, joints)| arm.model.check(joints).is_ok());
+    poses
+}
+
+/// What does not change.
+fn stage(scenario: &Scenario) -> Stage {
+    let config = &scenario.controller;
+    let cell = &config.cell;
+    let arm = |arm: &crate::cell::Arm| ArmStage {
+        name: arm.name.clone(),
+        has_track: arm.model.has_track,
+        joint_limits: arm.model.joint_limits,
+        motor_limits: arm.model.motor_limits,
+        opening: arm.gripper.opening,
+        poses: poses(arm).into_iter().map(|p| p.0).collect(),
+    };
+    let camera = |camera: &crate::cell::Camera| {
+        let (arm, pose): (Option<usize>, Pose) = match camera.mount {
+            Mount::World { world_from_camera } => (None, world_from_camera),
+            Mount::Flange { arm, flange_from_camera } => (Some(arm), flange_from_camera),
+        };
+        let size = (camera.intrinsics.width, camera.intrinsics.height);
+        CameraStage { name: camera.name.clone(), arm, pose, size }
+    };
+    let solve = config.task.word() != "idle";
+    Stage {
+        title: scenario.path.display().to_string(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        task: config.task.word().to_owned(),
+        seed: scenario.seed,
+        pace: if scenario.pace == Pace::Virtual { "virtual" } else { "real-time" }.to_owned(),
+        coordination: config.coordination.word().to_owned(),
+        plant: if scenario.bridge.kind.is_hardware() { "hardware" } else { "simulated plant" }
+            .to_owned(),
+        arms: cell.arms.iter().map(arm).collect(),
+        cameras: cell.cameras.iter().map(camera).collect(),
+        solids: arm_solids(cell),
+        edge: cell.cube.edge,
+        hand_zone: solve.then_some(cell.hand.world_from_cube),
+        limits: Limits {
+            force: config.control.force_limit,
+            torque: config.control.torque_limit,
+            period: scenario.real_time.period,
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::ArmState;
+    use crate::tasks::Turning;
+    use std::path::Path;
+
+    fn presenter() -> (Presenter, Stage, Board) {
+        let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
+        let board = Board::default();
+        let (presenter, stage) = Presenter::new(&scenario, board.clone());
+        (presenter, stage, board)
+    }
+
+    fn stand(board: &Board, presenter: &Presenter) {
+        let arms = presenter.cell.arms.iter().map(|arm| ArmLatest {
+            state: ArmState { period: 500, joints: arm.start, ..ArmState::default() },
+            ..ArmLatest::default()
+        });
+        board.latest().arms = arms.collect();
+    }
+
+    #[test]
+    fn a_cube_in_a_hand_goes_where_the_arm_goes_and_its_layer_with_the_turner() {
+        let (mut presenter, _, board) = presenter();
+        stand(&board, &presenter);
+        let (_, behind) = crate::desk::desk();
+        let tool_from_cube = Pose::translation(0.0, 0.0, 0.019);
+        let frames: Vec<Pose> = presenter
+            .cell
+            .arms
+            .iter()
+            .map(|arm| arm_frames(arm, &arm.world_from_base, &arm.start)[6])
+            .collect();
+        let world_from_cube = frames[1] * tool_from_cube;
+        // As the track's tool stands now, less 0.3 rad.
+        let now = world_from_cube.rotation.inverse() * frames[0].rotation;
+        let before = now * UnitQuaternion::from_scaled_axis(nalgebra::Vector3::z() * -0.3);
+        board.latest().picture = Some(Picture {
+            tool_from_cube: [Some(Pose::identity()), Some(tool_from_cube)],
+            turning: Some(Turning { effector: 0, face: Face::R, cube_from_tool: before }),
+            ..Picture::default()
+        });
+
+        presenter.publish(&behind, Control::Running, 0.0);
+
+        let snapshot = behind.snapshots.borrow().clone();
+        assert_eq!(snapshot.time, 1.0);
+        assert_eq!(snapshot.cube.held_by, [0, 1]);
+        let shown = snapshot.cube.world_from_cube.unwrap();
+        assert!((shown.translation.vector - world_from_cube.translation.vector).norm() < 1e-12);
+        let turned = snapshot.cube.turned.unwrap();
+        assert_eq!(turned.face, Face::R.index());
+        assert!((turned.angle - 0.3).abs() < 1e-9, "{}", turned.angle);
+        assert_eq!(snapshot.cube.facelets, "-".repeat(54));
+    }
+
+    #[test]
+    fn peaks_between_snapshots_are_shown_once() {
+        let (mut presenter, _, board) = presenter();
+        stand(&board, &presenter);
+        let (_, behind) = crate::desk::desk();
+        board.latest().arms[0].peak = (12.0, 1.5);
+
+        presenter.publish(&behind, Control::Running, 0.0);
+        assert_eq!(behind.snapshots.borrow().arms[0].peak, (12.0, 1.5));
+        presenter.publish(&behind, Control::Running, 0.0);
+        assert_eq!(behind.snapshots.borrow().arms[0].peak, (0.0, 0.0));
+    }
+
+    #[test]
+    fn a_faulty_arm_shows_its_fault_and_the_console_its_class() {
+        let (mut presenter, _, board) = presenter();
+        stand(&board, &presenter);
+        let (_, behind) = crate::desk::desk();
+        let fault = crate::motion::ArmFault::EmergencyStop;
+        board.latest().arms[1].state.fault = Some(fault);
+        let error = crate::error::Error::Fatal {
+            actor: "edp postument".into(),
+            place: "execute",
+            cause: crate::error::Fatal::Arm(fault),
+            last: None,
+        };
+
+        presenter.notice(&Notice::Error(1.0, error));
+        presenter.publish(&behind, Control::Running, 0.0);
+
+        let snapshot = behind.snapshots.borrow().clone();
+        let edp = snapshot.actors.iter().find(|a| a.name == "edp postument").unwrap();
+        assert_eq!(edp.state, State::Fault);
+        assert_eq!(snapshot.messages[0].class, Class::Fatal);
+        assert_eq!(snapshot.messages[0].source, "edp postument");
+        let text = serde_json::to_string(&*snapshot).unwrap();
+        assert_eq!(serde_json::from_str::<Snapshot>(&text).unwrap().messages, snapshot.messages);
+    }
+
+    #[test]
+    fn the_stage_names_every_arm_camera_and_pose() {
+        let (_, stage, _) = presenter();
+
+        assert_eq!(stage.arms.len(), 2);
+        assert!(stage.arms.iter().all(|arm| arm.poses.contains(&"start".to_owned())));
+        assert_eq!(stage.cameras.len(), 3);
+        assert!(stage.limits.force > 1.0);
+    }
+}

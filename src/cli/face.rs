@@ -1,0 +1,182 @@
+//! Which face the operator has: the page, the terminal, or none.
+
+use crate::desk::{Behind, Desk};
+use crate::operator::Command;
+use crate::tui;
+use crate::web::Server;
+use anyhow::{Context, anyhow};
+use clap::{Args, ValueEnum};
+use std::io::{IsTerminal, Write};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Where the page is, unless told otherwise.
+const PORT: u16 = 8780;
+/// How many ports are tried while the first ones are taken, by other runs perhaps.
+const PORTS: u16 = 10;
+
+/// The options of every command that shows a run.
+#[derive(Debug, Clone, Args)]
+pub(super) struct FaceArgs {
+    /// The operator's face; the page when a person sits at the terminal
+    #[arg(long, value_enum, value_name = "FACE")]
+    pub(super) ui: Option<FaceWord>,
+    /// Where the page listens: ADDRESS:PORT, an address, or a port; beyond 127.0.0.1 a token is needed
+    #[arg(long, value_name = "ADDR")]
+    pub(super) listen: Option<String>,
+}
+
+/// A kind of face.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum FaceWord {
+    /// A page in the browser
+    Web,
+    /// This terminal, for ssh
+    Tui,
+    /// Lines on stderr
+    None,
+}
+
+impl FaceArgs {
+    /// The face that is meant.
+    pub(super) fn word(&self, json: bool) -> FaceWord {
+        let person = std::io::stdin().is_terminal() && std::io::stdout().is_terminal();
+        match self.ui {
+            Some(word) => word,
+            None if self.listen.is_some() || (person && !json) => FaceWord::Web,
+            None => FaceWord::None,
+        }
+    }
+
+    /// Opens a face at a desk, and says where the page is. A page that nobody asked for in words is left out when no
+    /// port is free.
+    pub(super) fn open(&self, word: FaceWord, desk: Desk) -> anyhow::Result<Face> {
+        match word {
+            FaceWord::None => Ok(Face::None),
+            FaceWord::Tui => {
+                let thread = std::thread::Builder::new()
+                    .name("tui".into())
+                    .spawn(move || tui::show(&desk))
+                    .context("the terminal's thread")?;
+                Ok(Face::Tui(thread))
+            }
+            FaceWord::Web => {
+                let served = self.serve(&desk);
+                let server = match served {
+                    Err(error) if self.ui.is_none() && self.listen.is_none() => {
+                        super::complain(&format!("no page: {error:#}"));
+                        return Ok(Face::None);
+                    }
+                    other => other?,
+                };
+                super::complain(&format!("the operator's page: {}", server.url));
+                Ok(Face::Web(server))
+            }
+        }
+    }
+
+    fn serve(&self, desk: &Desk) -> anyhow::Result<Server> {
+        if let Some(text) = &self.listen {
+            let address = address(text).ok_or_else(|| {
+                anyhow!("--listen {text}: neither ADDRESS:PORT nor an address nor a port")
+            })?;
+            return Server::start(desk.clone(), address)
+                .with_context(|| format!("the page cannot listen on {address}"));
+        }
+        let mut last = None;
+        for port in PORT..PORT + PORTS {
+            match Server::start(desk.clone(), SocketAddr::from((Ipv4Addr::LOCALHOST, port))) {
+                Ok(server) => return Ok(server),
+                Err(error) => last = Some(error),
+            }
+        }
+        Err(last.map_or_else(|| anyhow!("no port"), anyhow::Error::from))
+            .with_context(|| format!("ports {PORT} to {} are taken", PORT + PORTS - 1))
+    }
+}
+
+fn address(text: &str) -> Option<SocketAddr> {
+    let port_of = |text: &str| text.trim_start_matches(':').parse::<u16>().ok();
+    text.parse().ok().or_else(|| {
+        let ip = text.parse::<IpAddr>().ok().map(|ip| SocketAddr::from((ip, PORT)));
+        ip.or_else(|| port_of(text).map(|port| SocketAddr::from((Ipv4Addr::LOCALHOST, port))))
+    })
+}
+
+/// An open face.
+#[derive(Debug)]
+pub(super) enum Face {
+    /// Lines on stderr, or nothing.
+    None,
+    /// The page.
+    Web(Server),
+    /// The terminal.
+    Tui(std::thread::JoinHandle<std::io::Result<()>>),
+}
+
+impl Face {
+    /// Whether the terminal belongs to the face.
+    pub(super) fn has_terminal(&self) -> bool {
+        matches!(self, Self::Tui(_))
+    }
+
+    /// Stays up when the run is over, until the operator leaves: by the page's button, by Ctrl-C, or by `q`.
+    pub(super) fn linger(self, behind: &Behind) -> anyhow::Result<()> {
+        match self {
+            Self::None => Ok(()),
+            Self::Tui(thread) => match thread.join() {
+                Ok(shown) => Ok(shown.context("the terminal")?),
+                Err(_) => Err(anyhow!("the terminal's thread died")),
+            },
+            Self::Web(server) => {
+                let mut err = std::io::stderr().lock();
+                // Whoever closed stderr needs no word.
+                let _ = writeln!(
+                    err,
+                    "the page stays at {} until Ctrl-C, or until it is closed there",
+                    server.url
+                );
+                drop(err);
+                wait(behind)
+            }
+        }
+    }
+}
+
+fn wait(behind: &Behind) -> anyhow::Result<()> {
+    let signalled = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&signalled))?;
+    }
+    let mut commands = behind.take_commands();
+    while !signalled.load(Ordering::Acquire) {
+        while let Some(command) = commands.as_mut().and_then(|c| c.try_recv().ok()) {
+            if command == Command::Quit {
+                return Ok(());
+            }
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_taken_as_people_write_them() {
+        for (text, wanted) in [
+            ("127.0.0.1:9000", Some("127.0.0.1:9000")),
+            ("0.0.0.0", Some("0.0.0.0:8780")),
+            ("9001", Some("127.0.0.1:9001")),
+            (":9001", Some("127.0.0.1:9001")),
+            ("[::1]:9002", Some("[::1]:9002")),
+            ("everywhere", None),
+        ] {
+            assert_eq!(address(text), wanted.map(|w| w.parse().unwrap()), "{text}");
+        }
+    }
+}

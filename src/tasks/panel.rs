@@ -1,0 +1,215 @@
+//! The kernel of MP while the operator moves the arms by hand.
+//!
+//! - in: the operator's orders, one at a time
+//! - out: the behaviour that carries one out, or the order itself where no behaviour does; it never finishes by itself
+//! - source: the operator's panel of the original (synchronise; moves in motors, joints and tool axes; named poses)
+
+use super::{Action, Effort, Event, Readings, Task, Until};
+use crate::generators::Behaviour;
+use crate::motion::{AXES, Depth, JawCommand, JointPositions};
+use crate::operator::{Manual, Step};
+use crate::spatial::Pose;
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// What an arm can be told by hand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bench {
+    /// Poses that it can be sent to.
+    pub poses: Vec<(String, JointPositions)>,
+    /// Smallest and largest distance between the pads [m].
+    pub opening: (f64, f64),
+    /// Force with which its jaws close [N].
+    pub grip: f64,
+}
+
+/// The kernel.
+#[derive(Debug)]
+pub struct Panel {
+    arms: Vec<Bench>,
+    begun: bool,
+    notes: Vec<String>,
+}
+
+/// Share of the full speed by hand.
+const SPEED: f64 = 0.25;
+/// Least time of a motion of the jaws [s].
+const JAW_SECONDS: f64 = 0.6;
+/// The farthest that one order goes: an axis 0 or a tool [m], an angle [rad], a motor [rad].
+const FARTHEST: (f64, f64, f64) = (0.2, 0.6, 60.0);
+
+impl Panel {
+    /// For these arms.
+    #[must_use]
+    pub fn new(arms: Vec<Bench>) -> Self {
+        Self { arms, begun: false, notes: Vec::new() }
+    }
+
+    /// What is done for an order.
+    fn action(
+        &self,
+        effector: usize,
+        order: Manual,
+        readings: &Readings<'_>,
+    ) -> Result<Action<()>, String> {
+        let (Some(bench), Some(state)) = (self.arms.get(effector), readings.arms.get(effector))
+        else {
+            return Err(format!("there is no effector {effector}"));
+        };
+        let behaviour = match order {
+            Manual::Synchronise => return Ok(Action::Manual { effector, order }),
+            Manual::Motor(step) => {
+                within(step, FARTHEST.2, AXES)?;
+                return Ok(Action::Manual { effector, order });
+            }
+            Manual::Bias => return Ok(Action::Bias(std::array::from_fn(|i| i == effector))),
+            Manual::Joint(step) => {
+                within(step, if step.axis == 0 { FARTHEST.0 } else { FARTHEST.1 }, AXES)?;
+                let mut target = state.desired_joints;
+                target.0[step.axis] += step.by;
+                Behaviour::Joints { target, speed: SPEED, seconds: 0.0 }
+            }
+            Manual::Tool(step) => {
+                within(step, if step.axis < 3 { FARTHEST.0 } else { FARTHEST.1 }, 6)?;
+                let target = state.desired_base_from_tool * displacement(step);
+                Behaviour::Line { target, speed: SPEED }
+            }
+            Manual::Jaw { opening } => {
+                let (low, high) = bench.opening;
+                if !(low..=high).contains(&opening) {
+                    return Err(format!(
+                        "the jaws open from {:.0} to {:.0} mm",
+                        low * 1e3,
+                        high * 1e3
+                    ));
+                }
+                Behaviour::Jaw {
+                    jaw: JawCommand { opening, force_limit: bench.grip, stops: Depth::One },
+                    seconds: JAW_SECONDS,
+                    selector: [false; 6],
+                }
+            }
+            Manual::Pose { name } => {
+                let pose = bench.poses.iter().find(|(known, _)| *known == name);
+                let (_, target) = pose.ok_or_else(|| format!("there is no pose `{name}`"))?;
+                Behaviour::Joints { target: *target, speed: SPEED, seconds: 0.0 }
+            }
+        };
+        let orders = std::array::from_fn(|i| (i == effector).then_some(behaviour));
+        Ok(Action::Behave { orders, until: Until::Effector(effector) })
+    }
+}
+
+fn displacement(step: Step) -> Pose {
+    let mut axis = Vector3::zeros();
+    axis[step.axis % 3] = step.by;
+    if step.axis < 3 {
+        Pose::translation(axis.x, axis.y, axis.z)
+    } else {
+        let turn = UnitQuaternion::from_scaled_axis(axis);
+        Pose::from_parts(nalgebra::Translation3::identity(), turn)
+    }
+}
+
+fn within(step: Step, farthest: f64, axes: usize) -> Result<(), String> {
+    if step.axis >= axes {
+        return Err(format!("there is no axis {}", step.axis));
+    }
+    if step.by.abs() <= farthest {
+        return Ok(());
+    }
+    Err(format!("{:.2} is farther than one order goes, {farthest:.2}", step.by))
+}
+
+impl Task for Panel {
+    type Thought = ();
+    type Conclusion = ();
+
+    fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
+        match event {
+            Event::Start if !self.begun => {
+                self.begun = true;
+                return Action::Phase("by hand");
+            }
+            Event::Ordered(effector, order) => match self.action(effector, order, readings) {
+                Ok(action) => return action,
+                Err(why) => self.notes.push(format!("not done: {why}")),
+            },
+            Event::Behaved(outcomes) => {
+                let odd = outcomes.into_iter().flatten().find(crate::generators::Outcome::alarms);
+                self.notes.extend(odd.map(|outcome| outcome.to_string()));
+            }
+            // Of a trouble MP has told the operator itself.
+            Event::Start
+            | Event::Trouble(_)
+            | Event::Done
+            | Event::Looked(_)
+            | Event::Thought(())
+            | Event::Answered(_) => {}
+        }
+        Action::Await
+    }
+
+    fn notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
+
+    fn think((): ()) -> ((), Effort) {
+        ((), Effort(0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::ArmState;
+    use crate::tasks::Forces;
+
+    fn panel() -> Panel {
+        let poses = vec![("front".to_owned(), JointPositions([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))];
+        Panel::new(vec![Bench { poses, opening: (0.04, 0.09), grip: 40.0 }])
+    }
+
+    fn after(order: Manual) -> (Action<()>, Vec<String>) {
+        let mut panel = panel();
+        let arms = [ArmState::default()];
+        let readings = Readings { arms: &arms, forces: Forces::default() };
+        assert!(matches!(panel.next(Event::Start, &readings), Action::Phase(_)));
+        assert_eq!(panel.next(Event::Done, &readings), Action::Await);
+        (panel.next(Event::Ordered(0, order), &readings), panel.notes())
+    }
+
+    #[test]
+    fn a_joint_goes_from_where_it_is_set() {
+        let (action, _) = after(Manual::Joint(Step { axis: 2, by: -0.1 }));
+
+        let Action::Behave { orders: [Some(Behaviour::Joints { target, .. }), None], .. } = action
+        else {
+            panic!("{action:?}")
+        };
+        assert_eq!(target.0, [0.0, 0.0, -0.1, 0.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn orders_that_make_no_sense_are_refused_in_words() {
+        for order in [
+            Manual::Joint(Step { axis: 7, by: 0.1 }),
+            Manual::Joint(Step { axis: 1, by: 3.0 }),
+            Manual::Tool(Step { axis: 0, by: f64::NAN }),
+            Manual::Motor(Step { axis: 1, by: 1e6 }),
+            Manual::Jaw { opening: 0.2 },
+            Manual::Pose { name: "moon".into() },
+        ] {
+            let (action, notes) = after(order.clone());
+            assert_eq!(action, Action::Await, "{order:?}");
+            assert_eq!(notes.len(), 1, "{order:?}");
+        }
+    }
+
+    #[test]
+    fn motors_and_synchronising_are_for_the_shell() {
+        for order in [Manual::Synchronise, Manual::Motor(Step { axis: 3, by: 2.0 })] {
+            let (action, _) = after(order.clone());
+            assert_eq!(action, Action::Manual { effector: 0, order });
+        }
+    }
+}

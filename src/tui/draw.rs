@@ -1,0 +1,415 @@
+//! The terminal face's picture of a snapshot.
+
+use super::{App, Mode, STEPS};
+use crate::cube::Face;
+use crate::operator::{Class, ControlView, Snapshot, State, Subject};
+use ratatui::Frame;
+use ratatui::crossterm::event::KeyCode;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style, Stylize};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Cell, Clear, Gauge, Paragraph, Row, Table, Wrap};
+
+/// The six colours, 0..=5 = white, red, green, yellow, orange, blue.
+const COLOURS: [Color; 6] = [
+    Color::Rgb(244, 244, 240),
+    Color::Rgb(200, 32, 44),
+    Color::Rgb(31, 138, 70),
+    Color::Rgb(242, 195, 24),
+    Color::Rgb(238, 122, 28),
+    Color::Rgb(31, 87, 184),
+];
+/// Column and row of each face's first tile in the net.
+const PLACES: [(usize, usize); 6] = [(3, 0), (6, 3), (3, 3), (3, 6), (0, 3), (9, 3)];
+const AXES: [&str; 7] = ["track", "joint 1", "joint 2", "joint 3", "joint 4", "joint 5", "joint 6"];
+const TOOL: [&str; 6] = ["x", "y", "z", "about x", "about y", "about z"];
+
+/// Draws everything.
+pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
+    let s = &*app.snapshot;
+    let rows = [
+        Constraint::Length(1),
+        Constraint::Length(1),
+        Constraint::Length(3 + s.arms.len() as u16),
+        Constraint::Min(8),
+        Constraint::Length(8),
+        Constraint::Length(1),
+    ];
+    let [head, bar, arms, middle, messages, keys] = Layout::vertical(rows).areas(frame.area());
+    frame.render_widget(heading(app), head);
+    let done = s.step.map_or(0.0, |step| (step + 1) as f64 / s.plan.len().max(1) as f64);
+    let label = match s.step {
+        Some(step) => format!("step {} of {}", step + 1, s.plan.len()),
+        None => "no plan yet".to_owned(),
+    };
+    frame.render_widget(
+        Gauge::default().ratio(done.clamp(0.0, 1.0)).label(label).gauge_style(Color::Blue),
+        bar,
+    );
+    frame.render_widget(arm_table(s), arms);
+    let columns = [Constraint::Length(27), Constraint::Fill(3), Constraint::Fill(2)];
+    let [net, plan, actors] = Layout::horizontal(columns).areas(middle);
+    let colours: Vec<Option<usize>> = (0..54)
+        .map(|i| Some(usize::from(s.net.facelets.get(i).copied().flatten()?.colour)))
+        .collect();
+    frame.render_widget(net_of(&colours, None).block(Block::bordered().title("cube as read")), net);
+    if s.services.manual {
+        frame.render_widget(by_hand(app), plan);
+    } else {
+        frame.render_widget(plan_of(s, plan.height), plan);
+    }
+    frame.render_widget(actors_of(s), actors);
+    frame.render_widget(messages_of(s, messages.height), messages);
+    frame.render_widget(keys_of(app), keys);
+    if app.snapshot.question.is_some() {
+        question(app, frame);
+    }
+}
+
+fn heading(app: &App) -> Line<'_> {
+    let s = &*app.snapshot;
+    let fault = s.arms.iter().any(|arm| arm.fault.is_some());
+    let (word, colour) = match (s.control, &s.outcome) {
+        (_, Some(outcome)) if outcome.good => (outcome.verdict.as_str(), Color::Green),
+        (_, Some(outcome)) => (outcome.verdict.as_str(), Color::Red),
+        _ if fault => ("fault", Color::Red),
+        (ControlView::Waiting, _) => ("waits for start", Color::Yellow),
+        (ControlView::Running, _) => ("running", Color::Blue),
+        (ControlView::Paused, _) => ("paused", Color::Yellow),
+        (ControlView::Terminated | ControlView::Ended, _) => ("ending", Color::Yellow),
+    };
+    let why = s.outcome.as_ref().map_or(s.phase.as_str(), |outcome| outcome.reason.as_str());
+    Line::from(vec![
+        Span::styled(format!(" {word} "), Style::new().bg(colour).fg(Color::White).bold()),
+        Span::raw(format!(" {why}   ")),
+        Span::styled(format!("{:.1} s", s.time), Modifier::BOLD),
+        Span::raw(format!("  {:.1} x   cube: {}   ", s.factor, s.cube.with)),
+        Span::raw(app.stage.title.clone()).dim(),
+    ])
+}
+
+fn arm_table(s: &Snapshot) -> Table<'_> {
+    let rows = s.arms.iter().map(|arm| {
+        let joints: Vec<String> =
+            arm.joints[1..].iter().map(|q| format!("{:.1}", q.to_degrees())).collect();
+        let force = |d: &[f64]| d.iter().map(|c| c * c).sum::<f64>().sqrt();
+        let row = Row::new(vec![
+            Cell::from(arm.name.clone()).bold(),
+            Cell::from(format!("{:.3} m", arm.joints[0])),
+            Cell::from(joints.join(" ")),
+            Cell::from(format!("{:.1} mm", arm.opening * 1e3)),
+            Cell::from(format!("{:.1} N", force(&arm.wrench[..3]))),
+            Cell::from(format!("{:.2} Nm", force(&arm.wrench[3..]))),
+            Cell::from(format!("{:.2} mm", arm.following * 1e3)),
+            Cell::from(arm.fault.clone().unwrap_or_default()),
+        ]);
+        if arm.fault.is_some() { row.red() } else { row }
+    });
+    let widths = [
+        Constraint::Length(10),
+        Constraint::Length(9),
+        Constraint::Length(42),
+        Constraint::Length(9),
+        Constraint::Length(8),
+        Constraint::Length(8),
+        Constraint::Length(9),
+        Constraint::Fill(1),
+    ];
+    let names = ["arm", "track", "joints [deg]", "jaws", "force", "torque", "follows", ""];
+    Table::new(rows, widths).header(Row::new(names).dim()).block(Block::bordered())
+}
+
+/// A net of two letters' width a tile; `at` is under the cursor.
+fn net_of(colours: &[Option<usize>], at: Option<usize>) -> Paragraph<'static> {
+    let mut grid = vec![vec![Span::raw("  "); 12]; 9];
+    for (index, colour) in colours.iter().enumerate() {
+        let (column, row) = place(index);
+        let background = colour.map_or(Color::DarkGray, |c| COLOURS[c.min(5)]);
+        let mark = match (at == Some(index), colour) {
+            (true, _) => "[]",
+            (false, None) => "??",
+            (false, Some(_)) => "  ",
+        };
+        grid[row][column] = Span::styled(mark, Style::new().bg(background).fg(Color::Black).bold());
+    }
+    Paragraph::new(grid.into_iter().map(Line::from).collect::<Vec<_>>())
+}
+
+fn place(index: usize) -> (usize, usize) {
+    let (column, row) = PLACES[index / 9];
+    (column + index % 3, row + index % 9 / 3)
+}
+
+/// The tile that a cursor key leads to.
+pub(super) fn neighbour(index: usize, key: KeyCode) -> usize {
+    let (dx, dy) = match key {
+        KeyCode::Left => (11, 0),
+        KeyCode::Right => (1, 0),
+        KeyCode::Up => (0, 8),
+        KeyCode::Down => (0, 1),
+        _ => return index,
+    };
+    let (mut column, mut row) = place(index);
+    for _ in 0..12 {
+        (column, row) = ((column + dx) % 12, (row + dy) % 9);
+        if let Some(found) = (0..54).find(|&i| place(i) == (column, row)) {
+            return found;
+        }
+    }
+    index
+}
+
+fn plan_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
+    let shown = usize::from(height.saturating_sub(2)).max(1);
+    let first = s.step.map_or(0, |step| step.saturating_sub(shown / 3));
+    let lines = s.plan.iter().enumerate().skip(first).take(shown).map(|(i, line)| {
+        let text = format!("{:3}  {}", i + 1, line.what);
+        match s.step {
+            Some(step) if i == step => Line::styled(text, Style::new().bg(Color::Blue).white()),
+            Some(step) if i < step => Line::from(text).dim(),
+            _ => Line::from(text),
+        }
+    });
+    Paragraph::new(lines.collect::<Vec<_>>()).block(Block::bordered().title("plan"))
+}
+
+fn by_hand(app: &App) -> Paragraph<'_> {
+    let name = app.stage.arms.get(app.arm).map_or("", |arm| arm.name.as_str());
+    let (length, angle, motor) = STEPS[app.size];
+    let (mode, axes, step): (&str, &[&str], String) = match app.mode {
+        Mode::Joint => {
+            ("joints", &AXES, format!("{} mm, {:.1} deg", length * 1e3, angle.to_degrees()))
+        }
+        Mode::Tool => {
+            ("tool axes", &TOOL, format!("{} mm, {:.1} deg", length * 1e3, angle.to_degrees()))
+        }
+        Mode::Motor => ("motors", &AXES, format!("{motor} rad")),
+    };
+    let mut lines = vec![Line::from(format!("{name}: {mode}, step {step}")).bold()];
+    lines.extend(axes.iter().enumerate().map(|(i, axis)| {
+        let text = format!(" {axis}");
+        if i == app.axis { Line::from(text).reversed() } else { Line::from(text) }
+    }));
+    let poses = app.stage.arms.get(app.arm).map(|arm| arm.poses.as_slice()).unwrap_or_default();
+    let poses: Vec<String> =
+        poses.iter().enumerate().map(|(i, name)| format!("{} {name}", i + 1)).collect();
+    lines.push(Line::from(format!("go to: {}", poses.join(", "))));
+    let keys = "arrows move, m mode, +- step, Tab arm, y synchronise, o c jaws, b zero the sensor";
+    lines.push(Line::from(keys).dim());
+    Paragraph::new(lines).wrap(Wrap { trim: false }).block(Block::bordered().title("by hand"))
+}
+
+fn actors_of(s: &Snapshot) -> Paragraph<'_> {
+    let line = |actor: &crate::operator::ActorView| {
+        let (word, colour) = match actor.state {
+            State::Absent => ("not there", Color::DarkGray),
+            State::NotSynchronised => ("not sync.", Color::Yellow),
+            State::Idle => ("idle", Color::Gray),
+            State::Running => ("running", Color::Blue),
+            State::Held => ("held", Color::Green),
+            State::Fault => ("fault", Color::Red),
+        };
+        Line::from(vec![
+            Span::raw(format!("{:<15}", actor.name)),
+            Span::styled(format!("{word:<10}"), colour),
+            Span::raw(actor.words.clone()).dim(),
+        ])
+    };
+    Paragraph::new(s.actors.iter().map(line).collect::<Vec<_>>())
+        .block(Block::bordered().title("actors"))
+}
+
+fn messages_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
+    let shown = usize::from(height.saturating_sub(2));
+    let first = s.messages.len().saturating_sub(shown);
+    let line = |m: &crate::operator::Message| {
+        let style = match m.class {
+            Class::Info => Style::new(),
+            Class::Warning => Style::new().yellow(),
+            Class::NonFatal | Class::Fatal | Class::System => Style::new().red(),
+        };
+        Line::styled(format!("{:8.2} s  {:<14} {}", m.time, m.source, m.text), style)
+    };
+    Paragraph::new(s.messages[first..].iter().map(line).collect::<Vec<_>>())
+        .block(Block::bordered().title("messages"))
+}
+
+fn keys_of(app: &App) -> Line<'_> {
+    if !app.note.is_empty() {
+        return Line::from(app.note.as_str()).yellow();
+    }
+    if app.sure {
+        return Line::from("terminate: both arms come to rest and hold what they hold. y to do it")
+            .yellow();
+    }
+    let words = match app.snapshot.control {
+        ControlView::Ended => "q leave",
+        ControlView::Waiting => "s start   t terminate   e emergency stop (no safety function)",
+        _ => "p pause  r resume  t terminate  < > speed  e emergency stop (no safety function)",
+    };
+    Line::from(words).dim()
+}
+
+fn question(app: &App, frame: &mut Frame<'_>) {
+    let Some(question) = &app.snapshot.question else { return };
+    let area = frame.area();
+    let (width, height) = (area.width.min(70), area.height.min(19));
+    let at = Rect {
+        x: area.x + (area.width - width) / 2,
+        y: area.y + (area.height - height) / 2,
+        width,
+        height,
+    };
+    frame.render_widget(Clear, at);
+    let block = Block::bordered().title("the robot asks").yellow();
+    let inner = block.inner(at);
+    frame.render_widget(block, at);
+    let rows = [Constraint::Length(4), Constraint::Min(9), Constraint::Length(3)];
+    let [text, body, foot] = Layout::vertical(rows).areas(inner);
+    frame.render_widget(Paragraph::new(question.text.as_str()).wrap(Wrap { trim: true }), text);
+    let keys = match (&question.subject, &app.answer) {
+        (Subject::Choice { options }, _) => {
+            let lines =
+                options.iter().enumerate().map(|(i, o)| Line::from(format!("{} {o}", i + 1)));
+            frame.render_widget(Paragraph::new(lines.collect::<Vec<_>>()), body);
+            "a digit answers"
+        }
+        (Subject::Stickers { .. }, Some((_, colours, cursor))) => {
+            let colours: Vec<_> = colours.iter().map(|c| c.map(Face::index)).collect();
+            frame.render_widget(net_of(&colours, Some(*cursor)), body);
+            "arrows, W R G Y O B paint, Enter sends, Esc declines"
+        }
+        (Subject::Stickers { .. }, None) => "",
+    };
+    let note = if app.note.is_empty() { keys } else { app.note.as_str() };
+    let foot_text = format!("{note}\n{:.0} s; {}", question.seconds, question.otherwise);
+    frame.render_widget(Paragraph::new(foot_text).wrap(Wrap { trim: true }), foot);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::operator::{ActorView, ArmView, Message, OutcomeView, PlanLine, Question, Reading};
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+    use std::sync::Arc;
+
+    fn drawn(snapshot: Snapshot, (width, height): (u16, u16)) -> String {
+        let mut app = App::default();
+        app.take(Arc::new(snapshot));
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+        terminal.draw(|f| frame(&app, f)).unwrap();
+        let buffer = terminal.backend().buffer();
+        let rows = buffer.content().chunks(usize::from(width));
+        rows.map(|row| row.iter().map(ratatui::buffer::Cell::symbol).collect::<String>() + "\n")
+            .collect()
+    }
+
+    fn snapshot() -> Snapshot {
+        let line =
+            |n: usize| PlanLine { what: format!("turn {n}"), why: String::new(), seconds: 1.0 };
+        let arm = ArmView {
+            name: "track".into(),
+            joints: [0.5, 0.0, -1.57, 0.0, 1.5, 1.5, 0.0],
+            motors: [0.0; 7],
+            frames: vec![],
+            opening: 0.057,
+            grip: 30.0,
+            wrench: [3.0, 4.0, 0.0, 0.0, 0.0, 1.0],
+            peak: (5.0, 1.0),
+            following: 0.0004,
+            synchronised: true,
+            fault: None,
+        };
+        let message = Message {
+            number: 1,
+            time: 12.5,
+            class: Class::NonFatal,
+            source: "edp track".into(),
+            text: "pose out of reach".into(),
+        };
+        Snapshot {
+            time: 12.5,
+            control: ControlView::Running,
+            phase: "solve".into(),
+            arms: vec![arm],
+            plan: Arc::new((1..40).map(line).collect()),
+            step: Some(30),
+            actors: vec![ActorView { name: "mp".into(), state: State::Running, words: "x".into() }],
+            messages: Arc::new(vec![message]),
+            ..Snapshot::default()
+        }
+    }
+
+    #[test]
+    fn a_run_is_shown_with_its_step_forces_and_messages() {
+        let text = drawn(snapshot(), (120, 36));
+
+        for words in [
+            "running",
+            "solve",
+            "12.5 s",
+            "turn 31",
+            "step 31 of 39",
+            "5.0 N",
+            "57.0 mm",
+            "pose out of reach",
+        ] {
+            assert!(text.contains(words), "no `{words}` in\n{text}");
+        }
+        assert!(!text.contains("turn 1 "), "the plan is scrolled to its step");
+    }
+
+    #[test]
+    fn a_small_terminal_is_no_reason_to_fail() {
+        for size in [(80, 24), (40, 12), (10, 3), (1, 1)] {
+            drawn(snapshot(), size);
+        }
+    }
+
+    #[test]
+    fn the_end_and_its_reason_are_shown() {
+        let outcome = OutcomeView {
+            verdict: "failed".into(),
+            good: false,
+            reason: "jam at face R".into(),
+            figures: vec![],
+        };
+        let text = drawn(
+            Snapshot { outcome: Some(outcome), control: ControlView::Ended, ..snapshot() },
+            (120, 30),
+        );
+
+        assert!(
+            text.contains("failed") && text.contains("jam at face R") && text.contains("q leave")
+        );
+    }
+
+    #[test]
+    fn a_question_lies_over_everything_and_the_net_has_its_colours() {
+        let read = crate::cube::Facelets::solved();
+        let question = Question {
+            number: 1,
+            text: "stickers F5 are not certain".into(),
+            otherwise: "else it goes back".into(),
+            seconds: 60.0,
+            subject: Subject::Stickers { read, doubtful: vec![22] },
+        };
+        let mut asked = Snapshot { question: Some(question), ..snapshot() };
+        asked.net.facelets = vec![Some(Reading { colour: 2, confidence: 0.9 }); 54];
+
+        let text = drawn(asked, (100, 40));
+
+        assert!(
+            text.contains("F5") && text.contains("[]") && text.contains("Esc declines"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn the_cursor_wraps_round_the_net() {
+        assert_eq!(neighbour(0, KeyCode::Left), 2, "U1 to U3");
+        assert_eq!(neighbour(20, KeyCode::Right), 9, "F3 to R1");
+        assert_eq!(neighbour(18, KeyCode::Up), 6, "F1 to U7");
+    }
+}

@@ -1,0 +1,150 @@
+// The page: what comes in is shown, what is pressed goes out.
+
+import { Link } from "./link.js";
+import { Scene } from "./scene.js";
+import { Curves } from "./curves.js";
+import { NetView } from "./net.js";
+import { Manual } from "./manual.js";
+import * as panels from "./panels.js";
+
+const $ = (id) => document.getElementById(id);
+const STATES = {
+  waiting: ["waits for start", "warn"], running: ["running", "main"], paused: ["paused", "warn"],
+  terminated: ["ending", "warn"], ended: ["ended", ""],
+};
+
+const scene = new Scene($("scene"));
+const curves = new Curves($("curves"));
+const net = new NetView($("net"), $("net-note"));
+let snapshot = null;
+let seat = { own: false, taken: false };
+let line = false;
+let met = false;
+
+const link = new Link({
+  stage(stage) {
+    $("title").textContent = stage.title || "no run yet";
+    $("title").title = stage.title;
+    document.title = `${stage.title.split("/").at(-1) || "rubik-robot"} – rubik-robot`;
+    const facts = [stage.task && `task ${stage.task}`, stage.plant, stage.pace, stage.coordination, stage.task && `seed ${stage.seed}`];
+    if (stage.version) $("version").textContent = `${facts.filter(Boolean).join(", ")} – version ${stage.version}`;
+    if (!stage.version) return;
+    scene.set(stage);
+    curves.set(stage);
+    manual.set(stage);
+    panels.setCameras(stage.cameras);
+  },
+  plan: panels.showPlan,
+  messages: panels.tell,
+  snapshot(fresh) {
+    snapshot = fresh;
+    show();
+  },
+  seat(fresh) {
+    met = true;
+    seat = fresh;
+    show();
+  },
+  refused(why) {
+    notice(why);
+  },
+  line(up) {
+    line = up;
+    if (!up) {
+      $("state").textContent = "no line";
+      $("state").className = "badge bad";
+    }
+    show();
+  },
+});
+const manual = new Manual((command) => link.say(command));
+
+function show() {
+  const s = snapshot;
+  const own = line && seat.own;
+  $("seat").textContent = !line ? "The program does not answer; trying again." : seat.taken ? "Another page commands; this one watches." : "No page commands.";
+  $("watching").hidden = own || !met;
+  $("take").hidden = !line;
+  document.body.classList.toggle("watching", !own);
+  if (!s) return;
+  const control = s.control;
+  const stopped = s.arms.some((arm) => arm.fault);
+  if (line) {
+    const [text, kind] = STATES[control];
+    const failed = control === "ended" && s.outcome && !s.outcome.good;
+    const shown = stopped && control !== "ended" ? ["fault", "bad"] : failed ? [s.outcome.verdict, "bad"] : control === "ended" ? [s.outcome?.verdict ?? text, "good"] : [text, kind];
+    [$("state").textContent, $("state").className] = [shown[0], `badge ${shown[1]}`];
+  }
+  $("phase").textContent = control === "ended" ? "" : s.phase;
+  $("time").textContent = `${s.time.toFixed(1)} s`;
+  $("factor").textContent = control === "ended" ? "" : `${s.factor.toFixed(s.factor < 10 ? 1 : 0)}×`;
+  $("start").disabled = !(own && control === "waiting");
+  $("pause").disabled = !(own && control === "running");
+  $("resume").disabled = !(own && control === "paused");
+  $("terminate").disabled = !(own && ["waiting", "running", "paused"].includes(control));
+  $("emergency").disabled = !line || control === "ended";
+  $("start").hidden = !["waiting"].includes(control) && control !== "ended" && s.time > 0;
+  $("start").hidden ||= control === "ended";
+  $("pause").hidden = $("resume").hidden = control === "ended" && s.services.seek_ms === null;
+  $("terminate").hidden = control === "ended";
+  $("quit").hidden = control !== "ended";
+  $("quit").disabled = !own;
+  $("speed-label").hidden = !s.services.speed;
+  $("speed").disabled = !own;
+  if (document.activeElement !== $("speed")) {
+    const known = [...$("speed").options].some((o) => Number(o.value) === s.speed);
+    if (!known) $("speed").append(Object.assign(document.createElement("option"), { value: String(s.speed), textContent: `${s.speed}×` }));
+    $("speed").value = String(s.speed);
+  }
+  const length = s.services.seek_ms;
+  $("seek-bar").hidden = length === null;
+  if (length !== null) {
+    $("seek").max = String(length / 1000);
+    if (!seeking) $("seek").value = String(s.time);
+    $("seek-time").textContent = `${s.time.toFixed(1)} of ${(length / 1000).toFixed(1)} s`;
+  }
+  const byHand = s.services.manual;
+  $("manual").hidden = !byHand;
+  document.querySelector("main").classList.toggle("by-hand", byHand);
+  for (const button of document.querySelectorAll("#manual button")) if (button.id !== "synchronise") button.disabled = !own;
+  if (byHand) manual.show(s);
+  scene.show(s);
+  curves.show(s);
+  net.show(s.net);
+  $("cube-with").textContent = s.cube.with ? `cube: ${s.cube.with}` : "";
+  panels.showActors(s.actors);
+  panels.showPhases(s.phases, control === "ended");
+  panels.showStep(s.step, control);
+  panels.showOutcome(s.outcome);
+  panels.showCameras(s.cameras);
+  panels.showQuestion(s.question, s.time, own, (command) => link.say(command));
+}
+
+let hush;
+function notice(text) {
+  $("notice").textContent = text;
+  $("notice").hidden = false;
+  clearTimeout(hush);
+  hush = setTimeout(() => { $("notice").hidden = true; }, 6000);
+}
+
+for (const name of ["start", "pause", "resume", "quit"]) $(name).onclick = () => link.command(name);
+$("terminate").onclick = () => $("sure").showModal();
+$("sure-yes").onclick = () => link.command("terminate");
+$("emergency").onclick = () => link.command("emergency_stop");
+$("take").onclick = () => link.say({ seat: "take" });
+$("speed").onchange = () => link.command("speed", { factor: Number($("speed").value) });
+let seeking = false;
+$("seek").onpointerdown = () => { seeking = true; };
+$("seek").onpointerup = () => { seeking = false; };
+$("seek").oninput = () => link.command("seek", { time: Number($("seek").value) });
+for (const button of document.querySelectorAll("[data-view]")) button.onclick = () => scene.look(button.dataset.view);
+for (const button of document.querySelectorAll("[data-window]")) {
+  button.onclick = () => {
+    curves.window = Number(button.dataset.window);
+    for (const other of document.querySelectorAll("[data-window]")) other.setAttribute("aria-pressed", String(other === button));
+  };
+}
+setInterval(() => { $("rate").textContent = scene.renderer && document.visibilityState === "visible" ? `${scene.rate().toFixed(0)} pictures/s` : ""; }, 1000);
+// For tests: what the page knows.
+window.page = { scene, get snapshot() { return snapshot; }, link };

@@ -1,0 +1,136 @@
+// The cube's net: shown with how sure each facelet is, or edited when the controller asks.
+
+import { COLOURS, COLOUR_NAMES, LETTERS } from "./scene.js";
+
+// Column and row of each face's first tile in a grid of 12 x 9.
+const PLACES = [[3, 0], [6, 3], [3, 3], [3, 6], [0, 3], [9, 3]];
+const KEYS = "wrgyob";
+const UNSURE = 0.5;
+
+export const nameOf = (index) => `${LETTERS[Math.floor(index / 9)]}${(index % 9) + 1}`;
+
+function tiles(kind) {
+  const net = Object.assign(document.createElement("div"), { className: "net" });
+  const all = [];
+  for (let i = 0; i < 54; i++) {
+    const tile = Object.assign(document.createElement(kind), { className: "tile" });
+    const [column, row] = PLACES[Math.floor(i / 9)];
+    tile.style.gridColumn = column + (i % 3) + 1;
+    tile.style.gridRow = row + Math.floor((i % 9) / 3) + 1;
+    all.push(tile);
+    net.append(tile);
+  }
+  return [net, all];
+}
+
+export class NetView {
+  constructor(place, note) {
+    [this.net, this.tiles] = tiles("span");
+    this.net.setAttribute("role", "img");
+    this.note = note;
+    place.append(this.net);
+    this.last = "";
+  }
+
+  show(net) {
+    const text = JSON.stringify(net);
+    if (text === this.last) return;
+    this.last = text;
+    let [known, unsure] = [0, 0];
+    this.tiles.forEach((tile, i) => {
+      const read = net.facelets[i];
+      tile.style.background = read ? COLOURS[read.colour] : "";
+      const dim = read && read.confidence < UNSURE;
+      tile.classList.toggle("dim", !!dim);
+      tile.title = read ? `${nameOf(i)}: ${COLOUR_NAMES[read.colour]}, ${(read.confidence * 100).toFixed(0)} % sure` : `${nameOf(i)}: not read`;
+      known += read ? 1 : 0;
+      unsure += dim ? 1 : 0;
+    });
+    const doubts = unsure ? `, ${unsure} not sure (dot)` : "";
+    this.note.textContent = !known ? "not read yet" : net.decided ? `decided as a whole${doubts}` : `${known} of 54 read${doubts}`;
+    this.net.setAttribute("aria-label", `The cube's net: ${this.note.textContent}`);
+  }
+}
+
+/** A net to be corrected; `stickers()` has the 54 letters. */
+export class NetEditor {
+  constructor(place, read, doubtful, changed) {
+    this.colours = [...read].map((letter) => LETTERS.indexOf(letter));
+    this.changed = changed;
+    this.brush = 0;
+    const palette = Object.assign(document.createElement("div"), { className: "palette" });
+    palette.setAttribute("role", "group");
+    palette.setAttribute("aria-label", "Colour to paint with");
+    this.brushes = COLOUR_NAMES.map((name, c) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      const chip = document.createElement("i");
+      chip.style.background = COLOURS[c];
+      const count = document.createElement("span");
+      button.append(chip, `${name} `, count);
+      button.onclick = () => this.take(c);
+      button.dataset.colour = name;
+      palette.append(button);
+      return { button, count };
+    });
+    [this.net, this.tiles] = tiles("button");
+    this.tiles.forEach((tile, i) => {
+      tile.type = "button";
+      tile.tabIndex = i === (doubtful[0] ?? 0) ? 0 : -1;
+      tile.dataset.facelet = nameOf(i);
+      tile.classList.toggle("ask", doubtful.includes(i));
+      tile.onclick = () => this.paint(i, this.brush);
+      tile.onkeydown = (event) => this.key(event, i);
+    });
+    place.replaceChildren(palette, this.net);
+    this.take(0);
+    this.tiles.forEach((_, i) => this.paint(i, this.colours[i]));
+    this.tiles[doubtful[0] ?? 0].focus();
+  }
+
+  take(colour) {
+    this.brush = colour;
+    this.brushes.forEach(({ button }, c) => button.setAttribute("aria-pressed", String(c === colour)));
+  }
+
+  paint(i, colour) {
+    this.colours[i] = colour;
+    const tile = this.tiles[i];
+    tile.style.background = COLOURS[colour] ?? "";
+    tile.setAttribute("aria-label", `${nameOf(i)}: ${COLOUR_NAMES[colour] ?? "unknown"}`);
+    const counts = COLOUR_NAMES.map((_, c) => this.colours.filter((own) => own === c).length);
+    this.brushes.forEach(({ count }, c) => {
+      count.textContent = counts[c] === 9 ? "9" : `${counts[c]} of 9`;
+      count.classList.toggle("wrong", counts[c] !== 9);
+    });
+    this.changed(counts.every((n) => n === 9));
+  }
+
+  key(event, i) {
+    const digit = "123456".indexOf(event.key);
+    const letter = KEYS.indexOf(event.key.toLowerCase());
+    const colour = digit >= 0 ? digit : letter;
+    if (colour >= 0 && !event.ctrlKey && !event.metaKey) {
+      event.preventDefault();
+      return this.paint(i, colour);
+    }
+    const ways = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    const way = ways[event.key];
+    if (!way) return;
+    event.preventDefault();
+    const place = (k) => [PLACES[Math.floor(k / 9)][0] + (k % 3), PLACES[Math.floor(k / 9)][1] + Math.floor((k % 9) / 3)];
+    let [x, y] = place(i);
+    for (let n = 0; n < 12; n++) {
+      [x, y] = [(x + way[0] + 12) % 12, (y + way[1] + 9) % 9];
+      const to = this.tiles.findIndex((_, k) => place(k)[0] === x && place(k)[1] === y);
+      if (to < 0) continue;
+      this.tiles[i].tabIndex = -1;
+      this.tiles[to].tabIndex = 0;
+      return this.tiles[to].focus();
+    }
+  }
+
+  stickers() {
+    return this.colours.map((c) => LETTERS[c] ?? "-").join("");
+  }
+}

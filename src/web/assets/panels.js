@@ -1,0 +1,239 @@
+// Panels of plain text: actors, phases, plan, console, cameras, and the controller's questions.
+
+import { COLOURS } from "./scene.js";
+import { NetEditor } from "./net.js";
+
+const $ = (id) => document.getElementById(id);
+const el = (tag, props = {}, ...children) => {
+  const it = Object.assign(document.createElement(tag), props);
+  it.append(...children);
+  return it;
+};
+
+const STATES = {
+  absent: ["not there", ""], not_synchronised: ["not synchronised", "warn"], idle: ["idle", ""],
+  running: ["running", "main"], held: ["held", "good"], fault: ["fault", "bad"],
+};
+
+export function showActors(actors) {
+  const list = $("actors");
+  actors.forEach((actor, i) => {
+    let row = list.children[i];
+    if (!row) {
+      row = el("li", {}, el("b"), el("span"), el("span"));
+      list.append(row);
+    }
+    const [name, badge, words] = row.children;
+    const [text, kind] = STATES[actor.state] ?? [actor.state, ""];
+    if (name.textContent !== actor.name) name.textContent = actor.name;
+    if (badge.textContent !== text) [badge.textContent, badge.className] = [text, `badge ${kind}`];
+    if (words.textContent !== actor.words) words.textContent = words.title = actor.words;
+  });
+  while (list.children.length > actors.length) list.lastChild.remove();
+}
+
+let phasesShown = "";
+export function showPhases(phases, over) {
+  const key = JSON.stringify([phases, over]);
+  if (key === phasesShown) return;
+  phasesShown = key;
+  $("phases").replaceChildren(...phases.map(([name, at], i) =>
+    el("li", { textContent: name, title: `from ${at.toFixed(1)} s`, className: i === phases.length - 1 && !over ? "now" : "" })));
+}
+
+let plan = [];
+export function showPlan(lines) {
+  plan = lines;
+  $("plan").replaceChildren(...(lines.length
+    ? lines.map((line) => el("li", {}, el("span", { textContent: line.what }), el("span", { className: "quiet number", textContent: `${line.seconds.toFixed(1)} s` }), el("small", { textContent: line.why })))
+    : [el("li", { className: "empty", textContent: "no plan yet" })]));
+  stepShown = undefined;
+}
+
+let stepShown;
+export function showStep(step, control) {
+  $("progress").max = Math.max(1, plan.length);
+  const ended = control === "ended";
+  const done = step === null ? 0 : step;
+  $("progress").value = plan.length && ended && step === plan.length - 1 ? plan.length : done;
+  $("progress-text").textContent = plan.length && step !== null ? `step ${Math.min(step + 1, plan.length)} of ${plan.length}` : "";
+  if (step === stepShown) return;
+  stepShown = step;
+  [...$("plan").children].forEach((line, i) => {
+    line.classList.toggle("now", i === step);
+    line.classList.toggle("done", step !== null && i < step);
+  });
+  const now = $("plan").children[step];
+  if (now) $("plan").scrollTop = now.offsetTop - $("plan").offsetTop - $("plan").clientHeight / 3;
+}
+
+export function showOutcome(outcome) {
+  const box = $("outcome");
+  const key = JSON.stringify(outcome);
+  if (box.dataset.key === key) return;
+  box.dataset.key = key;
+  box.hidden = !outcome;
+  if (!outcome) return;
+  box.className = outcome.good ? "good" : "";
+  const list = el("dl");
+  for (const [name, value] of outcome.figures) if (value) list.append(el("dt", { textContent: name }), el("dd", { textContent: value }));
+  box.replaceChildren(el("strong", { textContent: outcome.verdict }), el("p", { textContent: outcome.reason }), list);
+}
+
+// ---- console ----
+const RANK = { info: 0, warning: 1, non_fatal: 2, fatal: 3, system: 3 };
+const NAMES = { info: "info", warning: "warning", non_fatal: "non-fatal", fatal: "fatal", system: "system" };
+let messages = [];
+
+export function tell(fresh) {
+  if (!fresh.length || (messages.length && fresh[0].number <= messages.at(-1).number)) {
+    messages = [];
+    $("messages").replaceChildren();
+  }
+  const known = new Set(messages.map((m) => m.source));
+  messages.push(...fresh);
+  if (messages.length > 1000) {
+    messages.splice(0, 250);
+    refilter();
+  }
+  for (const { source } of fresh) {
+    if (!known.has(source) && ![...$("source").options].some((o) => o.value === source)) $("source").append(el("option", { value: source, textContent: source }));
+    known.add(source);
+  }
+  append(fresh);
+}
+
+function wanted(message) {
+  const words = $("search").value.trim().toLowerCase();
+  return RANK[message.class] >= RANK[$("class").value]
+    && (!$("source").value || message.source === $("source").value)
+    && (!words || message.text.toLowerCase().includes(words));
+}
+
+function append(some) {
+  const list = $("messages");
+  const atEnd = list.scrollTop + list.clientHeight >= list.scrollHeight - 30;
+  list.append(...some.filter(wanted).map((m) => el("p", { className: m.class },
+    el("span", { textContent: `${m.time.toFixed(2)} s` }), el("span", { textContent: NAMES[m.class] }),
+    el("span", { textContent: m.source }), el("span", { textContent: m.text }))));
+  if (atEnd) list.scrollTop = list.scrollHeight;
+}
+
+function refilter() {
+  $("messages").replaceChildren();
+  append(messages);
+  $("messages").scrollTop = $("messages").scrollHeight;
+}
+for (const id of ["class", "source", "search"]) $(id).addEventListener("input", refilter);
+
+// ---- cameras ----
+const views = [];
+
+export function setCameras(cameras) {
+  views.length = 0;
+  $("cameras").replaceChildren(...cameras.map((camera, i) => {
+    const canvas = el("canvas", { width: camera.size[0] || 4, height: camera.size[1] || 3 });
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", `Camera ${camera.name}: no picture yet`);
+    const words = el("span", { textContent: "no picture yet" });
+    views[i] = { canvas, words, frame: 0, busy: false, image: null };
+    return el("figure", {}, canvas, el("figcaption", {}, el("b", { textContent: camera.name.replaceAll("_", " ") }), words));
+  }));
+  if (!cameras.length) $("cameras").append(el("p", { className: "empty", textContent: "this cell has no cameras" }));
+}
+
+export function showCameras(cameras) {
+  cameras.forEach(async (camera, i) => {
+    const view = views[i];
+    if (!view || !camera.frame || view.busy || view.frame === camera.frame) return;
+    view.busy = true;
+    try {
+      const query = location.search ? `${location.search}&f=${camera.frame}` : `?f=${camera.frame}`;
+      const answer = await fetch(`/camera/${i}${query}`);
+      if (!answer.ok) throw new Error(answer.statusText);
+      const image = await createImageBitmap(await answer.blob());
+      view.frame = camera.frame;
+      paint(view, image, camera);
+      image.close();
+    } catch (error) {
+      view.words.textContent = String(error.message ?? error);
+      view.frame = camera.frame;
+    } finally {
+      view.busy = false;
+    }
+  });
+}
+
+function paint(view, image, camera) {
+  const { canvas } = view;
+  const show = Math.min(1, 640 / image.width);
+  [canvas.width, canvas.height] = [Math.round(image.width * show), Math.round(image.height * show)];
+  canvas.style.aspectRatio = `${image.width} / ${image.height}`;
+  const at = canvas.getContext("2d");
+  at.drawImage(image, 0, 0, canvas.width, canvas.height);
+  at.scale(show, show);
+  const thick = 2.2 / show;
+  const trace = (points) => {
+    at.beginPath();
+    points.forEach(([x, y], k) => (k ? at.lineTo(x, y) : at.moveTo(x, y)));
+    at.closePath();
+    at.stroke();
+  };
+  for (const outline of camera.outlines) {
+    [at.strokeStyle, at.lineWidth] = ["#000a", thick * 2.2];
+    trace(outline);
+    [at.strokeStyle, at.lineWidth] = ["#39e6ff", thick];
+    trace(outline);
+  }
+  for (const mark of camera.marks) {
+    const [x, y] = mark.at;
+    const r = 7 / show;
+    at.beginPath();
+    at.arc(x, y, r, 0, 7);
+    at.fillStyle = mark.colour === null ? "#0006" : COLOURS[mark.colour];
+    at.fill();
+    [at.strokeStyle, at.lineWidth] = [mark.colour === null || mark.confidence < 0.5 ? "#ff3b46" : "#000c", thick];
+    at.stroke();
+  }
+  view.words.textContent = `${camera.words} · ${camera.time.toFixed(1)} s`;
+  view.words.title = camera.words;
+  canvas.setAttribute("aria-label", `Camera ${canvas.parentElement.querySelector("b").textContent}: ${camera.words}`);
+}
+
+// ---- questions ----
+let open = null;
+
+export function showQuestion(question, time, commands, send) {
+  const box = $("question");
+  if (!question) {
+    if (open) box.close();
+    open = null;
+    return;
+  }
+  if (open?.number !== question.number) {
+    open = { number: question.number, since: time };
+    $("question-text").textContent = question.text;
+    $("question-net").replaceChildren();
+    const answer = (value) => send({ command: "answer", question: question.number, answer: value });
+    const buttons = [];
+    if (question.subject === undefined || question.subject.subject === "choice") {
+      question.subject.options.forEach((option, k) => {
+        buttons.push(el("button", { textContent: option, className: k ? "" : "main", onclick: () => answer({ answer: "choice", option: k }) }));
+      });
+    } else {
+      const ok = el("button", { id: "question-send", textContent: "These are the colours", className: "main" });
+      const { read, doubtful } = question.subject;
+      const editor = new NetEditor($("question-net"), read, doubtful, (right) => { ok.disabled = !right; });
+      ok.onclick = () => answer({ answer: "stickers", stickers: editor.stickers() });
+      buttons.push(el("button", { id: "question-decline", textContent: "I do not know", onclick: () => answer({ answer: "declined" }) }), ok);
+    }
+    $("question-buttons").replaceChildren(...buttons);
+    if (!box.open) box.showModal();
+    $("question-net").querySelector("[tabindex='0'].tile")?.focus();
+  }
+  const left = Math.max(0, question.seconds - (time - open.since));
+  const who = commands ? "" : " Only the page that commands can answer; take over below.";
+  const how = question.subject.subject === "stickers" ? " Choose a colour, then the stickers; or arrow keys and W R G Y O B." : "";
+  $("question-note").textContent = `${left.toFixed(0)} s left; ${question.otherwise}.${how}${who}`;
+}
+$("question").addEventListener("cancel", (event) => event.preventDefault());

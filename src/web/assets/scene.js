@@ -1,0 +1,292 @@
+// The cell in three dimensions, as the controller believes it: arms, jaws, cube with its turned layer, hand.
+
+import { Renderer, matrix, multiply } from "./render.js";
+
+export const COLOURS = ["#f4f4f0", "#c8202c", "#1f8a46", "#f2c318", "#ee7a1c", "#1f57b8"];
+export const COLOUR_NAMES = ["white", "red", "green", "yellow", "orange", "blue"];
+export const LETTERS = "URFDLB";
+
+const NORMALS = [[0, 0, 1], [1, 0, 0], [0, -1, 0], [0, 0, -1], [-1, 0, 0], [0, 1, 0]];
+// Directions of columns and rows of each face in reading order.
+const COLUMNS = [[1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 0, 0], [0, -1, 0], [-1, 0, 0]];
+const ROWS = [[0, -1, 0], [0, 0, -1], [0, 0, -1], [0, 1, 0], [0, 0, -1], [0, 0, -1]];
+
+const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
+const STICKERS = COLOURS.map(rgb);
+const UNKNOWN = [0.42, 0.44, 0.47];
+
+const VIEWS = {
+  cell: { azimuth: -0.55, height: 0.36, away: 3.35, target: [0.35, 0.85, 0.86] },
+  hands: { azimuth: -0.5, height: 0.3, away: 1.15, target: null },
+  top: { azimuth: -Math.PI / 2 + 0.001, height: 1.5, away: 4.6, target: [0.3, 0.8, 0.6] },
+};
+
+function mixPose(a, b, t) {
+  const dot = a.rotation.reduce((sum, v, i) => sum + v * b.rotation[i], 0);
+  const sign = dot < 0 ? -1 : 1;
+  const q = a.rotation.map((v, i) => v * (1 - t) + sign * b.rotation[i] * t);
+  const n = Math.hypot(...q) || 1;
+  return {
+    translation: a.translation.map((v, i) => v * (1 - t) + b.translation[i] * t),
+    rotation: q.map((v) => v / n),
+  };
+}
+
+function move(x, y, z) {
+  return [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, x, y, z, 1];
+}
+
+/** Rotation by an angle about a unit vector. */
+function turn(axis, angle) {
+  const [s, h] = [Math.sin(angle / 2), Math.cos(angle / 2)];
+  return matrix({ translation: [0, 0, 0], rotation: [...axis.map((v) => v * s), h] });
+}
+
+export class Scene {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.view = { ...VIEWS.cell };
+    this.goal = null;
+    this.frames = [];
+    try {
+      this.renderer = new Renderer(canvas);
+    } catch (error) {
+      canvas.replaceWith(Object.assign(document.createElement("p"), { className: "empty", textContent: `No 3-D view: ${error.message}.` }));
+      return;
+    }
+    this.steer();
+    const step = () => {
+      this.draw();
+      requestAnimationFrame(step);
+    };
+    requestAnimationFrame(step);
+  }
+
+  set(stage) {
+    this.stage = stage;
+    const zone = stage.hand_zone?.translation;
+    const bases = stage.solids.filter((s) => s.arm === null && s.shape === "box");
+    if (stage.arms.length === 1) VIEWS.cell.target = [0.3, 0, 0.8];
+    this.zone = zone;
+    this.look("cell");
+    return bases;
+  }
+
+  show(snapshot) {
+    this.before = this.now ?? snapshot;
+    if (this.before.arms.length !== snapshot.arms.length) this.before = snapshot;
+    this.now = snapshot;
+    this.since = performance.now();
+  }
+
+  look(name) {
+    const view = { ...VIEWS[name] };
+    view.target ??= this.now?.cube.world_from_cube?.translation ?? this.tools() ?? VIEWS.cell.target;
+    this.following = name === "hands";
+    this.goal = view;
+  }
+
+  /** Between the tools, or at the only one. */
+  tools() {
+    const at = this.now?.arms.map((arm) => arm.frames[6].translation);
+    if (!at?.length) return null;
+    return at[0].map((_, i) => at.reduce((sum, p) => sum + p[i], 0) / at.length);
+  }
+
+  steer() {
+    const { canvas } = this;
+    const touches = new Map();
+    let pinch = 0;
+    const orbit = (dx, dy) => {
+      this.goal = null;
+      this.view.azimuth -= dx;
+      this.view.height = Math.max(-0.1, Math.min(1.55, this.view.height + dy));
+    };
+    const zoom = (factor) => {
+      this.goal = null;
+      this.view.away = Math.max(0.35, Math.min(9, this.view.away * factor));
+    };
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      touches.set(event.pointerId, [event.clientX, event.clientY]);
+      pinch = 0;
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      const last = touches.get(event.pointerId);
+      if (!last) return;
+      touches.set(event.pointerId, [event.clientX, event.clientY]);
+      if (touches.size === 1) {
+        orbit((event.clientX - last[0]) * 0.008, (event.clientY - last[1]) * 0.006);
+      } else {
+        const [a, b] = [...touches.values()];
+        const wide = Math.hypot(a[0] - b[0], a[1] - b[1]);
+        if (pinch) zoom(pinch / wide);
+        pinch = wide;
+      }
+    });
+    const up = (event) => touches.delete(event.pointerId);
+    canvas.addEventListener("pointerup", up);
+    canvas.addEventListener("pointercancel", up);
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      zoom(Math.exp(event.deltaY * 0.001));
+    }, { passive: false });
+    canvas.addEventListener("keydown", (event) => {
+      const keys = {
+        ArrowLeft: () => orbit(0.1, 0), ArrowRight: () => orbit(-0.1, 0),
+        ArrowUp: () => orbit(0, 0.08), ArrowDown: () => orbit(0, -0.08),
+        "+": () => zoom(0.88), "=": () => zoom(0.88), "-": () => zoom(1.14),
+        Home: () => this.look("cell"),
+      };
+      if (!keys[event.key]) return;
+      event.preventDefault();
+      keys[event.key]();
+    });
+  }
+
+  /** Glides to a chosen view. */
+  glide() {
+    if (!this.goal) return;
+    const { view, goal } = this;
+    const ease = (a, b) => a + (b - a) * 0.16;
+    const round = Math.atan2(Math.sin(goal.azimuth - view.azimuth), Math.cos(goal.azimuth - view.azimuth));
+    view.azimuth += round * 0.16;
+    view.height = ease(view.height, goal.height);
+    view.away = ease(view.away, goal.away);
+    view.target = view.target.map((v, i) => ease(v, goal.target[i]));
+    if (Math.abs(round) < 1e-3 && Math.abs(view.away - goal.away) < 1e-3 && !this.following) this.goal = null;
+  }
+
+  draw() {
+    if (!this.stage || !this.now || !this.renderer) return;
+    if (!this.canvas.checkVisibility?.() && this.canvas.offsetParent === null) return;
+    const begun = performance.now();
+    // What stands still is not drawn again.
+    const size = `${this.canvas.clientWidth} ${this.canvas.clientHeight}`;
+    const still = begun - this.since > 150 && !this.goal && this.drawn === JSON.stringify([this.view, size, this.now.number]);
+    if (still) return;
+    this.drawn = begun - this.since > 90 ? JSON.stringify([this.view, size, this.now.number]) : "";
+    const t = Math.max(0, Math.min(1, (begun - this.since) / 60));
+    const pose = (path) => {
+      const [a, b] = [path(this.before), path(this.now)];
+      return a && b ? mixPose(a, b, t) : b;
+    };
+    if (this.following) {
+      const at = this.now.cube.world_from_cube?.translation ?? this.tools();
+      if (this.goal && at) this.goal.target = at;
+      else if (at) this.view.target = this.view.target.map((v, i) => v + (at[i] - v) * 0.2);
+    }
+    this.glide();
+    const solids = [];
+    this.arms(solids, pose, t);
+    const cube = pose((s) => s.cube.world_from_cube);
+    if (cube) this.cube(solids, matrix(cube));
+    const hand = pose((s) => s.hand?.world_from_cube);
+    if (hand) this.hand(solids, hand.translation);
+    else if (this.zone && !this.now.cube.held_by.length) this.wanted(solids, this.zone);
+    const { azimuth, height, away, target } = this.view;
+    const eye = [
+      target[0] + away * Math.cos(height) * Math.cos(azimuth),
+      target[1] + away * Math.cos(height) * Math.sin(azimuth),
+      Math.max(0.03, target[2] + away * Math.sin(height)),
+    ];
+    const style = getComputedStyle(this.canvas);
+    const colour = (name) => rgb(style.getPropertyValue(name).trim() || "#888888");
+    this.renderer.draw(solids, eye, target, colour("--floor"), colour("--haze"), this.detail());
+    this.frames.push(begun);
+    while (this.frames[0] < begun - 2000) this.frames.shift();
+  }
+
+  /** How finely to draw: where the machine draws slowly, pixels are fewer and shadows go. */
+  detail() {
+    const now = performance.now();
+    this.level ??= this.renderer.software ? 1 : 0;
+    this.judged ??= now;
+    if (now - this.judged > 2500 && this.frames.length > 3) {
+      this.judged = now;
+      const rate = this.rate();
+      if (rate < 14 && this.level < 3) this.level += 1;
+    }
+    return [{ ratio: 2, shadows: true }, { ratio: 1, shadows: true }, { ratio: 0.8, shadows: false }, { ratio: 0.55, shadows: false }][this.level];
+  }
+
+  /** Frames per second over the last two seconds. */
+  rate() {
+    const [first, last] = [this.frames[0], this.frames.at(-1)];
+    return this.frames.length > 1 ? ((this.frames.length - 1) * 1000) / (last - first) : 0;
+  }
+
+  arms(solids, pose, t) {
+    const opening = (i) => this.before.arms[i].opening * (1 - t) + this.now.arms[i].opening * t;
+    const frames = this.now.arms.map((arm, i) =>
+      arm.frames.map((_, k) => matrix(pose((s) => s.arms[i].frames[k]))));
+    for (const solid of this.stage.solids) {
+      let base = solid.arm === null ? null : frames[solid.arm]?.[solid.frame];
+      if (solid.arm !== null && !base) continue;
+      let own = matrix(solid.pose);
+      if (solid.jaw) own = multiply(move(0, (solid.jaw * opening(solid.arm)) / 2, 0), own);
+      const scale = solid.shape === "box" ? solid.size : [solid.radius, solid.radius, solid.length];
+      let colour = solid.colour.map((c) => c / 255);
+      if (solid.arm !== null && this.now.arms[solid.arm].fault) colour = [0.75, 0.12 + colour[1] * 0.2, 0.12 + colour[2] * 0.2];
+      solids.push({
+        mesh: solid.shape, scale, colour, shadow: true,
+        matrix: base ? multiply(base, own) : own,
+      });
+    }
+  }
+
+  cube(solids, world) {
+    const edge = this.stage.edge;
+    const pitch = edge / 3;
+    const { facelets, turned } = this.now.cube;
+    const spin = turned && turn(NORMALS[turned.face], -turned.angle);
+    const placed = (cell) => {
+      const on = turned && cell.reduce((sum, v, i) => sum + v * NORMALS[turned.face][i], 0) > 0.5;
+      return on ? multiply(world, spin) : world;
+    };
+    for (let x = -1; x <= 1; x++)
+      for (let y = -1; y <= 1; y++)
+        for (let z = -1; z <= 1; z++) {
+          if (!x && !y && !z) continue;
+          const size = pitch * 0.985;
+          solids.push({
+            mesh: "box", scale: [size, size, size], colour: [0.07, 0.075, 0.085], shadow: true,
+            matrix: multiply(placed([x, y, z]), move(x * pitch, y * pitch, z * pitch)),
+          });
+        }
+    for (let i = 0; i < 54; i++) {
+      const [face, row, column] = [Math.floor(i / 9), Math.floor((i % 9) / 3) - 1, (i % 3) - 1];
+      const cell = NORMALS[face].map((n, k) => n + COLUMNS[face][k] * column + ROWS[face][k] * row);
+      const out = NORMALS[face].map((n, k) => cell[k] * pitch + n * (pitch / 2 - 0.0002));
+      const scale = NORMALS[face].map((n) => (n ? 0.0014 : pitch * 0.84));
+      const letter = LETTERS.indexOf(facelets[i]);
+      solids.push({
+        mesh: "box", scale, colour: letter < 0 ? UNKNOWN : STICKERS[letter],
+        matrix: multiply(placed(cell), move(...out)),
+      });
+    }
+  }
+
+  /** The hand is believed behind the cube, where the robot is not. */
+  hand(solids, at) {
+    const half = this.stage.edge / 2;
+    const skin = [0.85, 0.65, 0.53];
+    const part = (x, y, z, size) => solids.push({
+      mesh: "box", scale: size, colour: skin, shadow: true, matrix: move(at[0] + x, at[1] + y, at[2] + z),
+    });
+    part(half + 0.016, 0, -0.012, [0.03, 0.085, 0.09]);
+    for (const y of [-0.03, -0.01, 0.01, 0.03]) part(half - 0.004, y, 0.046, [0.05, 0.017, 0.016]);
+    part(half - 0.002, 0.012, -0.05, [0.05, 0.022, 0.02]);
+    solids.push({
+      mesh: "box", scale: [0.26, 0.062, 0.062], colour: [0.3, 0.38, 0.5], shadow: true,
+      matrix: move(at[0] + half + 0.16, at[1], at[2] - 0.02),
+    });
+  }
+
+  /** Where the hand is expected. */
+  wanted(solids, pose) {
+    const e = this.stage.edge;
+    const at = pose.translation ?? pose;
+    solids.push({ mesh: "box", scale: [e, e, e], colour: [0.3, 0.6, 0.95], alpha: 0.22, matrix: move(...at) });
+  }
+}

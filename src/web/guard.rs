@@ -1,0 +1,177 @@
+//! Who may talk to the page's server. A browser runs the pages of strangers, and any of them could otherwise drive the
+//! robot: a foreign `Origin` is refused, and so is a `Host` that is not this server's (rebound names).
+//!
+//! - on the loopback: `Host` must name it
+//! - beyond: a token, drawn at the start, must come with each request, in the query or in a cookie
+
+use axum::http::{HeaderMap, Uri, header};
+use std::io::Read;
+use std::net::SocketAddr;
+
+/// The rules of one server.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Guard {
+    address: SocketAddr,
+    token: Option<String>,
+}
+
+/// Why a request is refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Refused {
+    /// The name under which the server was asked is not its own.
+    #[error("refused: this server is not `{0}`")]
+    Host(String),
+    /// A page of somebody else.
+    #[error("refused: a page from `{0}` may not command this robot")]
+    Origin(String),
+    /// No token, or a wrong one.
+    #[error("refused: the token is missing or wrong; use the address that the program printed")]
+    Token,
+}
+
+/// Random bytes of a token.
+const TOKEN: usize = 16;
+/// Name of the cookie and of the query's parameter.
+const NAME: &str = "token";
+
+impl Guard {
+    /// For a server at this address.
+    ///
+    /// # Errors
+    /// When the operating system gives no random numbers for a token.
+    pub fn of(address: SocketAddr) -> std::io::Result<Self> {
+        if address.ip().is_loopback() {
+            return Ok(Self { address, token: None });
+        }
+        let mut random = [0; TOKEN];
+        std::fs::File::open("/dev/urandom")?.read_exact(&mut random)?;
+        let token = u128::from_ne_bytes(random);
+        Ok(Self { address, token: Some(format!("{token:032x}")) })
+    }
+
+    /// What to type into a browser. For an unspecified address the name is the machine's to know.
+    #[must_use]
+    pub fn url(&self) -> String {
+        let host = if self.address.ip().is_unspecified() {
+            format!("<this machine>:{}", self.address.port())
+        } else {
+            self.address.to_string()
+        };
+        match &self.token {
+            Some(token) => format!("http://{host}/?{NAME}={token}"),
+            None => format!("http://{host}/"),
+        }
+    }
+
+    /// Why a request is refused; `None` lets it pass.
+    #[must_use]
+    pub fn refuses(&self, headers: &HeaderMap, uri: &Uri) -> Option<Refused> {
+        let text = |name| headers.get(name).and_then(|v| v.to_str().ok());
+        let host = text(header::HOST).unwrap_or_default();
+        if !self.is_own(host) {
+            return Some(Refused::Host(host.chars().take(80).collect()));
+        }
+        if let Some(origin) = headers.get(header::ORIGIN) {
+            let origin = origin.to_str().unwrap_or("?");
+            // The same server by the same name, over plain HTTP.
+            if origin.strip_prefix("http://") != Some(host) {
+                return Some(Refused::Origin(origin.chars().take(80).collect()));
+            }
+        }
+        let token = self.token.as_ref()?;
+        let asked = uri.query().unwrap_or_default().split('&');
+        let kept = text(header::COOKIE).unwrap_or_default().split(';').map(str::trim);
+        let given = asked.chain(kept).filter_map(|pair| pair.strip_prefix(NAME)?.strip_prefix('='));
+        let right = given.into_iter().any(|given| same(given.as_bytes(), token.as_bytes()));
+        (!right).then_some(Refused::Token)
+    }
+
+    /// The token, if one is needed.
+    #[must_use]
+    pub fn token(&self) -> Option<&str> {
+        self.token.as_deref()
+    }
+
+    /// Whether `Host` names this server. Beyond the loopback the token guards, and names are many.
+    fn is_own(&self, host: &str) -> bool {
+        if self.token.is_some() {
+            return !host.is_empty();
+        }
+        let port = self.address.port();
+        let own = ["127.0.0.1", "localhost", "[::1]"].map(|name| format!("{name}:{port}"));
+        own.iter().any(|own| own.eq_ignore_ascii_case(host)) || self.address.to_string() == host
+    }
+}
+
+/// Comparison whose time tells nothing of where the first difference is.
+fn same(a: &[u8], b: &[u8]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).fold(0, |acc, (x, y)| acc | (x ^ y)) == 0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asked(guard: &Guard, pairs: &[(header::HeaderName, &str)], uri: &str) -> Option<Refused> {
+        let mut headers = HeaderMap::new();
+        for (name, value) in pairs {
+            headers.insert(name.clone(), value.parse().unwrap());
+        }
+        guard.refuses(&headers, &uri.parse().unwrap())
+    }
+
+    #[test]
+    fn the_own_page_passes_on_the_loopback_by_any_of_its_names() {
+        let guard = Guard::of("127.0.0.1:8780".parse().unwrap()).unwrap();
+
+        for host in ["127.0.0.1:8780", "localhost:8780", "LocalHost:8780"] {
+            assert_eq!(asked(&guard, &[(header::HOST, host)], "/ws"), None);
+            let origin = format!("http://{host}");
+            let own = [(header::HOST, host), (header::ORIGIN, origin.as_str())];
+            assert_eq!(asked(&guard, &own, "/ws"), None);
+        }
+    }
+
+    #[test]
+    fn strangers_are_refused() {
+        let guard = Guard::of("127.0.0.1:8780".parse().unwrap()).unwrap();
+        let own = (header::HOST, "127.0.0.1:8780");
+
+        for origin in [
+            "http://evil.example",
+            "null",
+            "http://127.0.0.1:8781",
+            "https://127.0.0.1:8780",
+            "http://127.0.0.1:8780.evil.example",
+        ] {
+            let refused = asked(&guard, &[own.clone(), (header::ORIGIN, origin)], "/ws");
+            assert_eq!(refused, Some(Refused::Origin(origin.into())));
+        }
+        // A name of theirs that points here.
+        for host in ["evil.example:8780", "127.0.0.1", "", "127.0.0.1:8781"] {
+            assert!(matches!(asked(&guard, &[(header::HOST, host)], "/"), Some(Refused::Host(_))));
+        }
+        assert!(matches!(asked(&guard, &[], "/"), Some(Refused::Host(_))));
+    }
+
+    #[test]
+    fn beyond_the_loopback_only_the_token_opens() {
+        let guard = Guard::of("192.0.2.7:8780".parse().unwrap()).unwrap();
+        let token = guard.token().unwrap().to_owned();
+        let host = (header::HOST, "robot.local:8780");
+
+        assert_eq!(token.len(), 32);
+        assert_eq!(asked(&guard, std::slice::from_ref(&host), "/"), Some(Refused::Token));
+        assert_eq!(asked(&guard, std::slice::from_ref(&host), "/?token=0"), Some(Refused::Token));
+        assert_eq!(
+            asked(&guard, std::slice::from_ref(&host), &format!("/ws?a=1&token={token}")),
+            None
+        );
+        let cookie = format!("a=b; token={token}");
+        assert_eq!(asked(&guard, &[host.clone(), (header::COOKIE, &cookie)], "/ws"), None);
+        let foreign = [host, (header::ORIGIN, "http://evil.example"), (header::COOKIE, &cookie)];
+        assert!(matches!(asked(&guard, &foreign, "/ws"), Some(Refused::Origin(_))));
+        assert!(guard.url().ends_with(&token));
+        assert_ne!(Guard::of("192.0.2.7:8780".parse().unwrap()).unwrap(), guard);
+    }
+}

@@ -1,0 +1,165 @@
+//! The operator's page: a small server of the same snapshot and commands that every face has.
+//!
+//! - in: a [`Desk`]
+//! - out: the page (assets of this folder, nothing from elsewhere), `GET /camera/{index}` as JPEG, and `GET /ws`, a
+//!   WebSocket on which stage, snapshots and messages go out and commands come in
+//! - who may: see [`guard`]; one page commands, the others watch, and anyone may press the emergency stop
+//!
+//! It lives on a thread with a runtime of its own. A page that is slow misses snapshots; nobody waits for it.
+
+pub mod guard;
+mod socket;
+
+use crate::desk::{Desk, Pixels};
+use axum::Router;
+use axum::extract::{Path, Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::middleware::{self, Next};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use guard::Guard;
+use image::codecs::jpeg::JpegEncoder;
+use socket::Seats;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use tokio::sync::oneshot;
+
+/// Quality of the camera's pictures, of 100.
+const QUALITY: u8 = 82;
+
+/// The page's files: path, type, content.
+const ASSETS: &[(&str, &str, &str)] = &[
+    ("/", "text/html; charset=utf-8", include_str!("assets/index.html")),
+    ("/style.css", "text/css; charset=utf-8", include_str!("assets/style.css")),
+    ("/main.js", JAVASCRIPT, include_str!("assets/main.js")),
+    ("/link.js", JAVASCRIPT, include_str!("assets/link.js")),
+    ("/scene.js", JAVASCRIPT, include_str!("assets/scene.js")),
+    ("/render.js", JAVASCRIPT, include_str!("assets/render.js")),
+    ("/curves.js", JAVASCRIPT, include_str!("assets/curves.js")),
+    ("/net.js", JAVASCRIPT, include_str!("assets/net.js")),
+    ("/panels.js", JAVASCRIPT, include_str!("assets/panels.js")),
+    ("/manual.js", JAVASCRIPT, include_str!("assets/manual.js")),
+    ("/icon.svg", "image/svg+xml", include_str!("assets/icon.svg")),
+];
+const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
+
+/// What every request can see.
+#[derive(Clone)]
+struct Shared {
+    desk: Desk,
+    guard: Arc<Guard>,
+    seats: Arc<Seats>,
+}
+
+/// A running server; dropping it ends it.
+#[derive(Debug)]
+pub struct Server {
+    /// Where it listens.
+    pub address: SocketAddr,
+    /// What to type into a browser, token included.
+    pub url: String,
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Server {
+    /// Serves a desk's page at an address. Beyond the loopback a token is needed, which the URL has.
+    ///
+    /// # Errors
+    /// What the operating system says to the address, or to another thread.
+    pub fn start(desk: Desk, address: SocketAddr) -> std::io::Result<Self> {
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
+        let listener = runtime.block_on(tokio::net::TcpListener::bind(address))?;
+        let address = listener.local_addr()?;
+        let guard = Arc::new(Guard::of(address)?);
+        let url = guard.url();
+        let shared = Shared { desk, guard, seats: Arc::default() };
+        let (stop, stopped) = oneshot::channel::<()>();
+        let work = move || {
+            let served = axum::serve(listener, routes(shared));
+            runtime.block_on(async {
+                tokio::select! {
+                    biased;
+                    _ = stopped => {}
+                    ended = served => if let Err(error) = ended {
+                        tracing::error!("the page's server has ended: {error}");
+                    },
+                }
+            });
+            // Sockets that are still open are cut.
+            runtime.shutdown_background();
+        };
+        let thread = std::thread::Builder::new().name("web".into()).spawn(work)?;
+        Ok(Self { address, url, stop: Some(stop), thread: Some(thread) })
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if let Some(thread) = self.thread.take() {
+            // A panic has told of itself.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn routes(shared: Shared) -> Router {
+    let mut router =
+        Router::new().route("/ws", get(socket::upgrade)).route("/camera/{index}", get(camera));
+    for &(path, kind, text) in ASSETS {
+        router =
+            router.route(path, get(move || async move { ([(header::CONTENT_TYPE, kind)], text) }));
+    }
+    router.layer(middleware::from_fn_with_state(shared.clone(), check)).with_state(shared)
+}
+
+/// Every request passes here first.
+async fn check(State(shared): State<Shared>, request: Request, next: Next) -> Response {
+    let refusal = shared.guard.refuses(request.headers(), request.uri());
+    let mut response = match refusal {
+        Some(reason) => (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response(),
+        None => next.run(request).await,
+    };
+    let headers = response.headers_mut();
+    let mut set = |name: header::HeaderName, value: &'static str| {
+        headers.insert(name, HeaderValue::from_static(value));
+    };
+    set(header::CACHE_CONTROL, "no-store");
+    set(header::X_CONTENT_TYPE_OPTIONS, "nosniff");
+    set(header::X_FRAME_OPTIONS, "DENY");
+    set(header::REFERRER_POLICY, "no-referrer");
+    // The page loads nothing from anywhere else, and no other page may frame it.
+    set(
+        header::CONTENT_SECURITY_POLICY,
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; \
+         connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+    );
+    response
+}
+
+/// The latest picture of a camera.
+async fn camera(State(shared): State<Shared>, Path(index): Path<usize>) -> Response {
+    let picture = shared.desk.pictures.borrow().get(index).cloned().flatten();
+    let Some(picture) = picture else {
+        return (StatusCode::NOT_FOUND, "no picture yet\n").into_response();
+    };
+    let encoded = tokio::task::spawn_blocking(move || match &picture.pixels {
+        Pixels::Raw(image) => {
+            let mut file = Vec::new();
+            let encoder = JpegEncoder::new_with_quality(&mut file, QUALITY);
+            image.write_with_encoder(encoder).ok().map(|()| (picture.frame, file))
+        }
+        Pixels::File(file) => Some((picture.frame, file.clone())),
+    });
+    let Ok(Some((frame, file))) = encoded.await else {
+        return (StatusCode::INTERNAL_SERVER_ERROR, "the picture cannot be written\n")
+            .into_response();
+    };
+    let kind = if file.starts_with(b"\x89PNG") { "image/png" } else { "image/jpeg" };
+    let mut headers = HeaderMap::new();
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
+    headers.insert("x-frame", HeaderValue::from(frame));
+    (headers, file).into_response()
+}

@@ -1,0 +1,325 @@
+//! A run driven through the page's WebSocket: what a page says happens, and happens in the run's record; strangers are
+//! refused; one page commands.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use futures_util::{SinkExt, StreamExt};
+use rubik_robot::actors::{self, RunOptions};
+use rubik_robot::desk::{Behind, Desk, desk};
+use rubik_robot::operator::{Command, ControlView, Snapshot};
+use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
+use rubik_robot::scenario::{self, Override, Scenario};
+use rubik_robot::web::Server;
+use serde_json::{Value, json};
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::time::{Duration, Instant};
+use tokio_tungstenite::tungstenite::client::IntoClientRequest;
+use tokio_tungstenite::tungstenite::{Error, Message};
+use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
+
+/// Patience with a busy machine.
+const PATIENCE: Duration = Duration::from_secs(90);
+
+fn load(name: &str, set: &[&str]) -> Scenario {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(name);
+    let set: Vec<Override> = set.iter().map(|text| Override::parse(text).unwrap()).collect();
+    scenario::load(&path, &set).unwrap()
+}
+
+fn serve(desk: Desk) -> Server {
+    Server::start(desk, "127.0.0.1:0".parse().unwrap()).unwrap()
+}
+
+/// A run with a server, on a thread of its own.
+struct Run {
+    server: Server,
+    desk: Desk,
+    thread: std::thread::JoinHandle<Summary>,
+}
+
+fn begin(scenario: Scenario, options: RunOptions) -> Run {
+    let (desk, behind): (Desk, Behind) = desk();
+    let server = serve(desk.clone());
+    let options = RunOptions { automatic: true, quiet: true, ..options };
+    let thread =
+        std::thread::spawn(move || actors::run_at(&scenario, options, Some(behind)).unwrap());
+    Run { server, desk, thread }
+}
+
+struct Page(WebSocketStream<MaybeTlsStream<tokio::net::TcpStream>>);
+
+impl Page {
+    async fn open(server: &Server) -> Self {
+        let (socket, _) = connect_async(format!("ws://{}/ws", server.address)).await.unwrap();
+        Self(socket)
+    }
+
+    async fn say(&mut self, value: Value) {
+        self.0.send(Message::text(value.to_string())).await.unwrap();
+    }
+
+    /// The next message of a kind.
+    async fn next(&mut self, kind: &str) -> Value {
+        self.until(|message| message.get(kind).cloned()).await
+    }
+
+    async fn until<T>(&mut self, mut wanted: impl FnMut(&Value) -> Option<T>) -> T {
+        let (begun, mut alive) = (Instant::now(), Instant::now());
+        loop {
+            assert!(begun.elapsed() < PATIENCE, "it did not come");
+            if alive.elapsed() > Duration::from_secs(3) {
+                // As the page does: who is silent for long loses the right to command.
+                self.say(json!({ "alive": true })).await;
+                alive = Instant::now();
+            }
+            let message = tokio::time::timeout(PATIENCE, self.0.next()).await.unwrap();
+            let Message::Text(text) = message.expect("the line was cut").unwrap() else { continue };
+            if let Some(found) = wanted(&serde_json::from_str(&text).unwrap()) {
+                return found;
+            }
+        }
+    }
+
+    /// Waits for a snapshot.
+    async fn sees(&mut self, what: impl Fn(&Value) -> bool) -> Value {
+        self.until(|m| m.get("snapshot").filter(|s| what(s)).cloned()).await
+    }
+}
+
+fn runtime() -> tokio::runtime::Runtime {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap()
+}
+
+#[test]
+fn a_page_starts_pauses_resumes_and_terminates_a_run() {
+    let run = begin(load("solve.toml", &[]), RunOptions { wait: true, ..RunOptions::default() });
+    runtime().block_on(async {
+        let mut page = Page::open(&run.server).await;
+        let stage = page.next("stage").await;
+        assert_eq!(stage["task"], "solve");
+        assert_eq!(stage["arms"].as_array().unwrap().len(), 2);
+        page.sees(|s| s["control"] == "waiting" && s["time"] == 0.0).await;
+
+        page.say(json!({ "command": "speed", "factor": 2.0 })).await;
+        page.say(json!({ "command": "start" })).await;
+        page.sees(|s| s["time"].as_f64().unwrap() > 3.0 && s["phase"] == "acquire").await;
+        page.say(json!({ "command": "pause" })).await;
+        // To rest within 0.4 s and a macrostep; then nothing moves, and time goes as it does for people.
+        let paused = page.sees(|s| s["control"] == "paused").await;
+        let begun = paused["time"].as_f64().unwrap();
+        let rest = page.sees(|s| s["time"].as_f64().unwrap() > begun + 0.6).await;
+        let later = page.sees(|s| s["time"].as_f64().unwrap() > begun + 1.2).await;
+        for arm in 0..2 {
+            for joint in 0..7 {
+                let at = |s: &Value| s["arms"][arm]["joints"][joint].as_f64().unwrap();
+                assert!((at(&rest) - at(&later)).abs() < 2e-4, "arm {arm} joint {joint} moves");
+            }
+        }
+        page.say(json!({ "command": "resume" })).await;
+        let resumed = page.sees(|s| s["control"] == "running").await;
+        // Without a jump: a following error far below the trip.
+        let going = page
+            .sees(|s| s["time"].as_f64().unwrap() > resumed["time"].as_f64().unwrap() + 2.0)
+            .await;
+        assert!(going["arms"][0]["following"].as_f64().unwrap() < 0.01);
+        page.say(json!({ "command": "terminate" })).await;
+        let end = page.sees(|s| s["control"] == "ended").await;
+        assert_eq!(end["outcome"]["verdict"], "aborted");
+        assert!(end["arms"][0]["fault"].is_null() && end["arms"][1]["fault"].is_null());
+    });
+    let summary = run.thread.join().unwrap();
+    assert_eq!((summary.outcome, summary.ended_by), (Outcome::Aborted, EndedBy::Operator));
+    assert!(summary.reason.contains("no hand of the robot holds the cube"), "{}", summary.reason);
+    let told: Vec<String> =
+        run.desk.snapshots.borrow().messages.iter().map(|m| m.text.clone()).collect();
+    for command in ["speed", "start", "pause", "resume", "terminate"] {
+        assert!(told.contains(&format!("operator: {command}")), "{command}: {told:?}");
+    }
+}
+
+#[test]
+fn an_emergency_stop_from_any_page_is_a_fault_of_both_arms() {
+    let run = begin(load("solve.toml", &[]), RunOptions { speed: 2.0, ..RunOptions::default() });
+    runtime().block_on(async {
+        let mut first = Page::open(&run.server).await;
+        first.sees(|s| s["time"].as_f64().unwrap() > 1.0).await;
+        let mut second = Page::open(&run.server).await;
+        assert_eq!(second.next("seat").await, json!({ "own": false, "taken": true }));
+
+        second.say(json!({ "command": "emergency_stop" })).await;
+
+        let end = first.sees(|s| s["control"] == "ended").await;
+        let edps: Vec<&Value> = end["actors"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|a| a["name"].as_str().unwrap().starts_with("edp"))
+            .collect();
+        assert!(edps.iter().all(|edp| edp["state"] == "fault"), "{edps:?}");
+    });
+    let summary = run.thread.join().unwrap();
+    assert_eq!(summary.ended_by, EndedBy::Fatal);
+    assert!(summary.reason.contains("emergency stop"), "{}", summary.reason);
+}
+
+#[test]
+fn arms_are_moved_by_hand_in_the_idle_task_and_the_record_shows_it() {
+    let scenario = load("idle.toml", &[]);
+    let start = scenario.controller.cell.arms[0].start;
+    let run = begin(scenario, RunOptions::default());
+    runtime().block_on(async {
+        let mut page = Page::open(&run.server).await;
+        let ready = page.sees(|s| s["services"]["manual"] == true).await;
+        let at = |s: &Value, joint: usize| s["arms"][0]["joints"][joint].as_f64().unwrap();
+        let set = |order: Value| json!({ "command": "manual", "effector": 0, "order": order });
+
+        page.say(set(json!({ "order": "joint", "axis": 1, "by": 0.1 }))).await;
+        page.sees(|s| (at(s, 1) - at(&ready, 1) - 0.1).abs() < 2e-3).await;
+        page.say(set(json!({ "order": "motor", "axis": 4, "by": 5.0 }))).await;
+        let motor = |s: &Value| s["arms"][0]["motors"][4].as_f64().unwrap();
+        page.sees(|s| (motor(s) - motor(&ready) - 5.0).abs() < 0.1).await;
+        let jaws = |s: &Value| s["arms"][0]["opening"].as_f64().unwrap();
+        page.say(set(json!({ "order": "jaw", "opening": 0.08 }))).await;
+        page.sees(|s| (jaws(s) - 0.08).abs() < 1e-3).await;
+        let tool = |s: &Value| s["arms"][0]["frames"][6]["translation"][2].as_f64().unwrap();
+        let before = page.sees(|s| s["services"]["manual"] == true).await;
+        page.say(set(json!({ "order": "tool", "axis": 2, "by": -0.02 }))).await;
+        page.sees(|s| (tool(s) - tool(&before)).abs() > 5e-3).await;
+        page.say(set(json!({ "order": "pose", "name": "start" }))).await;
+        page.sees(|s| (1..7).all(|i| (at(s, i) - start.0[i]).abs() < 2e-3)).await;
+        // What makes no sense is told, and nothing happens.
+        page.say(set(json!({ "order": "joint", "axis": 1, "by": 9.0 }))).await;
+        page.until(|m| m.get("messages").filter(|m| m.to_string().contains("not done")).cloned())
+            .await;
+        page.say(json!({ "command": "terminate" })).await;
+        page.sees(|s| s["control"] == "ended").await;
+    });
+    run.thread.join().unwrap();
+}
+
+/// A page attached and a page not: the same run to the bit.
+#[test]
+fn a_page_that_only_watches_changes_nothing() {
+    let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
+    let alone = actors::run(&load("face_turn.toml", &[]), options).unwrap();
+
+    let run = begin(load("face_turn.toml", &[]), RunOptions { wait: false, ..options });
+    let snapshots = runtime().block_on(async {
+        let mut page = Page::open(&run.server).await;
+        let mut seen = 0;
+        page.until(|m| {
+            seen += u32::from(m.get("snapshot").is_some());
+            m.get("snapshot").filter(|s| s["control"] == "ended").map(|_| ())
+        })
+        .await;
+        seen
+    });
+    let watched = run.thread.join().unwrap();
+
+    assert!(snapshots > 0);
+    assert_eq!(watched.hash, alone.hash);
+}
+
+#[test]
+fn one_page_commands_and_another_may_take_over() {
+    let (desk, behind) = desk();
+    let server = serve(desk);
+    let mut commands = behind.take_commands().unwrap();
+    runtime().block_on(async {
+        let mut first = Page::open(&server).await;
+        assert_eq!(first.next("seat").await, json!({ "own": true, "taken": true }));
+        let mut second = Page::open(&server).await;
+        assert_eq!(second.next("seat").await, json!({ "own": false, "taken": true }));
+
+        second.say(json!({ "command": "pause" })).await;
+        let refused = second.next("refused").await;
+        assert!(refused.as_str().unwrap().contains("another page commands"), "{refused}");
+        assert!(commands.try_recv().is_err(), "nothing got through");
+
+        second.say(json!({ "seat": "take" })).await;
+        assert_eq!(second.next("seat").await, json!({ "own": true, "taken": true }));
+        assert_eq!(first.next("seat").await, json!({ "own": false, "taken": true }));
+        second.say(json!({ "command": "pause" })).await;
+        assert_eq!(commands.recv().await, Some(Command::Pause));
+
+        second.say(json!({ "nonsense": 1 })).await;
+        assert_eq!(second.next("refused").await, json!("that is no command"));
+        drop(second);
+        assert_eq!(first.next("seat").await, json!({ "own": false, "taken": false }));
+        // Who stops does not need the right to command.
+        first.say(json!({ "command": "emergency_stop" })).await;
+        assert_eq!(commands.recv().await, Some(Command::EmergencyStop));
+        assert!(behind.emergency.load(std::sync::atomic::Ordering::Acquire));
+    });
+}
+
+#[test]
+fn strangers_get_neither_the_page_nor_the_socket() {
+    let server = serve(desk().0);
+    let ask = |head: &str| {
+        let mut stream = TcpStream::connect(server.address).unwrap();
+        write!(stream, "{head}Connection: close\r\n\r\n").unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer
+    };
+    let own = server.address.to_string();
+    let page = ask(&format!("GET / HTTP/1.1\r\nHost: {own}\r\n"));
+    assert!(page.starts_with("HTTP/1.1 200"), "{page}");
+    assert!(page.contains("content-security-policy: default-src 'none'"), "{page}");
+    assert!(page.contains("x-frame-options: DENY"));
+    for other in ["evil.example:80", "localhost:1"] {
+        let answer = ask(&format!("GET / HTTP/1.1\r\nHost: {other}\r\n"));
+        assert!(answer.starts_with("HTTP/1.1 403"), "{answer}");
+    }
+    let missing = ask(&format!("GET /camera/7 HTTP/1.1\r\nHost: {own}\r\n"));
+    assert!(missing.starts_with("HTTP/1.1 404"), "{missing}");
+    runtime().block_on(async {
+        for (origin, passes) in [
+            (format!("http://{own}"), true),
+            ("http://evil.example".to_owned(), false),
+            ("null".to_owned(), false),
+        ] {
+            let mut request = format!("ws://{own}/ws").into_client_request().unwrap();
+            request.headers_mut().insert("Origin", origin.parse().unwrap());
+            match connect_async(request).await {
+                Ok(_) => assert!(passes, "{origin}"),
+                Err(Error::Http(answer)) => {
+                    assert!(!passes && answer.status() == 403, "{origin}: {answer:?}");
+                }
+                Err(other) => panic!("{other}"),
+            }
+        }
+    });
+}
+
+#[test]
+fn no_asset_names_another_host() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/web/assets");
+    let mut files = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let text = text.replace("http://www.w3.org/2000/svg", "");
+        assert!(!text.contains("http://") && !text.contains("https://"), "{}", path.display());
+        files += 1;
+    }
+    assert!(files >= 10);
+}
+
+#[test]
+fn a_snapshot_survives_its_journey() {
+    let (desk, behind) = desk();
+    let server = serve(desk);
+    behind.snapshots.send_replace(std::sync::Arc::new(Snapshot {
+        number: 7,
+        time: 1.25,
+        control: ControlView::Paused,
+        ..Snapshot::default()
+    }));
+    let text = runtime().block_on(async { Page::open(&server).await.next("snapshot").await });
+    let back: Snapshot = serde_json::from_value(text).unwrap();
+    assert_eq!((back.number, back.time, back.control), (7, 1.25, ControlView::Paused));
+}
