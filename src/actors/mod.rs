@@ -6,6 +6,7 @@
 pub mod board;
 mod build;
 pub mod calibrate;
+mod calibration_poses;
 pub mod clock;
 pub mod control;
 pub mod ecp;
