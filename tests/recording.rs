@@ -287,7 +287,7 @@ fn a_recording_is_shown_paused_and_sought() {
     use rubik_robot::desk::desk;
     use rubik_robot::operator::{Command, ControlView};
     use std::sync::Arc;
-    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::atomic::AtomicBool;
     use std::time::{Duration, Instant};
 
     let (path, summary) = recorded("show.mcap", "scenarios/face_turn.toml", &[]);
