@@ -1,6 +1,6 @@
 //! The operator's terminal face, for ssh: the same snapshot and commands as the page.
 //!
-//! [`App`] is pure (keys in, commands out, a frame drawn from the latest snapshot); [`show`] gives it a terminal.
+//! `App` is pure (keys in, commands out, a frame drawn from the latest snapshot); [`show`] gives it a terminal.
 
 mod draw;
 

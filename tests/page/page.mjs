@@ -258,9 +258,9 @@ async function blind() {
 }
 
 async function question() {
-  console.log("# a question: it is too dark for the cameras");
+  console.log("# a question: the cameras are too noisy for a face");
   const cube = "DRLUUBFBRBLURRLRUBLRDDFDLFUFUFFDBRDUBRUFLLFDDBFLUBLRBD";
-  const run = new Run("scenarios/solve.toml", "--set", "plant.light.level=0.06", "--cube", cube);
+  const run = new Run("scenarios/solve.toml", "--set", "plant.noise.image=60", "--cube", cube);
   const page = await open(run);
   await page.waitForSelector("#question[open]", { timeout: 240000 });
   check(true, "the controller asks");
