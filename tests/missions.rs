@@ -207,10 +207,10 @@ fn an_interrupt_ends_a_run_with_130_and_a_whole_summary() {
     assert_eq!((summary.outcome, summary.ended_by), (Outcome::Aborted, EndedBy::Interrupt));
 }
 
-/// A hand-over that the operator starts; `words` are said while it acquires. The exit code and what was printed.
+/// A hand-over; `words` are said on stdin while it acquires. The exit code and what was printed.
 fn commanded(words: impl FnOnce(&mut dyn FnMut(&str))) -> (Option<i32>, String) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
-        .args(["run", "scenarios/acquire.toml", "--wait"])
+        .args(["run", "scenarios/acquire.toml"])
         .args(["--set", "plant.hand.withdrawals=0"])
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .stdin(Stdio::piped())
@@ -220,7 +220,6 @@ fn commanded(words: impl FnOnce(&mut dyn FnMut(&str))) -> (Option<i32>, String) 
         .unwrap();
     let mut keys = child.stdin.take().unwrap();
     let mut say = |word: &str| writeln!(keys, "{word}").unwrap();
-    say("s");
     let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
     assert!(told.any(|line| line.unwrap().contains("acquire")), "it does not start");
     words(&mut say);

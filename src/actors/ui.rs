@@ -207,10 +207,11 @@ async fn next(commands: &mut Option<mpsc::Receiver<Command>>) -> Option<Command>
 }
 
 fn print(notice: &Notice) {
+    // Whoever reads the log sees it in its place; it is told once all the same.
     match notice {
         Notice::Phase(_, name) => tracing::info!(phase = %name, "phase"),
         Notice::Note(_, text) => tracing::info!("{text}"),
-        Notice::Error(_, error) => tracing::error!("{error}"),
+        Notice::Error(_, error) => tracing::debug!("{error}"),
         Notice::Over(_) => return,
     }
     let mut err = std::io::stderr().lock();

@@ -11,7 +11,6 @@ use crate::record::summary::{EndedBy, Summary};
 use crate::scenario::keys::Pace;
 use crate::scenario::{Override, Scenario};
 use clap::{Args, ValueEnum};
-use std::io::IsTerminal;
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
@@ -105,10 +104,10 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let (desk, behind) = desk();
     let face = args.face.open(word, desk)?;
     let shown = !matches!(face, Face::None);
-    let terminal = std::io::stdin().is_terminal();
     let options = RunOptions {
         require_real_time: args.require_rt,
-        automatic: args.json || face.has_terminal() || !(terminal || (args.wait && !shown)),
+        // Words on stdin are heard from a pipe, too; under --json there is nobody to say any.
+        automatic: args.json || face.has_terminal(),
         wait: args.wait && (shown || !args.json),
         quiet: face.has_terminal(),
         interruptible: true,

@@ -1,7 +1,7 @@
 //! A cell, a meeting of both arms and a small servo for the plant's own tests.
 
 use super::config::{PlantConfig, SensorNoise, Start};
-use super::{CubeMechanics, Jaws, Plant};
+use super::{CubeMechanics, Jaws, Plant, sagging};
 use crate::cell::{Arm, Cell, CubeSpec, ForceSensor, Gripper, HandZone};
 use crate::hw::port::Port;
 use crate::kinematics::builtin;
@@ -69,6 +69,13 @@ pub(super) fn cell() -> Cell {
     postument.world_from_base = Pose::from_parts(Translation3::identity(), half_turn);
     let miss = cube + Vector3::x() * (EDGE / 3.0) - world_from_tool(postument).translation.vector;
     postument.world_from_base.translation.vector = miss;
+    // The hands meet as they are, sag included.
+    let dynamics = PlantConfig::new(cell.clone()).arms;
+    let [first, second] = [0, 1].map(|i| {
+        let arm = &cell.arms[i];
+        sagging(arm, &dynamics[i], &arm.start) * world_from_tool(arm).inverse()
+    });
+    cell.arms[1].world_from_base = first * second.inverse() * cell.arms[1].world_from_base;
     cell
 }
 
