@@ -122,7 +122,8 @@ fn a_recording_holds_every_period_and_changes_nothing() {
     assert_eq!(reading.end(), Some(&End::Whole));
     assert_eq!(ticks.len(), label.fact("arms").split(' ').count());
     for periods in ticks.values() {
-        assert!(periods.len() >= 498, "{}", periods.len());
+        let wanted = with["sim_time_s"].as_f64().unwrap() / 0.002;
+        assert!((periods.len() as f64 - wanted).abs() <= 3.0, "{} of {wanted}", periods.len());
         assert!(periods.iter().zip(1..).all(|(a, b)| *a == b), "no period is missing");
     }
     let periods = ticks[&0].len();
@@ -181,9 +182,6 @@ fn a_full_disk_is_told_and_the_run_goes_on() {
     assert_eq!(summary["outcome"], "solved");
     assert_eq!(summary["hash"], without["hash"]);
     assert!(stderr.contains("No space left") && stderr.contains("the run goes on"), "{stderr}");
-    let lost = stderr
-        .split(", ")
-        .find_map(|words| words.strip_suffix(" lost: No space left on device (os error 28)"));
     let told = stderr.lines().find(|l| l.starts_with("recorded")).unwrap();
     assert!(told.contains(" lost: "), "{told}");
 }
@@ -290,7 +288,7 @@ fn a_recording_is_shown_paused_and_sought() {
     use rubik_robot::desk::desk;
     use rubik_robot::operator::{Command, ControlView};
     use std::sync::Arc;
-    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::atomic::AtomicBool;
     use std::time::{Duration, Instant};
 
     let (path, summary) = recorded("show.mcap", "scenarios/face_turn.toml", &[]);
