@@ -16,8 +16,14 @@ const LATCHED: &str = "- history: 1\n  depth: 1\n  reliability: 1\n  durability:
 
 /// Why nothing can be written any more.
 #[derive(Debug, thiserror::Error)]
-#[error("{0}")]
+#[error("{}", reason(.0))]
 pub struct Unwritten(#[from] mcap::McapError);
+
+/// What the device said, where it was the device.
+fn reason(error: &mcap::McapError) -> String {
+    let cause = std::error::Error::source(error);
+    cause.map_or_else(|| error.to_string(), ToString::to_string)
+}
 
 /// A file being written.
 pub struct File<W: Write + Seek> {
