@@ -168,7 +168,8 @@ impl Profile {
         if before >= 0.5 {
             return None;
         }
-        while tap != last {
+        // A `last` that lies behind ends the walk before it begins: the darkest tap may be at the very end of its reach.
+        while (last as isize - tap as isize) * way > 0 {
             let next = tap.checked_add_signed(way)?;
             let here = level(next);
             if here >= 0.5 {

@@ -1,6 +1,6 @@
 //! One page's WebSocket: what goes out, what comes in, and who commands.
 //!
-//! Out, JSON objects with one key each: `stage` once; `snapshot`, without the plan and the messages; `plan` when it
+//! Out, JSON objects with one key each: `stage` at first and whenever it changes; `snapshot`, without the plan and the messages; `plan` when it
 //! changes; `messages`, only those that this page has not had; `seat` when the right to command changes; `refused` with
 //! a reason. In: [`Command`]s, and `{"seat":"take"}` or `{"seat":"leave"}`.
 
