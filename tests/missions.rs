@@ -245,6 +245,27 @@ fn a_paused_hand_over_is_resumed_and_done() {
 }
 
 #[test]
+fn an_end_of_input_leaves_no_trace() {
+    let hash = |more: &[&str]| {
+        let out = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+            .args(["run", "scenarios/idle.toml", "--set", "idle.time_s=0.5"])
+            .args(more)
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        let printed = String::from_utf8(out.stdout).unwrap();
+        let at = printed.find("hash").unwrap();
+        let hash: String =
+            printed[at + 4..].chars().skip_while(|c| !c.is_ascii_alphanumeric()).take(16).collect();
+        assert!(hash.chars().all(|c| c.is_ascii_hexdigit()), "{printed}");
+        hash
+    };
+
+    assert_eq!(hash(&["--ui", "none"]), hash(&["--json"]));
+}
+
+#[test]
 fn an_operator_who_terminates_gets_an_aborted_summary_at_once() {
     // In a pause nothing else could end it.
     let (code, printed) = commanded(|say| {

@@ -149,11 +149,11 @@ impl Ui {
                         biased;
                         Some(command) = next(&mut commands) => {
                             let done = obey(&command, &helm);
-                            if done.is_ok() {
+                            if done == Ok(true) {
                                 tape.message("operator", "ui", &command);
                             }
                             if let Some(presenter) = &mut presenter {
-                                presenter.commanded(&command, done);
+                                presenter.commanded(&command, done.map(drop));
                             }
                         }
                         notice = notices.recv() => {
@@ -224,28 +224,34 @@ fn print(notice: &Notice) {
     };
 }
 
-/// Obeys a command; `Err` says why not.
-fn obey(command: &Command, helm: &Helm) -> Result<(), &'static str> {
+/// Obeys a command: whether that changed anything; `Err` says why not. A start of what runs is nothing, and not noted:
+/// the end of input says one at whatever time it comes.
+fn obey(command: &Command, helm: &Helm) -> Result<bool, &'static str> {
     let control = &helm.control;
     let now = *control.borrow();
+    let turn = |to| {
+        control.send_if_modified(|control| {
+            let changes = *control != to;
+            *control = to;
+            changes
+        })
+    };
     let over = || if now == Control::Terminated { Err("the run is over") } else { Ok(()) };
     match command {
         // A start moves no arm that was paused.
         Command::Start if now == Control::Paused => return Err("the run has begun: resume it"),
         Command::Start | Command::Resume => {
             over()?;
-            control.send_replace(Control::Running);
+            return Ok(turn(Control::Running));
         }
         Command::Pause => {
             over()?;
             if now == Control::Waiting {
                 return Err("the run has not begun");
             }
-            control.send_replace(Control::Paused);
+            return Ok(turn(Control::Paused));
         }
-        Command::Terminate => {
-            control.send_replace(Control::Terminated);
-        }
+        Command::Terminate => return Ok(turn(Control::Terminated)),
         // The flag was set on the way here.
         Command::EmergencyStop => {}
         Command::Answer { question, answer } => {
@@ -259,7 +265,7 @@ fn obey(command: &Command, helm: &Helm) -> Result<(), &'static str> {
         Command::Speed { factor } => helm.tempo.set(*factor),
         Command::Quit | Command::Seek { .. } => return Err("not while a run is on"),
     }
-    Ok(())
+    Ok(true)
 }
 
 /// The class of an error.
