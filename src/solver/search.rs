@@ -194,11 +194,11 @@ fn run_with<G: Guide>(guide: &G, views: &[View; 6], tables: &Tables, goal: &Goal
             view: &views[0],
             path: [0; LONGEST + 1],
             first: [(0, 0); LONGEST + 1],
-            first_known: 0,
             others: [(0, 0); LONGEST + 1],
             others_known: 0,
             home: tables.orders.home(),
             children: vec![[Child::default(); 18]; LONGEST],
+            grandchildren: vec![Child::default(); 18 * 18],
             siblings: 0,
             nodes: 0,
         };
@@ -229,15 +229,16 @@ struct Walk<'a, G> {
     view: &'a View,
     /// Turns of phase 1, then of phase 2.
     path: [u8; LONGEST + 1],
-    /// Corners and upper edges after each turn of phase 1, for as many turns as are known.
+    /// Corners and upper edges after each turn of phase 1.
     first: [(u16, u16); LONGEST + 1],
-    first_known: usize,
-    /// The same of the lower and the middle edges, which are seldom asked for.
+    /// The same of the lower and the middle edges, which are seldom asked for, for as many turns as are known.
     others: [(u16, u16); LONGEST + 1],
     others_known: usize,
     home: State,
     /// Neighbours of the state at each depth of phase 1.
     children: Vec<[Child; 18]>,
+    /// Neighbours of all neighbours of a state three turns before the end of phase 1.
+    grandchildren: Vec<Child>,
     /// Solutions with the first phase at hand.
     siblings: usize,
     /// Not yet added to all.
@@ -249,7 +250,7 @@ impl<'a, G: Guide> Walk<'a, G> {
         self.view = view;
         let [corners, upper, lower, middle]: Quads = view.orders;
         (self.first[0], self.others[0]) = ((corners, upper), (lower, middle));
-        (self.first_known, self.others_known) = (0, 0);
+        self.others_known = 0;
         if length == 0 {
             // With parts, the first one is enough.
             if turns & 1 == 1 {
@@ -268,15 +269,10 @@ impl<'a, G: Guide> Walk<'a, G> {
         self.nodes += u64::from(left < FAR);
         let guide = self.guide;
         let symmetry = usize::from(at.0.symmetry);
-        let turned = &self.tables.frames.turned;
-        if left == 1 {
-            let mut last = guide.last(at, turns);
-            while last != 0 {
-                self.step(depth, turned.back[symmetry][last.trailing_zeros() as usize]);
-                last &= last - 1;
-                self.end_phase1(depth + 1);
-            }
-            return;
+        match left {
+            1 => return self.last(at, depth, turns),
+            3 => return self.last_three(at, depth, turns),
+            _ => {}
         }
         let count = guide.children(at, turns, left - 1, &mut self.children[depth]);
         for i in 0..count {
@@ -285,11 +281,8 @@ impl<'a, G: Guide> Walk<'a, G> {
             if child.distance == 0 {
                 continue;
             }
-            let turn = turned.back[symmetry][usize::from(child.turn)];
+            let (turn, place, turns) = self.seen(symmetry, &child);
             self.step(depth, turn);
-            let symmetry = turned.after[usize::from(child.place.symmetry)][symmetry];
-            let turns = turned.may_follow[usize::from(symmetry)][usize::from(turn)];
-            let place = Place { symmetry, ..child.place };
             self.phase1((place, child.entry, child.distance), depth + 1, left - 1, turns);
             if self.goal.over.load(Relaxed) {
                 return;
@@ -300,11 +293,79 @@ impl<'a, G: Guide> Walk<'a, G> {
         }
     }
 
+    /// The ends that are one turn away.
+    #[inline]
+    fn last(&mut self, at: (Place, u32, u8), depth: usize, turns: u32) {
+        let symmetry = usize::from(at.0.symmetry);
+        let mut last = self.guide.last(at, turns);
+        while last != 0 {
+            let turn = last.trailing_zeros() as usize;
+            self.step(depth, self.tables.frames.turned.back[symmetry][turn]);
+            last &= last - 1;
+            self.end_phase1(depth + 1);
+        }
+    }
+
+    /// As [`Walk::phase1`] does, but looks up all that is two turns away before it goes there, so that these reads wait
+    /// for memory together.
+    fn last_three(&mut self, at: (Place, u32, u8), depth: usize, turns: u32) {
+        let guide = self.guide;
+        let symmetry = usize::from(at.0.symmetry);
+        let count = guide.children(at, turns, 2, &mut self.children[depth]);
+        let (mut ends, mut known) = ([0; 18], 0);
+        for (i, end) in ends.iter_mut().enumerate().take(count) {
+            let child = self.children[depth][i];
+            if child.distance != 0 {
+                let (_, place, turns) = self.seen(symmetry, &child);
+                let at = (place, child.entry, child.distance);
+                known += guide.children(at, turns, 1, &mut self.grandchildren[known..]);
+            }
+            *end = known;
+        }
+        let mut next = 0;
+        for (i, &end) in ends.iter().enumerate().take(count) {
+            let child = self.children[depth][i];
+            if child.distance == 0 {
+                continue;
+            }
+            self.nodes += 1;
+            let (turn, place, _) = self.seen(symmetry, &child);
+            self.step(depth, turn);
+            for grandchild in next..end {
+                let grandchild = self.grandchildren[grandchild];
+                if grandchild.distance == 0 {
+                    continue;
+                }
+                self.nodes += 1;
+                let (turn, place, turns) = self.seen(usize::from(place.symmetry), &grandchild);
+                self.step(depth + 1, turn);
+                self.last((place, grandchild.entry, grandchild.distance), depth + 2, turns);
+                if self.goal.over.load(Relaxed) {
+                    return;
+                }
+            }
+            next = end;
+        }
+    }
+
+    /// A neighbour's turn and its place as the cube has them, and the turns that may follow.
+    #[inline]
+    fn seen(&self, symmetry: usize, child: &Child) -> (u8, Place, u32) {
+        let turned = &self.tables.frames.turned;
+        let turn = turned.back[symmetry][usize::from(child.turn)];
+        let symmetry = turned.after[usize::from(child.place.symmetry)][symmetry];
+        let turns = turned.may_follow[usize::from(symmetry)][usize::from(turn)];
+        (turn, Place { symmetry, ..child.place }, turns)
+    }
+
     /// Takes a turn of phase 1.
     #[inline]
     fn step(&mut self, depth: usize, turn: u8) {
         self.path[depth] = turn;
-        self.first_known = self.first_known.min(depth);
+        // Nearly every way comes to an end, and until then there is time to read.
+        let orders = self.bounds.orders;
+        let (corners, upper) = self.first[depth];
+        self.first[depth + 1] = (orders.corners(corners, turn), orders.quad(upper, turn));
         self.others_known = self.others_known.min(depth);
     }
 
@@ -329,12 +390,6 @@ impl<'a, G: Guide> Walk<'a, G> {
         }
         left = left.min(LONGEST_PHASE2);
         let orders = self.bounds.orders;
-        while self.first_known < depth {
-            let (k, turn) = (self.first_known, self.path[self.first_known]);
-            let (corners, upper) = self.first[k];
-            self.first[k + 1] = (orders.corners(corners, turn), orders.quad(upper, turn));
-            self.first_known += 1;
-        }
         let (corners, upper) = self.first[depth];
         let upper = orders.four(upper);
         let least = self.bounds.of_four(corners, 0, upper);

@@ -17,7 +17,7 @@ use super::coordinates::{
     FLIPS, QUADS, TWISTS, flip, flip_moves, quad, quad_moves, twist, twist_moves,
 };
 use super::symmetry::{CLASSES, Classes, Turned, twist_images};
-use super::table::TableSpec;
+use super::table::{TableSpec, prefetch};
 use crate::cube::Cube;
 
 mod faces;
@@ -125,6 +125,14 @@ impl Frames {
         Place { class, twist, symmetry }
     }
 
+    /// Fetches what [`Frames::step`] needs of a class, before it is asked for.
+    #[inline]
+    fn expect(&self, class: u32) {
+        let row = class as usize * 18;
+        prefetch(&self.class_moves, row);
+        prefetch(&self.class_moves, row + 17);
+    }
+
     /// The place after a turn as the walk sees it; the symmetry is the step's alone.
     #[inline]
     fn step(&self, class: u32, twist: u16, turn: usize) -> Place {
@@ -153,8 +161,7 @@ pub(super) trait Guide: Sync {
     /// What the table says of the turns from a place.
     fn entry(&self, place: Place) -> u32;
     /// The neighbours by `turns` that are at most `left` from the goal, and how many.
-    fn children(&self, at: (Place, u32, u8), turns: u32, left: u8, into: &mut [Child; 18])
-    -> usize;
+    fn children(&self, at: (Place, u32, u8), turns: u32, left: u8, into: &mut [Child]) -> usize;
     /// Those of `turns` that lead from a place one turn away to the goal.
     fn last(&self, at: (Place, u32, u8), turns: u32) -> u32;
     /// The distance of a place.
@@ -183,7 +190,7 @@ impl Guide for Wide<'_> {
         (place, entry, distance): (Place, u32, u8),
         turns: u32,
         left: u8,
-        into: &mut [Child; 18],
+        into: &mut [Child],
     ) -> usize {
         let (nearer, not_farther) = self.faces.masks(entry);
         let mut mask = turns
@@ -201,6 +208,9 @@ impl Guide for Wide<'_> {
             let distance = distance + 1 - (a + b) as u8;
             // Read here, so that all neighbours wait for memory together.
             let entry = if left > 0 { self.entry(place) } else { 0 };
+            if left > 1 {
+                self.frames.expect(place.class);
+            }
             into[count] = Child { place, turn: turn as u8, distance, entry };
             count += 1;
         }
@@ -269,7 +279,7 @@ impl Guide for Near<'_> {
         (place, _, distance): (Place, u32, u8),
         turns: u32,
         left: u8,
-        into: &mut [Child; 18],
+        into: &mut [Child],
     ) -> usize {
         let mut mask = turns & self.near_enough(place, left);
         let (mut count, mut read) = (0, [(Place::default(), 0_u8, 0_u8); 18]);
