@@ -18,8 +18,8 @@ fn main() {
     };
     let cubes = number("--cubes", 20);
     let effort = Effort {
-        nodes: number("--nodes", 2_000_000),
-        candidates: number("--candidates", 1000) as usize,
+        nodes: number("--nodes", 1_000_000),
+        candidates: number("--candidates", 1500) as usize,
     };
     let scenario = match scenario::read(Path::new("built-in"), "", &[]) {
         Ok(scenario) => scenario,

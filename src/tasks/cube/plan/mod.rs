@@ -255,6 +255,29 @@ mod tests {
         }
     }
 
+    /// What is cut off for costing too much must never be the best.
+    #[test]
+    fn the_best_of_many_is_the_best_of_each() {
+        use crate::cube::Cube;
+        use crate::solver::{Budget, Tables, candidates};
+        let tables = Tables::build();
+        for (seed, rule) in RULES.into_iter().cycle().take(9).enumerate() {
+            let budget = Budget { nodes: 20_000, max_length: 0 };
+            let list = candidates(&Cube::scrambled(seed as u64), &tables, &budget, 12);
+            let terms = Terms::of(rule);
+            let each = list.iter().rev().map(|turns| {
+                plan(std::slice::from_ref(turns), start(), &terms, &Everywhere).unwrap().cost
+            });
+            let best = each.fold(f64::INFINITY, f64::min);
+
+            for list in [list.clone(), list.into_iter().rev().collect()] {
+                let together = plan(&list, start(), &terms, &Everywhere).unwrap().cost;
+
+                assert!((together - best).abs() < 1e-9, "{rule:?} {seed}: {together} {best}");
+            }
+        }
+    }
+
     #[test]
     fn turns_outside_a_wrists_range_are_not_planned() {
         struct Short;

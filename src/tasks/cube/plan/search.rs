@@ -10,7 +10,7 @@
 use super::super::hold::{Grip, Hand, Hold};
 use super::travel::{Reach, Stand};
 use super::{Depths, Rule, Terms, compatible, turnable};
-use crate::cube::{Rotation24, Turn, rotation_index};
+use crate::cube::{Face, Rotation24, Turn, rotation_index};
 use crate::motion::Depth;
 use std::f64::consts::FRAC_PI_2;
 
@@ -52,6 +52,8 @@ pub(super) struct Moves<'a, R: Reach> {
     reach: &'a R,
     terms: Terms,
     start: usize,
+    /// Whether a hand may ever reach over two layers.
+    deep: bool,
     /// Grip of each number.
     grips: Vec<Grip>,
     /// `after[grip][quarters]`.
@@ -88,8 +90,8 @@ struct Best {
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     best: Vec<[Best; STATES]>,
-    /// Least seconds from each node to the end.
-    tail: Vec<f64>,
+    /// Least seconds from each node to the end, by the palm of the hand that holds alone.
+    tail: Vec<[f64; 6]>,
 }
 
 impl<'a, R: Reach> Moves<'a, R> {
@@ -119,6 +121,7 @@ impl<'a, R: Reach> Moves<'a, R> {
             reach,
             terms: *terms,
             start: state_number(start),
+            deep: terms.depths == Depths::Both || start.1.hold.depth == Depth::Two,
             grips,
             after,
             pairs,
@@ -137,7 +140,8 @@ impl<'a, R: Reach> Moves<'a, R> {
         let ways = ways(turns, self.terms.rule);
         let last = ways.len() - 1;
         self.tails(&ways, tail);
-        if tail[0] >= bound {
+        let palm = |state: usize| self.grips[state % GRIPS].hold.palm.index();
+        if tail[0][palm(self.start)] >= bound {
             return None;
         }
         let none = Best { cost: f64::INFINITY, stand: None, from: (0, 0), settled: false };
@@ -149,8 +153,8 @@ impl<'a, R: Reach> Moves<'a, R> {
             while let Some(state) = cheapest(&best[node]) {
                 best[node][state].settled = true;
                 let Best { cost, stand, .. } = best[node][state];
-                if cost + tail[node] >= bound {
-                    break;
+                if cost + tail[node][palm(state)] >= bound {
+                    continue;
                 }
                 self.expand(
                     &ways,
@@ -213,21 +217,54 @@ impl<'a, R: Reach> Moves<'a, R> {
         episodes
     }
 
-    /// Least seconds from each node to the end: every turn is made, and a grasp serves for two at most.
-    fn tails(&self, ways: &[Vec<(Turn, usize)>], tail: &mut Vec<f64>) {
+    /// Least seconds from each node to the end, by the palm of the hand that holds alone: of the rules only that a
+    /// hand turns the face under its palm, and of the ways only the shortest.
+    fn tails(&self, ways: &[Vec<(Turn, usize)>], tail: &mut Vec<[f64; 6]>) {
         let grasp = self.terms.costs.grasp + self.reach.least_travel();
-        let mut left = vec![(0_u32, 0.0); ways.len()];
-        for node in (0..ways.len()).rev() {
-            if let Some(&(turn, next)) = ways[node].first() {
-                left[node] = (left[next].0 + 1, left[next].1 + self.turn_cost(turn));
-            }
-        }
         let leave = if ways.len() > 1 { self.terms.costs.leave } else { 0.0 };
         tail.clear();
-        tail.extend(
-            left.iter()
-                .map(|(turns, seconds)| seconds + f64::from(turns.div_ceil(2)) * grasp + leave),
-        );
+        tail.resize(ways.len(), [leave; 6]);
+        for (node, ways_on) in ways.iter().enumerate().rev().skip(1) {
+            let mut least = [f64::INFINITY; 6];
+            for stays in Face::ALL {
+                for comes in Face::ALL.into_iter().filter(|&f| f != stays) {
+                    let palms = [stays, comes];
+                    let end = |node: usize| {
+                        let [a, b] = palms.map(|palm| tail[node][palm.index()]);
+                        a.min(b)
+                    };
+                    let mut of_pair = f64::INFINITY;
+                    for &(first, next) in ways_on {
+                        if !self.may_turn(first, palms) {
+                            continue;
+                        }
+                        let seconds = self.turn_cost(first);
+                        of_pair = of_pair.min(seconds + end(next));
+                        for &(second, after) in &ways[next] {
+                            let both =
+                                self.terms.rule == Rule::Clearance && second.face != first.face;
+                            if both && self.may_turn(second, palms) {
+                                of_pair =
+                                    of_pair.min(seconds + self.turn_cost(second) + end(after));
+                            }
+                        }
+                    }
+                    let least = &mut least[stays.index()];
+                    *least = least.min(grasp + of_pair);
+                }
+            }
+            // A grasp without a turn brings the palm anywhere else.
+            let elsewhere = grasp + least.iter().copied().fold(f64::INFINITY, f64::min);
+            tail[node] = least.map(|seconds| seconds.min(elsewhere));
+        }
+    }
+
+    /// Whether the rule lets one of two hands make a turn, as far as the palms say.
+    fn may_turn(&self, turn: Turn, palms: [Face; 2]) -> bool {
+        let opposite = palms[0] == palms[1].opposite();
+        palms.contains(&turn.face)
+            && (opposite || self.terms.rule == Rule::Clearance)
+            && (self.deep || !opposite)
     }
 
     /// All episodes from a state: to where, how the arms then stand, how.
