@@ -119,6 +119,7 @@ fn mp(
     ui: UiHandle,
     clock: Clock,
     tape: Tape,
+    journal: None,
 ) -> Mp {
     Mp::new(Parts {
         turning: Turning::default(),

@@ -31,4 +31,4 @@ pub mod work;
 mod world;
 
 pub use build::planner;
-pub use supervisor::{Around, RunOptions, run, run_at, run_with};
+pub use supervisor::{Around, Keep, RunOptions, run, run_at, run_with};

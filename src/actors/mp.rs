@@ -16,6 +16,7 @@ use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::{AXES, ArmState, Motion as Way, MotorPositions, MoveCommand, PERIOD};
 use crate::operator::{Answer, Manual, Question};
+use crate::record::journal::Journal;
 use crate::record::recorder::Entry;
 use crate::record::tape::Tape;
 use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
@@ -63,6 +64,8 @@ pub struct Parts {
     pub work: Work,
     /// Where messages are noted.
     pub tape: Tape,
+    /// What another run must know to go on.
+    pub journal: Option<Journal>,
 }
 
 /// How a run ended, as MP knows it.
@@ -147,6 +150,14 @@ impl Mp {
             self.parts.tape.message("mp", "kernel", &(&event, &forces));
             let action = task.next(event, &Readings { arms: &self.arms, forces });
             self.parts.tape.message("kernel", "mp", &action);
+            if let (Some(journal), Some(entry)) = (&mut self.parts.journal, task.entry())
+                && let Err(why) = journal.write(&entry)
+            {
+                self.parts.journal = None;
+                let note =
+                    format!("the journal cannot be written ({why}): nobody can resume this run");
+                self.parts.ui.tell(Notice::Note(self.now(), note));
+            }
             for note in task.notes() {
                 self.parts.ui.tell(Notice::Note(self.now(), note));
             }

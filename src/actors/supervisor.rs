@@ -24,10 +24,12 @@ use crate::error::{Error, Fatal, System};
 use crate::generators::Behaviour;
 use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches, WallEnd};
 use crate::hw::note::{self, Note};
+use crate::hw::plant::saved::Saved;
 use crate::hw::plant::{Plant, Verdict};
 use crate::motion::PERIOD;
 use crate::operator::OutcomeView;
 use crate::reach::{MeetingTable, ReachSettings};
+use crate::record::journal::Journal;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Entry, Recorder};
 use crate::record::summary::{EndedBy, Outcome, Phase, SensorPeak, Summary};
@@ -41,7 +43,8 @@ use crate::tasks::cube::hold::Hand;
 use crate::tasks::cube::mission::{Goal, Mission, MissionLog};
 use crate::tasks::idle::Idle;
 use crate::tasks::panel::Panel;
-use crate::tasks::{Effort, Forces};
+use crate::tasks::{self, Effort, Forces};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -95,6 +98,19 @@ pub struct Around {
     pub recorder: Recorder,
     /// A recording in place of the plant, the sensors and the operator, and whether an operator was there.
     pub playback: Option<(Playback, bool)>,
+    /// Files that outlive a run.
+    pub keep: Keep,
+}
+
+/// Files that outlive a run.
+#[derive(Debug, Clone, Default)]
+pub struct Keep {
+    /// Where the simulated plant keeps its state; the controller does not know it.
+    pub world: Option<PathBuf>,
+    /// What another run must know to go on.
+    pub journal: Option<PathBuf>,
+    /// Go on where the run that left them was broken off.
+    pub resume: bool,
 }
 
 /// The same with faces at the other end of a desk: they see what the controller believes, and command it. A run of the
@@ -120,7 +136,7 @@ pub fn run_with(
     options: RunOptions,
     around: Around,
 ) -> Result<Summary, Error> {
-    let Around { behind, recorder, playback } = around;
+    let Around { behind, recorder, playback, keep: files } = around;
     let begun = Instant::now();
     let initial = if options.wait { Control::Waiting } else { Control::Running };
     let control = Arc::new(watch::channel(initial).0);
@@ -144,8 +160,16 @@ pub fn run_with(
         noted = notes;
         (world, cameras)
     } else {
-        World::of_plant(scenario, plan.plant(scenario)?, &control)?
+        let mut plant = plan.plant(scenario)?;
+        if let (Some(path), true) = (&files.world, files.resume) {
+            plant = Saved::read(path)
+                .and_then(|saved| plant.restored(saved, scenario.seed))
+                .map_err(|why| not_created("plant", &format!("{}: {why}", path.display())))?;
+        }
+        let (world, cameras) = World::of_plant(scenario, plant, &control)?;
+        (world.keeping(files.world.as_deref(), scenario.seed), cameras)
     };
+    let journal = Logbook::of(&files)?;
     // From here on the controller: the world has its truth.
     let scenario = &*super::calibrate::believed(scenario);
     let mut builder = tokio::runtime::Builder::new_current_thread();
@@ -160,6 +184,7 @@ pub fn run_with(
         recorder: recorder.clone(),
         playback,
         tape,
+        journal,
     };
     let done =
         runtime.block_on(perform(scenario, options, &control, (world, cameras), goal, plan, desk));
@@ -195,6 +220,29 @@ struct Attendance {
     recorder: Recorder,
     playback: Option<Playback>,
     tape: Tape,
+    journal: Logbook,
+}
+
+/// A run's journal, and what another run noted last.
+#[derive(Default)]
+struct Logbook {
+    journal: Option<Journal>,
+    /// Of a run that goes on.
+    last: Option<Option<tasks::Entry>>,
+}
+
+impl Logbook {
+    fn of(files: &Keep) -> Result<Self, Error> {
+        let Some(path) = &files.journal else { return Ok(Self::default()) };
+        let failed = |why: String| not_created("journal", &format!("{}: {why}", path.display()));
+        let last = files
+            .resume
+            .then(|| Journal::last(path))
+            .transpose()
+            .map_err(|why| failed(why.to_string()))?;
+        let journal = Journal::open(path, files.resume).map_err(|why| failed(why.to_string()))?;
+        Ok(Self { journal: Some(journal), last })
+    }
 }
 
 fn create_ui(
@@ -399,7 +447,8 @@ async fn perform(
         .map(|verdict| Facelets::try_from(verdict.facelets))
         .transpose()
         .map_err(|e| not_created("plant", &e.to_string()))?;
-    let Attendance { ui, mut emergency, mut words, tempo, recorder, playback, tape } = desk;
+    let Attendance { ui, mut emergency, mut words, tempo, recorder, playback, tape, journal } =
+        desk;
     let by_hand = goal.is_none() && words.is_some();
     // Before the start there is no time: a run does not depend on when it was started.
     let mut start_of = outer.subscribe();
@@ -629,6 +678,9 @@ async fn perform(
         None => Kernel::Idle(Idle::new(config.idle.time)),
         Some(goal) => {
             let mut mission = cube_kernel(config, goal, plan.meetings, plan.face_turn)?;
+            if let Some(last) = journal.last {
+                mission = mission.resumed(last);
+            }
             mission.patience = words.is_some().then_some(PATIENCE);
             Kernel::Cube(Box::new(mission))
         }
@@ -651,6 +703,7 @@ async fn perform(
         clock,
         work,
         tape: tape.clone(),
+        journal: journal.journal,
     });
     let span = tracing::info_span!("mp");
     let mut whereabouts = String::new();

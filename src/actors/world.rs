@@ -23,6 +23,7 @@ use crate::record::playback::Playback;
 use crate::scenario::keys::BridgeKind;
 use crate::scenario::{CameraSource, ControllerConfig, Scenario};
 use crate::servo::io::{ArmDrive, ArmReading};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tokio::sync::watch;
 
@@ -31,7 +32,12 @@ pub(super) struct World {
     kind: Kind,
     /// Told to end the run when the port fails.
     control: Arc<watch::Sender<Control>>,
+    /// Where the plant keeps its state, and its seed.
+    kept: Option<(PathBuf, u64)>,
 }
+
+/// A plant keeps its state so often [servo periods].
+const KEPT_EVERY: u64 = 50;
 
 enum Kind {
     Plant { plant: Plants, scenes: Vec<triple_buffer::Input<Scene>> },
@@ -89,7 +95,7 @@ impl World {
             _ => Plants::Bare(Box::new(plant)),
         };
         let kind = Kind::Plant { plant, scenes };
-        Ok((Self { kind, control: Arc::clone(control) }, cameras))
+        Ok((Self { kind, control: Arc::clone(control), kept: None }, cameras))
     }
 
     /// The hardware that the scenario's file of devices names.
@@ -115,7 +121,11 @@ impl World {
                 .map_err(|e| not_created("camera", &e.to_string()))?;
             Ok(Box::new(camera))
         })?;
-        Ok((Self { kind: Kind::Bridge(port), control: Arc::clone(control) }, cameras, Some(noted)))
+        Ok((
+            Self { kind: Kind::Bridge(port), control: Arc::clone(control), kept: None },
+            cameras,
+            Some(noted),
+        ))
     }
 
     /// What a recording says: its readings come back, its cameras show nothing, since its sensors deliver themselves.
@@ -126,7 +136,27 @@ impl World {
     ) -> (Self, Cameras) {
         let nothing = |_: &CameraSource| Some(Box::new(Nothing) as Box<dyn FrameSource>);
         let cameras = scenario.controller.cameras.iter().map(nothing).collect();
-        (Self { kind: Kind::Recording(playback), control: Arc::clone(control) }, cameras)
+        (
+            Self { kind: Kind::Recording(playback), control: Arc::clone(control), kept: None },
+            cameras,
+        )
+    }
+
+    /// A plant that keeps its state in a file, from now on and every tenth of a second.
+    pub(super) fn keeping(mut self, path: Option<&Path>, seed: u64) -> Self {
+        self.kept = path.map(|path| (path.to_owned(), seed));
+        self.keep();
+        self
+    }
+
+    fn keep(&mut self) {
+        let (Some((path, seed)), Kind::Plant { plant, .. }) = (&self.kept, &self.kind) else {
+            return;
+        };
+        if let Err(why) = plant.plant().saved(*seed).write(path) {
+            tracing::error!("{}: the plant cannot keep its state: {why}", path.display());
+            self.kept = None;
+        }
     }
 
     /// What there is to be seen, where that is known.
@@ -203,6 +233,9 @@ impl Port for World {
             Kind::Bridge(port) => port.exchange(period, drives, readings),
             Kind::Recording(playback) => playback.exchange(period, drives, readings),
         };
+        if self.kept.is_some() && period.is_multiple_of(KEPT_EVERY) {
+            self.keep();
+        }
         if let (Err(fault), Kind::Bridge(_)) = (&done, &self.kind) {
             // The operator learns it now; the task would only learn it when it asks an arm for something.
             tracing::error!("bridge lost: {fault}; power is off, brakes are on");

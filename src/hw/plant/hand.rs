@@ -31,7 +31,7 @@ const LOAD_TIME: f64 = 0.3;
 const AWAY: f64 = 2.0;
 
 /// What it is doing.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 enum Phase {
     /// Waits outside with the cube.
     Outside,
@@ -64,6 +64,15 @@ pub(super) struct Sight {
     /// Greatest force of a gripper on it [N].
     pub(super) load: f64,
     pub(super) solved: bool,
+}
+
+/// What is kept of a hand; times count from the moment at which it was kept [s].
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
+pub(super) struct Saved {
+    phase: Phase,
+    withdrawals_left: u32,
+    let_go_at: f64,
+    cube_left_zone: bool,
 }
 
 #[derive(Debug, Clone)]
@@ -140,6 +149,34 @@ impl OperatorHand {
             cube_left_zone: false,
             grip: zone_frame.r * Vector3::new(0.5 * edge, 0.0, 0.0),
         }
+    }
+
+    /// What is kept of it at `t`.
+    pub(super) fn saved(&self, t: f64) -> Saved {
+        let mut phase = self.phase;
+        match &mut phase {
+            Phase::Bringing { since }
+            | Phase::DrawingBack { since }
+            | Phase::Leaving { since, .. }
+            | Phase::Coming { since, .. }
+            | Phase::Taking { since, .. }
+            | Phase::Carrying { since, .. } => *since -= t,
+            Phase::Outside | Phase::Gone | Phase::Done => {}
+        }
+        Saved {
+            phase,
+            withdrawals_left: self.withdrawals_left,
+            let_go_at: self.let_go_at - t,
+            cube_left_zone: self.cube_left_zone,
+        }
+    }
+
+    /// Goes on at time 0 with what was kept.
+    pub(super) fn restore(&mut self, saved: Saved) {
+        self.phase = saved.phase;
+        self.withdrawals_left = saved.withdrawals_left;
+        self.let_go_at = saved.let_go_at;
+        self.cube_left_zone = saved.cube_left_zone;
     }
 
     /// A hand that has nothing to do until the cube is handed back.

@@ -9,8 +9,6 @@
 
 mod recover;
 
-pub use recover::Resume;
-
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -26,7 +24,7 @@ use crate::motion::{ArmState, Depth, JawCommand, JointPositions};
 use crate::operator::{Answer, Net, PlanLine, Question, Reading, Subject};
 use crate::reach::Meeting;
 use crate::spatial::Pose;
-use crate::tasks::{Action, Event, Finish, Picture, Readings, Task, Turning, Until, View};
+use crate::tasks::{Action, Entry, Event, Finish, Picture, Readings, Task, Turning, Until, View};
 use nalgebra::UnitQuaternion;
 
 /// What the kernel is to do.
@@ -182,7 +180,7 @@ pub struct Mission {
     /// The turner's hold before the turn that is being made.
     before_turn: Option<Grip>,
     /// What an earlier run left, if this one goes on from there.
-    resume: Option<Resume>,
+    resume: Option<Entry>,
     /// The track is not drawn back beyond this [m]; known to a mission that goes on from anywhere.
     least_track: Option<f64>,
     /// What is shown of all this.
@@ -316,8 +314,8 @@ impl Mission {
     }
 
     fn begin(&mut self, arms: &[ArmState]) {
-        if let Some(resume) = self.resume {
-            return self.survey(resume, arms);
+        if let Some(last) = self.resume.clone() {
+            return self.survey(&last, arms);
         }
         match self.goal {
             Goal::Solve => self.take(),
@@ -1207,6 +1205,27 @@ impl Task for Mission {
         })
     }
 
+    fn entry(&self) -> Option<Entry> {
+        let job = self.pending.as_ref()?;
+        let over = matches!(job, Job::Finish { .. });
+        let changes = matches!(
+            job,
+            Job::Take { .. }
+                | Job::Close { .. }
+                | Job::Open { .. }
+                | Job::Turn { .. }
+                | Job::Present { .. }
+                | Job::Along(..)
+        );
+        (over || changes).then(|| Entry {
+            doing: if over { "over" } else { doing(job) }.to_owned(),
+            held: self.belief.held.map(|held| held.map(|held| held.hold.depth)),
+            hand_over: self.hand_over,
+            handing_back: self.with_operator,
+            over,
+        })
+    }
+
     fn think(thought: Thought) -> (Conclusion, crate::tasks::Effort) {
         super::think::think(&thought)
     }
@@ -1257,6 +1276,8 @@ fn doing(job: &Job) -> &'static str {
         Job::Approach { .. } | Job::VisualServo { .. } => "approaching",
         Job::Close { .. } | Job::Take { .. } => "closing the jaws",
         Job::Secure { .. } => "securing",
+        Job::Open { .. } => "opening the jaws",
+        Job::Present { .. } => "handing back",
         _ => "moving",
     }
 }

@@ -9,8 +9,9 @@
 use super::{Job, Mission, name};
 use crate::cube::{Axis, Face, rotations};
 use crate::generators::Outcome;
-use crate::motion::{ArmState, Depth, JointPositions};
-use crate::tasks::cube::hold::{Grip, Hand, Hold};
+use crate::motion::{ArmState, Depth};
+use crate::tasks::Entry;
+use crate::tasks::cube::hold::{Hand, Hold};
 use crate::vision::sensor::FaceReading;
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -28,15 +29,6 @@ const GONE: f64 = 0.85;
 const WIDER: f64 = 0.002;
 /// A layer that stands off by less is straightened by the jaws that close over it [rad].
 const STRAIGHT: f64 = 0.1;
-
-/// What an earlier run of the same mission left behind.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Resume {
-    /// Where the track stood when it had taken the cube from the operator.
-    pub hand_over: Option<JointPositions>,
-    /// How deep the hands held, as far as it was noted.
-    pub depths: [Option<Depth>; 2],
-}
 
 /// Colours as this cube's stickers look, by face [0..=255 each].
 pub(super) type Palette = [[f64; 3]; 6];
@@ -77,10 +69,16 @@ fn otherwise(reading: &FaceReading, expected: &[u8; 9], palette: &Palette) -> Ve
 
 impl Mission {
     /// A mission that goes on where another was broken off, at whatever moment: the arms are asked what they hold, and
-    /// the cameras what has become of the cube.
+    /// the cameras what has become of the cube. `last` is what the other one noted last, if anything.
     #[must_use]
-    pub fn resumed(mut self, resume: Resume) -> Self {
-        self.resume = Some(resume);
+    pub fn resumed(mut self, last: Option<Entry>) -> Self {
+        self.resume = Some(last.unwrap_or_else(|| Entry {
+            doing: "nothing yet".to_owned(),
+            held: [None; 2],
+            hand_over: None,
+            handing_back: false,
+            over: false,
+        }));
         self
     }
 
@@ -264,21 +262,26 @@ impl Mission {
     }
 
     /// The first jobs of a mission that goes on: who holds the cube, is a layer askew?
-    pub(super) fn survey(&mut self, resume: Resume, arms: &[ArmState]) {
+    pub(super) fn survey(&mut self, last: &Entry, arms: &[ArmState]) {
         let edge = self.settings.edge;
         let between = |hand: Hand| {
             let gap = arms[hand.index()].jaw_opening;
             gap > GONE * edge && gap < edge + WIDER
         };
-        self.hand_over = resume.hand_over;
+        self.hand_over = last.hand_over;
         let places = self.settings.meetings.grasps.iter().flatten().map(|m| m.track_back.0[0]);
         let least = places.fold(f64::INFINITY, f64::min) - self.settings.meetings.separation;
         self.apart = arms[0].desired_joints.0[0] < least + 0.5 * self.settings.meetings.separation;
         self.least_track = Some(least);
-        let depth = |hand: Hand| resume.depths[hand.index()].unwrap_or(Depth::One);
-        let usual = |hand| Hold { palm: Face::D, jaws: Axis::Y, depth: depth(hand) };
+        let usual =
+            |hand: Hand| Hold { palm: Face::D, jaws: Axis::Y, depth: depth(Some(last), hand) };
+        self.log.notes.push(format!("the other run was broken off while {}", last.doing));
         self.queue.push_back(Job::Phase("take stock"));
         match [Hand::Track, Hand::Postument].map(between) {
+            [false, false] if last.over || last.handing_back => {
+                self.with_operator = true;
+                self.queue.push_back(Job::Finish { achieved: true });
+            }
             [false, false] => {
                 self.log.notes.push("no hand holds the cube: it is taken anew".to_owned());
                 self.queue.push_back(Job::Apart);
@@ -296,10 +299,24 @@ impl Mission {
                 let hand = if track { Hand::Track } else { Hand::Postument };
                 self.log.notes.push(format!("the {} hand holds the cube", name(hand)));
                 self.belief.taken(hand, usual(hand), false);
-                self.queue
-                    .extend([Job::Close { hand, hold: usual(hand) }, Job::LetGo(hand.other())]);
+                self.queue.push_back(Job::Close { hand, hold: usual(hand) });
+                self.clear(hand.other(), arms);
                 self.settle(hand);
             }
+        }
+    }
+
+    /// An empty hand opens, and draws back where it may have its fingers beside the cube.
+    fn clear(&mut self, hand: Hand, arms: &[ArmState]) {
+        let place = |hand: Hand| {
+            let base_from_tool = arms[hand.index()].desired_base_from_tool;
+            (self.belief.world_from_base(hand) * base_from_tool).translation.vector
+        };
+        let between = (place(hand) - place(hand.other())).norm();
+        if between < 3.0 * self.settings.edge {
+            self.queue.push_back(Job::LetGo(hand));
+        } else {
+            self.queue.push_back(Job::Open { hand, opening: self.settings.opening });
         }
     }
 
@@ -321,15 +338,14 @@ impl Mission {
         let (track, postument) = (tool(Hand::Track), tool(Hand::Postument));
         let (turner, by) = askew(&track, &postument);
         let body = turner.other();
-        let depth =
-            |hand: Hand| self.resume.and_then(|r| r.depths[hand.index()]).unwrap_or(Depth::One);
-        let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: depth(body) };
+        let last = self.resume.as_ref();
+        let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: depth(last, body) };
         let (own, other) =
             if turner == Hand::Track { (track, postument) } else { (postument, track) };
         let straight = own * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), by);
         let cube_from_turner =
             hold.cube_from_tool(false, self.settings.edge).rotation * other.inverse() * straight;
-        let (turned, half_roll) = Hold::from_tool_rotation(&cube_from_turner, depth(turner));
+        let (turned, half_roll) = Hold::from_tool_rotation(&cube_from_turner, depth(last, turner));
         self.belief.taken(body, hold, false);
         self.belief.taken(turner, turned, half_roll);
         if by.abs() > STRAIGHT {
@@ -348,18 +364,11 @@ impl Mission {
     pub(super) fn turned_back(outcome: Option<&Outcome>) -> bool {
         matches!(outcome, Some(Outcome::Turned(_) | Outcome::Stalled(..) | Outcome::Slipped(..)))
     }
+}
 
-    /// What a hand holds, for whoever resumes.
-    #[must_use]
-    pub fn held(&self) -> [Option<Grip>; 2] {
-        self.belief.held.map(|h| h.map(|h| Grip { hold: h.hold, half_roll: h.half_roll }))
-    }
-
-    /// Where the cube was taken, and is handed back.
-    #[must_use]
-    pub fn hand_over(&self) -> Option<JointPositions> {
-        self.hand_over
-    }
+/// How deep a hand holds, as far as it was noted.
+fn depth(last: Option<&Entry>, hand: Hand) -> Depth {
+    last.and_then(|last| last.held[hand.index()]).unwrap_or(Depth::One)
 }
 
 /// Which hand turns a layer, and by how much more about its own z the layer is straight [rad]: of the 24 ways in which
