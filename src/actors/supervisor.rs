@@ -820,6 +820,7 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
         executed: format_turns(&done.task.executed),
         turns: done.task.executed.len() as u32,
         grasps: done.task.grasps,
+        recoveries: done.task.recoveries,
         sim_time_s: ending.end,
         wall_time_s,
         peak_force_n: verdict.map(|v| v.peak_force),
