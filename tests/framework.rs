@@ -119,7 +119,6 @@ fn mp(
     ui: UiHandle,
     clock: Clock,
     tape: Tape,
-    journal: None,
 ) -> Mp {
     Mp::new(Parts {
         turning: Turning::default(),
@@ -136,6 +135,7 @@ fn mp(
         clock,
         work: Work(Pace::Virtual),
         tape,
+        journal: None,
     })
 }
 

@@ -24,7 +24,7 @@ use crate::error::{Error, Fatal, System};
 use crate::generators::Behaviour;
 use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches, WallEnd};
 use crate::hw::note::{self, Note};
-use crate::hw::plant::saved::Saved;
+use crate::hw::plant::saved::{Saved, Unfit};
 use crate::hw::plant::{Plant, Verdict};
 use crate::motion::PERIOD;
 use crate::operator::OutcomeView;
@@ -162,9 +162,11 @@ pub fn run_with(
     } else {
         let mut plant = plan.plant(scenario)?;
         if let (Some(path), true) = (&files.world, files.resume) {
-            plant = Saved::read(path)
-                .and_then(|saved| plant.restored(saved, scenario.seed))
-                .map_err(|why| not_created("plant", &format!("{}: {why}", path.display())))?;
+            let failed = |why: Unfit| not_created("plant", &format!("{}: {why}", path.display()));
+            match Saved::read(path).map_err(failed)? {
+                Some(saved) => plant = plant.restored(saved, scenario.seed).map_err(failed)?,
+                None => tracing::warn!("{}: not there, so nothing had begun", path.display()),
+            }
         }
         let (world, cameras) = World::of_plant(scenario, plant, &control)?;
         (world.keeping(files.world.as_deref(), scenario.seed), cameras)

@@ -71,12 +71,16 @@ impl Journal {
         self.file.sync_data()
     }
 
-    /// The last entry of a journal; `None` of an empty one.
+    /// The last entry of a journal; `None` when there is none.
     ///
     /// # Errors
     /// When the file cannot be read, or is no journal.
     pub fn last(path: &Path) -> Result<Option<Entry>, Unreadable> {
-        let mut reader = BufReader::new(File::open(path)?);
+        let mut reader = match File::open(path) {
+            Ok(file) => BufReader::new(file),
+            Err(why) if why.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(why) => return Err(why.into()),
+        };
         let (mut last, mut torn) = (None, None);
         for line in 1.. {
             let mut bytes = Vec::new();

@@ -64,6 +64,8 @@ pub(super) struct Sight {
     /// Greatest force of a gripper on it [N].
     pub(super) load: f64,
     pub(super) solved: bool,
+    /// It lies on the tray.
+    pub(super) fallen: bool,
 }
 
 /// What is kept of a hand; times count from the moment at which it was kept [s].
@@ -88,6 +90,7 @@ pub(super) struct OperatorHand {
     closed_since: Option<f64>,
     loaded_since: Option<f64>,
     still_since: Option<f64>,
+    fallen_since: Option<f64>,
     let_go_at: f64,
     cube_left_zone: bool,
     /// Offset of the hand from the cube's centre, in the world [m].
@@ -145,6 +148,7 @@ impl OperatorHand {
             closed_since: None,
             loaded_since: None,
             still_since: None,
+            fallen_since: None,
             let_go_at: 0.0,
             cube_left_zone: false,
             grip: zone_frame.r * Vector3::new(0.5 * edge, 0.0, 0.0),
@@ -249,6 +253,7 @@ impl OperatorHand {
         let closed = since(&mut self.closed_since, sight.grippers > 0);
         let loaded = since(&mut self.loaded_since, sight.load > s.release_load);
         let still = since(&mut self.still_since, sight.speed < STILL.0);
+        let fallen = since(&mut self.fallen_since, sight.fallen);
         match self.phase {
             Phase::Outside if t >= s.appears => self.phase = Phase::Bringing { since: s.appears },
             Phase::Bringing { since } | Phase::DrawingBack { since } => {
@@ -268,6 +273,10 @@ impl OperatorHand {
                 }
             }
             Phase::Leaving { since, .. } if t > since + EMPTY_TRIP => self.phase = Phase::Gone,
+            Phase::Gone if fallen >= s.picks_up_after => {
+                self.cube_left_zone = false;
+                self.phase = Phase::Bringing { since: t };
+            }
             Phase::Gone => {
                 let inside = self.in_zone(&sight.cube);
                 self.cube_left_zone |= !inside;
@@ -343,7 +352,14 @@ mod tests {
             let script = HandScript::default();
             let mut hand = OperatorHand::new(&script, &zone, 0.057, &mut rng);
             let cube = |hand: &OperatorHand, t: f64| hand.hold(t).unwrap();
-            let sight = |cube| Sight { cube, speed: 0.0, grippers: 0, load: 0.0, solved: false };
+            let sight = |cube| Sight {
+                cube,
+                speed: 0.0,
+                grippers: 0,
+                load: 0.0,
+                solved: false,
+                fallen: false,
+            };
             assert!((cube(&hand, 0.0).p - hand.place.p).norm() > 0.2);
             hand.decide(1.1, &sight(cube(&hand, 1.1)));
 

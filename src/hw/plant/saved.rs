@@ -70,13 +70,18 @@ pub enum Unfit {
 }
 
 impl Saved {
-    /// Reads a file.
+    /// Reads a file; `None` when there is none.
     ///
     /// # Errors
     /// When it cannot be read, or is not what it should be.
-    pub fn read(path: &Path) -> Result<Self, Unfit> {
-        let saved: Self = serde_json::from_slice(&std::fs::read(path)?)?;
-        if saved.version == VERSION { Ok(saved) } else { Err(Unfit::Version(saved.version)) }
+    pub fn read(path: &Path) -> Result<Option<Self>, Unfit> {
+        let bytes = match std::fs::read(path) {
+            Ok(bytes) => bytes,
+            Err(why) if why.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(why) => return Err(why.into()),
+        };
+        let saved: Self = serde_json::from_slice(&bytes)?;
+        if saved.version == VERSION { Ok(Some(saved)) } else { Err(Unfit::Version(saved.version)) }
     }
 
     /// Replaces a file.

@@ -9,7 +9,7 @@
 use super::{Job, Mission, name};
 use crate::cube::{Axis, Face, rotations};
 use crate::generators::Outcome;
-use crate::motion::{ArmState, Depth};
+use crate::motion::{ArmState, Depth, JointPositions};
 use crate::tasks::Entry;
 use crate::tasks::cube::hold::{Hand, Hold};
 use crate::vision::sensor::FaceReading;
@@ -90,6 +90,13 @@ impl Mission {
     /// All six faces are read and planned anew from the hand that holds the cube.
     pub(super) fn anew(&mut self) -> Result<(), String> {
         let holder = self.holder()?;
+        self.forget_cube();
+        self.queue.extend([Job::Phase("identify again"), Job::LooksFrom(holder)]);
+        Ok(())
+    }
+
+    /// Nothing of what was read and planned holds any more.
+    fn forget_cube(&mut self) {
         self.recoveries += 1;
         self.log.recoveries += 1;
         self.seen = [None; 54];
@@ -99,8 +106,20 @@ impl Mission {
         (self.turning, self.straight, self.before_turn) = (None, None, None);
         self.shown.net = crate::operator::Net::default();
         self.queue.clear();
-        self.queue.extend([Job::Phase("identify again"), Job::LooksFrom(holder)]);
-        Ok(())
+    }
+
+    /// The cube has fallen: the hand goes where it took the cube from the operator, who may hold it out once more.
+    fn dropped(&mut self, hand: Hand, hand_over: JointPositions) {
+        self.forget_cube();
+        self.hand_over = None;
+        let (opening, speed) = (self.settings.opening, self.settings.speed);
+        self.queue.extend([
+            Job::Phase("wait for the cube"),
+            Job::Open { hand, opening },
+            Job::Apart,
+            Job::Joints([Some(hand_over), None], speed),
+        ]);
+        self.take();
     }
 
     /// Looks at the sides that the free hand sees without another grasp, if it is known how they should look.
@@ -247,9 +266,13 @@ impl Mission {
             self.belief.released(hand);
             let lost = format!("the cube has slipped out of the {} hand", name(hand));
             if self.belief.held[hand.other().index()].is_none() {
-                return Err(format!(
-                    "{lost} and lies below it: lift it out, hold it before the camera and start again"
-                ));
+                let fell = format!("{lost} and lies below it");
+                let Some(hand_over) = self.hand_over.filter(|_| self.may_recover()) else {
+                    return Err(fell);
+                };
+                self.log.notes.push(format!("{fell}: pick it up and hold it out again, please"));
+                self.dropped(hand, hand_over);
+                return Ok(());
             }
             if !self.may_recover() {
                 return Err(lost);
