@@ -136,6 +136,7 @@ fn mp(
         work: Work(Pace::Virtual),
         tape,
         journal: None,
+        guard: None,
     })
 }
 

@@ -14,8 +14,11 @@ use super::witness::Turning;
 use super::work::Work;
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
-use crate::motion::{AXES, ArmState, Motion as Way, MotorPositions, MoveCommand, PERIOD};
+use crate::motion::{
+    AXES, ArmState, Motion as Way, MotorPositions, MoveCommand, PERIOD, Synchronisation,
+};
 use crate::operator::{Answer, Manual, Question};
+use crate::reach::guard::{Guard, Near};
 use crate::record::journal::Journal;
 use crate::record::recorder::Entry;
 use crate::record::tape::Tape;
@@ -66,6 +69,8 @@ pub struct Parts {
     pub tape: Tape,
     /// What another run must know to go on.
     pub journal: Option<Journal>,
+    /// Refuses ways on which the arms would come too near to something.
+    pub guard: Option<Guard>,
 }
 
 /// How a run ended, as MP knows it.
@@ -110,6 +115,20 @@ impl Mp {
 
     fn felt(&self) -> Forces {
         self.parts.forces.as_ref().map(|f| *f.borrow()).unwrap_or_default()
+    }
+
+    /// Whether the ways of joints that are asked for are free, as far as the believed cell tells.
+    fn guarded(&self, orders: &[Option<Behaviour>; 2]) -> Result<(), Near> {
+        let (Some(guard), [first, second]) = (&self.parts.guard, self.arms.as_slice()) else {
+            return Ok(());
+        };
+        let from = [&first.desired_joints, &second.desired_joints];
+        let target = |i: usize| match &orders[i] {
+            Some(Behaviour::Joints { target, .. }) => target,
+            _ => from[i],
+        };
+        let known = [first, second].iter().all(|a| a.synchronisation == Synchronisation::Yes);
+        if known { guard.way(from, [target(0), target(1)]) } else { Ok(()) }
     }
 
     fn now(&self) -> f64 {
@@ -179,6 +198,13 @@ impl Mp {
                     Event::Done
                 }
                 Action::Behave { orders, until } => {
+                    if let Err(near) = self.guarded(&orders) {
+                        let cause = NonFatal::Arguments(near.to_string());
+                        let error =
+                            Error::NonFatal { actor: "mp".into(), place: "guard a way", cause };
+                        event = self.trouble(error)?;
+                        continue;
+                    }
                     if let Some(board) = self.parts.ui.board() {
                         board.ordered(&orders);
                     }

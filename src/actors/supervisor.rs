@@ -26,8 +26,9 @@ use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches
 use crate::hw::note::{self, Note};
 use crate::hw::plant::saved::{Saved, Unfit};
 use crate::hw::plant::{Plant, Verdict};
-use crate::motion::PERIOD;
+use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::operator::OutcomeView;
+use crate::reach::guard::Guard;
 use crate::reach::{MeetingTable, ReachSettings};
 use crate::record::journal::Journal;
 use crate::record::playback::Playback;
@@ -589,6 +590,10 @@ async fn perform(
         .zip(links)
         .map(|(arm, link)| edp::spawn(&arm.name, link, clock, tape.clone()))
         .collect();
+    if let Some(guard) = Guard::of(&config.cell) {
+        let states = edps.iter().map(edp::EdpHandle::watch).collect();
+        tokio::spawn(watch_over(guard, states, Arc::clone(&switches), ui.clone(), clock));
+    }
     // By hand, the operator decides when an arm is synchronised.
     let blind: Vec<usize> = (0..edps.len()).filter(|&i| !synchronised[i] && !by_hand).collect();
     for &i in &blind {
@@ -706,6 +711,7 @@ async fn perform(
         work,
         tape: tape.clone(),
         journal: journal.journal,
+        guard: Guard::of(&config.cell),
     });
     let span = tracing::info_span!("mp");
     let mut whereabouts = String::new();
@@ -750,6 +756,34 @@ async fn perform(
     let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
     let truth = start.zip(verdict).map(|(start, verdict)| Truth { start, verdict, jams });
     Ok(Done { ending, task: log, truth, ended, whereabouts, hash: tape.hash() })
+}
+
+/// Stops both arms where they come too near to something, whatever brings them there.
+async fn watch_over(
+    guard: Guard,
+    states: Vec<watch::Receiver<ArmState>>,
+    switches: Arc<Switches>,
+    ui: ui::UiHandle,
+    clock: Clock,
+) {
+    let sound = |guard: &Guard| {
+        let [first, second] = [0, 1].map(|i: usize| *states[i].borrow());
+        let known = [first, second].iter().all(|a| a.synchronisation == Synchronisation::Yes);
+        if known { guard.place([&first.desired_joints, &second.desired_joints]) } else { Ok(()) }
+    };
+    // Who is put too near at the beginning may be led out of there.
+    while sound(&guard).is_err() {
+        tokio::time::sleep(HEART_BEAT).await;
+    }
+    loop {
+        if let Err(near) = sound(&guard) {
+            let now = clock.period() as f64 * PERIOD;
+            ui.tell(ui::Notice::Note(now, format!("{near}: both arms are stopped")));
+            switches.emergency.store(true, Ordering::Release);
+            return;
+        }
+        tokio::time::sleep(HEART_BEAT).await;
+    }
 }
 
 fn periods(seconds: f64) -> u64 {
