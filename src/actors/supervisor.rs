@@ -7,6 +7,7 @@ use super::board::{Board, Seen};
 use super::build;
 use super::clock::Clock;
 use super::control::{Control, Pacer, Tempo, Word};
+use super::disturbance::Troubles;
 use super::gate::{Gate, Inner};
 use super::interrupt::Interrupt;
 use super::mp::{self, Coordination, Mp};
@@ -73,6 +74,8 @@ pub struct RunOptions {
 const PATIENCE: f64 = 120.0;
 /// Time after a hand-back in which the operator's hand withdraws [s].
 const WITHDRAWAL: f64 = 4.0;
+/// Time after an error in which arms come to a stand, before the drives go off [s].
+const STAND: f64 = 0.6;
 /// A force on the cube above this is excessive [N]: a verdict, not a limit of anything.
 const EXCESSIVE: f64 = 20.0;
 /// The arms are watched at this interval.
@@ -95,7 +98,12 @@ pub struct Around {
     pub recorder: Recorder,
     /// A recording in place of the plant, the sensors and the operator, and whether an operator was there.
     pub playback: Option<(Playback, bool)>,
+    /// Sees the plant after each period, under virtual time; whoever judges a run, and nobody in it.
+    pub judge: Option<Judge>,
 }
+
+/// Somebody who sees the plant after each period, with its number.
+pub type Judge = Box<dyn FnMut(u64, &Plant) + Send>;
 
 /// The same with faces at the other end of a desk: they see what the controller believes, and command it. A run of the
 /// cube's task comes to the same with them, to the bit, as long as they command nothing; the idle task waits for their
@@ -120,7 +128,7 @@ pub fn run_with(
     options: RunOptions,
     around: Around,
 ) -> Result<Summary, Error> {
-    let Around { behind, recorder, playback } = around;
+    let Around { behind, recorder, playback, judge } = around;
     let begun = Instant::now();
     let initial = if options.wait { Control::Waiting } else { Control::Running };
     let control = Arc::new(watch::channel(initial).0);
@@ -137,6 +145,10 @@ pub fn run_with(
     let plan = Plan::of(scenario)?;
     let goal = build::goal(&scenario.controller, plan.angle);
     let mut noted = None;
+    let troubles = Troubles {
+        emergency: Arc::clone(&ui.emergency),
+        ..Troubles::new(scenario.controller.cell.cameras.len())
+    };
     let (world, cameras) = if let Some(playback) = &playback {
         World::of_recording(scenario, playback.clone(), &control)
     } else if scenario.bridge.kind.is_hardware() {
@@ -144,7 +156,7 @@ pub fn run_with(
         noted = notes;
         (world, cameras)
     } else {
-        World::of_plant(scenario, plan.plant(scenario)?, &control)?
+        World::of_plant(scenario, plan.plant(scenario)?, &control, &troubles)?
     };
     // From here on the controller: the world has its truth.
     let scenario = &*super::calibrate::believed(scenario);
@@ -160,6 +172,8 @@ pub fn run_with(
         recorder: recorder.clone(),
         playback,
         tape,
+        judge,
+        troubles,
     };
     let done =
         runtime.block_on(perform(scenario, options, &control, (world, cameras), goal, plan, desk));
@@ -195,6 +209,8 @@ struct Attendance {
     recorder: Recorder,
     playback: Option<Playback>,
     tape: Tape,
+    judge: Option<Judge>,
+    troubles: Troubles,
 }
 
 fn create_ui(
@@ -399,7 +415,8 @@ async fn perform(
         .map(|verdict| Facelets::try_from(verdict.facelets))
         .transpose()
         .map_err(|e| not_created("plant", &e.to_string()))?;
-    let Attendance { ui, mut emergency, mut words, tempo, recorder, playback, tape } = desk;
+    let Attendance { ui, mut emergency, mut words, tempo, recorder, playback, tape, .. } = desk;
+    let (mut judge, troubles) = (desk.judge, desk.troubles);
     let by_hand = goal.is_none() && words.is_some();
     // Before the start there is no time: a run does not depend on when it was started.
     let mut start_of = outer.subscribe();
@@ -466,6 +483,7 @@ async fn perform(
         seeing.lock().unwrap_or_else(PoisonError::into_inner).look(tick, turned);
     };
     let clock = Clock::new(tokio::time::Instant::now());
+    let limit = u64::from(scenario.real_time.missed_limit);
     let synchronised: Vec<bool>;
     let driver = match scenario.pace {
         Pace::Virtual => {
@@ -475,13 +493,16 @@ async fn perform(
                 .map_err(|e| not_created("servo", &e.to_string()))?;
             synchronised = core.synchronised().collect();
             Driver::Virtual(tokio::spawn(async move {
-                let result = driver::run_virtual(&mut core, &mut world, |period, world| {
+                let result = driver::run_virtual(&mut core, &mut world, limit, |period, world| {
                     if period % 50 == 0
                         && tracing::enabled!(target: "rubik_robot::truth", tracing::Level::TRACE)
                     {
                         world.trace(period);
                     }
                     observe(period, world);
+                    if let (Some(judge), Some(plant)) = (&mut judge, world.plant()) {
+                        judge(period, plant);
+                    }
                     if let Some(gate) = &mut gate {
                         gate.pass(length.tick(period));
                     }
@@ -664,6 +685,10 @@ async fn perform(
         }
     };
     let ended = Instant::now();
+    if ending.error.is_some() {
+        // Power off under a moving arm is no safe end: what was broken off comes to a stand first.
+        tokio::time::sleep(Duration::from_secs_f64(STAND)).await;
+    }
     if ending.finish.as_ref().is_some_and(|f| f.achieved) && goal == Some(Goal::Solve) {
         tokio::time::sleep(Duration::from_secs_f64(WITHDRAWAL)).await;
     }
