@@ -202,7 +202,7 @@ impl Mp {
                         let cause = NonFatal::Arguments(near.to_string());
                         let error =
                             Error::NonFatal { actor: "mp".into(), place: "guard a way", cause };
-                        event = self.trouble(error)?;
+                        event = self.trouble(error).await?;
                         continue;
                     }
                     if let Some(board) = self.parts.ui.board() {
@@ -223,17 +223,13 @@ impl Mp {
                     }
                     match outcomes {
                         Ok(outcomes) => Event::Behaved(outcomes),
-                        Err(error) => self.trouble(error)?,
+                        Err(error) => self.trouble(error).await?,
                     }
                 }
-                Action::Bias(which) => {
-                    for (ecp, _) in self.parts.ecps.iter().zip(which).filter(|(_, wanted)| *wanted)
-                    {
-                        ecp.bias().await?;
-                    }
-                    self.refresh().await?;
-                    Event::Done
-                }
+                Action::Bias(which) => match self.bias(which).await {
+                    Ok(()) => Event::Done,
+                    Err(error) => self.trouble(error).await?,
+                },
                 Action::Watch(on) => {
                     match &self.parts.tracker {
                         Some(tracker) => tracker.track(on),
@@ -257,7 +253,7 @@ impl Mp {
                         Err(Error::NonFatal { cause: NonFatal::NoReading(reason), .. }) => {
                             Event::Looked(Err(reason))
                         }
-                        Err(error) => self.trouble(error)?,
+                        Err(error) => self.trouble(error).await?,
                     }
                 }
                 Action::Think(thought) => {
@@ -274,17 +270,27 @@ impl Mp {
                 }
                 Action::Manual { effector, order } => match self.manual(effector, &order).await {
                     Ok(()) => Event::Done,
-                    Err(Stop::Error(error)) => self.trouble(error)?,
+                    Err(Stop::Error(error)) => self.trouble(error).await?,
                     Err(terminated) => return Err(terminated),
                 },
             };
         }
     }
 
-    /// A non-fatal error is told to the kernel, which may go on; the others end the run.
-    fn trouble<C>(&self, error: Error) -> Result<Event<C>, Stop> {
+    /// Takes the present forces for zero.
+    async fn bias(&mut self, which: [bool; 2]) -> Result<(), Error> {
+        for (ecp, _) in self.parts.ecps.iter().zip(which).filter(|(_, wanted)| *wanted) {
+            ecp.bias().await?;
+        }
+        self.refresh().await
+    }
+
+    /// A non-fatal error is told to the kernel, which may go on; the others end the run. What stops another arm outranks
+    /// what this one was refused for it.
+    async fn trouble<C>(&mut self, error: Error) -> Result<Event<C>, Stop> {
         match error {
             Error::NonFatal { .. } => {
+                self.refresh().await?;
                 self.parts.ui.tell(Notice::Error(self.now(), error.clone()));
                 Ok(Event::Trouble(error.to_string()))
             }
@@ -466,8 +472,9 @@ impl Mp {
                     run(a.clone(), b.clone(), first, leads(0)),
                     run(b, a, second, leads(1))
                 );
-                outcomes[0] = Some(x?.0);
-                outcomes[1] = Some(y?.0);
+                let (x, y) = both(x, y)?;
+                outcomes[0] = Some(x.0);
+                outcomes[1] = Some(y.0);
             }
             (Some(order), None) => outcomes[0] = Some(self.ecp(0)?.behave(order).await?.0),
             (None, Some(order)) => outcomes[1] = Some(self.ecp(1)?.behave(order).await?.0),
@@ -536,7 +543,8 @@ impl Mp {
                 }
             };
             let (a, b) = tokio::join!(send(0), send(1));
-            for (effector, state) in [a?, b?].into_iter().enumerate() {
+            let (a, b) = both(a, b)?;
+            for (effector, state) in [a, b].into_iter().enumerate() {
                 if let Some(state) = state {
                     self.arms[effector] = state;
                 }
@@ -549,6 +557,15 @@ impl Mp {
         }
         self.refresh().await?;
         Ok(outcomes)
+    }
+}
+
+/// Both answers, or the graver of two errors.
+fn both<T>(a: Result<T, Error>, b: Result<T, Error>) -> Result<(T, T), Error> {
+    match (a, b) {
+        (Ok(a), Ok(b)) => Ok((a, b)),
+        (Err(a), Err(b)) => Err(if b.gravity() > a.gravity() { b } else { a }),
+        (Err(error), Ok(_)) | (Ok(_), Err(error)) => Err(error),
     }
 }
 

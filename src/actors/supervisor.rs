@@ -7,6 +7,7 @@ use super::board::{Board, Seen};
 use super::build;
 use super::clock::Clock;
 use super::control::{Control, Pacer, Tempo, Word};
+use super::disturbance::Troubles;
 use super::gate::{Gate, Inner};
 use super::interrupt::Interrupt;
 use super::mp::{self, Coordination, Mp};
@@ -77,6 +78,8 @@ pub struct RunOptions {
 const PATIENCE: f64 = 120.0;
 /// Time after a hand-back in which the operator's hand withdraws [s].
 const WITHDRAWAL: f64 = 4.0;
+/// Time after an error in which arms come to a stand, before the drives go off [s].
+const STAND: f64 = 0.6;
 /// A force on the cube above this is excessive [N]: a verdict, not a limit of anything.
 const EXCESSIVE: f64 = 20.0;
 /// The arms are watched at this interval.
@@ -101,6 +104,8 @@ pub struct Around {
     pub playback: Option<(Playback, bool)>,
     /// Files that outlive a run.
     pub keep: Keep,
+    /// Sees the plant after each period, under virtual time; whoever judges a run, and nobody in it.
+    pub judge: Option<Judge>,
 }
 
 /// Files that outlive a run.
@@ -113,6 +118,9 @@ pub struct Keep {
     /// Go on where the run that left them was broken off.
     pub resume: bool,
 }
+
+/// Somebody who sees the plant after each period, with its number.
+pub type Judge = Box<dyn FnMut(u64, &Plant) + Send>;
 
 /// The same with faces at the other end of a desk: they see what the controller believes, and command it. A run of the
 /// cube's task comes to the same with them, to the bit, as long as they command nothing; the idle task waits for their
@@ -137,7 +145,7 @@ pub fn run_with(
     options: RunOptions,
     around: Around,
 ) -> Result<Summary, Error> {
-    let Around { behind, recorder, playback, keep: files } = around;
+    let Around { behind, recorder, playback, keep: files, judge } = around;
     let begun = Instant::now();
     let initial = if options.wait { Control::Waiting } else { Control::Running };
     let control = Arc::new(watch::channel(initial).0);
@@ -154,6 +162,10 @@ pub fn run_with(
     let plan = Plan::of(scenario)?;
     let goal = build::goal(&scenario.controller, plan.angle);
     let mut noted = None;
+    let troubles = Troubles {
+        emergency: Arc::clone(&ui.emergency),
+        ..Troubles::new(scenario.controller.cell.cameras.len())
+    };
     let (world, cameras) = if let Some(playback) = &playback {
         World::of_recording(scenario, playback.clone(), &control)
     } else if scenario.bridge.kind.is_hardware() {
@@ -169,7 +181,7 @@ pub fn run_with(
                 None => tracing::warn!("{}: not there, so nothing had begun", path.display()),
             }
         }
-        let (world, cameras) = World::of_plant(scenario, plant, &control)?;
+        let (world, cameras) = World::of_plant(scenario, plant, &control, &troubles)?;
         (world.keeping(files.world.as_deref(), scenario.seed), cameras)
     };
     let journal = Logbook::of(&files)?;
@@ -188,6 +200,8 @@ pub fn run_with(
         playback,
         tape,
         journal,
+        judge,
+        troubles,
     };
     let done =
         runtime.block_on(perform(scenario, options, &control, (world, cameras), goal, plan, desk));
@@ -224,6 +238,8 @@ struct Attendance {
     playback: Option<Playback>,
     tape: Tape,
     journal: Logbook,
+    judge: Option<Judge>,
+    troubles: Troubles,
 }
 
 /// A run's journal, and what another run noted last.
@@ -450,8 +466,10 @@ async fn perform(
         .map(|verdict| Facelets::try_from(verdict.facelets))
         .transpose()
         .map_err(|e| not_created("plant", &e.to_string()))?;
-    let Attendance { ui, mut emergency, mut words, tempo, recorder, playback, tape, journal } =
-        desk;
+    let Attendance {
+        ui, mut emergency, mut words, tempo, recorder, playback, tape, journal, ..
+    } = desk;
+    let (mut judge, troubles) = (desk.judge, desk.troubles);
     let by_hand = goal.is_none() && words.is_some();
     // Before the start there is no time: a run does not depend on when it was started.
     let mut start_of = outer.subscribe();
@@ -518,6 +536,7 @@ async fn perform(
         seeing.lock().unwrap_or_else(PoisonError::into_inner).look(tick, turned);
     };
     let clock = Clock::new(tokio::time::Instant::now());
+    let limit = u64::from(scenario.real_time.missed_limit);
     let synchronised: Vec<bool>;
     let driver = match scenario.pace {
         Pace::Virtual => {
@@ -527,13 +546,16 @@ async fn perform(
                 .map_err(|e| not_created("servo", &e.to_string()))?;
             synchronised = core.synchronised().collect();
             Driver::Virtual(tokio::spawn(async move {
-                let result = driver::run_virtual(&mut core, &mut world, |period, world| {
+                let result = driver::run_virtual(&mut core, &mut world, limit, |period, world| {
                     if period % 50 == 0
                         && tracing::enabled!(target: "rubik_robot::truth", tracing::Level::TRACE)
                     {
                         world.trace(period);
                     }
                     observe(period, world);
+                    if let (Some(judge), Some(plant)) = (&mut judge, world.plant()) {
+                        judge(period, plant);
+                    }
                     if let Some(gate) = &mut gate {
                         gate.pass(length.tick(period));
                     }
@@ -725,6 +747,10 @@ async fn perform(
         }
     };
     let ended = Instant::now();
+    if ending.error.is_some() {
+        // Power off under a moving arm is no safe end: what was broken off comes to a stand first.
+        tokio::time::sleep(Duration::from_secs_f64(STAND)).await;
+    }
     if ending.finish.as_ref().is_some_and(|f| f.achieved) && goal == Some(Goal::Solve) {
         tokio::time::sleep(Duration::from_secs_f64(WITHDRAWAL)).await;
     }

@@ -118,6 +118,7 @@ mod tests {
             doing: doing.to_owned(),
             held: [Some(Depth::One), None],
             hand_over: None,
+            taken_at: None,
             handing_back: false,
             over: false,
         }

@@ -60,6 +60,8 @@ pub struct Entry {
     pub held: [Option<Depth>; 2],
     /// Where the track stood when it had taken the cube from the operator.
     pub hand_over: Option<JointPositions>,
+    /// Where the track's tool closed on the cube in the operator's hand, in its base [m].
+    pub taken_at: Option<[f64; 3]>,
     /// The operator has been offered the cube.
     pub handing_back: bool,
     /// Nothing is left to be done.

@@ -88,6 +88,26 @@ impl Plant {
         }
     }
 
+    /// What faults do to the bodies from the next period on.
+    pub(super) fn suffer(&mut self) {
+        let turned = if self.balance.split.is_some() { self.verdict.turned } else { 0.0 };
+        let time = self.time();
+        self.faults.decide(time, turned);
+        let acting = self.faults.acting;
+        for (grasp, lost) in self.grasps.iter_mut().zip(acting.lost) {
+            grasp.lost |= lost && grasp.attached;
+        }
+        self.puzzle.jam = acting.torque;
+        if acting.withdraw {
+            self.hand.draw_back(time);
+        }
+        if let Some(takes) = acting.undo {
+            self.undo_turn(
+                std::f64::consts::FRAC_PI_2 * self.config.period.seconds() / takes.max(1e-3),
+            );
+        }
+    }
+
     pub(super) fn look_for_collisions(&mut self) {
         let openings = [self.jaws[0].opening(), self.jaws[self.jaws.len() - 1].opening()];
         let holds = self.grasps.map(|g| g.holds());
@@ -175,6 +195,8 @@ impl Plant {
     }
 
     pub(super) fn record(&mut self, what: Incident) {
+        let time = self.time();
+        self.faults.saw(&what, time);
         if self.verdict.events.len() < MOST_EVENTS {
             self.verdict.events.push(Event { period: self.period, what });
         }

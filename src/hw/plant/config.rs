@@ -4,6 +4,7 @@
 //! 8-20 kN/m lateral and 20-45 kN/m axial stiffness at a held cube.
 
 use super::dynamics::{LINKS, Link};
+use super::fault::Fault;
 use crate::cell::Cell;
 use crate::motion::AXES;
 use crate::servo::period::Length;
@@ -33,6 +34,8 @@ pub struct PlantConfig {
     pub facelets: [u8; 54],
     /// Whether the controllers of each arm are synchronised already when the run begins.
     pub synchronised: [bool; 2],
+    /// What is made to go wrong; indices of arms and axes must fit the cell.
+    pub faults: Vec<Fault>,
     /// Length of a servo period.
     pub period: Length,
     /// Substeps in 2 ms; 4 is the tested figure.
@@ -55,6 +58,7 @@ impl PlantConfig {
             start_grip: 30.0,
             facelets: std::array::from_fn(|i| (i / 9) as u8),
             synchronised: [true; 2],
+            faults: Vec::new(),
             period: Length::default(),
             substeps: 4,
         }

@@ -239,6 +239,20 @@ impl OperatorHand {
         self.phase == Phase::Done
     }
 
+    /// Draws the cube back at once, as at each of its withdrawals; a hand that comes for it turns round.
+    pub(super) fn draw_back(&mut self, t: f64) {
+        match self.phase {
+            Phase::Outside | Phase::Bringing { .. } | Phase::DrawingBack { .. } => {
+                self.phase = Phase::DrawingBack { since: t };
+            }
+            Phase::Coming { to: from, .. } | Phase::Taking { from, .. } => {
+                self.phase = Phase::Leaving { since: t, from };
+                self.let_go_at = t;
+            }
+            Phase::Leaving { .. } | Phase::Gone | Phase::Carrying { .. } | Phase::Done => {}
+        }
+    }
+
     /// Looks, feels and decides at the end of a period.
     pub(super) fn decide(&mut self, t: f64, sight: &Sight) {
         let s = self.script;

@@ -152,6 +152,8 @@ pub struct Mission {
     seen: [Option<[f64; 3]>; 54],
     /// Where the track stood when it had taken the cube.
     hand_over: Option<JointPositions>,
+    /// Where its tool had closed on it, in its base [m].
+    taken_at: Option<[f64; 3]>,
     turned: f64,
     /// The operator has been offered the cube.
     with_operator: bool,
@@ -261,6 +263,7 @@ impl Mission {
             apart: true,
             seen: [None; 54],
             hand_over: None,
+            taken_at: None,
             turned: 0.0,
             with_operator: false,
             rounds: 1,
@@ -298,17 +301,17 @@ impl Mission {
             Job::VisualServo { tries: 1 },
             Job::Take { tries: 1 },
         ]);
-        self.taken_from_operator();
+        self.taken_from_operator(self.settings.back);
         self.queue.extend([Job::Phase("identify"), Job::LooksFrom(Hand::Track)]);
     }
 
     /// The jaws have closed on the cube: the operator lets go, and the hand draws back with it.
-    fn taken_from_operator(&mut self) {
+    fn taken_from_operator(&mut self, back: f64) {
         self.queue.extend([
             Job::Wait(Hand::Track, RELEASE_WAIT),
             Job::Release { tries: 1 },
             Job::Watch(false),
-            Job::Along(Hand::Track, -self.settings.back),
+            Job::Along(Hand::Track, -back),
             Job::Remember,
         ]);
     }
@@ -426,6 +429,7 @@ impl Mission {
                 Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
                     let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
                     self.belief.taken(Hand::Track, hold, false);
+                    self.taken_at = Some(place(arms));
                     Ok(())
                 }
                 other if tries < TAKE_TRIES => {
@@ -1221,6 +1225,7 @@ impl Task for Mission {
             doing: if over { "over" } else { doing(job) }.to_owned(),
             held: self.belief.held.map(|held| held.map(|held| held.hold.depth)),
             hand_over: self.hand_over,
+            taken_at: self.taken_at,
             handing_back: self.with_operator,
             over,
         })
@@ -1250,6 +1255,11 @@ impl Shown {
         self.plan = Arc::new(answer.lines.iter().map(line).collect());
         self.step = Some(0);
     }
+}
+
+/// Where the track's tool is set to be, in its base [m].
+fn place(arms: &[ArmState]) -> [f64; 3] {
+    arms[Hand::Track.index()].desired_base_from_tool.translation.vector.into()
 }
 
 /// A half turn goes where the wrist has room.

@@ -76,6 +76,7 @@ impl Mission {
             doing: "nothing yet".to_owned(),
             held: [None; 2],
             hand_over: None,
+            taken_at: None,
             handing_back: false,
             over: false,
         }));
@@ -291,7 +292,7 @@ impl Mission {
             let gap = arms[hand.index()].jaw_opening;
             gap > GONE * edge && gap < edge + WIDER
         };
-        self.hand_over = last.hand_over;
+        (self.hand_over, self.taken_at) = (last.hand_over, last.taken_at);
         let places = self.settings.meetings.grasps.iter().flatten().map(|m| m.track_back.0[0]);
         let least = places.fold(f64::INFINITY, f64::min) - self.settings.meetings.separation;
         self.apart = arms[0].desired_joints.0[0] < least + 0.5 * self.settings.meetings.separation;
@@ -324,7 +325,7 @@ impl Mission {
                 self.belief.taken(hand, usual(hand), false);
                 self.queue.push_back(Job::Close { hand, hold: usual(hand) });
                 self.clear(hand.other(), arms);
-                self.settle(hand);
+                self.settle(hand, arms);
             }
         }
     }
@@ -345,9 +346,12 @@ impl Mission {
 
     /// What follows when one hand is known to hold the cube: without a place to hand it back, the operator may still
     /// have hold of it.
-    fn settle(&mut self, holder: Hand) {
+    fn settle(&mut self, holder: Hand, arms: &[ArmState]) {
         if self.hand_over.is_none() && holder == Hand::Track {
-            self.taken_from_operator();
+            // A part of the way back may have been gone already.
+            let from = Vector3::from(self.taken_at.unwrap_or_else(|| super::place(arms)));
+            let gone = (Vector3::from(super::place(arms)) - from).norm();
+            self.taken_from_operator((self.settings.back - gone).max(0.0));
         }
         self.queue.extend([Job::Phase("identify"), Job::LooksFrom(holder)]);
     }
@@ -380,7 +384,7 @@ impl Mission {
             self.queue.push_back(Job::Turn { turner, angle: by, tries: 1 });
         }
         self.queue.push_back(Job::LetGo(turner));
-        self.settle(body);
+        self.settle(body, arms);
     }
 
     /// The outcome of a turn that belongs to no plan any more.
