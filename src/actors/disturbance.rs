@@ -165,7 +165,9 @@ impl Troubles {
             Disturbance::Late(camera, by) => {
                 self.cameras[camera].late.store(ms(by), Ordering::Release);
             }
-            Disturbance::LateMessage(arm, by) => self.edps[arm].late.store(ms(by), Ordering::Release),
+            Disturbance::LateMessage(arm, by) => {
+                self.edps[arm].late.store(ms(by), Ordering::Release);
+            }
             Disturbance::Duplicated(arm) => {
                 self.edps[arm].twice.store(u32::from(begins), Ordering::Release);
             }

@@ -4,8 +4,8 @@
 //! The servo's period and the exchange run in this thread, by the wall clock or as fast as they compute: nothing else
 //! goes on.
 
-use super::disturbance::Troubles;
 use super::control::Control;
+use super::disturbance::Troubles;
 use super::supervisor::{Plan, not_created};
 use super::world::World;
 use crate::error::{Error, Fatal, NonFatal};

@@ -177,11 +177,8 @@ impl World {
             _ => Plants::Bare(Box::new(plant)),
         };
         let kind = Kind::Plant { plant, scenes };
-        let world = Self {
-            disturbances,
-            troubles: troubles.clone(),
-            ..Self::around(kind, control)
-        };
+        let world =
+            Self { disturbances, troubles: troubles.clone(), ..Self::around(kind, control) };
         Ok((world, cameras))
     }
 

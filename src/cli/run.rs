@@ -127,8 +127,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         }
     };
     let behind_run = shown.then(|| behind.clone());
-    let around =
-        Around { behind: behind_run, recorder: recorder.clone(), ..Around::default() };
+    let around = Around { behind: behind_run, recorder: recorder.clone(), ..Around::default() };
     let done = actors::run_with(&scenario, options, around);
     if let (Some(written), Some(path)) = (recorder.finish(), &args.record) {
         complain(&record::told(path, &written));

@@ -152,6 +152,7 @@ section! {
 }
 
 /// What a kind needs besides its time.
+#[allow(clippy::struct_excessive_bools, reason = "a row of a table")]
 struct Needs {
     arm: bool,
     axis: bool,
@@ -327,7 +328,10 @@ mod tests {
             assert!(missing.contains(what), "{missing}");
         }
         let unknown = faults("kind = \"drop\"\narm = \"trac\"\nat_s = 1");
-        assert!(unknown.contains("f.toml:4:7") && unknown.contains("no effector \"trac\""), "{unknown}");
+        assert!(
+            unknown.contains("f.toml:4:7") && unknown.contains("no effector \"trac\""),
+            "{unknown}"
+        );
         let both = faults("kind = \"drop\"\narm = \"track\"\nat_s = 1\nevent = \"grasped\"");
         assert!(both.contains("one of them begins it"), "{both}");
         assert!(faults("kind = \"drops\"\nat_s = 1").contains("did you mean \"drop\"?"));

@@ -99,7 +99,9 @@ impl Plant {
             self.hand.draw_back(time);
         }
         if let Some(takes) = acting.undo {
-            self.undo_turn(std::f64::consts::FRAC_PI_2 * self.config.period.seconds() / takes.max(1e-3));
+            self.undo_turn(
+                std::f64::consts::FRAC_PI_2 * self.config.period.seconds() / takes.max(1e-3),
+            );
         }
     }
 

@@ -230,7 +230,9 @@ impl Trigger {
         match (self, what) {
             (Self::Grasped(wanted), Incident::Grasped { arm })
             | (Self::Released(wanted), Incident::Released { arm }) => fits(wanted, *arm),
-            (Self::Dropped, Incident::Drop { .. }) | (Self::Landed, Incident::Landed { .. }) => true,
+            (Self::Dropped, Incident::Drop { .. }) | (Self::Landed, Incident::Landed { .. }) => {
+                true
+            }
             (Self::Given, Incident::Operator { has_cube }) => !has_cube,
             (Self::Taken, Incident::Operator { has_cube }) => *has_cube,
             _ => false,
@@ -304,7 +306,8 @@ impl Faults {
             if begins {
                 armed.began = Some(time);
             }
-            let ends = armed.acts() && armed.began.is_some_and(|began| time >= began + armed.fault.lasts);
+            let ends =
+                armed.acts() && armed.began.is_some_and(|began| time >= began + armed.fault.lasts);
             armed.over |= ends && !begins;
             if let What::Elsewhere(which) = armed.fault.what {
                 if begins {
