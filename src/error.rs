@@ -102,6 +102,14 @@ pub enum System {
         /// How long it was waited for.
         seconds: f64,
     },
+    /// An actor panicked.
+    #[error("{who} panicked: {why}")]
+    Panicked {
+        /// Which.
+        who: String,
+        /// What it said.
+        why: String,
+    },
     /// An actor could not be created.
     #[error("{who} could not be created: {why}")]
     NotCreated {

@@ -302,9 +302,15 @@ pub enum MoveRefused {
     /// Broken off from outside; the arm was brought to a stand.
     #[error("the motion was broken off: the actors were silent")]
     BrokenOff,
-    /// The other arm is stopped; this one holds.
-    #[error("the other arm is stopped by a fault")]
-    PartnerStopped,
+    /// This arm holds until the trouble is over.
+    #[error("the arm is held back: the other one is stopped by a fault, or an actor is gone")]
+    HeldBack,
+    /// A stop of all arms is under way.
+    #[error("the arms are being stopped: {periods} periods were missed")]
+    Stopping {
+        /// How many periods the servo missed.
+        periods: u64,
+    },
     /// A number that is none.
     #[error("the command or its result is not a finite number")]
     NotANumber,

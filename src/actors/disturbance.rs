@@ -166,7 +166,7 @@ impl Troubles {
                 self.cameras[camera].late.store(ms(by), Ordering::Release);
             }
             Disturbance::LateMessage(arm, by) => {
-                self.edps[arm].late.store(ms(by), Ordering::Release)
+                self.edps[arm].late.store(ms(by), Ordering::Release);
             }
             Disturbance::Duplicated(arm) => {
                 self.edps[arm].twice.store(u32::from(begins), Ordering::Release);

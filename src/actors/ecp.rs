@@ -3,16 +3,21 @@
 //! Under continuous coordination it transmits what MP computes; under sporadic coordination it runs the generators
 //! of the behaviours that MP invokes, with the readings of the VSPs that belong to it.
 
+use super::alarm::Care;
 use super::control::{Control, permission_soon};
+use super::disturbance::Mishap;
 use super::edp::EdpHandle;
 use super::move_instruction::{Manner, Motion};
 use super::vsp::VspHandle;
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
-use crate::motion::{ArmState, MoveCommand};
+use crate::motion::{ArmState, MoveCommand, PERIOD};
 use crate::record::tape::Tape;
 use crate::tasks::View;
 use crate::vision::sensor::FaceReading;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tracing::Instrument as _;
 
@@ -38,6 +43,9 @@ enum Request {
 pub struct EcpHandle {
     name: String,
     mailbox: mpsc::Sender<Request>,
+    /// Counted up by the ECP while it lives.
+    alive: Arc<AtomicU64>,
+    patience: Duration,
 }
 
 impl EcpHandle {
@@ -114,9 +122,24 @@ impl EcpHandle {
         place: &'static str,
         request: impl FnOnce(Reply<T>) -> Request,
     ) -> Result<T, Error> {
-        let (reply, answer) = oneshot::channel();
+        let (reply, mut answer) = oneshot::channel();
         self.mailbox.send(request(reply)).await.map_err(|_| self.closed(place))?;
-        answer.await.map_err(|_| self.closed(place))?
+        let mut last = self.alive.load(Ordering::Relaxed);
+        let mut silent = 0;
+        loop {
+            // However long it takes, it must be seen to go on. Silent twice, since a clock that jumps makes nobody so.
+            if let Ok(answer) = tokio::time::timeout(self.patience / 2, &mut answer).await {
+                return answer.map_err(|_| self.closed(place))?;
+            }
+            let now = self.alive.load(Ordering::Relaxed);
+            silent = if now == last { silent + 1 } else { 0 };
+            if silent >= 2 && !matches!(place, "synchronise" | "look") {
+                let seconds = self.patience.as_secs_f64();
+                let cause = System::Silent { who: self.name.clone(), seconds };
+                return Err(Error::System { actor: self.name.clone(), place, cause });
+            }
+            last = now;
+        }
     }
 }
 
@@ -140,22 +163,36 @@ struct Ecp {
     name: String,
     parts: Parts,
     mailbox: mpsc::Receiver<Request>,
+    mishap: Arc<Mishap>,
+    alive: Arc<AtomicU64>,
 }
 
 /// Creates an ECP.
 #[must_use]
 pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
+    spawn_under(name, parts, &Care::default())
+}
+
+/// The same under somebody's care.
+pub(super) fn spawn_under(name: &str, parts: Parts, care: &Care) -> EcpHandle {
     let (mailbox, requests) = mpsc::channel(MAILBOX);
     let name = format!("ecp {name}");
-    let ecp = Ecp { name: name.clone(), parts, mailbox: requests };
+    let (mishap, alive) = (Arc::clone(&care.mishap), Arc::default());
+    // Between two signs of life lies a macrostep, and whatever the EDP may take for it.
+    let macrostep = f64::from(parts.manner.compliance.macrostep) * PERIOD;
+    let patience = Duration::from_secs_f64(2.0 * macrostep) + 2 * care.patience;
+    let ecp =
+        Ecp { name: name.clone(), parts, mailbox: requests, mishap, alive: Arc::clone(&alive) };
     let span = tracing::info_span!("ecp", name = ecp.name);
-    tokio::spawn(ecp.run().instrument(span));
-    EcpHandle { name, mailbox }
+    care.alarm.spawn(&name, ecp.run().instrument(span));
+    EcpHandle { name, mailbox, alive, patience }
 }
 
 impl Ecp {
     async fn run(mut self) {
         while let Some(request) = self.mailbox.recv().await {
+            self.mishap.befall().await;
+            self.alive.fetch_add(1, Ordering::Relaxed);
             match request {
                 Request::Transmit { command, reply } => {
                     self.parts.tape.message("mp", &self.name, &command);
@@ -207,12 +244,14 @@ impl Ecp {
         let mut state = self.parts.edp.state().await?;
         loop {
             while motion.rests() {
+                self.alive.fetch_add(1, Ordering::Relaxed);
                 match permission_soon(&mut self.parts.control).await {
                     Some(Ok(())) => break,
                     Some(Err(_)) => return Ok((Outcome::Ended, state)),
                     None => state = self.parts.edp.state().await?,
                 }
             }
+            self.alive.fetch_add(1, Ordering::Relaxed);
             motion.heed(*self.parts.control.borrow());
             if matches!(self.mailbox.try_recv(), Ok(Request::End)) {
                 return Ok((Outcome::Ended, state));

@@ -4,13 +4,16 @@
 //!
 //! An answer goes out two servo periods before the macrostep ends, so that the next one follows without a gap.
 
+use super::alarm::{Care, answer_of};
 use super::clock::Clock;
+use super::disturbance::Mishap;
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::hw::driver::ServoLink;
-use crate::motion::{ArmState, MoveCommand, MoveRefused, Synchronisation};
+use crate::motion::{ArmFault, ArmState, MoveCommand, MoveRefused, PERIOD, Synchronisation};
 use crate::record::tape::Tape;
 use crate::servo::ServoCommand;
 use crate::spatial::Pose;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tracing::Instrument as _;
@@ -25,6 +28,10 @@ const PROGRESS: u64 = 25;
 const POLL: Duration = Duration::from_millis(1);
 /// Time without an answer after which the servo counts as gone [s].
 const SILENCE: f64 = 0.5;
+/// Time without a heart beat after which the servo breaks motions off [s].
+const HEART: f64 = 0.1;
+/// How long what is no motion takes at most.
+const SERVICE: Duration = Duration::from_millis(100);
 /// Capacity of the mailbox: an ECP has at most one request under way.
 const MAILBOX: usize = 4;
 
@@ -44,6 +51,7 @@ pub struct EdpHandle {
     name: String,
     mailbox: mpsc::Sender<Request>,
     state: watch::Receiver<ArmState>,
+    patience: Duration,
 }
 
 impl EdpHandle {
@@ -52,7 +60,9 @@ impl EdpHandle {
     /// # Errors
     /// Non-fatal when the command is refused, fatal when the arm has stopped.
     pub async fn execute(&self, command: MoveCommand) -> Result<ArmState, Error> {
-        self.ask("execute", |reply| Request::Execute { command, reply }).await
+        // It may wait for the end of the command before.
+        let lasts = Duration::from_secs_f64(2.0 * f64::from(command.periods) * PERIOD);
+        self.ask("execute", Some(lasts), |reply| Request::Execute { command, reply }).await
     }
 
     /// Changes the tool frame; the arm does not move.
@@ -60,7 +70,8 @@ impl EdpHandle {
     /// # Errors
     /// System when the EDP is gone.
     pub async fn set_tool(&self, flange_from_tool: Pose) -> Result<ArmState, Error> {
-        self.ask("set tool", |reply| Request::SetTool { flange_from_tool, reply }).await
+        self.ask("set tool", Some(SERVICE), |reply| Request::SetTool { flange_from_tool, reply })
+            .await
     }
 
     /// Sets the force sensor to zero as it is loaded now.
@@ -68,7 +79,7 @@ impl EdpHandle {
     /// # Errors
     /// Fatal when the arm has stopped.
     pub async fn bias(&self) -> Result<ArmState, Error> {
-        self.ask("bias", |reply| Request::Bias { reply }).await
+        self.ask("bias", Some(SERVICE), |reply| Request::Bias { reply }).await
     }
 
     /// Finds the synchronisation position, axis by axis; at once when the arm knows it. Until then the arm takes
@@ -77,7 +88,7 @@ impl EdpHandle {
     /// # Errors
     /// Fatal when a switch or an encoder's zero does not come, or another fault stops the arm.
     pub async fn synchronise(&self) -> Result<ArmState, Error> {
-        self.ask("synchronise", |reply| Request::Synchronise { reply }).await
+        self.ask("synchronise", None, |reply| Request::Synchronise { reply }).await
     }
 
     /// The present state.
@@ -85,7 +96,7 @@ impl EdpHandle {
     /// # Errors
     /// Fatal when the arm has stopped.
     pub async fn state(&self) -> Result<ArmState, Error> {
-        self.ask("state", |reply| Request::State { reply }).await
+        self.ask("state", Some(SERVICE), |reply| Request::State { reply }).await
     }
 
     /// States as they are published at each macrostep.
@@ -97,6 +108,7 @@ impl EdpHandle {
     async fn ask(
         &self,
         place: &'static str,
+        lasts: Option<Duration>,
         request: impl FnOnce(oneshot::Sender<Result<ArmState, Error>>) -> Request,
     ) -> Result<ArmState, Error> {
         let closed = || Error::System {
@@ -106,7 +118,8 @@ impl EdpHandle {
         };
         let (reply, answer) = oneshot::channel();
         self.mailbox.send(request(reply)).await.map_err(|_| closed())?;
-        answer.await.map_err(|_| closed())?
+        let limit = lasts.map(|lasts| lasts + self.patience);
+        answer_of(&self.name, place, limit, answer).await
     }
 }
 
@@ -120,18 +133,43 @@ struct Edp {
     tape: Tape,
     /// First period after the last command.
     free: u64,
+    mishap: Arc<Mishap>,
+    /// Commands that came twice, as far as they were told.
+    doubles: u64,
 }
 
 /// Creates an EDP around one arm's servo.
 #[must_use]
-pub fn spawn(name: &str, mut link: ServoLink, clock: Clock, tape: Tape) -> EdpHandle {
+pub fn spawn(name: &str, link: ServoLink, clock: Clock, tape: Tape) -> EdpHandle {
+    spawn_under(name, link, clock, tape, &Care::default())
+}
+
+/// The same under somebody's care.
+pub(super) fn spawn_under(
+    name: &str,
+    mut link: ServoLink,
+    clock: Clock,
+    tape: Tape,
+    care: &Care,
+) -> EdpHandle {
     let (mailbox, requests) = mpsc::channel(MAILBOX);
     let (state, watching) = watch::channel(*link.state());
     let name = format!("edp {name}");
-    let edp = Edp { name: name.clone(), link, clock, mailbox: requests, state, tape, free: 0 };
+    let mishap = Arc::clone(&care.mishap);
+    let edp = Edp {
+        name: name.clone(),
+        link,
+        clock,
+        mailbox: requests,
+        state,
+        tape,
+        free: 0,
+        mishap,
+        doubles: 0,
+    };
     let span = tracing::info_span!("edp", name = edp.name);
-    tokio::spawn(edp.run().instrument(span));
-    EdpHandle { name, mailbox, state: watching }
+    care.alarm.spawn(&name, edp.run().instrument(span));
+    EdpHandle { name, mailbox, state: watching, patience: care.patience }
 }
 
 impl Edp {
@@ -141,16 +179,14 @@ impl Edp {
             self.clock.until(self.clock.period() + 1).await;
         }
         while let Some(request) = self.mailbox.recv().await {
+            self.mishap.befall().await;
             let (answer, reply) = match request {
                 Request::Execute { command, reply } => (self.execute(command).await, reply),
                 Request::SetTool { flange_from_tool, reply } => {
                     let sent = self.send("set tool", ServoCommand::SetTool(flange_from_tool));
                     (self.after(sent, 2).await, reply)
                 }
-                Request::Bias { reply } => {
-                    let sent = self.send("bias", ServoCommand::Bias);
-                    (self.after(sent, BIAS_PERIODS).await, reply)
-                }
+                Request::Bias { reply } => (self.bias().await, reply),
                 Request::Synchronise { reply } => (self.synchronise().await, reply),
                 Request::State { reply } => (self.check("state"), reply),
             };
@@ -162,6 +198,9 @@ impl Edp {
 
     fn send(&mut self, place: &'static str, command: ServoCommand) -> Result<u64, Error> {
         self.tape.message("edp", &self.name, &command);
+        if self.mishap.is_doubled() {
+            self.link.double();
+        }
         self.link.send(command).map_err(|_| self.silent(place))
     }
 
@@ -181,6 +220,11 @@ impl Edp {
         self.free = start + u64::from(command.periods);
         self.done("execute", ticket, self.free.saturating_sub(self.link.early()).max(start))
             .await?;
+        let doubles = self.link.doubles();
+        if doubles > self.doubles {
+            self.doubles = doubles;
+            tracing::warn!(actor = %self.name, period = self.clock.period(), "a command came twice: obeyed once");
+        }
         self.check("execute")
     }
 
@@ -188,6 +232,18 @@ impl Edp {
         let ticket = sent?;
         self.done("service", ticket, self.free.max(self.clock.period()) + periods).await?;
         self.check("service")
+    }
+
+    /// A zero of a sensor that says nothing would be the old one.
+    async fn bias(&mut self) -> Result<ArmState, Error> {
+        let sent = self.send("bias", ServoCommand::Bias);
+        let state = self.after(sent, BIAS_PERIODS).await?;
+        if state.wrench_in_tool.is_finite() {
+            return Ok(state);
+        }
+        let cause =
+            NonFatal::NoReading(format!("the force sensor is silent, period {}", state.period));
+        Err(Error::NonFatal { actor: self.name.clone(), place: "bias", cause })
     }
 
     /// The state in between is published at each period of [`PROGRESS`].
@@ -236,11 +292,25 @@ impl Edp {
         let state = *self.link.state();
         self.state.send_replace(state);
         let actor = self.name.clone();
-        if let Some(fault) = state.fault {
+        let silent = |seconds| {
+            let cause = System::Silent { who: "the actors' heart".into(), seconds };
+            Err(Error::System { actor: actor.clone(), place, cause })
+        };
+        if let Some(ArmFault::HeartBeat { seconds }) = state.fault {
+            return silent(seconds);
+        }
+        // A stop of all arms is on its way: its cause is told now, they stand in a moment.
+        let stopping = match state.refused {
+            Some(MoveRefused::Stopping { periods }) => Some(ArmFault::Missed { periods }),
+            _ => None,
+        };
+        if let Some(fault) = state.fault.or(stopping) {
             let last = Some(Box::new(state));
             return Err(Error::Fatal { actor, place, cause: Fatal::Arm(fault), last });
         }
         match state.refused {
+            // Brought to a stand because nobody's heart beat was felt: not a matter of this command.
+            Some(MoveRefused::BrokenOff) if place == "execute" => silent(HEART),
             Some(refused) if place == "execute" => {
                 Err(Error::NonFatal { actor, place, cause: NonFatal::Refused(refused) })
             }

@@ -3,6 +3,7 @@
 //! Actors are tokio tasks with bounded mailboxes. Requests go down a tree (MP, ECP, EDP), answers come back by
 //! `oneshot`, states go up by `watch`; so there is no cycle of waiting.
 
+mod alarm;
 pub mod board;
 mod build;
 pub mod calibrate;

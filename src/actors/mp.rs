@@ -4,8 +4,10 @@
 //! all effectors and commands them at each macrostep through transmitting ECPs; and *sporadic*, in which MP invokes
 //! behaviours and the ECPs run the generators.
 
+use super::alarm::{Care, raised};
 use super::clock::Clock;
 use super::control::{Control, LOOK, Tempo, Terminated, Word, permission_soon};
+use super::disturbance::Mishap;
 use super::ecp::EcpHandle;
 use super::move_instruction::{Manner, Motion};
 use super::ui::{Notice, UiHandle};
@@ -24,6 +26,7 @@ use crate::record::recorder::Entry;
 use crate::record::tape::Tape;
 use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 use std::time::Instant;
 use tokio::sync::{mpsc, watch};
 
@@ -88,11 +91,22 @@ pub struct Ending {
     pub felt: Forces,
 }
 
+impl Ending {
+    /// Of a run that an error broke off, of which nothing else is known.
+    pub(super) fn broken(end: f64, error: Error) -> Self {
+        let (phases, felt) = (Vec::new(), Forces::default());
+        Self { finish: None, error: Some(error), phases, end, felt }
+    }
+}
+
 /// The actor.
 pub struct Mp {
     parts: Parts,
     arms: Vec<ArmState>,
     phases: Vec<(&'static str, f64, Instant)>,
+    /// Which actor has failed, and what befalls this one.
+    alarm: Option<watch::Receiver<Option<Error>>>,
+    mishap: Arc<Mishap>,
 }
 
 enum Stop {
@@ -110,7 +124,15 @@ impl Mp {
     /// MP with its effectors.
     #[must_use]
     pub fn new(parts: Parts) -> Self {
-        Self { parts, arms: Vec::new(), phases: Vec::new() }
+        let (arms, phases) = (Vec::new(), Vec::new());
+        Self { parts, arms, phases, alarm: None, mishap: Arc::default() }
+    }
+
+    /// The same, which heeds an alarm.
+    pub(super) fn heeding(mut self, care: &Care) -> Self {
+        self.alarm = Some(care.alarm.listen());
+        self.mishap = Arc::clone(&care.mishap);
+        self
     }
 
     fn felt(&self) -> Forces {
@@ -144,7 +166,18 @@ impl Mp {
             end: 0.0,
             felt: Forces::default(),
         };
-        match self.perform(task).await {
+        let mut alarm = self.alarm.clone();
+        let performed = tokio::select! {
+            biased;
+            error = async {
+                match &mut alarm {
+                    Some(listens) => raised(listens).await,
+                    None => std::future::pending().await,
+                }
+            } => Err(Stop::Error(error)),
+            performed = self.perform(task) => performed,
+        };
+        match performed {
             Ok(finish) => ending.finish = Some(finish),
             // What an arm has to say outranks the operator's end.
             Err(Stop::Terminated) => ending.error = self.refresh().await.err(),
@@ -165,6 +198,7 @@ impl Mp {
         let mut event = Event::Start;
         loop {
             self.permitted().await?.map_err(|_| Stop::Terminated)?;
+            self.mishap.befall().await;
             let forces = self.felt();
             self.parts.tape.message("mp", "kernel", &(&event, &forces));
             let action = task.next(event, &Readings { arms: &self.arms, forces });

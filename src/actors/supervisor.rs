@@ -3,11 +3,12 @@
 //! It hands the controller's half of a scenario to the actors, and takes the verdict from the `world`,
 //! where that knows one.
 
+use super::alarm::{Alarm, Care, Caught, panicked, raised};
 use super::board::{Board, Seen};
 use super::build;
 use super::clock::Clock;
 use super::control::{Control, Pacer, Tempo, Word};
-use super::disturbance::Troubles;
+use super::disturbance::{Mishap, Troubles};
 use super::gate::{Gate, Inner};
 use super::interrupt::Interrupt;
 use super::mp::{self, Coordination, Mp};
@@ -164,6 +165,7 @@ pub fn run_with(
     let mut noted = None;
     let troubles = Troubles {
         emergency: Arc::clone(&ui.emergency),
+        disk: recorder.full().unwrap_or_default(),
         ..Troubles::new(scenario.controller.cell.cameras.len())
     };
     let (world, cameras) = if let Some(playback) = &playback {
@@ -596,12 +598,29 @@ async fn perform(
     };
 
     let beats = Arc::clone(&switches);
+    let heart = Arc::clone(&troubles.heart);
     tokio::spawn(async move {
         loop {
-            beats.beats.fetch_add(1, Ordering::Relaxed);
+            if !heart.load(Ordering::Acquire) {
+                beats.beats.fetch_add(1, Ordering::Relaxed);
+            }
             tokio::time::sleep(HEART_BEAT).await;
         }
     });
+
+    // An actor that panics makes the arms hold at once; MP hears of it, too, and ends the run.
+    let alarm = Alarm::default();
+    let (mut listens, holds) = (alarm.listen(), Arc::clone(&switches));
+    tokio::spawn(async move {
+        raised(&mut listens).await;
+        holds.hold.store(true, Ordering::Release);
+    });
+    let patience = if scenario.pace == Pace::Virtual { Care::VIRTUAL } else { Care::PATIENCE };
+    let care = |mishap: Option<&Arc<Mishap>>| Care {
+        alarm: alarm.clone(),
+        mishap: mishap.cloned().unwrap_or_default(),
+        patience,
+    };
 
     // Actors, from the bottom up.
     let work = Work(scenario.pace);
@@ -610,7 +629,10 @@ async fn perform(
         .arms
         .iter()
         .zip(links)
-        .map(|(arm, link)| edp::spawn(&arm.name, link, clock, tape.clone()))
+        .enumerate()
+        .map(|(i, (arm, link))| {
+            edp::spawn_under(&arm.name, link, clock, tape.clone(), &care(troubles.edps.get(i)))
+        })
         .collect();
     if let Some(guard) = Guard::of(&config.cell) {
         let states = edps.iter().map(edp::EdpHandle::watch).collect();
@@ -638,7 +660,8 @@ async fn perform(
         match (wanted.kind, wanted.camera) {
             (VspKind::Force, _) => {
                 let states = edps.iter().map(edp::EdpHandle::watch).collect();
-                sensors.forces = Some(vsp::spawn_forces(states, clock, periods(wanted.period)));
+                sensors.forces =
+                    Some(vsp::spawn_forces(&alarm, states, clock, periods(wanted.period)));
             }
             (kind, Some(camera)) => {
                 let source = cameras[camera].take().ok_or_else(|| {
@@ -662,12 +685,13 @@ async fn perform(
                     show: ui.board().map(|board| (board.clone(), camera)),
                     recorder: (recorder.clone(), camera),
                     playback: playback.clone(),
+                    ui: ui.clone(),
                 };
                 let carrier = match config.cell.cameras[camera].mount {
                     crate::cell::Mount::Flange { arm, .. } => Some(arm),
                     crate::cell::Mount::World { .. } => None,
                 };
-                let handle = vsp::spawn(&wanted.name, parts);
+                let handle = vsp::spawn(&wanted.name, parts, &care(troubles.vsps.get(camera)));
                 sensors.add(kind, owner, carrier, handle);
             }
             (_, None) => return Err(not_created(&wanted.name, "it has no camera")),
@@ -689,7 +713,7 @@ async fn perform(
                 control: will.clone(),
                 tape: tape.clone(),
             };
-            ecp::spawn(&arm.name, parts)
+            ecp::spawn_under(&arm.name, parts, &care(troubles.ecps.get(index)))
         })
         .collect();
 
@@ -734,19 +758,28 @@ async fn perform(
         tape: tape.clone(),
         journal: journal.journal,
         guard: Guard::of(&config.cell),
-    });
+    })
+    .heeding(&care(Some(&troubles.mp)));
     let span = tracing::info_span!("mp");
     let mut whereabouts = String::new();
     let (ending, log) = match &mut kernel {
-        Kernel::Idle(idle) => (mp.run(idle).instrument(span).await, MissionLog::default()),
-        Kernel::Panel(panel) => (mp.run(panel).instrument(span).await, MissionLog::default()),
+        Kernel::Idle(idle) => {
+            (survived(mp.run(idle).instrument(span), clock, &ui).await, MissionLog::default())
+        }
+        Kernel::Panel(panel) => {
+            (survived(mp.run(panel).instrument(span), clock, &ui).await, MissionLog::default())
+        }
         Kernel::Cube(mission) => {
-            let ending = mp.run(mission.as_mut()).instrument(span).await;
+            let ending = survived(mp.run(mission.as_mut()).instrument(span), clock, &ui).await;
             whereabouts = mission.whereabouts();
             (ending, mission.log.clone())
         }
     };
     let ended = Instant::now();
+    if matches!(ending.error, Some(Error::System { .. })) {
+        // Nobody moves the arms any more, whatever the actors that are left would have them do.
+        switches.hold.store(true, Ordering::Release);
+    }
     if ending.error.is_some() {
         // Power off under a moving arm is no safe end: what was broken off comes to a stand first.
         tokio::time::sleep(Duration::from_secs_f64(STAND)).await;
@@ -774,6 +807,11 @@ async fn perform(
     let verdict = world.verdict();
     tracing::debug!(?verdict, "world at the end");
     let mut ending = ending;
+    let (_, _, missed) = switches.punctual.take();
+    if missed > 0 && scenario.pace == Pace::Virtual {
+        let text = format!("servo: {missed} periods missed; the last set values held meanwhile");
+        ui.tell(ui::Notice::Note(ending.end, text));
+    }
     if let Some(fault) = fault {
         let cause = Fatal::Bridge(fault.to_string());
         ending.error =
@@ -809,6 +847,22 @@ async fn watch_over(
             return;
         }
         tokio::time::sleep(HEART_BEAT).await;
+    }
+}
+
+/// How MP's work ended, even when it ended in a panic.
+async fn survived(
+    work: impl Future<Output = mp::Ending>,
+    clock: Clock,
+    ui: &ui::UiHandle,
+) -> mp::Ending {
+    match Caught(Box::pin(work)).await {
+        Ok(ending) => ending,
+        Err(why) => {
+            let (end, error) = (clock.period() as f64 * PERIOD, panicked("mp", &*why));
+            ui.tell(ui::Notice::Error(end, error.clone()));
+            mp::Ending::broken(end, error)
+        }
     }
 }
 

@@ -5,8 +5,11 @@
 //! (of MP) and `VSP_GS1`, `VSP_GS2` (of the ECPs) and the text explains the cameras only: that MPF aggregates the
 //! forces and that GS are the gripper's cameras is our reading.
 
+use super::alarm::{Alarm, Care, answer_of};
 use super::board::{Board, Found, Sight};
 use super::clock::Clock;
+use super::disturbance::Mishap;
+use super::ui::{Notice, UiHandle};
 use super::work::Work;
 use crate::cell::Intrinsics;
 use crate::error::{Error, NonFatal, System};
@@ -22,12 +25,22 @@ use crate::tasks::{Effort, Forces, View};
 use crate::vision::sensor::{self, FaceReading};
 use crate::vision::watcher::{CubeWatcher, Watched};
 use crate::vision::{DetectorSettings, Method};
+use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tracing::Instrument as _;
 
 /// While tracking, a picture is kept each 0.2 s.
 const KEPT_PERIODS: u64 = 100;
 
+/// A picture older than this is not what the camera sees now [s].
+const STALE: f64 = 0.1;
+/// Mean of a picture below which nothing was exposed, of 255.
+const BLACK: f64 = 6.0;
+/// Every so many bytes of a picture count for that.
+const SAMPLES: usize = 211;
+/// How long a face may take.
+const PATIENCE: Duration = Duration::from_secs(3);
 /// Requests that may wait: one face at a time is asked for.
 const MAILBOX: usize = 2;
 
@@ -76,7 +89,7 @@ impl VspHandle {
         };
         let (reply, answer) = oneshot::channel();
         self.mailbox.send(Look { view, reply }).await.map_err(|_| closed())?;
-        answer.await.map_err(|_| closed())?
+        answer_of(&self.name, "look", Some(PATIENCE), answer).await
     }
 }
 
@@ -110,6 +123,8 @@ pub struct Parts {
     pub recorder: (Recorder, usize),
     /// A recording that delivers in place of the camera.
     pub playback: Option<Playback>,
+    /// The operator's face, which is told when the camera fails.
+    pub ui: UiHandle,
 }
 
 struct Vsp {
@@ -126,6 +141,11 @@ struct Vsp {
     show: Option<(Board, usize)>,
     recorder: (Recorder, usize),
     playback: Option<Playback>,
+    ui: UiHandle,
+    mishap: Arc<Mishap>,
+    /// Period of the last picture that was good, and whether its absence was told.
+    seen: u64,
+    told: bool,
     /// Period of the last picture that was kept.
     kept: Option<u64>,
     watcher: Option<CubeWatcher>,
@@ -137,7 +157,7 @@ struct Vsp {
 
 /// Creates the VSP of a camera.
 #[must_use]
-pub fn spawn(name: &str, parts: Parts) -> VspHandle {
+pub(super) fn spawn(name: &str, parts: Parts, care: &Care) -> VspHandle {
     let (mailbox, looks) = mpsc::channel(MAILBOX);
     let (tracking, tracked) = watch::channel(false);
     let (sensing, configured) = watch::channel(Sensing::SEEK);
@@ -161,6 +181,10 @@ pub fn spawn(name: &str, parts: Parts) -> VspHandle {
         show: parts.show,
         recorder: parts.recorder,
         playback: parts.playback,
+        ui: parts.ui,
+        mishap: Arc::clone(&care.mishap),
+        seen: 0,
+        told: false,
         kept: None,
         watcher,
         mailbox: looks,
@@ -169,7 +193,7 @@ pub fn spawn(name: &str, parts: Parts) -> VspHandle {
         target,
     };
     let span = tracing::info_span!("vsp", name = vsp.name);
-    tokio::spawn(vsp.run().instrument(span));
+    care.alarm.spawn(&name, vsp.run().instrument(span));
     VspHandle {
         name,
         mailbox,
@@ -187,7 +211,10 @@ impl Vsp {
             tokio::select! {
                 biased;
                 look = self.mailbox.recv() => match look {
-                    Some(look) => self.answer(look).await,
+                    Some(look) => {
+                        self.mishap.befall().await;
+                        self.answer(look).await;
+                    }
                     None => return,
                 },
                 changed = self.tracking.changed() => {
@@ -196,8 +223,10 @@ impl Vsp {
                     }
                     self.target.send_replace(None);
                     next_frame = self.clock.period() + 1;
+                    (self.seen, self.told) = (next_frame, false);
                 },
                 () = self.clock.until(next_frame), if tracking => {
+                    self.mishap.befall().await;
                     self.localise(next_frame).await;
                     // On the grid of frames; a frame that was missed is not made up for.
                     while next_frame <= self.clock.period() {
@@ -228,6 +257,9 @@ impl Vsp {
             .run(move || {
                 let (found, frame) = match source.grab(period, sensing.exposure) {
                     _ if played.is_some() => (played.map_or_else(unheard_of, of_cube), None),
+                    Ok(frame) if unfit(&frame, period).is_some() => {
+                        (Err(unfit(&frame, period).unwrap_or_default()), Some(frame))
+                    }
                     Ok(frame) => {
                         let seconds = frame.period as f64 * PERIOD;
                         let found = watcher
@@ -247,6 +279,9 @@ impl Vsp {
         self.source = Some(source);
         self.watcher = Some(watcher);
         self.heard(unheard, period, &asked);
+        if self.playback.is_none() {
+            self.judge(period, frame.as_ref(), found.as_ref().err());
+        }
         self.shown((period, &asked), frame, KEPT_PERIODS, &|| match &found {
             Ok(seen) => Found::Cube(seen.world_from_cube, seen.speed),
             Err(reason) => Found::Nothing(reason.clone()),
@@ -275,6 +310,9 @@ impl Vsp {
             .run(move || {
                 let (reading, frame) = match source.grab(period, view.exposure) {
                     _ if played.is_some() => (played.map_or_else(unheard_of, of_face), None),
+                    Ok(frame) if unfit(&frame, period).is_some() => {
+                        (Err(unfit(&frame, period).unwrap_or_default()), Some(frame))
+                    }
                     Ok(frame) => {
                         let place = &view.camera_from_face;
                         let reading = sensor::read_face(&frame.image, &intrinsics, edge, place)
@@ -313,7 +351,35 @@ impl Vsp {
     }
 }
 
+/// Why a picture cannot be used, whatever is on it: when it was taken long before `period`, or nothing was exposed.
+fn unfit(frame: &Frame, period: u64) -> Option<String> {
+    let age = period.saturating_sub(frame.period) as f64 * PERIOD;
+    if age > STALE {
+        return Some(format!("the picture is {age:.2} s old"));
+    }
+    let samples = frame.image.as_raw().iter().step_by(SAMPLES);
+    let (sum, count) = samples.fold((0_u64, 0_u64), |(s, n), b| (s + u64::from(*b), n + 1));
+    (sum as f64 <= BLACK * count as f64).then(|| "the picture is black".to_owned())
+}
+
 impl Vsp {
+    /// Tells the operator once when the camera has delivered nothing to look at for too long, and when it does again.
+    fn judge(&mut self, period: u64, frame: Option<&Frame>, reason: Option<&String>) {
+        let seconds = period as f64 * PERIOD;
+        if frame.is_some_and(|frame| unfit(frame, period).is_none()) {
+            self.seen = period;
+            if std::mem::take(&mut self.told) {
+                self.ui.tell(Notice::Note(seconds, format!("{}: pictures come again", self.name)));
+            }
+        } else if !self.told && period.saturating_sub(self.seen) as f64 * PERIOD > STALE {
+            self.told = true;
+            let reason = reason.cloned().unwrap_or_default();
+            let cause = NonFatal::NoReading(format!("{reason}, period {period}"));
+            let actor = self.name.clone();
+            self.ui.tell(Notice::Error(seconds, Error::NonFatal { actor, place: "watch", cause }));
+        }
+    }
+
     /// A look that a recording should have delivered and did not.
     fn heard(&self, unheard: bool, period: u64, asked: &str) {
         if let (true, Some(playback)) = (unheard, &self.playback) {
@@ -381,7 +447,8 @@ fn unheard_of<T>() -> Result<T, String> {
 
 /// Creates the VSP that aggregates the wrist forces.
 #[must_use]
-pub fn spawn_forces(
+pub(super) fn spawn_forces(
+    alarm: &Alarm,
     mut states: Vec<watch::Receiver<ArmState>>,
     clock: Clock,
     periods: u64,
@@ -402,6 +469,7 @@ pub fn spawn_forces(
             publish.send_replace(aggregate);
         }
     };
-    tokio::spawn(aggregating.instrument(tracing::info_span!("vsp", name = "vsp forces")));
+    let name = "vsp forces";
+    alarm.spawn(name, aggregating.instrument(tracing::info_span!("vsp", name)));
     forces
 }

@@ -110,6 +110,32 @@ struct Shared {
     patience: Patience,
     counts: Arc<Counts>,
     thread: Mutex<Option<JoinHandle<Written>>>,
+    full: Arc<AtomicBool>,
+}
+
+/// A device that can be made to be full.
+struct Device<W> {
+    to: W,
+    full: Arc<AtomicBool>,
+}
+
+impl<W: Write> Write for Device<W> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        if self.full.load(Ordering::Acquire) {
+            return Err(std::io::ErrorKind::StorageFull.into());
+        }
+        self.to.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.to.flush()
+    }
+}
+
+impl<W: Seek> Seek for Device<W> {
+    fn seek(&mut self, to: std::io::SeekFrom) -> std::io::Result<u64> {
+        self.to.seek(to)
+    }
 }
 
 #[derive(Default)]
@@ -135,6 +161,12 @@ impl Recorder {
         Self::begin(std::fs::File::create(path)?, about, patience)
     }
 
+    /// A switch that makes the device full, for whoever tries what happens then.
+    #[must_use]
+    pub fn full(&self) -> Option<Arc<AtomicBool>> {
+        self.0.as_ref().map(|shared| Arc::clone(&shared.full))
+    }
+
     /// Records into `to`.
     ///
     /// # Errors
@@ -145,6 +177,8 @@ impl Recorder {
         patience: Patience,
     ) -> std::io::Result<Self> {
         let (queue, entries) = sync_channel(QUEUE);
+        let full = Arc::new(AtomicBool::new(false));
+        let to = Device { to, full: Arc::clone(&full) };
         let (ticks, records) = rtrb::RingBuffer::new(TICKS);
         let counts = Arc::new(Counts::default());
         let thread = std::thread::Builder::new().name("recorder".into()).spawn({
@@ -160,6 +194,7 @@ impl Recorder {
             patience,
             counts,
             thread: Mutex::new(Some(thread)),
+            full,
         }))))
     }
 

@@ -152,6 +152,7 @@ section! {
 }
 
 /// What a kind needs besides its time.
+#[allow(clippy::struct_excessive_bools, reason = "a row of a table")]
 struct Needs {
     arm: bool,
     axis: bool,

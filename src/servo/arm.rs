@@ -139,17 +139,22 @@ impl ArmServo {
 
     /// Brings the arm to a stand within about 0.1 s: set values that stop dead trip the power stages.
     pub fn brake(&mut self, period: u64) {
+        self.brake_for(period, MoveRefused::BrokenOff);
+    }
+
+    /// The same for another reason.
+    pub fn brake_for(&mut self, period: u64, why: MoveRefused) {
         if self.running.is_none() && self.waiting.is_none() && self.homing.is_none() {
             return;
         }
         self.hold(period);
         self.braking = Some(self.steps);
-        self.refused = Some(MoveRefused::BrokenOff);
+        self.refused = Some(why);
     }
 
-    /// Whether the other arm is stopped by a fault. When it becomes so, an arm under force control yields for half a
+    /// Whether the other arm is stopped by a fault, or an actor is gone. When it becomes so, an arm under force control yields for half a
     /// second where it yields, without a velocity of its own, and then holds; any other comes to a stand. It takes no
-    /// motion until the other is reset.
+    /// motion until that is over.
     pub fn stand_by(&mut self, period: u64, stopped: bool) {
         let begins = stopped && !self.stands_by;
         self.stands_by = stopped;
@@ -164,7 +169,7 @@ impl ArmServo {
         } else {
             self.brake(period);
         }
-        self.refused = Some(MoveRefused::PartnerStopped);
+        self.refused = Some(MoveRefused::HeldBack);
     }
 
     /// Breaks off what is going on and keeps the present set values.
@@ -181,6 +186,11 @@ impl ArmServo {
     #[must_use]
     pub fn is_synchronised(&self) -> bool {
         self.synchronised
+    }
+
+    /// So many periods were missed before the next one.
+    pub fn skipped(&mut self, missed: u64) {
+        self.watch.skipped(missed);
     }
 
     /// Why the arm is stopped.
@@ -238,7 +248,7 @@ impl ArmServo {
         }
         self.refused = None;
         if self.stands_by {
-            self.refused = Some(MoveRefused::PartnerStopped);
+            self.refused = Some(MoveRefused::HeldBack);
             return;
         }
         let blind = matches!(command.motion, Motion::Hold | Motion::MotorsBy(_));

@@ -21,6 +21,8 @@ pub struct Watch {
     seconds: f64,
     fade: f64,
     jump: f64,
+    /// Periods that lie between the last reading and the next.
+    periods: u64,
 }
 
 impl Watch {
@@ -52,6 +54,7 @@ impl Watch {
                 libm::pow(Self::FADE, period.ratio())
             },
             jump: Self::JUMP * period.ratio(),
+            periods: 1,
         }
     }
 
@@ -61,6 +64,11 @@ impl Watch {
         self.frozen = [0; AXES];
         self.wanted = [0.0; AXES];
         self.last_counts = counts;
+    }
+
+    /// So many periods were missed before the next reading.
+    pub fn skipped(&mut self, missed: u64) {
+        self.periods = self.periods.saturating_add(missed);
     }
 
     /// A counter was set to zero: its jump is none of the axis.
@@ -95,7 +103,7 @@ impl Watch {
             let by = moved as f64 * std::f64::consts::TAU / increments[axis];
             let wanted = self.wanted[axis];
             // Not within also catches what is not a number. The cause is told before its effect.
-            if by.abs() > self.jump {
+            if by.abs() > self.jump * self.periods as f64 {
                 fault = Some(ArmFault::EncoderJump { axis, by });
             } else if self.frozen[axis] > Self::FROZEN || wanted.abs() > Self::WANTED {
                 fault = Some(ArmFault::EncoderFrozen { axis, wanted });
@@ -104,6 +112,7 @@ impl Watch {
             }
         }
         self.last_counts = reading.counts;
+        self.periods = 1;
         let first = |bits: u8| (bits != 0).then(|| bits.trailing_zeros() as usize);
         if let Some(axis) = first(reading.limit_switches) {
             let motor = measured.0.get(axis).copied().unwrap_or_default();

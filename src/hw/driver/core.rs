@@ -3,7 +3,7 @@
 use super::link::ServoEnd;
 use super::record::{RecordSink, ServoRecord};
 use crate::hw::port::{Port, PortFault};
-use crate::motion::ArmFault;
+use crate::motion::{ArmFault, MoveRefused};
 use crate::servo::io::{ArmDrive, ArmReading};
 use crate::servo::period::Length;
 use crate::servo::{ArmServo, ServoCommand, ServoConfig};
@@ -18,6 +18,8 @@ pub struct Switches {
     pub emergency: Arc<AtomicBool>,
     /// Ends the driver.
     pub stop: AtomicBool,
+    /// An actor is gone: all arms yield or stand, hold, and take no motion.
+    pub hold: AtomicBool,
     /// Counted up by the actors while they live. Watched from the first count on: after 0.1 s of silence the
     /// arms are brought to a stand and hold, after 1 s they stop.
     pub beats: AtomicU64,
@@ -129,10 +131,11 @@ impl Core {
     /// Commands and readings to drives. Allocates nothing and never waits.
     pub fn compute(&mut self, period: u64) -> &[ArmDrive] {
         let pressed = self.heed_switches(period);
+        let held = self.switches.hold.load(Ordering::Acquire);
         for arm in 0..self.servos.len() {
             // Below the actors: what joins the arms may be in both hands, and no message is faster than a period.
-            let stopped =
-                (0..self.servos.len()).any(|i| i != arm && self.servos[i].fault().is_some());
+            let stopped = held
+                || (0..self.servos.len()).any(|i| i != arm && self.servos[i].fault().is_some());
             let servo = &mut self.servos[arm];
             servo.stand_by(period, stopped);
             let reading = self.readings[arm];
@@ -155,9 +158,19 @@ impl Core {
         }
     }
 
-    /// Brings all arms to a stand and stops them there, 0.2 s later.
-    pub fn stop(&mut self, period: u64, fault: ArmFault) {
-        self.brake(period);
+    /// Grid points have passed without a period: the arms went on meanwhile, under their last drives.
+    pub fn skipped(&mut self, missed: u64) {
+        for servo in &mut self.servos {
+            servo.skipped(missed);
+        }
+    }
+
+    /// So many periods were missed that all arms are brought to a stand, and stopped there 0.2 s later.
+    pub fn stop(&mut self, period: u64, periods: u64) {
+        let fault = ArmFault::Missed { periods };
+        for servo in &mut self.servos {
+            servo.brake_for(period, MoveRefused::Stopping { periods });
+        }
         let _ = self.stopping.get_or_insert((period + Self::STAND / self.length.nanos(), fault));
     }
 

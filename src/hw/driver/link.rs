@@ -17,23 +17,28 @@ struct Published {
     /// Servo periods that the command has left.
     left: u64,
     taken: u64,
+    /// Messages that had come before and were dropped.
+    doubles: u64,
 }
 
 /// The EDP's end.
 #[derive(Debug)]
 pub struct ServoLink {
-    commands: rtrb::Producer<ServoCommand>,
+    /// Each with its ticket: one that comes twice is known by it.
+    commands: rtrb::Producer<(u64, ServoCommand)>,
     states: triple_buffer::Output<Published>,
     sent: u64,
+    doubled: bool,
     length: Length,
 }
 
 /// The servo's end.
 #[derive(Debug)]
 pub struct ServoEnd {
-    commands: rtrb::Consumer<ServoCommand>,
+    commands: rtrb::Consumer<(u64, ServoCommand)>,
     states: triple_buffer::Input<Published>,
     taken: u64,
+    doubles: u64,
     length: Length,
 }
 
@@ -54,8 +59,8 @@ pub fn link_at(length: Length) -> (ServoLink, ServoEnd) {
     let (producer, consumer) = rtrb::RingBuffer::new(DEPTH);
     let (input, output) = triple_buffer::triple_buffer(&Published::default());
     (
-        ServoLink { commands: producer, states: output, sent: 0, length },
-        ServoEnd { commands: consumer, states: input, taken: 0, length },
+        ServoLink { commands: producer, states: output, sent: 0, doubled: false, length },
+        ServoEnd { commands: consumer, states: input, taken: 0, doubles: 0, length },
     )
 }
 
@@ -72,9 +77,23 @@ impl ServoLink {
             }
             *start = self.length.first_after(*start);
         }
-        self.commands.push(command).map_err(|_| Unsent)?;
+        self.commands.push((self.sent + 1, command)).map_err(|_| Unsent)?;
         self.sent += 1;
+        if std::mem::take(&mut self.doubled) {
+            // A full ring has no room for what should not be there.
+            let _ = self.commands.push((self.sent, command));
+        }
         Ok(self.sent)
+    }
+
+    /// Makes the next command come twice, as a disturbed line may.
+    pub fn double(&mut self) {
+        self.doubled = true;
+    }
+
+    /// How many commands came twice so far; each was obeyed once.
+    pub fn doubles(&mut self) -> u64 {
+        self.states.read().doubles
     }
 
     /// The latest state.
@@ -108,9 +127,14 @@ impl ServoLink {
 impl ServoEnd {
     /// The next command, if there is one.
     pub(super) fn take(&mut self) -> Option<ServoCommand> {
-        let command = self.commands.pop().ok()?;
-        self.taken += 1;
-        Some(command)
+        while let Ok((ticket, command)) = self.commands.pop() {
+            if ticket > self.taken {
+                self.taken = ticket;
+                return Some(command);
+            }
+            self.doubles += 1;
+        }
+        None
     }
 
     pub(super) fn publish(&mut self, state: &ArmState) {
@@ -120,7 +144,8 @@ impl ServoEnd {
             command_end: self.length.tick_after(state.command_end),
             ..*state
         };
-        self.states.write(Published { state, left, taken: self.taken });
+        let (taken, doubles) = (self.taken, self.doubles);
+        self.states.write(Published { state, left, taken, doubles });
     }
 }
 
@@ -142,6 +167,21 @@ mod tests {
         servo.publish(&ArmState { period: 9, command_end: 11, ..ArmState::default() });
         assert!(edp.is_done(ticket, 2));
         assert!(!edp.is_done(ticket, 0));
+    }
+
+    #[test]
+    fn a_command_that_comes_twice_is_obeyed_once() {
+        let (mut edp, mut servo) = link();
+        edp.double();
+        edp.send(ServoCommand::Bias).unwrap();
+        let ticket = edp.send(ServoCommand::Reset).unwrap();
+
+        assert_eq!(servo.take(), Some(ServoCommand::Bias));
+        assert_eq!(servo.take(), Some(ServoCommand::Reset));
+        assert_eq!(servo.take(), None);
+        servo.publish(&ArmState::default());
+        assert!(edp.is_done(ticket, 0));
+        assert_eq!(edp.doubles(), 1);
     }
 
     #[test]

@@ -8,7 +8,6 @@
 
 use super::core::Core;
 use crate::hw::port::{HeldUp, Port, PortFault};
-use crate::motion::ArmFault;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
@@ -43,9 +42,10 @@ pub async fn run_virtual<P: Port>(
         let missed = periods + (jump * 1e9) as u64 / length;
         if missed > 0 {
             skipped += missed;
+            core.skipped(periods);
             core.switches().punctual.miss(missed);
             if missed >= missed_limit {
-                core.stop(period, ArmFault::Missed { periods: missed });
+                core.stop(period, missed);
             }
         }
     }

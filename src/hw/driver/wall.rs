@@ -144,12 +144,13 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
         if done >= next {
             let missed = (done - next) / length + 1;
             timing.missed += missed;
+            core.skipped(missed);
             core.switches().punctual.miss(missed);
             timing.missed_in_a_row = timing.missed_in_a_row.max(missed);
             next += missed * length;
             last = None;
             if missed >= options.missed_limit {
-                core.stop(period, ArmFault::Missed { periods: missed });
+                core.stop(period, missed);
             }
         }
         if lost.is_err() {

@@ -152,6 +152,8 @@ pub struct Mission {
     seen: [Option<[f64; 3]>; 54],
     /// Where the track stood when it had taken the cube.
     hand_over: Option<JointPositions>,
+    /// How far apart the jaws were when they had closed on the cube [m].
+    widths: [Option<f64>; 2],
     /// Where its tool had closed on it, in its base [m].
     taken_at: Option<[f64; 3]>,
     turned: f64,
@@ -179,6 +181,8 @@ pub struct Mission {
     odd: Vec<(Face, usize)>,
     /// How often the cube was read and planned anew.
     recoveries: u32,
+    /// How often jaws were strained when they opened.
+    strained: u32,
     /// The turner's hold before the turn that is being made.
     before_turn: Option<Grip>,
     /// What an earlier run left, if this one goes on from there.
@@ -221,6 +225,8 @@ pub struct MissionLog {
 }
 
 const ARMS_APART: [Option<JointPositions>; 2] = [None, None];
+/// Strained openings of jaws that a mission gets over.
+const MOST_STRAINED: u32 = 6;
 /// Retries of a stalled turn.
 const TURN_TRIES: u32 = 2;
 /// Rounds of looks at all faces, the second at another exposure.
@@ -241,8 +247,9 @@ const TAKE_TRIES: u32 = 3;
 const RELEASE_WAIT: f64 = 1.2;
 const RELEASE_WAY: f64 = 0.02;
 const RELEASE_TRIES: u32 = 20;
-/// Least width of a cube between the jaws, as a share of its edge.
-const LEAST_WIDTH: f64 = 0.9;
+/// Least width of a cube between the jaws, as a share of its edge: closed jaws of the IRp-6 are 53 mm apart, the zero of
+/// a jaw and the cube's edge are known to a millimetre together.
+const LEAST_WIDTH: f64 = 0.965;
 
 impl Mission {
     /// A kernel that begins with nothing held (`Solve`, `Acquire`), or with the cube in the postument's hand
@@ -263,6 +270,7 @@ impl Mission {
             apart: true,
             seen: [None; 54],
             hand_over: None,
+            widths: [None; 2],
             taken_at: None,
             turned: 0.0,
             with_operator: false,
@@ -277,6 +285,7 @@ impl Mission {
             palette: None,
             odd: Vec::new(),
             recoveries: 0,
+            strained: 0,
             before_turn: None,
             resume: None,
             least_track: None,
@@ -400,7 +409,23 @@ impl Mission {
     ) -> Result<(), String> {
         for (hand, outcome) in [Hand::Track, Hand::Postument].into_iter().zip(outcomes) {
             if let Some(alarm) = outcome.filter(Outcome::alarms) {
-                return Err(format!("{alarm}, at the {} hand while {}", name(hand), doing(&job)));
+                let why = format!("{alarm}, at the {} hand while {}", name(hand), doing(&job));
+                return match job {
+                    Job::Turn { turner, tries, .. } if tries != u32::MAX => {
+                        self.turn_slipped(turner, &why)
+                    }
+                    Job::Approach { hand, .. }
+                    | Job::Close { hand, .. }
+                    | Job::Secure { hand, .. } => self.not_grasped(hand, &why),
+                    // Jaws that open relieve what is strained: once more, after it has given way for a while.
+                    Job::Open { hand, .. } if self.strained < MOST_STRAINED => {
+                        self.strained += 1;
+                        self.log.notes.push(format!("{why}: once more"));
+                        self.push_front(&[Job::Wait(hand, 0.3), job]);
+                        Ok(())
+                    }
+                    _ => Err(why),
+                };
             }
         }
         let of = |hand: Hand| outcomes[hand.index()];
@@ -429,6 +454,7 @@ impl Mission {
                 Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
                     let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
                     self.belief.taken(Hand::Track, hold, false);
+                    self.widths[Hand::Track.index()] = Some(width);
                     self.taken_at = Some(place(arms));
                     Ok(())
                 }
@@ -479,6 +505,7 @@ impl Mission {
             Job::Close { hand, .. } => match of(hand) {
                 Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
                     self.log.grasps += 1;
+                    self.widths[hand.index()] = Some(width);
                     Ok(())
                 }
                 other => {
@@ -1165,11 +1192,11 @@ impl Task for Mission {
 
     fn next(&mut self, event: Event<Conclusion>, readings: &Readings<'_>) -> Action<Thought> {
         let arms = readings.arms;
-        let moved = matches!(event, Event::Behaved(_));
+        let began = matches!(event, Event::Start);
         if let Err(reason) = self.digest(event, arms) {
             return self.fail(reason);
         }
-        if moved && let Err(reason) = self.look_after(arms) {
+        if !began && let Err(reason) = self.look_after(arms) {
             return self.fail(reason);
         }
         while let Some(job) = self.queue.pop_front() {

@@ -23,8 +23,10 @@ const CHECK_TRIES: u32 = 3;
 const CLEARLY: f64 = 0.6;
 /// Stickers that must look otherwise: every turn of a layer changes three on a side, a reflection changes one.
 const ODD_STICKERS: usize = 2;
-/// A hand whose jaws are nearer than this share of the edge holds no cube.
-const GONE: f64 = 0.85;
+/// Jaws nearer than this share of the edge hold no cube: less than [`super::LEAST_WIDTH`], more than closed jaws.
+const GONE: f64 = 0.956;
+/// Jaws that have come so much nearer since they closed hold it no more [m]: pads of rubber give by a fifth of it.
+const CLOSER: f64 = 0.0012;
 /// Jaws wider than the cube by this hold none [m].
 const WIDER: f64 = 0.002;
 /// A layer that stands off by less is straightened by the jaws that close over it [rad].
@@ -261,7 +263,8 @@ impl Mission {
     pub(super) fn look_after(&mut self, arms: &[ArmState]) -> Result<(), String> {
         for hand in [Hand::Track, Hand::Postument] {
             let gap = arms[hand.index()].jaw_opening;
-            if self.belief.held[hand.index()].is_none() || gap > GONE * self.settings.edge {
+            let closed = self.widths[hand.index()].is_some_and(|width| gap < width - CLOSER);
+            if self.belief.held[hand.index()].is_none() || !closed {
                 continue;
             }
             self.belief.released(hand);
