@@ -56,7 +56,7 @@ fn periods(configs: Vec<ServoConfig>, mut port: impl Port) -> f64 {
         .build()
         .unwrap_or_else(|e| unreachable!("a runtime without threads or devices: {e}"));
     let begun = Instant::now();
-    let done = runtime.block_on(run_virtual(&mut core, &mut port, |period, _| {
+    let done = runtime.block_on(run_virtual(&mut core, &mut port, u64::MAX, |period, _| {
         if period == PERIODS {
             switches.stop.store(true, Ordering::Release);
         }

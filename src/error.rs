@@ -23,7 +23,7 @@ pub enum Error {
         cause: NonFatal,
     },
     /// An effector must not move.
-    #[error("fatal, {actor}, {place}: {cause}")]
+    #[error("fatal, {actor}, {place}{when}: {cause}", when = when(last.as_deref()))]
     Fatal {
         /// Name of the actor whose shell detected it.
         actor: String,
@@ -44,6 +44,23 @@ pub enum Error {
         /// Why.
         cause: System,
     },
+}
+
+impl Error {
+    /// How grave its class is: 0 non-fatal, 1 fatal, 2 system.
+    #[must_use]
+    pub fn gravity(&self) -> u8 {
+        match self {
+            Self::NonFatal { .. } => 0,
+            Self::Fatal { .. } => 1,
+            Self::System { .. } => 2,
+        }
+    }
+}
+
+/// When a state was: for the text of an error that carries one.
+fn when(last: Option<&ArmState>) -> String {
+    last.map_or_else(String::new, |state| format!(", period {}", state.period))
 }
 
 /// Causes that leave the system usable.

@@ -149,7 +149,7 @@ pub enum ArmFault {
         error: f64,
     },
     /// The force sensor is saturated or silent while a force is being controlled.
-    #[error("force sensor: {reading:.1} N or Nm in direction {direction} is beyond its range")]
+    #[error("force sensor: {}", felt(*direction, *reading))]
     ForceSensor {
         /// 0..=5 in the sensor's frame.
         direction: usize,
@@ -205,6 +205,35 @@ pub enum ArmFault {
     /// Emergency stop.
     #[error("emergency stop")]
     EmergencyStop,
+    /// A counter stands still while its axis is to move.
+    #[error(
+        "axis {axis}: the encoder stands still, {wanted:.2} rad of motor angle were wanted meanwhile"
+    )]
+    EncoderFrozen {
+        /// As above.
+        axis: usize,
+        /// How far the set value has gone since the counter last changed [rad].
+        wanted: f64,
+    },
+    /// A counter went further in a period than any motor can.
+    #[error("axis {axis}: the encoder jumped by {by:.2} rad of motor angle")]
+    EncoderJump {
+        /// As above.
+        axis: usize,
+        /// By how much [rad].
+        by: f64,
+    },
+}
+
+/// What a force sensor tells that is not to be believed.
+fn felt(direction: usize, reading: f64) -> String {
+    let (unit, way) = if direction < 3 { ("N", "along") } else { ("Nm", "about") };
+    let axis = ["x", "y", "z"][direction % 3];
+    if reading.is_finite() {
+        format!("{reading:.1} {unit} {way} {axis} is the end of its range")
+    } else {
+        format!("no reading {way} {axis}")
+    }
 }
 
 /// Whether the counters of an arm mean positions (the states of the original's EDP).
@@ -273,6 +302,9 @@ pub enum MoveRefused {
     /// Broken off from outside; the arm was brought to a stand.
     #[error("the motion was broken off: the actors were silent")]
     BrokenOff,
+    /// The other arm is stopped; this one holds.
+    #[error("the other arm is stopped by a fault")]
+    PartnerStopped,
     /// A number that is none.
     #[error("the command or its result is not a finite number")]
     NotANumber,

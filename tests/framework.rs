@@ -93,7 +93,7 @@ fn rig(coordination: Coordination) -> Rig {
     let clock = Clock::new(tokio::time::Instant::now());
     tokio::spawn(async move {
         let publish = |_, plant: &mut Plant| *seen.lock().unwrap() = plant.scene();
-        driver::run_virtual(&mut core, &mut plant, publish).await
+        driver::run_virtual(&mut core, &mut plant, u64::MAX, publish).await
     });
 
     let (control, will) = watch::channel(Control::Running);
@@ -135,6 +135,8 @@ fn mp(
         clock,
         work: Work(Pace::Virtual),
         tape,
+        journal: None,
+        guard: None,
     })
 }
 

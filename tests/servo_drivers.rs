@@ -79,7 +79,7 @@ fn virtual_run() -> (u64, JointPositions) {
             edp.state().joints
         };
         let mut last = 0;
-        let servo = run_virtual(&mut core, &mut port, |period, _| {
+        let servo = run_virtual(&mut core, &mut port, u64::MAX, |period, _| {
             assert_eq!(period, last + 1);
             last = period;
         });
@@ -167,7 +167,7 @@ fn a_port_that_fails_ends_the_virtual_run_with_its_reason() {
     port.fails_at = Some(30);
     let (mut core, _links, _) = core(&mut port, Box::new(NoRecords));
 
-    let end = runtime.block_on(run_virtual(&mut core, &mut port, |_, _| {}));
+    let end = runtime.block_on(run_virtual(&mut core, &mut port, u64::MAX, |_, _| {}));
 
     assert_eq!(end, Err(PortFault { effector: 1, reason: "cable".into() }));
 }

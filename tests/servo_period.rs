@@ -388,7 +388,7 @@ fn faults_switch_the_drives_off_until_reset() {
     let spoil: [(Spoil, &str); 3] = [
         (switch, "axis 3: limit switch"),
         (current, "axis 5: over-current, 11.0 A"),
-        (jump, "axis 2: following"),
+        (jump, "axis 2: the encoder jumped"),
     ];
     for (spoil, why) in spoil {
         let mut arm = Ideal::new();
@@ -433,7 +433,7 @@ fn a_frozen_encoder_is_found_within_ten_periods() {
         assert!(periods <= 10);
     }
 
-    assert!(matches!(arm.servo.fault(), Some(ArmFault::Following { axis: 1, .. })));
+    assert!(matches!(arm.servo.fault(), Some(ArmFault::EncoderFrozen { axis: 1, .. })));
 }
 
 #[test]

@@ -9,6 +9,7 @@ pub mod calibrate;
 mod calibration_poses;
 pub mod clock;
 pub mod control;
+mod disturbance;
 pub mod ecp;
 pub mod edp;
 pub mod emulate;
@@ -31,4 +32,4 @@ pub mod work;
 mod world;
 
 pub use build::planner;
-pub use supervisor::{Around, RunOptions, run, run_at, run_with};
+pub use supervisor::{Around, Judge, Keep, RunOptions, run, run_at, run_with};

@@ -14,8 +14,12 @@ use super::witness::Turning;
 use super::work::Work;
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
-use crate::motion::{AXES, ArmState, Motion as Way, MotorPositions, MoveCommand, PERIOD};
+use crate::motion::{
+    AXES, ArmState, Motion as Way, MotorPositions, MoveCommand, PERIOD, Synchronisation,
+};
 use crate::operator::{Answer, Manual, Question};
+use crate::reach::guard::{Guard, Near};
+use crate::record::journal::Journal;
 use crate::record::recorder::Entry;
 use crate::record::tape::Tape;
 use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
@@ -63,6 +67,10 @@ pub struct Parts {
     pub work: Work,
     /// Where messages are noted.
     pub tape: Tape,
+    /// What another run must know to go on.
+    pub journal: Option<Journal>,
+    /// Refuses ways on which the arms would come too near to something.
+    pub guard: Option<Guard>,
 }
 
 /// How a run ended, as MP knows it.
@@ -109,6 +117,20 @@ impl Mp {
         self.parts.forces.as_ref().map(|f| *f.borrow()).unwrap_or_default()
     }
 
+    /// Whether the ways of joints that are asked for are free, as far as the believed cell tells.
+    fn guarded(&self, orders: &[Option<Behaviour>; 2]) -> Result<(), Near> {
+        let (Some(guard), [first, second]) = (&self.parts.guard, self.arms.as_slice()) else {
+            return Ok(());
+        };
+        let from = [&first.desired_joints, &second.desired_joints];
+        let target = |i: usize| match &orders[i] {
+            Some(Behaviour::Joints { target, .. }) => target,
+            _ => from[i],
+        };
+        let known = [first, second].iter().all(|a| a.synchronisation == Synchronisation::Yes);
+        if known { guard.way(from, [target(0), target(1)]) } else { Ok(()) }
+    }
+
     fn now(&self) -> f64 {
         self.parts.clock.period() as f64 * PERIOD
     }
@@ -147,6 +169,14 @@ impl Mp {
             self.parts.tape.message("mp", "kernel", &(&event, &forces));
             let action = task.next(event, &Readings { arms: &self.arms, forces });
             self.parts.tape.message("kernel", "mp", &action);
+            if let (Some(journal), Some(entry)) = (&mut self.parts.journal, task.entry())
+                && let Err(why) = journal.write(&entry)
+            {
+                self.parts.journal = None;
+                let note =
+                    format!("the journal cannot be written ({why}): nobody can resume this run");
+                self.parts.ui.tell(Notice::Note(self.now(), note));
+            }
             for note in task.notes() {
                 self.parts.ui.tell(Notice::Note(self.now(), note));
             }
@@ -168,6 +198,13 @@ impl Mp {
                     Event::Done
                 }
                 Action::Behave { orders, until } => {
+                    if let Err(near) = self.guarded(&orders) {
+                        let cause = NonFatal::Arguments(near.to_string());
+                        let error =
+                            Error::NonFatal { actor: "mp".into(), place: "guard a way", cause };
+                        event = self.trouble(error).await?;
+                        continue;
+                    }
                     if let Some(board) = self.parts.ui.board() {
                         board.ordered(&orders);
                     }
@@ -186,17 +223,13 @@ impl Mp {
                     }
                     match outcomes {
                         Ok(outcomes) => Event::Behaved(outcomes),
-                        Err(error) => self.trouble(error)?,
+                        Err(error) => self.trouble(error).await?,
                     }
                 }
-                Action::Bias(which) => {
-                    for (ecp, _) in self.parts.ecps.iter().zip(which).filter(|(_, wanted)| *wanted)
-                    {
-                        ecp.bias().await?;
-                    }
-                    self.refresh().await?;
-                    Event::Done
-                }
+                Action::Bias(which) => match self.bias(which).await {
+                    Ok(()) => Event::Done,
+                    Err(error) => self.trouble(error).await?,
+                },
                 Action::Watch(on) => {
                     match &self.parts.tracker {
                         Some(tracker) => tracker.track(on),
@@ -220,7 +253,7 @@ impl Mp {
                         Err(Error::NonFatal { cause: NonFatal::NoReading(reason), .. }) => {
                             Event::Looked(Err(reason))
                         }
-                        Err(error) => self.trouble(error)?,
+                        Err(error) => self.trouble(error).await?,
                     }
                 }
                 Action::Think(thought) => {
@@ -237,17 +270,27 @@ impl Mp {
                 }
                 Action::Manual { effector, order } => match self.manual(effector, &order).await {
                     Ok(()) => Event::Done,
-                    Err(Stop::Error(error)) => self.trouble(error)?,
+                    Err(Stop::Error(error)) => self.trouble(error).await?,
                     Err(terminated) => return Err(terminated),
                 },
             };
         }
     }
 
-    /// A non-fatal error is told to the kernel, which may go on; the others end the run.
-    fn trouble<C>(&self, error: Error) -> Result<Event<C>, Stop> {
+    /// Takes the present forces for zero.
+    async fn bias(&mut self, which: [bool; 2]) -> Result<(), Error> {
+        for (ecp, _) in self.parts.ecps.iter().zip(which).filter(|(_, wanted)| *wanted) {
+            ecp.bias().await?;
+        }
+        self.refresh().await
+    }
+
+    /// A non-fatal error is told to the kernel, which may go on; the others end the run. What stops another arm outranks
+    /// what this one was refused for it.
+    async fn trouble<C>(&mut self, error: Error) -> Result<Event<C>, Stop> {
         match error {
             Error::NonFatal { .. } => {
+                self.refresh().await?;
                 self.parts.ui.tell(Notice::Error(self.now(), error.clone()));
                 Ok(Event::Trouble(error.to_string()))
             }
@@ -429,8 +472,9 @@ impl Mp {
                     run(a.clone(), b.clone(), first, leads(0)),
                     run(b, a, second, leads(1))
                 );
-                outcomes[0] = Some(x?.0);
-                outcomes[1] = Some(y?.0);
+                let (x, y) = both(x, y)?;
+                outcomes[0] = Some(x.0);
+                outcomes[1] = Some(y.0);
             }
             (Some(order), None) => outcomes[0] = Some(self.ecp(0)?.behave(order).await?.0),
             (None, Some(order)) => outcomes[1] = Some(self.ecp(1)?.behave(order).await?.0),
@@ -499,7 +543,8 @@ impl Mp {
                 }
             };
             let (a, b) = tokio::join!(send(0), send(1));
-            for (effector, state) in [a?, b?].into_iter().enumerate() {
+            let (a, b) = both(a, b)?;
+            for (effector, state) in [a, b].into_iter().enumerate() {
                 if let Some(state) = state {
                     self.arms[effector] = state;
                 }
@@ -512,6 +557,15 @@ impl Mp {
         }
         self.refresh().await?;
         Ok(outcomes)
+    }
+}
+
+/// Both answers, or the graver of two errors.
+fn both<T>(a: Result<T, Error>, b: Result<T, Error>) -> Result<(T, T), Error> {
+    match (a, b) {
+        (Ok(a), Ok(b)) => Ok((a, b)),
+        (Err(a), Err(b)) => Err(if b.gravity() > a.gravity() { b } else { a }),
+        (Err(error), Ok(_)) | (Ok(_), Err(error)) => Err(error),
     }
 }
 

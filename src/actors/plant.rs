@@ -3,8 +3,10 @@
 //! The only file of the actors that reads a `plant.*` key; what it makes goes behind the port and the cameras.
 
 use super::build::{FaceTurnStart, meeting_place};
+use super::disturbance::{Disturbance, Who};
 use crate::cell::Cell;
 use crate::hw::emulator::{LineFaults, Wired};
+use crate::hw::plant::fault::{Fault, Trigger, What, When};
 use crate::hw::plant::render::{Look, Renderer, Setting};
 use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
 use crate::hw::plant::{
@@ -14,6 +16,7 @@ use crate::hw::serial::axis::Rules;
 use crate::motion::JointPositions;
 use crate::reach::{Meeting, MeetingTable};
 use crate::scenario::Scenario;
+use crate::scenario::injected::{FaultActor, FaultEvent, FaultKeys, FaultKind};
 use crate::scenario::plant::{CubeKind, Jaws as JawsKey};
 use crate::servo::period::Length;
 use crate::spatial::Pose;
@@ -47,6 +50,7 @@ pub(super) fn create(
         meetings.map_or(ErrorSpreads::default().pivot, |table| meeting_place(&belief, table));
     let measured = calibrated(&belief, &met, pivot);
     let mut config = config(scenario, &measured, pivot, grasp);
+    config.faults = faults(scenario).0;
     if let Some(start) = face_turn {
         let edge = config.cell.cube.edge;
         let tool_from_cube = start.body.cube_from_tool(start.half_roll, edge).inverse();
@@ -128,7 +132,10 @@ fn config(
         grasp,
         pivot,
     };
-    let truth = truth::draw(belief, &errors, scenario.seed);
+    let mut truth = truth::draw(belief, &errors, scenario.seed);
+    for keys in &scenario.plant.faults {
+        mistake(scenario, keys, &mut truth);
+    }
     let mut config = PlantConfig::new(truth);
     config.cube = match keys.cube_kind {
         CubeKind::Of2007 => CubeMechanics::of_2007(),
@@ -177,11 +184,121 @@ fn config(
         release_load: h.release,
         release_time: h.release_time,
         return_after: h.return_after,
+        picks_up_after: h.picks_up_after,
         return_solved_only: h.return_solved_only,
         pull: h.pull,
     };
     config.facelets = *scenario.cube().colours();
     config
+}
+
+/// Index of the arm or camera of a name that was checked.
+fn index<'a>(mut names: impl Iterator<Item = &'a String>, wanted: Option<&String>) -> usize {
+    names.position(|name| Some(name) == wanted).unwrap_or(0)
+}
+
+/// What of the cell is not as believed from the beginning.
+fn mistake(scenario: &Scenario, keys: &FaultKeys, truth: &mut Cell) {
+    let which = index(truth.arms.iter().map(|a| &a.name), keys.arm.as_ref());
+    let size = keys.magnitude.unwrap_or_default() * 1e-3;
+    let layer = scenario.controller.cell.cube.edge / 3.0;
+    let Some(arm) = truth.arms.get_mut(which) else { return };
+    match keys.kind {
+        Some(FaultKind::UnderConstrained) => arm.gripper.finger_tip -= layer,
+        Some(FaultKind::OverConstrained) => arm.gripper.finger_tip += layer,
+        Some(FaultKind::JawCalibration) => arm.gripper.opening_offset += size,
+        Some(FaultKind::BaseCalibration) => {
+            arm.world_from_base.translation.vector[keys.direction.min(2) as usize] += size;
+        }
+        _ => {}
+    }
+}
+
+/// What the plant suffers in the course of a run, and what it only tells the time of.
+pub(super) fn faults(scenario: &Scenario) -> (Vec<Fault>, Vec<Disturbance>) {
+    let mut others = Vec::new();
+    let faults = scenario.plant.faults.iter().filter_map(|keys| {
+        let what = what(scenario, keys, &mut others)?;
+        let cell = &scenario.controller.cell;
+        let arm = keys.event_arm.as_ref();
+        let event_arm = arm.map(|_| index(cell.arms.iter().map(|a| &a.name), arm));
+        let when = match (keys.at, keys.event) {
+            (Some(time), _) => When::At(time),
+            (None, event) => When::After {
+                event: match event? {
+                    FaultEvent::Grasped => Trigger::Grasped(event_arm),
+                    FaultEvent::Released => Trigger::Released(event_arm),
+                    FaultEvent::TurnBegins => Trigger::TurnBegins,
+                    FaultEvent::Turned => Trigger::Turned(keys.turned),
+                    FaultEvent::Dropped => Trigger::Dropped,
+                    FaultEvent::Landed => Trigger::Landed,
+                    FaultEvent::Given => Trigger::Given,
+                    FaultEvent::Taken => Trigger::Taken,
+                },
+                nth: keys.nth,
+                delay: keys.delay,
+            },
+        };
+        Some(Fault { what, when, lasts: keys.duration.unwrap_or(f64::INFINITY) })
+    });
+    (faults.collect(), others)
+}
+
+fn what(scenario: &Scenario, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<What> {
+    use FaultKind as K;
+    let cell = &scenario.controller.cell;
+    let arm = index(cell.arms.iter().map(|a| &a.name), keys.arm.as_ref());
+    let camera = index(cell.cameras.iter().map(|c| &c.name), keys.camera.as_ref());
+    let axis = keys.axis.unwrap_or_default() as usize;
+    let direction = keys.direction as usize;
+    let size = keys.magnitude.unwrap_or_default();
+    let who = || match keys.actor? {
+        FaultActor::Mp => Some(Who::Mp),
+        FaultActor::Ecp => Some(Who::Ecp(arm)),
+        FaultActor::Edp => Some(Who::Edp(arm)),
+        FaultActor::Vsp => Some(Who::Vsp(camera)),
+    };
+    let other = match keys.kind? {
+        K::EncoderFreeze => return Some(What::EncoderFreeze { arm, axis }),
+        K::EncoderJump => return Some(What::EncoderJump { arm, axis, by: size }),
+        K::OverCurrent => return Some(What::OverCurrent { arm, axis, amperes: size }),
+        K::LimitSwitch => return Some(What::LimitSwitch { arm, axis }),
+        K::ForceDropout => return Some(What::ForceDropout { arm }),
+        K::ForceNan => return Some(What::ForceNan { arm, direction }),
+        K::ForceSaturation => return Some(What::ForceSaturation { arm, direction }),
+        K::ForceBias => return Some(What::ForceBias { arm, direction, by: size }),
+        K::Slip => return Some(What::Slip { arm, friction: size }),
+        K::Drop => return Some(What::Drop { arm }),
+        K::Jam => return Some(What::Jam { torque: size }),
+        K::TurnUndone => return Some(What::TurnUndone { takes: size }),
+        K::Push => {
+            let mut force = Vector3::zeros();
+            force[direction.min(2)] = size;
+            return Some(What::Push { arm, force });
+        }
+        K::Withdraw => return Some(What::Withdraw),
+        K::UnderConstrained | K::OverConstrained | K::JawCalibration | K::BaseCalibration => {
+            return None;
+        }
+        K::MissedPeriods => Disturbance::Missed(size as u64),
+        K::ClockJump => Disturbance::ClockJump(size * 1e-3),
+        K::CameraBlackout => Disturbance::Blackout(camera),
+        K::CameraSilent => Disturbance::Silent(camera),
+        K::LateFrames => Disturbance::Late(camera, size * 1e-3),
+        K::Misread => {
+            let (sticker, colour) = keys.misread()?;
+            Disturbance::Misread(sticker, colour)
+        }
+        K::LateMessage => Disturbance::LateMessage(arm, size * 1e-3),
+        K::DuplicatedMessage => Disturbance::Duplicated(arm),
+        K::ActorPanic => Disturbance::Panic(who()?),
+        K::ActorHang => Disturbance::Hang(who()?),
+        K::HeartBeatLoss => Disturbance::HeartBeat,
+        K::DiskFull => Disturbance::DiskFull,
+        K::EmergencyStop => Disturbance::EmergencyStop,
+    };
+    others.push(other);
+    Some(What::Elsewhere(others.len() - 1))
 }
 
 /// Puts a plant behind the serial protocol.

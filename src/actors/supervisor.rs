@@ -7,6 +7,7 @@ use super::board::{Board, Seen};
 use super::build;
 use super::clock::Clock;
 use super::control::{Control, Pacer, Tempo, Word};
+use super::disturbance::Troubles;
 use super::gate::{Gate, Inner};
 use super::interrupt::Interrupt;
 use super::mp::{self, Coordination, Mp};
@@ -24,10 +25,13 @@ use crate::error::{Error, Fatal, System};
 use crate::generators::Behaviour;
 use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches, WallEnd};
 use crate::hw::note::{self, Note};
+use crate::hw::plant::saved::{Saved, Unfit};
 use crate::hw::plant::{Plant, Verdict};
-use crate::motion::PERIOD;
+use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::operator::OutcomeView;
+use crate::reach::guard::Guard;
 use crate::reach::{MeetingTable, ReachSettings};
+use crate::record::journal::Journal;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Entry, Recorder};
 use crate::record::summary::{EndedBy, Outcome, Phase, SensorPeak, Summary};
@@ -41,7 +45,8 @@ use crate::tasks::cube::hold::Hand;
 use crate::tasks::cube::mission::{Goal, Mission, MissionLog};
 use crate::tasks::idle::Idle;
 use crate::tasks::panel::Panel;
-use crate::tasks::{Effort, Forces};
+use crate::tasks::{self, Effort, Forces};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -73,6 +78,8 @@ pub struct RunOptions {
 const PATIENCE: f64 = 120.0;
 /// Time after a hand-back in which the operator's hand withdraws [s].
 const WITHDRAWAL: f64 = 4.0;
+/// Time after an error in which arms come to a stand, before the drives go off [s].
+const STAND: f64 = 0.6;
 /// A force on the cube above this is excessive [N]: a verdict, not a limit of anything.
 const EXCESSIVE: f64 = 20.0;
 /// The arms are watched at this interval.
@@ -95,7 +102,25 @@ pub struct Around {
     pub recorder: Recorder,
     /// A recording in place of the plant, the sensors and the operator, and whether an operator was there.
     pub playback: Option<(Playback, bool)>,
+    /// Files that outlive a run.
+    pub keep: Keep,
+    /// Sees the plant after each period, under virtual time; whoever judges a run, and nobody in it.
+    pub judge: Option<Judge>,
 }
+
+/// Files that outlive a run.
+#[derive(Debug, Clone, Default)]
+pub struct Keep {
+    /// Where the simulated plant keeps its state; the controller does not know it.
+    pub world: Option<PathBuf>,
+    /// What another run must know to go on.
+    pub journal: Option<PathBuf>,
+    /// Go on where the run that left them was broken off.
+    pub resume: bool,
+}
+
+/// Somebody who sees the plant after each period, with its number.
+pub type Judge = Box<dyn FnMut(u64, &Plant) + Send>;
 
 /// The same with faces at the other end of a desk: they see what the controller believes, and command it. A run of the
 /// cube's task comes to the same with them, to the bit, as long as they command nothing; the idle task waits for their
@@ -120,7 +145,7 @@ pub fn run_with(
     options: RunOptions,
     around: Around,
 ) -> Result<Summary, Error> {
-    let Around { behind, recorder, playback } = around;
+    let Around { behind, recorder, playback, keep: files, judge } = around;
     let begun = Instant::now();
     let initial = if options.wait { Control::Waiting } else { Control::Running };
     let control = Arc::new(watch::channel(initial).0);
@@ -137,6 +162,10 @@ pub fn run_with(
     let plan = Plan::of(scenario)?;
     let goal = build::goal(&scenario.controller, plan.angle);
     let mut noted = None;
+    let troubles = Troubles {
+        emergency: Arc::clone(&ui.emergency),
+        ..Troubles::new(scenario.controller.cell.cameras.len())
+    };
     let (world, cameras) = if let Some(playback) = &playback {
         World::of_recording(scenario, playback.clone(), &control)
     } else if scenario.bridge.kind.is_hardware() {
@@ -144,8 +173,18 @@ pub fn run_with(
         noted = notes;
         (world, cameras)
     } else {
-        World::of_plant(scenario, plan.plant(scenario)?, &control)?
+        let mut plant = plan.plant(scenario)?;
+        if let (Some(path), true) = (&files.world, files.resume) {
+            let failed = |why: Unfit| not_created("plant", &format!("{}: {why}", path.display()));
+            match Saved::read(path).map_err(failed)? {
+                Some(saved) => plant = plant.restored(saved, scenario.seed).map_err(failed)?,
+                None => tracing::warn!("{}: not there, so nothing had begun", path.display()),
+            }
+        }
+        let (world, cameras) = World::of_plant(scenario, plant, &control, &troubles)?;
+        (world.keeping(files.world.as_deref(), scenario.seed), cameras)
     };
+    let journal = Logbook::of(&files)?;
     // From here on the controller: the world has its truth.
     let scenario = &*super::calibrate::believed(scenario);
     let mut builder = tokio::runtime::Builder::new_current_thread();
@@ -160,6 +199,9 @@ pub fn run_with(
         recorder: recorder.clone(),
         playback,
         tape,
+        journal,
+        judge,
+        troubles,
     };
     let done =
         runtime.block_on(perform(scenario, options, &control, (world, cameras), goal, plan, desk));
@@ -195,6 +237,31 @@ struct Attendance {
     recorder: Recorder,
     playback: Option<Playback>,
     tape: Tape,
+    journal: Logbook,
+    judge: Option<Judge>,
+    troubles: Troubles,
+}
+
+/// A run's journal, and what another run noted last.
+#[derive(Default)]
+struct Logbook {
+    journal: Option<Journal>,
+    /// Of a run that goes on.
+    last: Option<Option<tasks::Entry>>,
+}
+
+impl Logbook {
+    fn of(files: &Keep) -> Result<Self, Error> {
+        let Some(path) = &files.journal else { return Ok(Self::default()) };
+        let failed = |why: String| not_created("journal", &format!("{}: {why}", path.display()));
+        let last = files
+            .resume
+            .then(|| Journal::last(path))
+            .transpose()
+            .map_err(|why| failed(why.to_string()))?;
+        let journal = Journal::open(path, files.resume).map_err(|why| failed(why.to_string()))?;
+        Ok(Self { journal: Some(journal), last })
+    }
 }
 
 fn create_ui(
@@ -399,7 +466,10 @@ async fn perform(
         .map(|verdict| Facelets::try_from(verdict.facelets))
         .transpose()
         .map_err(|e| not_created("plant", &e.to_string()))?;
-    let Attendance { ui, mut emergency, mut words, tempo, recorder, playback, tape } = desk;
+    let Attendance {
+        ui, mut emergency, mut words, tempo, recorder, playback, tape, journal, ..
+    } = desk;
+    let (mut judge, troubles) = (desk.judge, desk.troubles);
     let by_hand = goal.is_none() && words.is_some();
     // Before the start there is no time: a run does not depend on when it was started.
     let mut start_of = outer.subscribe();
@@ -466,6 +536,7 @@ async fn perform(
         seeing.lock().unwrap_or_else(PoisonError::into_inner).look(tick, turned);
     };
     let clock = Clock::new(tokio::time::Instant::now());
+    let limit = u64::from(scenario.real_time.missed_limit);
     let synchronised: Vec<bool>;
     let driver = match scenario.pace {
         Pace::Virtual => {
@@ -475,13 +546,16 @@ async fn perform(
                 .map_err(|e| not_created("servo", &e.to_string()))?;
             synchronised = core.synchronised().collect();
             Driver::Virtual(tokio::spawn(async move {
-                let result = driver::run_virtual(&mut core, &mut world, |period, world| {
+                let result = driver::run_virtual(&mut core, &mut world, limit, |period, world| {
                     if period % 50 == 0
                         && tracing::enabled!(target: "rubik_robot::truth", tracing::Level::TRACE)
                     {
                         world.trace(period);
                     }
                     observe(period, world);
+                    if let (Some(judge), Some(plant)) = (&mut judge, world.plant()) {
+                        judge(period, plant);
+                    }
                     if let Some(gate) = &mut gate {
                         gate.pass(length.tick(period));
                     }
@@ -538,6 +612,10 @@ async fn perform(
         .zip(links)
         .map(|(arm, link)| edp::spawn(&arm.name, link, clock, tape.clone()))
         .collect();
+    if let Some(guard) = Guard::of(&config.cell) {
+        let states = edps.iter().map(edp::EdpHandle::watch).collect();
+        tokio::spawn(watch_over(guard, states, Arc::clone(&switches), ui.clone(), clock));
+    }
     // By hand, the operator decides when an arm is synchronised.
     let blind: Vec<usize> = (0..edps.len()).filter(|&i| !synchronised[i] && !by_hand).collect();
     for &i in &blind {
@@ -629,6 +707,9 @@ async fn perform(
         None => Kernel::Idle(Idle::new(config.idle.time)),
         Some(goal) => {
             let mut mission = cube_kernel(config, goal, plan.meetings, plan.face_turn)?;
+            if let Some(last) = journal.last {
+                mission = mission.resumed(last);
+            }
             mission.patience = words.is_some().then_some(PATIENCE);
             Kernel::Cube(Box::new(mission))
         }
@@ -651,6 +732,8 @@ async fn perform(
         clock,
         work,
         tape: tape.clone(),
+        journal: journal.journal,
+        guard: Guard::of(&config.cell),
     });
     let span = tracing::info_span!("mp");
     let mut whereabouts = String::new();
@@ -664,6 +747,10 @@ async fn perform(
         }
     };
     let ended = Instant::now();
+    if ending.error.is_some() {
+        // Power off under a moving arm is no safe end: what was broken off comes to a stand first.
+        tokio::time::sleep(Duration::from_secs_f64(STAND)).await;
+    }
     if ending.finish.as_ref().is_some_and(|f| f.achieved) && goal == Some(Goal::Solve) {
         tokio::time::sleep(Duration::from_secs_f64(WITHDRAWAL)).await;
     }
@@ -695,6 +782,34 @@ async fn perform(
     let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
     let truth = start.zip(verdict).map(|(start, verdict)| Truth { start, verdict, jams });
     Ok(Done { ending, task: log, truth, ended, whereabouts, hash: tape.hash() })
+}
+
+/// Stops both arms where they come too near to something, whatever brings them there.
+async fn watch_over(
+    guard: Guard,
+    states: Vec<watch::Receiver<ArmState>>,
+    switches: Arc<Switches>,
+    ui: ui::UiHandle,
+    clock: Clock,
+) {
+    let sound = |guard: &Guard| {
+        let [first, second] = [0, 1].map(|i: usize| *states[i].borrow());
+        let known = [first, second].iter().all(|a| a.synchronisation == Synchronisation::Yes);
+        if known { guard.place([&first.desired_joints, &second.desired_joints]) } else { Ok(()) }
+    };
+    // Who is put too near at the beginning may be led out of there.
+    while sound(&guard).is_err() {
+        tokio::time::sleep(HEART_BEAT).await;
+    }
+    loop {
+        if let Err(near) = sound(&guard) {
+            let now = clock.period() as f64 * PERIOD;
+            ui.tell(ui::Notice::Note(now, format!("{near}: both arms are stopped")));
+            switches.emergency.store(true, Ordering::Release);
+            return;
+        }
+        tokio::time::sleep(HEART_BEAT).await;
+    }
 }
 
 fn periods(seconds: f64) -> u64 {
@@ -767,6 +882,7 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
         executed: format_turns(&done.task.executed),
         turns: done.task.executed.len() as u32,
         grasps: done.task.grasps,
+        recoveries: done.task.recoveries,
         sim_time_s: ending.end,
         wall_time_s,
         peak_force_n: verdict.map(|v| v.peak_force),

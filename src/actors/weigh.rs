@@ -5,6 +5,7 @@
 //! goes on.
 
 use super::control::Control;
+use super::disturbance::Troubles;
 use super::supervisor::{Plan, not_created};
 use super::world::World;
 use crate::error::{Error, Fatal, NonFatal};
@@ -59,7 +60,8 @@ pub fn weigh_tool(
     let world = if scenario.bridge.kind.is_hardware() {
         World::of_hardware(scenario, &control)?.0
     } else {
-        World::of_plant(scenario, Plan::of(scenario)?.plant(scenario)?, &control)?.0
+        let troubles = Troubles::new(scenario.controller.cell.cameras.len());
+        World::of_plant(scenario, Plan::of(scenario)?.plant(scenario)?, &control, &troubles)?.0
     };
     let config = &scenario.controller;
     let configs: Vec<_> = config

@@ -4,6 +4,7 @@
 //! the truth.
 
 use super::control::Control;
+use super::disturbance::{Blinkers, Disturbance, Troubles};
 use super::supervisor::not_created;
 use crate::cell::Cell;
 use crate::error::Error;
@@ -14,7 +15,7 @@ use crate::hw::folder::FolderCamera;
 use crate::hw::note::{Note, Notes, notes};
 use crate::hw::plant::render::PlantCamera;
 use crate::hw::plant::{Plant, Verdict};
-use crate::hw::port::{Port, PortFault};
+use crate::hw::port::{HeldUp, Port, PortFault};
 use crate::hw::scene::Scene;
 use crate::hw::serial::axis::Rules;
 use crate::hw::socket_camera::SocketCamera;
@@ -23,6 +24,8 @@ use crate::record::playback::Playback;
 use crate::scenario::keys::BridgeKind;
 use crate::scenario::{CameraSource, ControllerConfig, Scenario};
 use crate::servo::io::{ArmDrive, ArmReading};
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tokio::sync::watch;
 
@@ -31,7 +34,20 @@ pub(super) struct World {
     kind: Kind,
     /// Told to end the run when the port fails.
     control: Arc<watch::Sender<Control>>,
+    /// Where the plant keeps its state, and its seed.
+    kept: Option<(PathBuf, u64)>,
+    /// What is made to go wrong beside the plant, and where that shows.
+    disturbances: Vec<Disturbance>,
+    troubles: Troubles,
+    /// Stickers that show another colour to the cameras.
+    misread: Vec<(usize, u8)>,
+    /// Periods that the servo has missed: the plant is so far ahead of its numbers.
+    ahead: u64,
+    held_up: HeldUp,
 }
+
+/// A plant keeps its state so often [servo periods].
+const KEPT_EVERY: u64 = 50;
 
 enum Kind {
     Plant { plant: Plants, scenes: Vec<triple_buffer::Input<Scene>> },
@@ -52,6 +68,25 @@ impl Plants {
             Self::Wired(wired) => wired.world(),
         }
     }
+
+    fn plant_mut(&mut self) -> &mut Plant {
+        match self {
+            Self::Bare(plant) => plant,
+            Self::Wired(wired) => wired.world_mut(),
+        }
+    }
+
+    fn exchange(
+        &mut self,
+        period: u64,
+        drives: &[ArmDrive],
+        readings: &mut [ArmReading],
+    ) -> Result<(), PortFault> {
+        match self {
+            Self::Bare(plant) => plant.exchange(period, drives, readings),
+            Self::Wired(wired) => wired.exchange(period, drives, readings),
+        }
+    }
 }
 
 /// A camera that is not there.
@@ -63,6 +98,42 @@ impl FrameSource for Nothing {
     }
 }
 
+/// A camera of which something goes wrong.
+struct Blinkered {
+    source: Box<dyn FrameSource>,
+    name: String,
+    blinkers: Arc<Blinkers>,
+    /// Pictures that have not come yet, oldest first.
+    under_way: VecDeque<Frame>,
+}
+
+impl FrameSource for Blinkered {
+    fn grab(&mut self, period: u64, exposure: f64) -> Result<Frame, NoFrame> {
+        if self.blinkers.is_silent() {
+            return Err(NoFrame { camera: self.name.clone(), reason: "no picture comes".into() });
+        }
+        let mut frame = self.source.grab(period, exposure)?;
+        if self.blinkers.is_dark() {
+            frame.image.fill(0);
+        }
+        let late = (self.blinkers.late() / PERIOD).round() as u64;
+        if late == 0 {
+            self.under_way.clear();
+            return Ok(frame);
+        }
+        self.under_way.push_back(frame);
+        // The newest that has come; it is the newest until another one comes.
+        while self.under_way.get(1).is_some_and(|next| next.period + late <= period) {
+            self.under_way.pop_front();
+        }
+        let first = self.under_way.front().filter(|frame| frame.period + late <= period);
+        first.cloned().ok_or_else(|| NoFrame {
+            camera: self.name.clone(),
+            reason: "its picture has not come yet".into(),
+        })
+    }
+}
+
 /// A frame source for each camera of the cell.
 pub(super) type Cameras = Vec<Option<Box<dyn FrameSource>>>;
 
@@ -70,26 +141,52 @@ pub(super) type Cameras = Vec<Option<Box<dyn FrameSource>>>;
 pub(super) type Noted = Option<rtrb::Consumer<Note>>;
 
 impl World {
+    fn around(kind: Kind, control: &Arc<watch::Sender<Control>>) -> Self {
+        Self {
+            kind,
+            control: Arc::clone(control),
+            disturbances: Vec::new(),
+            troubles: Troubles::default(),
+            misread: Vec::new(),
+            ahead: 0,
+            held_up: HeldUp::default(),
+            kept: None,
+        }
+    }
+
     /// The plant in this process.
     pub(super) fn of_plant(
         scenario: &Scenario,
         plant: Plant,
         control: &Arc<watch::Sender<Control>>,
+        troubles: &Troubles,
     ) -> Result<(Self, Cameras), Error> {
+        let disturbances = super::plant::faults(scenario).1;
         let mut scenes = Vec::new();
         let cameras = cameras(&scenario.controller, |index| {
             let (input, output) = triple_buffer::triple_buffer(&plant.scene());
             scenes.push(input);
             let renderer = super::plant::renderer(scenario, &plant, index)
                 .ok_or_else(|| not_created("camera", "the plant has no such camera"))?;
-            Ok(Box::new(PlantCamera::new(renderer, output)))
+            let source: Box<dyn FrameSource> = Box::new(PlantCamera::new(renderer, output));
+            if !disturbances.iter().any(|d| d.camera() == Some(index)) {
+                return Ok(source);
+            }
+            Ok(Box::new(Blinkered {
+                source,
+                name: scenario.controller.cell.cameras[index].name.clone(),
+                blinkers: Arc::clone(&troubles.cameras[index]),
+                under_way: VecDeque::new(),
+            }))
         })?;
         let plant = match scenario.bridge.kind {
             BridgeKind::Wire => Plants::Wired(Box::new(super::plant::wired(scenario, plant))),
             _ => Plants::Bare(Box::new(plant)),
         };
         let kind = Kind::Plant { plant, scenes };
-        Ok((Self { kind, control: Arc::clone(control) }, cameras))
+        let world =
+            Self { disturbances, troubles: troubles.clone(), ..Self::around(kind, control) };
+        Ok((world, cameras))
     }
 
     /// The hardware that the scenario's file of devices names.
@@ -115,7 +212,7 @@ impl World {
                 .map_err(|e| not_created("camera", &e.to_string()))?;
             Ok(Box::new(camera))
         })?;
-        Ok((Self { kind: Kind::Bridge(port), control: Arc::clone(control) }, cameras, Some(noted)))
+        Ok((Self::around(Kind::Bridge(port), control), cameras, Some(noted)))
     }
 
     /// What a recording says: its readings come back, its cameras show nothing, since its sensors deliver themselves.
@@ -126,7 +223,24 @@ impl World {
     ) -> (Self, Cameras) {
         let nothing = |_: &CameraSource| Some(Box::new(Nothing) as Box<dyn FrameSource>);
         let cameras = scenario.controller.cameras.iter().map(nothing).collect();
-        (Self { kind: Kind::Recording(playback), control: Arc::clone(control) }, cameras)
+        (Self::around(Kind::Recording(playback), control), cameras)
+    }
+
+    /// A plant that keeps its state in a file, from now on and every tenth of a second.
+    pub(super) fn keeping(mut self, path: Option<&Path>, seed: u64) -> Self {
+        self.kept = path.map(|path| (path.to_owned(), seed));
+        self.keep();
+        self
+    }
+
+    fn keep(&mut self) {
+        let (Some((path, seed)), Kind::Plant { plant, .. }) = (&self.kept, &self.kind) else {
+            return;
+        };
+        if let Err(why) = plant.plant().saved(*seed).write(path) {
+            tracing::error!("{}: the plant cannot keep its state: {why}", path.display());
+            self.kept = None;
+        }
     }
 
     /// What there is to be seen, where that is known.
@@ -137,12 +251,23 @@ impl World {
         }
     }
 
+    /// The plant, for whoever judges the run.
+    pub(super) fn plant(&self) -> Option<&Plant> {
+        match &self.kind {
+            Kind::Plant { plant, .. } => Some(plant.plant()),
+            Kind::Bridge(_) | Kind::Recording(_) => None,
+        }
+    }
+
     /// After an exchange: shows the cameras what there is to be seen, and tells the angle of the layer that turns,
     /// where that is known.
     pub(super) fn show(&mut self) -> Option<f64> {
         let Kind::Plant { plant, scenes } = &mut self.kind else { return None };
         let plant = plant.plant();
-        let scene = plant.scene();
+        let mut scene = plant.scene();
+        for (sticker, colour) in &self.misread {
+            scene.cube.facelets[*sticker] = *colour;
+        }
         for input in scenes {
             input.write(scene);
         }
@@ -194,21 +319,60 @@ impl Port for World {
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
         let done = match &mut self.kind {
-            Kind::Plant { plant: Plants::Bare(plant), .. } => {
-                plant.exchange(period, drives, readings)
-            }
-            Kind::Plant { plant: Plants::Wired(wired), .. } => {
-                wired.exchange(period, drives, readings)
-            }
+            Kind::Plant { plant, .. } => plant.exchange(period + self.ahead, drives, readings),
             Kind::Bridge(port) => port.exchange(period, drives, readings),
             Kind::Recording(playback) => playback.exchange(period, drives, readings),
         };
+        if self.kept.is_some() && period.is_multiple_of(KEPT_EVERY) {
+            self.keep();
+        }
         if let (Err(fault), Kind::Bridge(_)) = (&done, &self.kind) {
             // The operator learns it now; the task would only learn it when it asks an arm for something.
             tracing::error!("bridge lost: {fault}; power is off, brakes are on");
             self.control.send_replace(Control::Terminated);
         }
-        done
+        done?;
+        self.disturb(period, drives, readings)
+    }
+
+    fn held_up(&mut self) -> HeldUp {
+        std::mem::take(&mut self.held_up)
+    }
+}
+
+impl World {
+    /// Carries out what the plant says begins and ends now.
+    fn disturb(
+        &mut self,
+        period: u64,
+        drives: &[ArmDrive],
+        readings: &mut [ArmReading],
+    ) -> Result<(), PortFault> {
+        let Kind::Plant { plant, .. } = &mut self.kind else { return Ok(()) };
+        let mut missed = 0;
+        for upset in plant.plant_mut().upsets() {
+            let Some(what) = self.disturbances.get(upset.which) else { continue };
+            tracing::debug!(target: "rubik_robot::truth", ?what, upset.begins, "disturbance");
+            self.troubles.take(what, upset.begins);
+            match (*what, upset.begins) {
+                (Disturbance::Missed(periods), true) => missed += periods,
+                (Disturbance::ClockJump(seconds), true) => self.held_up.jump += seconds,
+                (Disturbance::Misread(sticker, colour), true) => {
+                    self.misread.push((sticker, colour));
+                }
+                (Disturbance::Misread(sticker, _), false) => {
+                    self.misread.retain(|(which, _)| *which != sticker);
+                }
+                _ => {}
+            }
+        }
+        // The last drives hold while the servo does not run.
+        for _ in 0..missed {
+            self.ahead += 1;
+            plant.exchange(period + self.ahead, drives, readings)?;
+        }
+        self.held_up.periods += missed;
+        Ok(())
     }
 }
 

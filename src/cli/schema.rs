@@ -7,7 +7,7 @@ use crate::scenario::{self, section::Key};
 use serde_json::{Map, Value, json};
 
 /// Lists of tables: each element has the keys of any of the built-in ones.
-const LISTS: [&str; 3] = ["effector", "camera", "vsp"];
+const LISTS: [&str; 4] = ["effector", "camera", "vsp", "fault"];
 
 pub(super) fn run(output: &mut Output) -> anyhow::Result<u8> {
     output.line(&serde_json::to_string_pretty(&schema(&scenario::all_keys()))?)?;

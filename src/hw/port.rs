@@ -17,6 +17,21 @@ pub trait Port: Send {
         drives: &[ArmDrive],
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault>;
+
+    /// By how much the last exchange held up whoever called it, beyond its time; asked by the virtual driver only, to
+    /// which nothing else can happen.
+    fn held_up(&mut self) -> HeldUp {
+        HeldUp::default()
+    }
+}
+
+/// What came between an exchange and the next period.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct HeldUp {
+    /// Grid points that passed meanwhile; the world went on in them under the last drives.
+    pub periods: u64,
+    /// By how much the clock jumped ahead [s]; the world knows nothing of it.
+    pub jump: f64,
 }
 
 /// The hardware did not answer.

@@ -123,6 +123,19 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         let other = "change control.macrostep_periods (of 2 ms) as well".to_owned();
         help(reader, "real_time.period_ms", reason, Some(other));
     }
+    let mut named: Vec<&str> = Vec::new();
+    for (path, keys) in &draft.faults {
+        super::injected::check(keys, path, &draft.effectors, &draft.cameras, reader);
+        if root.bridge.kind.is_hardware() {
+            let reason = format!("`{path}`: nothing can be made to go wrong on hardware");
+            fault(reader, path, reason);
+        }
+        if named.contains(&path.as_str()) {
+            fault(reader, path, format!("[[fault]] has two elements of the name `{path}`"));
+        }
+        named.push(path);
+    }
+    let faults = draft.faults.iter().map(|(_, keys)| keys.clone()).collect();
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
     let hand = HandZone {
         world_from_cube: pose(root.hand.centre_xyz, root.hand.cube_rpy),
@@ -155,7 +168,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
             face_turn: root.face_turn,
             idle: root.idle,
         },
-        plant: PlantSection { cube_state, synchronised, keys: root.plant },
+        plant: PlantSection { cube_state, synchronised, keys: root.plant, faults },
     })
 }
 
@@ -164,7 +177,7 @@ fn key(list: &str, name: &str) -> String {
 }
 
 /// A fault at the key, or at the nearest section above it that was given.
-fn fault(reader: &mut Reader, path: &str, reason: String) {
+pub(super) fn fault(reader: &mut Reader, path: &str, reason: String) {
     help(reader, path, reason, None);
 }
 

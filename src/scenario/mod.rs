@@ -8,6 +8,7 @@
 //! A key is declared in one place: see [`section`]. The built-in cell is `scenarios/cell.toml`.
 
 pub mod fault;
+pub mod injected;
 pub mod keys;
 pub mod lists;
 pub mod plant;
@@ -20,6 +21,7 @@ use crate::cell::Cell;
 use crate::cube::{Cube, Facelets};
 use crate::servo::regulator::ServoGains;
 use fault::{Faults, Source};
+use injected::FaultKeys;
 use keys::{
     Bridge, CellKeys, Control, Coordination, CubeKeys, FaceTurn, HandKeys, Idle, Pace, Planner,
     RealTime, Servo, Task, VisionKeys, VisualServo,
@@ -146,6 +148,8 @@ pub struct PlantSection {
     pub synchronised: Vec<bool>,
     /// Keys under `plant`.
     pub keys: PlantKeys,
+    /// What is made to go wrong.
+    pub faults: Vec<FaultKeys>,
 }
 
 /// `KEY=VALUE` of the command line.
@@ -221,7 +225,7 @@ section::section! {
 }
 
 /// The lists of a scenario.
-const LISTS: [&str; 3] = ["effector", "camera", "vsp"];
+const LISTS: [&str; 4] = ["effector", "camera", "vsp", "fault"];
 
 /// Keys in SI, before they are checked against each other.
 #[derive(Debug, Clone, Default)]
@@ -230,6 +234,7 @@ struct Draft {
     effectors: Vec<Effector>,
     cameras: Vec<CameraKeys>,
     vsps: Vec<lists::Vsp>,
+    faults: Vec<(String, FaultKeys)>,
 }
 
 /// Reads a scenario file.
@@ -308,6 +313,7 @@ pub fn all_keys() -> Vec<Key> {
     for vsp in &draft.vsps {
         vsp.keys(&format!("vsp.{}", vsp.name), &mut keys);
     }
+    FaultKeys::default().keys("fault.NAME", &mut keys);
     keys
 }
 
@@ -354,6 +360,15 @@ fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Draft {
     draft.effectors = list("effector", lists[0].as_ref(), built_in, reader, |e: &Effector| &e.name);
     draft.cameras = list("camera", lists[1].as_ref(), built_in, reader, |c: &CameraKeys| &c.name);
     draft.vsps = list("vsp", lists[2].as_ref(), built_in, reader, |v: &lists::Vsp| &v.name);
+    if let Some(node) = lists[3].as_ref() {
+        let faults = elements("fault", Some(node), reader, |_| FaultKeys::default());
+        let path = |(i, fault): (usize, &FaultKeys)| {
+            let name = if fault.name.is_empty() { i.to_string() } else { fault.name.clone() };
+            format!("fault.{name}")
+        };
+        let paths: Vec<String> = faults.iter().enumerate().map(path).collect();
+        draft.faults = paths.into_iter().zip(faults).collect();
+    }
     // A scenario that leaves an effector or a camera out need not leave out what hangs on it.
     if lists[1].is_none() {
         let names: Vec<&String> = draft.effectors.iter().map(|e| &e.name).collect();
@@ -373,9 +388,9 @@ fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Draft {
 }
 
 /// Takes the lists out of a document.
-fn split(document: &Node, reader: &mut Reader) -> (Node, [Option<Node>; 3]) {
+fn split(document: &Node, reader: &mut Reader) -> (Node, [Option<Node>; 4]) {
     let mut rest = document.clone();
-    let mut found = [None, None, None];
+    let mut found = [const { None }; 4];
     if let Value::Table(entries) = &mut rest.value {
         for (slot, name) in found.iter_mut().zip(LISTS) {
             if let Some(at) = entries.iter().position(|e| e.key == name) {

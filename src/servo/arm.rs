@@ -45,6 +45,8 @@ pub struct ArmServo {
     braking: Option<[f64; AXES]>,
     /// What is left of them after a period.
     fade: f64,
+    /// The other arm is stopped.
+    stands_by: bool,
 }
 
 /// What was measured in a period.
@@ -61,6 +63,9 @@ impl ArmServo {
     pub const EARLY: u64 = 2;
     /// Share of a speed that is left after 2 ms of braking: 0.1 s for all but a hundredth of it.
     const FADE: f64 = 0.92;
+    /// How long an arm whose partner is stopped yields before it holds [ns]: forces between them fall off, and a zero
+    /// that is a little wrong does not carry it away.
+    const YIELDS: u64 = 500_000_000;
     /// A step of a motor that counts as none [rad].
     const STANDS: f64 = 1e-5;
 
@@ -95,6 +100,7 @@ impl ArmServo {
             homing_step: None,
             braking: None,
             fade: libm::pow(Self::FADE, config.period.ratio()),
+            stands_by: false,
             config,
         }
     }
@@ -139,6 +145,26 @@ impl ArmServo {
         self.hold(period);
         self.braking = Some(self.steps);
         self.refused = Some(MoveRefused::BrokenOff);
+    }
+
+    /// Whether the other arm is stopped by a fault. When it becomes so, an arm under force control yields for half a
+    /// second where it yields, without a velocity of its own, and then holds; any other comes to a stand. It takes no
+    /// motion until the other is reset.
+    pub fn stand_by(&mut self, period: u64, stopped: bool) {
+        let begins = stopped && !self.stands_by;
+        self.stands_by = stopped;
+        if !begins || self.fault.is_some() {
+            return;
+        }
+        let yields = self.running.as_ref().and_then(Path::directions).is_some_and(heeds_force);
+        if yields && let Some(mut path) = self.running {
+            path.yields(period + Self::YIELDS / self.config.period.nanos());
+            self.hold(period);
+            self.running = Some(path);
+        } else {
+            self.brake(period);
+        }
+        self.refused = Some(MoveRefused::PartnerStopped);
     }
 
     /// Breaks off what is going on and keeps the present set values.
@@ -211,6 +237,10 @@ impl ArmServo {
             return;
         }
         self.refused = None;
+        if self.stands_by {
+            self.refused = Some(MoveRefused::PartnerStopped);
+            return;
+        }
         let blind = matches!(command.motion, Motion::Hold | Motion::MotorsBy(_));
         if self.homing.is_some() || !(self.synchronised || blind && command.jaw.is_none()) {
             self.refused = Some(MoveRefused::NotSynchronised);

@@ -134,6 +134,9 @@ enum Kind {
 }
 
 impl Path {
+    /// Time in which a speed falls off when an arm only yields [s].
+    const LAG: f64 = 0.024;
+
     /// The course from `from` in periods `begin..=end`.
     #[must_use]
     pub fn new(motion: &Motion, from: &SetValues, begin: u64, end: u64) -> Self {
@@ -207,6 +210,24 @@ impl Path {
         match &self.kind {
             Kind::Task { directions, .. } => Some(directions),
             _ => None,
+        }
+    }
+
+    /// Position-force control goes on until period `end` without a velocity and towards no force. What it has of speed
+    /// falls off over [`Path::LAG`]: set values that stop dead trip the power stages.
+    pub fn yields(&mut self, end: u64) {
+        self.end = end;
+        if let Kind::Task { directions, .. } = &mut self.kind {
+            *directions = directions.map(|direction| {
+                let (admittance, inertia) = match direction {
+                    // As stiff as makes no difference.
+                    Direction::Unguarded { .. } => (1e-9, 0.0),
+                    Direction::Guarded { admittance, inertia, .. }
+                    | Direction::Contact { admittance, inertia, .. } => (admittance, inertia),
+                };
+                let inertia = f64::max(inertia, Self::LAG / admittance.max(1e-9));
+                Direction::Contact { wanted: 0.0, admittance, inertia }
+            });
         }
     }
 

@@ -14,6 +14,8 @@ pub struct Watch {
     speed: [f64; AXES],
     /// Periods in a row in which the axis should have moved and its counter did not.
     frozen: [u32; AXES],
+    /// How far the set value has gone since the counter last changed [rad].
+    wanted: [f64; AXES],
     last_counts: [i64; AXES],
     /// Length of a period [s], and what follows from it.
     seconds: f64,
@@ -28,6 +30,8 @@ impl Watch {
     const MUST_MOVE: f64 = 15.0;
     /// Periods after which a counter that does not move is taken for frozen.
     const FROZEN: u32 = 8;
+    /// The same of a slow axis: the set value has gone this far meanwhile [rad]; regulators and friction explain less.
+    const WANTED: f64 = 1.0;
     /// No motor can turn further in 2 ms [rad].
     const JUMP: f64 = 1.5;
 
@@ -39,6 +43,7 @@ impl Watch {
             following_lag: gains.following_lag,
             speed: [0.0; AXES],
             frozen: [0; AXES],
+            wanted: [0.0; AXES],
             last_counts: counts,
             seconds: period.seconds(),
             fade: if period == Length::default() {
@@ -54,6 +59,7 @@ impl Watch {
     pub fn reset(&mut self, counts: [i64; AXES]) {
         self.speed = [0.0; AXES];
         self.frozen = [0; AXES];
+        self.wanted = [0.0; AXES];
         self.last_counts = counts;
     }
 
@@ -61,6 +67,7 @@ impl Watch {
     pub fn rebase(&mut self, axis: usize, count: i64) {
         self.last_counts[axis] = count;
         self.frozen[axis] = 0;
+        self.wanted[axis] = 0.0;
     }
 
     /// The first fault of this reading; `set` was wanted of the last period, `steps` is how far the set
@@ -81,13 +88,18 @@ impl Watch {
             self.speed[axis] = (self.speed[axis] * self.fade).max(speed);
             let still = moved == 0 && speed > Self::MUST_MOVE;
             self.frozen[axis] = if still { self.frozen[axis] + 1 } else { 0 };
+            self.wanted[axis] = if moved == 0 { self.wanted[axis] + steps[axis] } else { 0.0 };
 
             let error = set.0[axis] - measured.0[axis];
             let allowed = self.following_error + self.following_lag * self.speed[axis];
-            let jumped = moved.abs() as f64 * std::f64::consts::TAU / increments[axis] > self.jump;
-            // Not within also catches what is not a number.
-            let follows = (-allowed..=allowed).contains(&error);
-            if !follows || jumped || self.frozen[axis] > Self::FROZEN {
+            let by = moved as f64 * std::f64::consts::TAU / increments[axis];
+            let wanted = self.wanted[axis];
+            // Not within also catches what is not a number. The cause is told before its effect.
+            if by.abs() > self.jump {
+                fault = Some(ArmFault::EncoderJump { axis, by });
+            } else if self.frozen[axis] > Self::FROZEN || wanted.abs() > Self::WANTED {
+                fault = Some(ArmFault::EncoderFrozen { axis, wanted });
+            } else if !(-allowed..=allowed).contains(&error) {
                 fault = Some(ArmFault::Following { axis, error });
             }
         }

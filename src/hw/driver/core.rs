@@ -129,7 +129,12 @@ impl Core {
     /// Commands and readings to drives. Allocates nothing and never waits.
     pub fn compute(&mut self, period: u64) -> &[ArmDrive] {
         let pressed = self.heed_switches(period);
-        for (arm, servo) in self.servos.iter_mut().enumerate() {
+        for arm in 0..self.servos.len() {
+            // Below the actors: what joins the arms may be in both hands, and no message is faster than a period.
+            let stopped =
+                (0..self.servos.len()).any(|i| i != arm && self.servos[i].fault().is_some());
+            let servo = &mut self.servos[arm];
+            servo.stand_by(period, stopped);
             let reading = self.readings[arm];
             let command = self.ends[arm].take();
             // A reset must not undo the stop while the button is still pressed.

@@ -60,6 +60,11 @@ impl<P: Port> Wired<P> {
         &self.world
     }
 
+    /// The world, for whoever looks after it.
+    pub fn world_mut(&mut self) -> &mut P {
+        &mut self.world
+    }
+
     /// The world's own period under the drives that the controllers make of their orders.
     fn step(&mut self, period: u64) -> Result<(), PortFault> {
         for (arm, drive) in self.arms.iter().zip(&mut self.drives) {

@@ -72,6 +72,7 @@ impl Plant {
             grippers: self.grasps.iter().filter(|g| g.holds()).count(),
             load: self.balance.touches.iter().map(|t| t.force.norm()).fold(0.0, f64::max),
             solved: self.looks_solved(),
+            fallen: matches!(self.state, State::Tray { .. }),
         };
         let t = self.time();
         self.hand.decide(t, &sight);
@@ -79,9 +80,31 @@ impl Plant {
         if has != self.operator_has {
             self.operator_has = has;
             if has {
+                // It may have picked the cube up.
+                self.state = State::Held;
                 self.balance.hand_comes(&self.core);
             }
             self.record(Incident::Operator { has_cube: has });
+        }
+    }
+
+    /// What faults do to the bodies from the next period on.
+    pub(super) fn suffer(&mut self) {
+        let turned = if self.balance.split.is_some() { self.verdict.turned } else { 0.0 };
+        let time = self.time();
+        self.faults.decide(time, turned);
+        let acting = self.faults.acting;
+        for (grasp, lost) in self.grasps.iter_mut().zip(acting.lost) {
+            grasp.lost |= lost && grasp.attached;
+        }
+        self.puzzle.jam = acting.torque;
+        if acting.withdraw {
+            self.hand.draw_back(time);
+        }
+        if let Some(takes) = acting.undo {
+            self.undo_turn(
+                std::f64::consts::FRAC_PI_2 * self.config.period.seconds() / takes.max(1e-3),
+            );
         }
     }
 
@@ -172,6 +195,8 @@ impl Plant {
     }
 
     pub(super) fn record(&mut self, what: Incident) {
+        let time = self.time();
+        self.faults.saw(&what, time);
         if self.verdict.events.len() < MOST_EVENTS {
             self.verdict.events.push(Event { period: self.period, what });
         }

@@ -4,6 +4,7 @@
 //! 8-20 kN/m lateral and 20-45 kN/m axial stiffness at a held cube.
 
 use super::dynamics::{LINKS, Link};
+use super::fault::Fault;
 use crate::cell::Cell;
 use crate::motion::AXES;
 use crate::servo::period::Length;
@@ -33,6 +34,8 @@ pub struct PlantConfig {
     pub facelets: [u8; 54],
     /// Whether the controllers of each arm are synchronised already when the run begins.
     pub synchronised: [bool; 2],
+    /// What is made to go wrong; indices of arms and axes must fit the cell.
+    pub faults: Vec<Fault>,
     /// Length of a servo period.
     pub period: Length,
     /// Substeps in 2 ms; 4 is the tested figure.
@@ -55,6 +58,7 @@ impl PlantConfig {
             start_grip: 30.0,
             facelets: std::array::from_fn(|i| (i / 9) as u8),
             synchronised: [true; 2],
+            faults: Vec::new(),
             period: Length::default(),
             substeps: 4,
         }
@@ -351,6 +355,8 @@ pub struct HandScript {
     pub release_time: f64,
     /// It comes back for the cube when this has passed since it let go [s], ...
     pub return_after: f64,
+    /// Time after which it picks up a cube that fell, to hold it out again [s].
+    pub picks_up_after: f64,
     /// ... and, when true, only for a solved cube (a person sees that); either way the cube must have left
     /// the zone meanwhile, be held by one gripper, and be nearly still in the zone for 1 s.
     pub return_solved_only: bool,
@@ -378,6 +384,7 @@ impl Default for HandScript {
             release_load: 8.0,
             release_time: 2.0,
             return_after: 20.0,
+            picks_up_after: 5.0,
             return_solved_only: false,
             pull: 6.0,
         }

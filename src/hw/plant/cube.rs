@@ -28,6 +28,8 @@ pub(super) struct Puzzle {
     pub(super) angles: [[f64; 2]; 3],
     /// Factor of the unloaded friction of each interface.
     friction: [[f64; 2]; 3],
+    /// What every layer needs beside that: something is stuck between them [Nm].
+    pub(super) jam: f64,
     pub(super) mechanics: CubeMechanics,
     /// Destination of each sticker for a right-handed quarter turn of an outer layer.
     quarter: [[[u8; 54]; 2]; 3],
@@ -42,12 +44,17 @@ impl Puzzle {
         let quarter = std::array::from_fn(|axis| {
             std::array::from_fn(|side| quarter_turn(Axis::ALL[axis], side == 1))
         });
-        Self { stickers, angles: [[0.0; 2]; 3], friction, mechanics, quarter }
+        Self { stickers, angles: [[0.0; 2]; 3], friction, jam: 0.0, mechanics, quarter }
     }
 
     /// Stickers as the renderer needs them: to be turned further by [`Puzzle::angles`] of one axis.
     pub(super) fn stickers(&self) -> &[u8; 54] {
         &self.stickers
+    }
+
+    /// Stickers and layers that were kept.
+    pub(super) fn restore(&mut self, stickers: [u8; 54], angles: [[f64; 2]; 3]) {
+        (self.stickers, self.angles) = (stickers, angles);
     }
 
     /// The axis that is farthest from aligned.
@@ -100,6 +107,7 @@ impl Puzzle {
             + m.detent * sine.abs()
             + m.friction * (r_lateral * lateral + r_face * tilt / lever + r_face * axial.abs())
             + corners
+            + self.jam
     }
 
     /// Stickers by position with every layer at its nearest quarter and the cube held so that the centres are

@@ -176,6 +176,27 @@ impl Plant {
         })
     }
 
+    /// A layer that was turned between two hands slips back under the jaws, by so much at most [rad]: it and what the
+    /// jaws hold of it go back together, so nobody feels it.
+    pub(super) fn undo_turn(&mut self, most: f64) {
+        let Some(split) = self.balance.split else { return };
+        let turned = self.relative_angle() - self.angle_at_split;
+        let back = -turned.clamp(-most, most);
+        // The layer that turns is the one without the middle.
+        let body = usize::from(split.layers[1] & MIDDLE == 0);
+        let by = if body == 1 { back } else { -back };
+        for side in 0..2 {
+            if split.layers[body] & (1 << (2 * side)) != 0 {
+                self.puzzle.angles[split.axis][side] += by;
+            }
+        }
+        let turn = Frame::rotated(about(&Axis::ALL[split.axis].unit(), by));
+        self.balance.nodes[body] = self.balance.nodes[body].times(&turn);
+        for grasp in self.grasps.iter_mut().filter(|g| g.attached && g.node == body) {
+            grasp.rename(body, &turn);
+        }
+    }
+
     /// Angle of the second body's layer against the first's [rad].
     pub(super) fn relative_angle(&self) -> f64 {
         self.balance.split.map_or(0.0, |s| {

@@ -15,12 +15,14 @@ pub mod config;
 mod cube;
 pub mod dynamics;
 mod encoder;
+pub mod fault;
 mod frame;
 mod grasp;
 mod hand;
 mod holding;
 mod jaw;
 pub mod render;
+pub mod saved;
 mod sensor;
 #[cfg(test)]
 mod testing;
@@ -40,6 +42,7 @@ use self::arm::PlantArm;
 use self::balance::{Balance, HandHold, Surroundings, moved};
 use self::collision::Collisions;
 use self::cube::Puzzle;
+use self::fault::{Faults, Upset};
 use self::frame::{Frame, about};
 use self::grasp::{Grasp, Hands, Touch};
 use self::hand::OperatorHand;
@@ -57,7 +60,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
 /// Where the cube is, as a state.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 enum State {
     Held,
     Falling { velocity: Vector3<f64> },
@@ -89,6 +92,10 @@ pub struct Plant {
     /// Hands that have let go and still touch.
     let_go: [bool; 2],
     saturated: [bool; 2],
+    /// Power stages that were on in the last period.
+    powered: [bool; 2],
+    /// What is made to go wrong.
+    faults: Faults,
     operator_has: bool,
     /// Relative angle of the two bodies when they were formed [rad].
     angle_at_split: f64,
@@ -174,6 +181,8 @@ impl Plant {
             crushed: [false; 2],
             let_go: [false; 2],
             saturated: [false; 2],
+            powered: [false; 2],
+            faults: Faults::new(&[]),
             operator_has: config.start == Start::Hand,
             angle_at_split: 0.0,
             verdict: Verdict::empty(&world_from_cube.to_pose()),
@@ -186,6 +195,8 @@ impl Plant {
             this.close(arm);
         }
         this.account();
+        // How it begins is no event.
+        this.faults = Faults::new(&this.config.faults);
         Ok(this)
     }
 
@@ -247,6 +258,17 @@ impl Plant {
         self.verdict.turned
     }
 
+    /// Whether an arm's power stages were on in the last period; its brakes hold otherwise.
+    #[must_use]
+    pub fn is_powered(&self, arm: usize) -> bool {
+        self.powered.get(arm).is_some_and(|on| *on)
+    }
+
+    /// Which faults of others begin and end since the last call.
+    pub fn upsets(&mut self) -> impl Iterator<Item = Upset> {
+        self.faults.upsets()
+    }
+
     /// The true values of the cell.
     #[must_use]
     pub fn cell(&self) -> &Cell {
@@ -269,11 +291,13 @@ impl Plant {
         }
         self.step_cube(t, dt);
         let touches = self.balance.touches;
+        let pushes = self.faults.acting.push;
         for (i, arm) in self.arms.iter_mut().enumerate() {
             let touch = &touches[i];
             let tool = arm.world_from_tool;
-            if touch.any() {
-                let (force, torque) = (tool.r * -touch.force, tool.r * -touch.torque);
+            if touch.any() || pushes[i] != Vector3::zeros() {
+                let force = tool.r * -touch.force + pushes[i];
+                let torque = tool.r * -touch.torque;
                 let mut outside = arm.torques(&force, &torque, &tool.p);
                 for (sum, more) in outside.iter_mut().zip(&self.collisions.torques[i]) {
                     *sum += more;
@@ -335,10 +359,14 @@ impl Plant {
             }
             return;
         }
+        let pads = self.faults.acting.friction.map(|share| {
+            let jaws = self.config.jaws;
+            Jaws { friction: share * jaws.friction, ..jaws }
+        });
         let hands: [Option<Hands>; 2] = std::array::from_fn(|i| {
             near(i).then(|| Hands {
                 gripper: &self.config.cell.arms[i].gripper,
-                jaws: &self.config.jaws,
+                jaws: &pads[i],
                 edge,
                 opening: self.jaws[i].opening(),
                 stops: self.stops[i],
@@ -418,7 +446,8 @@ impl Port for Plant {
             reading.currents[AXES] = self.jaws[i].current();
             let touch = &self.balance.touches[i];
             let tool = &arm.world_from_tool;
-            let (force, torque) = (tool.r * -touch.force, tool.r * -touch.torque);
+            let force = tool.r * -touch.force + self.faults.acting.push[i];
+            let torque = tool.r * -touch.torque;
             let sensor = &mut self.sensors[i];
             reading.wrench_on_sensor =
                 sensor.read(&arm.world_from_flange, &tool.p, &force, &torque);
@@ -428,9 +457,18 @@ impl Port for Plant {
                 self.record(Incident::Saturation { arm: i });
             }
             self.saturated[i] = saturated;
+            let cell = &self.config.cell.arms[i];
+            let increments = std::array::from_fn(|j| {
+                if j < AXES { cell.model.increments[j] } else { cell.gripper.increments }
+            });
+            self.faults.spoil(i, reading, &increments, &cell.sensor.range);
         }
         self.look_for_collisions();
         self.account();
+        self.suffer();
+        for (on, drive) in self.powered.iter_mut().zip(drives) {
+            *on = drive.enabled;
+        }
         Ok(())
     }
 }

@@ -1,0 +1,360 @@
+//! Keys of the list `[[fault]]`: what is made to go wrong in a simulated run. Only the plant's side may read them.
+//!
+//! - in: kind, when (`at_s`, or `event` with `nth` and `delay_s`), for how long, how much, whom
+//! - out: [`FaultKeys`], checked against each other and the scenario by [`check`]
+
+use super::lists::{CameraKeys, Effector};
+use super::section::{Reader, section, words};
+use crate::cube::Face;
+
+words! {
+    /// What goes wrong, with the unit of its magnitude.
+    FaultKind {
+        /// The counter of an axis stands still.
+        EncoderFreeze = "encoder_freeze",
+        /// The counter of an axis is off by magnitude [rad of the motor].
+        EncoderJump = "encoder_jump",
+        /// A power stage reports over-current, and magnitude as its current [A].
+        OverCurrent = "over_current",
+        /// A limit switch is pressed.
+        LimitSwitch = "limit_switch",
+        /// A force sensor is silent.
+        ForceDropout = "force_dropout",
+        /// One direction of a force sensor is not a number.
+        ForceNan = "force_nan",
+        /// One direction of a force sensor is at the end of its range.
+        ForceSaturation = "force_saturation",
+        /// One direction of a force sensor is off by magnitude [N, Nm].
+        ForceBias = "force_bias",
+        /// The servo misses as many periods in a row as magnitude says.
+        MissedPeriods = "missed_periods",
+        /// A camera's pictures are black.
+        CameraBlackout = "camera_blackout",
+        /// A camera delivers no picture.
+        CameraSilent = "camera_silent",
+        /// A camera's pictures come late by magnitude [ms].
+        LateFrames = "late_frames",
+        /// A hand has only magnitude of its friction [share].
+        Slip = "slip",
+        /// A hand lets the cube drop.
+        Drop = "drop",
+        /// Each layer needs magnitude more torque [Nm].
+        Jam = "jam",
+        /// The layer that has been turned slips back under the jaws, a quarter in magnitude [s].
+        TurnUndone = "turn_undone",
+        /// Somebody pushes an arm's hand along a direction of the world with magnitude [N].
+        Push = "push",
+        /// The operator draws the cube back once more.
+        Withdraw = "withdraw",
+        /// A sticker has another colour before the cameras.
+        Misread = "misread",
+        /// The fingers of an arm reach a layer less far than believed.
+        UnderConstrained = "under_constrained",
+        /// The fingers of an arm reach a layer farther than believed.
+        OverConstrained = "over_constrained",
+        /// The jaws of an arm stand wider than believed by magnitude [mm].
+        JawCalibration = "jaw_calibration",
+        /// The base of an arm is off along a direction of the world by magnitude [mm].
+        BaseCalibration = "base_calibration",
+        /// A message to an arm's EDP comes late by magnitude [ms].
+        LateMessage = "late_message",
+        /// A message to an arm's servo comes twice.
+        DuplicatedMessage = "duplicated_message",
+        /// An actor panics.
+        ActorPanic = "actor_panic",
+        /// An actor stops answering.
+        ActorHang = "actor_hang",
+        /// The actors' heart stops beating.
+        HeartBeatLoss = "heart_beat_loss",
+        /// The recorder's device is full.
+        DiskFull = "disk_full",
+        /// The clock jumps ahead by magnitude [ms].
+        ClockJump = "clock_jump",
+        /// The emergency stop is pressed.
+        EmergencyStop = "emergency_stop",
+    }
+}
+
+words! {
+    /// What happens in the plant and begins a fault.
+    FaultEvent {
+        /// Jaws close on the cube; of `event_arm` only, when that is given.
+        Grasped = "grasped",
+        /// Jaws let go of the cube; of `event_arm` only, when that is given.
+        Released = "released",
+        /// A layer begins to turn between two hands.
+        TurnBegins = "turn_begins",
+        /// A layer has been turned by `turned_deg`.
+        Turned = "turned",
+        /// The cube leaves the hand and falls.
+        Dropped = "dropped",
+        /// The cube lies on the tray.
+        Landed = "landed",
+        /// The operator has let go of the cube.
+        Given = "given",
+        /// The operator has taken the cube.
+        Taken = "taken",
+    }
+}
+
+words! {
+    /// Actors that can fail.
+    FaultActor {
+        /// The coordinator.
+        Mp = "mp",
+        /// The task's share of an arm.
+        Ecp = "ecp",
+        /// The driver of an arm.
+        Edp = "edp",
+        /// A virtual sensor, of a camera.
+        Vsp = "vsp",
+    }
+}
+
+section! {
+    /// A fault.
+    FaultKeys {
+        /// Name, for messages and `--set fault.NAME.key`.
+        name: String = String::new();
+        /// What goes wrong, with the unit of its magnitude.
+        kind: Option<FaultKind> = None;
+        /// When it begins, by the plant's time.
+        at [s]: Option<f64> = None, 0.0..=86400.0;
+        /// What in the plant begins it.
+        event: Option<FaultEvent> = None;
+        /// The event must happen for this time, counted from when the run begins.
+        nth: u32 = 1, 1.0..=10000.0;
+        /// How long after its event it begins.
+        delay [s]: f64 = 0.0, 0.0..=3600.0;
+        /// The arm whose event it is; any when not given.
+        event_arm: Option<String> = None;
+        /// How far the layer has been turned, for event = "turned".
+        turned [deg]: f64 = 45.0, 1.0..=180.0;
+        /// How long it lasts; for good when not given.
+        duration [s]: Option<f64> = None, 0.0..=86400.0;
+        /// How much, in the unit of its kind.
+        magnitude: Option<f64> = None, -1e6..=1e6;
+        /// The arm that it befalls.
+        arm: Option<String> = None;
+        /// The axis that it befalls: 0 the track, 1 to 6, 7 the jaw.
+        axis: Option<u32> = None, 0.0..=7.0;
+        /// Direction: 0, 1, 2 along x, y, z and 3, 4, 5 about them.
+        direction: u32 = 2, 0.0..=5.0;
+        /// The camera that it befalls.
+        camera: Option<String> = None;
+        /// The actor that it befalls; of `arm` or `camera`.
+        actor: Option<FaultActor> = None;
+        /// The sticker that is misread, in the order of reading: "U1" to "B9".
+        sticker: Option<String> = None;
+        /// The colour that it shows: the letter of the face that has it.
+        colour: Option<String> = None;
+    }
+}
+
+/// What a kind needs besides its time.
+struct Needs {
+    arm: bool,
+    axis: bool,
+    camera: bool,
+    /// Least and largest magnitude; `None` when it takes none.
+    magnitude: Option<(f64, f64)>,
+    /// It is so from the beginning: no time, no event.
+    constant: bool,
+}
+
+fn needs(kind: FaultKind) -> Needs {
+    use FaultKind as K;
+    let none = Needs { arm: false, axis: false, camera: false, magnitude: None, constant: false };
+    let of_arm = |magnitude| Needs { arm: true, magnitude, ..none };
+    match kind {
+        K::EncoderFreeze | K::LimitSwitch => Needs { arm: true, axis: true, ..none },
+        K::EncoderJump => Needs { axis: true, ..of_arm(Some((-1e4, 1e4))) },
+        K::OverCurrent => Needs { axis: true, ..of_arm(Some((0.0, 1e3))) },
+        K::ForceDropout | K::ForceNan | K::ForceSaturation | K::Drop | K::DuplicatedMessage => {
+            of_arm(None)
+        }
+        K::ForceBias => of_arm(Some((-1e3, 1e3))),
+        K::Slip => of_arm(Some((0.0, 1.0))),
+        K::Push => of_arm(Some((-200.0, 200.0))),
+        K::LateMessage => of_arm(Some((0.0, 1e5))),
+        K::CameraBlackout | K::CameraSilent => Needs { camera: true, ..none },
+        K::LateFrames => Needs { camera: true, magnitude: Some((0.0, 1e4)), ..none },
+        K::MissedPeriods => Needs { magnitude: Some((1.0, 1e4)), ..none },
+        K::Jam => Needs { magnitude: Some((0.0, 100.0)), ..none },
+        K::TurnUndone => Needs { magnitude: Some((0.01, 60.0)), ..none },
+        K::ClockJump => Needs { magnitude: Some((1.0, 1e6)), ..none },
+        K::UnderConstrained | K::OverConstrained => Needs { constant: true, ..of_arm(None) },
+        K::JawCalibration => Needs { constant: true, ..of_arm(Some((-20.0, 20.0))) },
+        K::BaseCalibration => Needs { constant: true, ..of_arm(Some((-100.0, 100.0))) },
+        K::Withdraw
+        | K::Misread
+        | K::ActorPanic
+        | K::ActorHang
+        | K::HeartBeatLoss
+        | K::DiskFull
+        | K::EmergencyStop => none,
+    }
+}
+
+impl FaultKeys {
+    /// The sticker and its colour, each by index, URFDLB.
+    #[must_use]
+    pub fn misread(&self) -> Option<(usize, u8)> {
+        let letter = |c: char| Face::ALL.iter().position(|f| f.letter() == c);
+        let mut sticker = self.sticker.as_deref()?.chars();
+        let face = letter(sticker.next()?)?;
+        let number = sticker.as_str().parse::<usize>().ok().filter(|n| (1..=9).contains(n))?;
+        let mut colour = self.colour.as_deref()?.chars();
+        let colour = letter(colour.next()?).filter(|_| colour.as_str().is_empty())?;
+        Some((face * 9 + number - 1, colour as u8))
+    }
+}
+
+/// Says what is wrong with a fault at the dotted name `path`; whether anything is.
+pub(super) fn check(
+    fault: &FaultKeys,
+    path: &str,
+    effectors: &[Effector],
+    cameras: &[CameraKeys],
+    reader: &mut Reader,
+) -> bool {
+    let mut wrong: Vec<(&str, String)> = Vec::new();
+    let Some(kind) = fault.kind else {
+        let reason = format!("`{path}.kind` is missing: what goes wrong?");
+        super::check::fault(reader, path, reason);
+        return false;
+    };
+    let word = kind.word();
+    let needs = needs(kind);
+    match (fault.at, fault.event, needs.constant) {
+        (None, None, false) => wrong.push(("kind", format!("\"{word}\" needs at_s or event"))),
+        (Some(_), Some(_), false) => {
+            wrong.push(("event", "at_s and event: one of them begins it".to_owned()));
+        }
+        (None, None, true) | (Some(_), None, false) | (None, Some(_), false) => {}
+        (_, _, true) => {
+            let key = if fault.at.is_some() { "at_s" } else { "event" };
+            wrong.push((key, format!("\"{word}\" is so from the beginning")));
+        }
+    }
+    let arm = |name: &String| effectors.iter().find(|e| e.name == *name);
+    let known = |key: &'static str, name: Option<&String>, wrong: &mut Vec<(&str, String)>| {
+        if let Some(name) = name.filter(|name| arm(name).is_none()) {
+            wrong.push((key, format!("there is no effector \"{name}\"")));
+        }
+    };
+    known("arm", fault.arm.as_ref(), &mut wrong);
+    known("event_arm", fault.event_arm.as_ref(), &mut wrong);
+    if needs.arm && fault.arm.is_none() {
+        wrong.push(("kind", format!("\"{word}\" needs an arm")));
+    }
+    if needs.axis && fault.axis.is_none() {
+        wrong.push(("kind", format!("\"{word}\" needs an axis")));
+    }
+    if let Some(name) = &fault.camera
+        && !cameras.iter().any(|c| c.name == *name)
+    {
+        wrong.push(("camera", format!("there is no camera \"{name}\"")));
+    }
+    if needs.camera && fault.camera.is_none() {
+        wrong.push(("kind", format!("\"{word}\" needs a camera")));
+    }
+    match (needs.magnitude, fault.magnitude) {
+        (Some(_), None) => wrong.push(("kind", format!("\"{word}\" needs a magnitude"))),
+        (Some((low, high)), Some(x)) if !(low..=high).contains(&x) => {
+            wrong.push(("magnitude", format!("{x} is outside {low}..{high} of \"{word}\"")));
+        }
+        (None, Some(_)) => wrong.push(("magnitude", format!("\"{word}\" has none"))),
+        _ => {}
+    }
+    match (kind, fault.actor) {
+        (FaultKind::ActorPanic | FaultKind::ActorHang, None) => {
+            wrong.push(("kind", format!("\"{word}\" needs an actor")));
+        }
+        (_, Some(FaultActor::Ecp | FaultActor::Edp)) if fault.arm.is_none() => {
+            wrong.push(("actor", "whose? give its arm".to_owned()));
+        }
+        (_, Some(FaultActor::Vsp)) if fault.camera.is_none() => {
+            wrong.push(("actor", "whose? give its camera".to_owned()));
+        }
+        _ => {}
+    }
+    if matches!(kind, FaultKind::Push | FaultKind::BaseCalibration) && fault.direction > 2 {
+        wrong.push(("direction", format!("\"{word}\" has directions 0 to 2: x, y, z")));
+    }
+    if kind == FaultKind::Misread && fault.misread().is_none() {
+        let key = if fault.sticker.is_some() { "sticker" } else { "kind" };
+        let reason = "\"misread\" needs a sticker, \"U1\" to \"B9\", and a colour, one of URFDLB";
+        wrong.push((key, reason.to_owned()));
+    }
+    let fine = wrong.is_empty();
+    for (key, reason) in wrong {
+        super::check::fault(reader, &format!("{path}.{key}"), format!("`{path}.{key}`: {reason}"));
+    }
+    fine
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn faults(text: &str) -> String {
+        let text = format!("task = \"face_turn\"\n[[fault]]\n{text}");
+        match crate::scenario::read(Path::new("f.toml"), &text, &[]) {
+            Ok(scenario) => format!("{} fine", scenario.plant.faults.len()),
+            Err(faults) => faults.to_string(),
+        }
+    }
+
+    #[test]
+    fn a_fault_is_read_in_si_and_known_by_its_name() {
+        let text = "[[fault]]\nname = \"a\"\nkind = \"encoder_jump\"\narm = \"track\"\naxis = 3\nmagnitude = 2\n\
+                    event = \"turned\"\nturned_deg = 90";
+        let over = crate::scenario::Override::parse("fault.a.axis=4").unwrap();
+        let read = crate::scenario::read(Path::new("f.toml"), text, &[over]).unwrap();
+
+        let fault = &read.plant.faults[0];
+        assert_eq!(fault.kind, Some(FaultKind::EncoderJump));
+        assert_eq!((fault.axis, fault.magnitude), (Some(4), Some(2.0)));
+        assert!((fault.turned - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_with_its_place() {
+        let missing = faults("kind = \"over_current\"\nat_s = 1");
+        for what in ["f.toml:3:8", "needs an arm", "needs an axis", "needs a magnitude"] {
+            assert!(missing.contains(what), "{missing}");
+        }
+        let unknown = faults("kind = \"drop\"\narm = \"trac\"\nat_s = 1");
+        assert!(
+            unknown.contains("f.toml:4:7") && unknown.contains("no effector \"trac\""),
+            "{unknown}"
+        );
+        let both = faults("kind = \"drop\"\narm = \"track\"\nat_s = 1\nevent = \"grasped\"");
+        assert!(both.contains("one of them begins it"), "{both}");
+        assert!(faults("kind = \"drops\"\nat_s = 1").contains("did you mean \"drop\"?"));
+        assert!(faults("at_s = 1").contains("kind` is missing"));
+        let range = faults("kind = \"slip\"\narm = \"track\"\nat_s = 1\nmagnitude = 3");
+        assert!(range.contains("f.toml:6:13") && range.contains("outside 0..1"), "{range}");
+        let whose = faults("kind = \"actor_panic\"\nactor = \"ecp\"\nat_s = 1");
+        assert!(whose.contains("give its arm"), "{whose}");
+        let never = faults("kind = \"jaw_calibration\"\narm = \"track\"\nmagnitude = 1\nat_s = 1");
+        assert!(never.contains("from the beginning"), "{never}");
+    }
+
+    #[test]
+    fn a_sticker_is_named_by_face_and_number() {
+        let keys = |sticker: &str, colour: &str| FaultKeys {
+            sticker: Some(sticker.to_owned()),
+            colour: Some(colour.to_owned()),
+            ..FaultKeys::default()
+        };
+        let (sticker, colour) = keys("F3", "R").misread().unwrap();
+        let solved = crate::cube::Facelets::solved();
+        assert_eq!((sticker, solved.colours()[sticker], colour), (20, 2, 1));
+        for (sticker, colour) in [("F0", "R"), ("X1", "R"), ("F10", "R"), ("F1", "RR"), ("", "R")] {
+            assert_eq!(keys(sticker, colour).misread(), None, "{sticker} {colour}");
+        }
+    }
+}

@@ -1,0 +1,265 @@
+//! Everything under `scenarios/faults/`: what the plant then does, what the operator is told, and the exit code.
+//!
+//! The plant is looked at after each period by a judge that no part of the controller knows of; exit codes and messages
+//! are those of the program itself.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use rubik_robot::actors::{self, Around, RunOptions};
+use rubik_robot::hw::plant::{Incident, Verdict, Whereabouts};
+use rubik_robot::record::summary::{Outcome, Summary};
+use rubik_robot::scenario::{self, Override};
+use rubik_robot::spatial::Pose;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::{Arc, Mutex};
+
+/// What a judge notes each period.
+#[derive(Debug, Clone)]
+struct Moment {
+    period: u64,
+    tools: [Pose; 2],
+    powered: [bool; 2],
+    openings: [f64; 2],
+}
+
+struct Seen {
+    summary: Summary,
+    moments: Vec<Moment>,
+    /// The plant's account at the end.
+    verdict: Verdict,
+}
+
+fn path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/faults").join(format!("{name}.toml"))
+}
+
+fn seen(name: &str, keys: &[&str]) -> Seen {
+    let keys: Vec<Override> = keys.iter().map(|key| Override::parse(key).unwrap()).collect();
+    let scenario = scenario::load(&path(name), &keys).unwrap_or_else(|e| panic!("{e}"));
+    let notes = Arc::new(Mutex::new((Vec::new(), None)));
+    let keeps = Arc::clone(&notes);
+    let judge: actors::Judge = Box::new(move |period, plant| {
+        let scene = plant.scene();
+        let mut notes = keeps.lock().unwrap();
+        notes.0.push(Moment {
+            period,
+            tools: [0, 1].map(|i: usize| scene.arms[i].world_from_tool),
+            powered: [0, 1].map(|i| plant.is_powered(i)),
+            openings: [0, 1].map(|i: usize| scene.arms[i].opening),
+        });
+        if period % 10 == 0 {
+            notes.1 = Some(plant.verdict());
+        }
+    });
+    let around = Around { judge: Some(judge), ..Around::default() };
+    let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
+    let summary = actors::run_with(&scenario, options, around).unwrap();
+    println!("{name}: {}", summary.reason);
+    let mut notes = notes.lock().unwrap();
+    let (moments, verdict) = (std::mem::take(&mut notes.0), notes.1.take().unwrap());
+    Seen { summary, moments, verdict }
+}
+
+impl Seen {
+    fn at(&self, period: u64) -> &Moment {
+        let first = self.moments[0].period;
+        &self.moments[(period - first) as usize]
+    }
+
+    /// The first period without power in an arm.
+    fn cut(&self, arm: usize) -> Option<u64> {
+        let on = self.moments.iter().position(|m| m.powered[arm]).unwrap();
+        self.moments[on..].iter().find(|m| !m.powered[arm]).map(|m| m.period)
+    }
+
+    /// Path of a tool between two periods [m].
+    fn way(&self, arm: usize, from: u64, to: u64) -> f64 {
+        (from..to)
+            .map(|p| {
+                let at = |p: u64| self.at(p).tools[arm].translation.vector;
+                (at(p + 1) - at(p)).norm()
+            })
+            .sum()
+    }
+
+    fn last(&self) -> u64 {
+        self.moments.last().unwrap().period
+    }
+
+    /// A fatal stop of one arm: its drives go off by `trip`, it hardly moves from there on, and the other one is powered
+    /// and stands at the end.
+    fn stops(&self, arm: usize, trip: std::ops::RangeInclusive<u64>) {
+        let cut = self.cut(arm).expect("the drives stay on");
+        assert!(trip.contains(&cut), "the drives go off in period {cut}, not in {trip:?}");
+        assert!(self.way(arm, cut, self.last()) < 2e-3, "{}", self.way(arm, cut, self.last()));
+        let other = 1 - arm;
+        assert_eq!(self.cut(other), None, "the other arm holds under power");
+        assert!(self.last() - cut > 250, "there is time for it to come to a stand");
+        let stand = self.way(other, self.last() - 25, self.last());
+        assert!(stand < 1e-4, "the other arm still moves: {stand}");
+        assert_eq!(self.verdict.counts.drops, 0);
+        assert!(self.summary.peak_force_n.unwrap() < 20.0, "{:?}", self.summary.peak_force_n);
+    }
+
+    fn is_held_by(&self, arms: [bool; 2]) {
+        assert_eq!(self.verdict.cube, Whereabouts::Arms(arms));
+    }
+}
+
+/// The period in which the layer passes 30 deg: where most faults of a turn begin.
+fn turned_30() -> u64 {
+    let seen = seen("jam", &["fault.0.magnitude=0"]);
+    assert_eq!(seen.summary.outcome, Outcome::Solved, "{}", seen.summary.reason);
+    5129
+}
+
+#[test]
+fn a_frozen_counter_stops_its_arm_and_the_other_one_holds_the_cube() {
+    let begin = turned_30();
+    let seen = seen("encoder_freeze", &[]);
+    seen.stops(0, begin..=begin + 16);
+    seen.is_held_by([true, true]);
+}
+
+#[test]
+fn a_jumping_counter_stops_its_arm_at_once() {
+    let begin = turned_30();
+    let seen = seen("encoder_jump", &[]);
+    seen.stops(0, begin..=begin + 10);
+    seen.is_held_by([true, true]);
+}
+
+#[test]
+fn over_current_and_a_limit_switch_take_the_power_off_one_arm_only() {
+    let begin = turned_30();
+    let seen_current = seen("over_current", &[]);
+    seen_current.stops(1, begin..=begin + 10);
+    seen_current.is_held_by([true, true]);
+
+    let seen = seen("limit_switch", &[]);
+    seen.stops(0, 1000..=1004);
+    seen.is_held_by([false, true]);
+}
+
+#[test]
+fn a_force_that_is_none_moves_nothing() {
+    let begin = turned_30();
+    for name in ["force_dropout", "force_nan", "force_saturation"] {
+        let seen = seen(name, &[]);
+        seen.stops(0, begin..=begin + 4);
+        seen.is_held_by([true, true]);
+        // From the reading on: less than the way of two periods of the turn.
+        assert!(seen.way(0, begin, begin + 4) < 2e-4, "{name}: {}", seen.way(0, begin, begin + 4));
+    }
+}
+
+#[test]
+fn a_sudden_bias_breaks_the_turn_off_before_it_has_moved_an_arm() {
+    let begin = turned_30();
+    let seen = seen("force_bias", &[]);
+    assert_eq!(seen.summary.outcome, Outcome::Failed);
+    assert!(seen.way(1, begin, seen.last()) < 2e-3, "{}", seen.way(1, begin, seen.last()));
+    assert!(seen.summary.peak_force_n.unwrap() < 20.0);
+    seen.is_held_by([true, true]);
+}
+
+#[test]
+fn pads_without_friction_slip_and_the_plant_knows() {
+    let seen = seen("slip", &[]);
+    assert!(seen.verdict.counts.slips > 0);
+    assert!(seen.summary.turned_deg.unwrap() < 80.0, "{:?}", seen.summary.turned_deg);
+    assert_eq!(seen.summary.outcome, Outcome::Failed);
+}
+
+#[test]
+fn a_hand_that_loses_the_cube_lets_it_fall_onto_the_tray() {
+    let seen = seen("drop", &[]);
+    assert_eq!(seen.verdict.counts.drops, 1);
+    assert!(matches!(seen.verdict.cube, Whereabouts::Tray { .. }), "{:?}", seen.verdict.cube);
+    let events = &seen.verdict.events;
+    let dropped = events.iter().find(|e| matches!(e.what, Incident::Drop { .. })).unwrap();
+    assert!((1000..1005).contains(&dropped.period), "{dropped:?}");
+    assert_ne!(seen.summary.outcome, Outcome::Solved);
+}
+
+#[test]
+fn a_jam_lets_no_layer_turn_and_forces_stay_within_limits() {
+    let seen = seen("jam", &[]);
+    let turned = seen.summary.turned_deg.unwrap();
+    assert!((29.0..33.0).contains(&turned), "{turned}");
+    assert!(seen.summary.jams.unwrap() > 0);
+    assert!(seen.summary.peak_force_n.unwrap() < 20.0);
+    assert_eq!(seen.summary.outcome, Outcome::Failed);
+}
+
+#[test]
+fn a_turn_that_did_not_happen_leaves_the_cube_as_it_was_and_is_felt_by_nobody() {
+    let fine = seen("turn_undone", &["fault.0.turned_deg=179"]);
+    assert_eq!(fine.summary.outcome, Outcome::Solved);
+    let seen = seen("turn_undone", &[]);
+    assert_eq!(seen.summary.cube_end, seen.summary.cube_start);
+    assert!(seen.summary.turned_deg.unwrap().abs() < 5.0);
+    assert_eq!((seen.verdict.counts.slips, seen.verdict.counts.drops), (0, 0));
+    let (with, without) = (seen.summary.peak_force_n.unwrap(), fine.summary.peak_force_n.unwrap());
+    assert!((with - without).abs() < 1.0, "{with} {without}");
+    assert!(seen.moments.iter().all(|m| m.openings.iter().all(|o| *o > 0.05)));
+}
+
+/// File, exit code, and what the operator reads.
+const TOLD: &[(&str, i32, &[&str])] = &[
+    ("encoder_freeze", 3, &["fatal", "edp track", "period 51", "axis 6", "encoder stands still"]),
+    ("encoder_jump", 3, &["fatal", "edp track", "period 51", "axis 3", "jumped by 3.00 rad"]),
+    ("over_current", 3, &["fatal", "edp postument", "axis 4", "over-current, 14.5 A"]),
+    ("limit_switch", 3, &["fatal", "edp track", "period 100", "axis 0", "limit switch"]),
+    ("force_dropout", 3, &["fatal", "edp track", "force sensor: no reading along x"]),
+    ("force_nan", 3, &["fatal", "edp track", "force sensor: no reading along z"]),
+    ("force_saturation", 3, &["fatal", "edp track", "130.0 N along z is the end of its range"]),
+    ("force_bias", 1, &["over-force of 30", "along x", "postument"]),
+    ("slip", 1, &["a grip slipped"]),
+    ("drop", 1, &["nothing was touched"]),
+    ("jam", 1, &["turned by 30"]),
+    ("turn_undone", 1, &["turned by 0"]),
+];
+
+#[test]
+fn every_fault_ends_with_the_exit_code_of_its_class_and_is_told_with_its_place() {
+    for (name, code, words) in TOLD {
+        let run = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+            .args(["run", "--json"])
+            .arg(path(name))
+            .output()
+            .unwrap();
+        let out = String::from_utf8(run.stdout).unwrap();
+        let err = String::from_utf8(run.stderr).unwrap();
+        let last = out.lines().last().unwrap_or_default();
+        assert_eq!(run.status.code(), Some(*code), "{name}: {last}\n{err}");
+        for word in *words {
+            assert!(
+                last.contains(word) || err.contains(word),
+                "{name}: no `{word}` in\n{last}\n{err}"
+            );
+        }
+    }
+}
+
+#[test]
+fn every_scenario_of_a_fault_is_tested_here() {
+    let folder = path("x");
+    let files = std::fs::read_dir(folder.parent().unwrap()).unwrap();
+    let mut names: Vec<String> = files
+        .map(|file| file.unwrap().path().file_stem().unwrap().to_str().unwrap().to_owned())
+        .collect();
+    names.sort();
+    let mut told: Vec<_> = TOLD.iter().map(|(name, ..)| (*name).to_owned()).collect();
+    told.sort();
+    assert_eq!(names, told);
+}
+
+#[test]
+fn a_run_with_faults_repeats_to_the_bit_and_a_fault_that_never_comes_changes_nothing() {
+    let hash = |keys: &[&str]| seen("encoder_jump", keys).summary.hash;
+    assert_eq!(hash(&[]), hash(&[]));
+    let never = hash(&["fault.0.turned_deg=180"]);
+    assert_eq!(never, seen("over_current", &["fault.0.nth=9"]).summary.hash);
+}
