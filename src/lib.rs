@@ -5,6 +5,7 @@
 //! | layer | modules | what they own |
 //! |---|---|---|
 //! | edge | [`cli`] | words and units of the workshop (mm, degrees, ms), exit codes |
+//! | many runs | [`campaign`] | success with its interval, what is drawn for each run, processes, reports |
 //! | shells | [`actors`] | mailboxes, lifecycles, clocks, errors |
 //! | faces | [`web`], [`tui`] | the operator's page and terminal |
 //! | configuration, results | [`scenario`], [`record`], [`tables`], [`desk`] | files in, data to the actors; hash and summary out; the solver's tables kept; snapshots up, commands down |
@@ -21,6 +22,7 @@
 )]
 
 pub mod actors;
+pub mod campaign;
 pub mod cell;
 pub mod cli;
 pub mod cube;

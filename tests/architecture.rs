@@ -13,6 +13,7 @@ use std::path::Path;
 /// `scenario` stands below `actors`, which take their configuration from it as data.
 const LAYERS: &[&[&str]] = &[
     &["cli"],
+    &["campaign"],
     &["actors", "web", "tui"],
     &["record", "scenario", "tables", "desk"],
     &["hw"],

@@ -3,7 +3,9 @@
 //! Exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
+mod benchmark;
 mod calibrate;
+mod campaign;
 pub mod cubes;
 mod doctor;
 mod emulate;
@@ -47,6 +49,7 @@ Try these, in this order:
   rubik-robot run scenarios/face_turn.toml --set control.compliance=none
                                                           the same turn without force control
   rubik-robot run scenarios/solve.toml --json | tail -1   the summary for a program
+  rubik-robot campaign scenarios/solve.toml --runs 20     how often it succeeds
   rubik-robot check my.toml                               what is wrong with a scenario
   rubik-robot keys control                                every key, its unit, default and meaning
   echo 0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics fk --arm postument
@@ -72,6 +75,10 @@ struct Cli {
 enum Command {
     /// Perform a scenario and print what it came to
     Run(run::RunArgs),
+    /// Perform a scenario many times and say how often it succeeds, and how sure that is
+    Campaign(campaign::CampaignArgs),
+    /// Measure accuracy and speed in trials, and write the protocol
+    Benchmark(benchmark::BenchmarkArgs),
     /// Stand in for a robot: the cell of a scenario behind serial lines, datagrams and sockets
     Emulate(emulate::EmulateArgs),
     /// Find the weight of a tool, its centre and the force sensor's bias, from several orientations
@@ -263,6 +270,8 @@ pub fn main() -> ExitCode {
     let mut output = Output::stdout();
     let done = match cli.command {
         Command::Run(args) => run::run(&args, &mut output),
+        Command::Campaign(args) => campaign::run(&args, &mut output),
+        Command::Benchmark(args) => benchmark::run(&args, &mut output),
         Command::Emulate(args) => emulate::run(&args, &mut output),
         Command::Weigh(args) => weigh::run(&args, &mut output),
         Command::Check(args) => check(&args, &mut output),

@@ -26,6 +26,11 @@ impl Bar {
 
     /// Shows that this share is done, 0..=1, if it is worth showing.
     pub(super) fn show(&self, share: f64) {
+        self.show_with(share, "");
+    }
+
+    /// The same with words behind it.
+    pub(super) fn show_with(&self, share: f64, words: &str) {
         let mut drawn = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
         let mut stderr = std::io::stderr();
         if self.terminal {
@@ -34,13 +39,24 @@ impl Bar {
             }
             let filled = (share * WIDTH as f64) as usize;
             let (done, rest) = ("#".repeat(filled), " ".repeat(WIDTH - filled.min(WIDTH)));
-            let _ = write!(stderr, "\r{} [{done}{rest}] {:3.0} %", self.title, share * 100.0);
+            let _ = write!(
+                stderr,
+                "\r\x1b[K{} [{done}{rest}] {:3.0} %{words}",
+                self.title,
+                share * 100.0
+            );
             let _ = stderr.flush();
             *drawn = (Instant::now(), share);
         } else if drawn.0.elapsed() > Duration::from_secs(5) && share < 1.0 {
-            let _ = writeln!(stderr, "{}: {:.0} %", self.title, share * 100.0);
+            let _ = writeln!(stderr, "{}: {:.0} %{words}", self.title, share * 100.0);
             *drawn = (Instant::now(), share);
         }
+    }
+
+    /// Says something above it.
+    pub(super) fn say(&self, text: &str) {
+        let clear = if self.terminal { "\r\x1b[K" } else { "" };
+        let _ = writeln!(std::io::stderr(), "{clear}{text}");
     }
 
     /// Ends it with what it came to.

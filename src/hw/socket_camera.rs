@@ -84,10 +84,11 @@ struct Offset(Option<i64>);
 impl Offset {
     /// The camera's period on the clock of whoever asked.
     fn ours(&mut self, asked: u64, told: u64) -> u64 {
-        let seen = asked as i64 - told as i64;
+        // A camera may tell any number.
+        let seen = (asked as i64).wrapping_sub(told as i64);
         let best = self.0.map_or(seen, |best| best.max(seen));
         self.0 = Some(best);
-        (told as i64 + best).max(0) as u64
+        (told as i64).wrapping_add(best).max(0) as u64
     }
 }
 
@@ -191,6 +192,15 @@ mod tests {
         assert_eq!(offset.ours(5000, 4009), 5000);
         assert_eq!(offset.ours(5020, 4022), 5020);
         assert_eq!(offset.ours(5040, 4045), 5043, "two periods of delay are left in it");
+    }
+
+    #[test]
+    fn any_number_of_a_period_is_borne() {
+        let mut offset = Offset::default();
+        for told in [0, 1 << 63, u64::MAX, (1 << 63) - 1, 7] {
+            offset.ours(5000, told);
+            offset.ours(u64::MAX, told);
+        }
     }
 
     /// Frames whose first pixel tells the exposure.

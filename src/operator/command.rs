@@ -73,7 +73,7 @@ impl Command {
             Self::Speed { .. } => "speed unlimited".to_owned(),
             Self::Answer { answer: Answer::Declined, .. } => "does not know the answer".to_owned(),
             Self::Answer { answer: Answer::Choice { option }, .. } => {
-                format!("answer {}", option + 1)
+                format!("answer {}", option.saturating_add(1))
             }
             Self::Manual { effector, order } => format!("arm {effector}: {}", order.words()),
             other => other.word().to_owned(),

@@ -298,8 +298,9 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// [`Malformed`].
     pub fn time(&mut self) -> Result<u64, Malformed> {
-        let seconds = self.i32()?;
-        Ok(seconds as u64 * 1_000_000_000 + u64::from(self.u32()?))
+        // No recording is older than 1970.
+        let seconds = u64::try_from(self.i32()?).map_err(|_| Malformed)?;
+        Ok(seconds * 1_000_000_000 + u64::from(self.u32()?))
     }
 
     /// `std_msgs/Header`: nanoseconds and frame.

@@ -10,8 +10,13 @@ use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::BTreeMap;
 use std::io::Read;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
+
+/// The longest record, and the longest chunk before and after compression [bytes]: a length in the file is not believed
+/// beyond it, so that no file takes unbounded memory.
+const LONGEST: usize = 64 << 20;
 
 /// Where a message stands.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -105,7 +110,9 @@ impl<R: Read> Reading<R> {
     /// Reads from anything.
     pub fn new(from: R) -> Self {
         // A chunk is read as far as it goes: its check stands behind it, where a cut file has nothing.
-        let options = LinearReaderOptions::default().with_prevalidate_chunk_crcs(false);
+        let options = LinearReaderOptions::default()
+            .with_prevalidate_chunk_crcs(false)
+            .with_record_length_limit(LONGEST);
         Self {
             from,
             reader: LinearReader::new_with_options(options),
@@ -126,7 +133,7 @@ impl<R: Read> Reading<R> {
 
     fn advance(&mut self) -> Option<Piece> {
         while self.end.is_none() {
-            let event = match self.reader.next_event() {
+            let event = match next(&mut self.reader) {
                 None => {
                     self.end = Some(End::Whole);
                     break;
@@ -144,7 +151,12 @@ impl<R: Read> Reading<R> {
                         Err(why) => self.cut(&why),
                     }
                 }
+                LinearReadEvent::Record { opcode, .. } if !READ.contains(&opcode) => {}
                 LinearReadEvent::Record { opcode, data } => {
+                    if !lengths_fit(opcode, data) {
+                        self.cut(&"a text is longer than its record");
+                        continue;
+                    }
                     match mcap::parse_record(opcode, data).map(Record::into_owned) {
                         Ok(record) => {
                             if let Some(piece) = self.record(record) {
@@ -193,6 +205,54 @@ impl<R: Read> Reading<R> {
         }
         None
     }
+}
+
+/// The reader's next event. The library counts a chunk's length down, below zero where a record in it is longer than the
+/// chunk: with checked arithmetic a panic, which is the file's fault.
+fn next(reader: &mut LinearReader) -> Option<mcap::McapResult<LinearReadEvent<'_>>> {
+    let reader = AssertUnwindSafe(reader);
+    let event = catch_unwind(move || {
+        let reader = reader;
+        reader.0.next_event()
+    });
+    event.unwrap_or(Some(Err(mcap::McapError::UnexpectedEof)))
+}
+
+/// Records that say something: schema, channel, message, attachment, metadata.
+const READ: [u8; 5] = [0x03, 0x04, 0x05, 0x09, 0x0c];
+
+/// Whether what a record says of the lengths of its texts is true: the library reserves memory on its word.
+fn lengths_fit(opcode: u8, data: &[u8]) -> bool {
+    /// Takes a text, or all of a map, off the front.
+    fn text<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
+        let (length, behind) = rest.split_first_chunk::<4>()?;
+        let (text, behind) = behind.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+        *rest = behind;
+        Some(text)
+    }
+    fn map(rest: &mut &[u8]) -> Option<()> {
+        let mut pairs = text(rest)?;
+        while !pairs.is_empty() {
+            text(&mut pairs)?;
+        }
+        Some(())
+    }
+    // What stands before the texts, and how many follow; behind those of a channel and of metadata stands a map.
+    let (before, texts, has_map) = match opcode {
+        0x03 => (2, 3, false),
+        0x04 => (4, 2, true),
+        0x09 => (16, 2, false),
+        0x0c => (0, 1, true),
+        _ => return true,
+    };
+    let walk = || {
+        let mut rest = data.get(before..)?;
+        for _ in 0..texts {
+            text(&mut rest)?;
+        }
+        if has_map { map(&mut rest) } else { Some(()) }
+    };
+    walk().is_some()
 }
 
 impl<R: Read> Iterator for Reading<R> {

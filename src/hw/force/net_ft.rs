@@ -124,7 +124,7 @@ impl Sequence {
             return Order::Late;
         }
         self.last = Some(sequence);
-        Order::Newer { missing: (ahead - 1).max(0) as u32 }
+        Order::Newer { missing: ahead.saturating_sub(1).max(0) as u32 }
     }
 }
 
@@ -282,6 +282,8 @@ mod tests {
         ] {
             assert_eq!(sequence.place(number), wanted, "{number}");
         }
+        let mut half_way = Sequence { last: Some(0) };
+        assert_eq!(half_way.place(1 << 31), Order::Newer { missing: 0 });
         let mut wraps = Sequence { last: Some(u32::MAX) };
         assert_eq!(wraps.place(0), Order::Newer { missing: 0 });
         assert_eq!(wraps.place(u32::MAX), Order::Late);

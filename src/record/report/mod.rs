@@ -8,7 +8,9 @@ mod page;
 mod story;
 mod svg;
 
+pub(crate) use page::{STYLE, escaped};
 pub use story::{Story, gather};
+pub(crate) use svg::{number, step};
 
 /// The page.
 #[must_use]

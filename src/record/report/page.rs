@@ -6,7 +6,7 @@ use super::svg::{self, Curve, Row};
 use std::fmt::Write;
 
 /// The look, for light, dark and paper.
-const STYLE: &str = include_str!("style.css");
+pub(crate) const STYLE: &str = include_str!("style.css");
 
 /// Writes it.
 pub(super) fn page(story: &Story) -> String {
@@ -435,7 +435,7 @@ fn capital(text: &str) -> String {
 }
 
 /// For text and attributes.
-fn escaped(text: &str) -> String {
+pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

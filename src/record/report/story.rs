@@ -10,6 +10,8 @@ use std::io::Read;
 
 /// Time of a bin of a curve [s].
 pub(super) const BIN: f64 = 0.02;
+/// Bins of a curve: a day. A recording's times are not believed beyond it, so that no file takes unbounded memory.
+const LONGEST: usize = 24 * 3600 * 50;
 /// Time between two pictures of the stand-alone camera that are kept [s].
 const APART: f64 = 1.0;
 
@@ -183,7 +185,8 @@ impl Story {
     fn tick(&mut self, time: f64, tick: &Tick) {
         let Some(arm) = self.arms.get_mut(usize::from(tick.arm)) else { return };
         arm.ticks += 1;
-        let bin = (time / BIN) as usize;
+        // What comes later than any run is drawn at the curves' end.
+        let bin = ((time / BIN) as usize).min(LONGEST);
         let most = |curve: &mut Vec<f32>, value: f64| {
             if curve.len() <= bin {
                 curve.resize(bin + 1, 0.0);

@@ -31,13 +31,13 @@ fn x(time: f64, end: f64) -> f64 {
 }
 
 /// A step of a scale: 1, 2 or 5 times a power of ten, at most `most` of them.
-fn step(range: f64, most: f64) -> f64 {
+pub(crate) fn step(range: f64, most: f64) -> f64 {
     let least = (range / most).max(1e-9);
     let ten = 10_f64.powf(least.log10().floor());
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * ten).find(|s| *s >= least).unwrap_or(10.0 * ten)
 }
 
-fn number(value: f64) -> String {
+pub(crate) fn number(value: f64) -> String {
     let text = format!("{value:.3}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
@@ -52,7 +52,8 @@ pub(super) fn curves(curves: &[Curve<'_>], phases: &[(f64, String)], end: f64) -
         bands(&mut svg, phases, end, y0, panel);
         let largest = curve.values.iter().fold(0.0_f64, |m, v| m.max(f64::from(*v)));
         let limit = curve.limit.as_ref().map_or(0.0, |(value, _)| 1.08 * value);
-        let most = (1.05 * largest).max(limit).max(1e-3);
+        // A scale has an end, whatever was recorded.
+        let most = (1.05 * largest).max(limit).clamp(1e-3, 1e12);
         let y = |value: f64| y0 + panel * (1.0 - (value / most).clamp(0.0, 1.0));
         let by = step(most, 4.0);
         let mut tick = 0.0;
@@ -301,6 +302,14 @@ mod tests {
         let d = path(&curve, 400.0, |v| v);
 
         assert!(d.contains(" 7.0"), "thinned, but not lost");
+    }
+
+    #[test]
+    fn an_infinite_value_has_a_scale() {
+        let values = [1.0, f32::INFINITY, f32::NAN];
+        let curve = Curve { title: "", values: &values, bin: 0.02, limit: None, class: "a" };
+
+        assert!(curves(&[curve], &[], 1.0).len() < 10_000);
     }
 
     #[test]

@@ -1,0 +1,543 @@
+//! A campaign's report: one page that needs nothing else, for a screen in light or dark and for paper; no scripts.
+//!
+//! - in: a [`Tally`], and what was drawn
+//! - out: HTML
+
+use super::result::{Figures, RunResult, Verdict};
+use super::tally::{QUANTITIES, Tally, figure, phase};
+use super::vary::{Vary, Way};
+use crate::record::report::{STYLE, escaped, number, step};
+use std::fmt::Write;
+
+/// The look beyond that of a run's report.
+const MORE: &str = include_str!("style.css");
+/// Width of every picture [px].
+const WIDTH: f64 = 960.0;
+/// Room at both sides.
+const SIDE: f64 = 40.0;
+/// Bars of a histogram at most.
+const BARS: usize = 48;
+/// Failures that a page lists one by one.
+const LISTED: usize = 500;
+/// Dots of a strip at most.
+const DOTS: usize = 2000;
+
+/// Writes the page. `aim` is the share that was asked for.
+#[must_use]
+pub fn page(tally: &Tally, aim: Option<f64>) -> String {
+    let name = std::path::Path::new(&tally.header.scenario);
+    let name = name.file_stem().map_or("campaign".into(), |s| s.to_string_lossy().into_owned());
+    let title = format!("{name}, {} runs", grouped(tally.runs()));
+    let mut html = String::with_capacity(1 << 18);
+    let _ = write!(
+        html,
+        "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta name=viewport content=\"width=device-width, initial-scale=1\">\n<title>{}</title>\n<style>\n{STYLE}{MORE}</style></head>\n<body><main>\n",
+        escaped(&title)
+    );
+    head(&mut html, tally, &title, aim);
+    failures(&mut html, tally);
+    spreads(&mut html, tally);
+    mishaps(&mut html, tally);
+    drawn(&mut html, tally);
+    origin(&mut html, tally);
+    html.push_str("</main></body></html>\n");
+    html
+}
+
+fn percent(share: f64) -> String {
+    let text = format!("{:.2}", 100.0 * share);
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// A number with a thin space behind each three digits from the right.
+fn grouped(value: u64) -> String {
+    let digits = value.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push('\u{202f}');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
+    let failed = tally.runs() - tally.solved;
+    let [low, high] = tally.interval;
+    let reached = aim.map_or(failed == 0, |aim| tally.success() >= aim);
+    let class = if reached && tally.runs() > 0 && tally.is_complete() { "good" } else { "bad" };
+    let _ = write!(
+        html,
+        "<header><p class=over>rubik-robot &middot; report of a campaign</p><h1>{}</h1>\n<p class=\"verdict {class}\"><b>{} %</b> {} of {} runs solved; the true share lies between {} and {} % (95 % interval, Wilson){}</p>",
+        escaped(title),
+        percent(tally.success()),
+        grouped(tally.solved),
+        grouped(tally.runs()),
+        percent(low),
+        percent(high),
+        aim.map_or_else(String::new, |aim| format!("; {} % were asked for", percent(aim))),
+    );
+    if !tally.is_complete() {
+        let _ = write!(
+            html,
+            "<p class=warn>Not all runs have been performed: {} of {}.</p>",
+            grouped(tally.runs()),
+            grouped(tally.asked)
+        );
+    }
+    html.push_str(&interval(tally, aim));
+    html.push_str("<dl class=facts>");
+    let mut fact = |name: &str, value: String| {
+        let _ = write!(html, "<div><dt>{name}</dt><dd>{value}</dd></div>");
+    };
+    fact("failures", grouped(failed));
+    fact("without a verdict", grouped(tally.without_verdict()));
+    let most = tally.spread(|f| f.peak_force_n);
+    if !most.is_empty() {
+        fact("largest force", format!("{} N", figure(most.max, 1)));
+        let turns: f64 = figures(tally).map(|(_, f)| f64::from(f.turns)).sum();
+        fact("face turns in all", grouped(turns as u64));
+        let hours: f64 = figures(tally).map(|(_, f)| f.sim_time_s.min(1e9)).sum::<f64>() / 3600.0;
+        fact("simulated time in all", format!("{hours:.1} h"));
+        fact("drops", grouped(u64::from(tally.mishaps.drops)));
+    }
+    if let Some(recoveries) = tally.recoveries {
+        fact("recoveries", grouped(recoveries));
+    }
+    html.push_str("</dl></header>\n");
+}
+
+fn figures(tally: &Tally) -> impl Iterator<Item = (&RunResult, &Figures)> {
+    tally.results.iter().filter_map(|r| Some((r, r.figures.as_ref()?)))
+}
+
+/// The interval on a scale that shows it: from a little below it, or the aim, to 100 %.
+fn interval(tally: &Tally, aim: Option<f64>) -> String {
+    let [low, high] = tally.interval;
+    let least = aim.map_or(low, |aim| low.min(aim));
+    // Round, and with room at the left.
+    let by = step((1.0 - least).max(1e-4) * 100.0, 6.0);
+    let from = ((100.0 * least / by).floor() - 1.0).max(0.0) * by;
+    let x = |percent: f64| SIDE + (WIDTH - 2.0 * SIDE) * (percent - from) / (100.0 - from);
+    let mut svg = open(74.0, "interval", "success and its interval");
+    let mut tick = from;
+    while tick <= 100.0 + 1e-9 {
+        let _ = write!(
+            svg,
+            "<line class=grid x1={0:.1} x2={0:.1} y1=14 y2=48 /><text class=tick x={0:.1} y=64 text-anchor=middle>{1} %</text>",
+            x(tick),
+            number(tick)
+        );
+        tick += by;
+    }
+    let (a, b, at) = (x(100.0 * low), x(100.0 * high), x(100.0 * tally.success()));
+    let _ = write!(
+        svg,
+        "<rect class=span x={a:.1} y=22 width={:.1} height=18 rx=3 /><circle class=share cx={at:.1} cy=31 r=7 />",
+        (b - a).max(1.0)
+    );
+    if let Some(aim) = aim {
+        let at = x(100.0 * aim);
+        let _ = write!(
+            svg,
+            "<line class=limit x1={at:.1} x2={at:.1} y1=10 y2=52 /><text class=limitname x={:.1} y=10 text-anchor=end>asked for</text>",
+            at - 4.0
+        );
+    }
+    svg.push_str("</svg>");
+    svg
+}
+
+fn failures(html: &mut String, tally: &Tally) {
+    html.push_str("<section><h2>Failures</h2>");
+    let phases = tally.by_phase();
+    if phases.is_empty() {
+        html.push_str("<p>None.</p></section>\n");
+        return;
+    }
+    html.push_str("<p class=lead>By the phase in which a run ended. The command repeats the run, to the bit where it was not ended by the clock.</p>");
+    let most = phases.values().map(Vec::len).max().unwrap_or(1) as f64;
+    html.push_str("<div class=bars>");
+    for (name, runs) in &phases {
+        let _ = write!(
+            html,
+            "<div><span class=name>{}</span><i style=\"width:{:.1}%\"></i><span class=n>{} ({} %)</span></div>",
+            escaped(name),
+            60.0 * runs.len() as f64 / most,
+            runs.len(),
+            percent(runs.len() as f64 / tally.runs().max(1) as f64)
+        );
+    }
+    html.push_str("</div>");
+    html.push_str(
+        "<table class=failures><thead><tr><th>seed<th>phase<th>how<th>why</tr></thead><tbody>",
+    );
+    for run in tally.failures().take(LISTED) {
+        let _ = write!(
+            html,
+            "<tr><td class=n>{}<td>{}<td>{}<td>{}<br><code>{}</code></tr>",
+            run.seed,
+            escaped(phase(run)),
+            run.verdict.word(),
+            escaped(&run.reason),
+            escaped(&tally.command(run))
+        );
+    }
+    html.push_str("</tbody></table>");
+    let more = tally.failures().count().saturating_sub(LISTED);
+    if more > 0 {
+        let _ = write!(html, "<p class=note>And {} more.</p>", grouped(more as u64));
+    }
+    html.push_str("</section>\n");
+}
+
+fn spreads(html: &mut String, tally: &Tally) {
+    if figures(tally).next().is_none() {
+        return;
+    }
+    html.push_str("<section><h2>How the figures are spread</h2><p class=lead>Of all runs that ended with a verdict, solved or not; those that were not solved are red.</p><table class=spread><thead><tr><th><th class=n>min<th class=n>median<th class=n>95 %<th class=n>max</tr></thead><tbody>");
+    for (_, words, of, decimals) in QUANTITIES {
+        let s = tally.spread(of);
+        let _ = write!(html, "<tr><th>{}", capital(words));
+        for value in [s.min, s.median, s.p95, s.max] {
+            let _ = write!(html, "<td class=n>{}", figure(value, decimals));
+        }
+        html.push_str("</tr>");
+    }
+    html.push_str("</tbody></table><div class=pair>");
+    for (_, words, of, decimals) in QUANTITIES {
+        let values: Vec<(f64, bool)> = figures(tally)
+            .map(|(run, f)| (of(f), run.verdict == Verdict::Solved))
+            .filter(|(value, _)| value.abs() < 1e12)
+            .collect();
+        let _ =
+            write!(html, "<figure>{}</figure>", histogram(&capital(words), &values, decimals == 0));
+    }
+    html.push_str("</div></section>\n");
+}
+
+/// Bars of how many runs have which value; failures stand in red at the bars' feet.
+fn histogram(title: &str, values: &[(f64, bool)], whole: bool) -> String {
+    const WIDE: f64 = 470.0;
+    let (left, right, top, panel) = (34.0, 10.0, 24.0, 130.0);
+    let low = values.iter().fold(f64::INFINITY, |m, v| m.min(v.0));
+    let high = values.iter().fold(f64::NEG_INFINITY, |m, v| m.max(v.0));
+    let mut svg = format!(
+        "<svg class=\"wide histogram\" viewBox=\"0 0 {WIDE} {:.0}\" role=img><title>{title}</title><text class=name x={left} y={:.0}>{title}</text>",
+        top + panel + 24.0,
+        top - 9.0
+    );
+    if values.is_empty() {
+        svg.push_str("</svg>");
+        return svg;
+    }
+    // Bars as wide as a round step; of whole numbers a bar each where there is room.
+    let by = if whole {
+        step(high - low + 1.0, BARS as f64).max(1.0).ceil()
+    } else {
+        step((high - low).max(1e-6 * high.abs()).max(1e-9), 30.0)
+    };
+    let from = (low / by).floor() * by;
+    let count = (((high - from) / by).floor() as usize + 1).min(4 * BARS);
+    let mut bars = vec![(0_usize, 0_usize); count];
+    for (value, solved) in values {
+        let at = (((value - from) / by).floor().max(0.0) as usize).min(count - 1);
+        if *solved {
+            bars[at].0 += 1;
+        } else {
+            bars[at].1 += 1;
+        }
+    }
+    let most = bars.iter().map(|(a, b)| a + b).max().unwrap_or(1).max(1) as f64;
+    let width = (WIDE - left - right) / count as f64;
+    let bottom = top + panel;
+    let lines = step(most, 3.0).max(1.0);
+    let mut line = 0.0;
+    while line <= most {
+        let y = bottom - panel * line / most;
+        let _ = write!(
+            svg,
+            "<line class=grid x1={left} x2={:.0} y1={y:.1} y2={y:.1} /><text class=tick x={:.0} y={:.1} text-anchor=end>{}</text>",
+            WIDE - right,
+            left - 5.0,
+            y + 4.0,
+            number(line)
+        );
+        line += lines;
+    }
+    for (index, (solved, failed)) in bars.iter().enumerate().filter(|(_, b)| b.0 + b.1 > 0) {
+        let inner = (width - 1.0).clamp(0.6, 60.0);
+        let x = left + index as f64 * width + (width - inner) / 2.0;
+        // One failure among thousands is to be seen.
+        let least = if *failed > 0 { 3.0 } else { 0.0 };
+        let bad = (panel * *failed as f64 / most).max(least);
+        let good = (panel * *solved as f64 / most).min(panel - bad);
+        let _ = write!(
+            svg,
+            "<g><title>{}: {} runs</title><rect class=bar x={x:.1} y={:.1} width={inner:.1} height={good:.1} /><rect class=\"bar red\" x={x:.1} y={:.1} width={inner:.1} height={bad:.1} /></g>",
+            number(from + by * index as f64),
+            solved + failed,
+            bottom - bad - good,
+            bottom - bad
+        );
+    }
+    let marks = step(by * count as f64, 6.0).max(if whole { 1.0 } else { 0.0 });
+    let mut mark = (from / marks).ceil() * marks;
+    while mark <= from + by * count as f64 + 1e-9 {
+        // A whole number stands below the middle of its bar.
+        let middle = if whole && by == 1.0 { 0.5 } else { 0.0 };
+        let x = left + ((mark - from) / by + middle) * width;
+        if x <= WIDE - right + 1.0 {
+            let _ = write!(
+                svg,
+                "<text class=tick x={x:.1} y={:.1} text-anchor=middle>{}</text>",
+                bottom + 16.0,
+                number(mark)
+            );
+        }
+        mark += marks;
+    }
+    let _ = write!(
+        svg,
+        "<line class=axis x1={left} x2={:.0} y1={bottom} y2={bottom} /></svg>",
+        WIDE - right
+    );
+    svg
+}
+
+fn mishaps(html: &mut String, tally: &Tally) {
+    let (with, mended) = tally.mended;
+    html.push_str("<section><h2>What went wrong on the way</h2><p class=lead>As the plant counted, which the controller does not see.</p><dl class=facts>");
+    for (name, count) in tally.mishaps.named() {
+        let _ = write!(html, "<div><dt>{name}</dt><dd>{}</dd></div>", grouped(u64::from(count)));
+    }
+    html.push_str("</dl>");
+    if with > 0 {
+        let _ = write!(
+            html,
+            "<p>{} runs had one or more of them; {} of these were solved all the same.</p>",
+            grouped(with),
+            grouped(mended)
+        );
+    }
+    html.push_str("</section>\n");
+}
+
+/// The keys that were drawn, each with a strip: a dot for each run.
+fn drawn(html: &mut String, tally: &Tally) {
+    if tally.header.vary.is_empty() {
+        return;
+    }
+    let path = std::path::Path::new("vary");
+    let Ok(vary) = Vary::read(path, &tally.header.vary) else { return };
+    html.push_str("<section><h2>What was drawn for each run</h2><p class=lead>A dot is a run, at the value that it had; those that were not solved are red, and stand above.</p>");
+    for (key, way) in vary.keys() {
+        let _ = write!(
+            html,
+            "<h3 class=key><code>{}</code> <span>{}</span></h3>",
+            escaped(key),
+            escaped(&way.words())
+        );
+        html.push_str(&strip(tally, key, way));
+    }
+    html.push_str("</section>\n");
+}
+
+/// The value of a key that was drawn for a run.
+fn value<'a>(run: &'a RunResult, key: &str) -> Option<&'a str> {
+    run.set.iter().find_map(|option| option.strip_prefix(key)?.strip_prefix('='))
+}
+
+fn strip(tally: &Tally, key: &str, way: &Way) -> String {
+    if let Way::OneOf(values) = way {
+        return table_of(tally, key, values);
+    }
+    let every = tally.results.len().div_ceil(DOTS).max(1);
+    let points: Vec<(f64, bool, u64)> = tally
+        .results
+        .iter()
+        .enumerate()
+        .filter(|(i, run)| i % every == 0 || run.verdict != Verdict::Solved)
+        .filter_map(|(_, run)| {
+            let value = value(run, key)?.parse::<f64>().ok()?;
+            Some((value, run.verdict == Verdict::Solved, run.seed))
+        })
+        .collect();
+    let low = points.iter().fold(f64::INFINITY, |m, p| m.min(p.0));
+    let high = points.iter().fold(f64::NEG_INFINITY, |m, p| m.max(p.0));
+    if points.is_empty() {
+        return String::new();
+    }
+    // Steps that a number of this size can be counted in.
+    let range = (high - low).max(1e-6 * high.abs().max(low.abs())).max(1e-9);
+    let by = step(range, 10.0);
+    let from = (low / by).floor() * by;
+    let to = ((high / by).ceil() * by).max(from + by);
+    let x = |v: f64| SIDE + (WIDTH - 2.0 * SIDE) * (v - from) / (to - from);
+    let mut svg = open(66.0, "strip", key);
+    let mut tick = from;
+    while tick <= to + 1e-9 * by {
+        let _ = write!(
+            svg,
+            "<line class=grid x1={0:.1} x2={0:.1} y1=4 y2=46 /><text class=tick x={0:.1} y=60 text-anchor=middle>{1}</text>",
+            x(tick),
+            number(tick)
+        );
+        tick += by;
+    }
+    // Solved ones first, so that a failure is never hidden.
+    for wanted in [true, false] {
+        for (value, _, seed) in points.iter().filter(|p| p.1 == wanted) {
+            // Spread over some height by the seed, so that equal values can be told apart.
+            let jitter = (seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 56) as f64 / 256.0;
+            let (y, class) = if wanted { (24.0 + 20.0 * jitter, "dot") } else { (12.0, "dot red") };
+            let _ = write!(
+                svg,
+                "<circle class=\"{class}\" cx={:.1} cy={y:.1} r=3><title>seed {seed}: {value}</title></circle>",
+                x(*value)
+            );
+        }
+    }
+    svg.push_str("</svg>");
+    svg
+}
+
+fn table_of(tally: &Tally, key: &str, values: &[String]) -> String {
+    let mut unique: Vec<&String> = values.iter().collect();
+    unique.sort();
+    unique.dedup();
+    let mut html = String::from(
+        "<table><thead><tr><th>value<th class=n>runs<th class=n>solved<th class=n>95 % interval</tr></thead><tbody>",
+    );
+    for wanted in unique {
+        let runs: Vec<_> =
+            tally.results.iter().filter(|r| value(r, key) == Some(wanted.as_str())).collect();
+        let solved = runs.iter().filter(|r| r.verdict == Verdict::Solved).count() as u64;
+        let [low, high] = super::statistics::wilson(solved, runs.len() as u64);
+        let _ = write!(
+            html,
+            "<tr><td><code>{}</code><td class=n>{}<td class=n>{solved}<td class=n>{} .. {} %</tr>",
+            escaped(wanted),
+            runs.len(),
+            percent(low),
+            percent(high)
+        );
+    }
+    html.push_str("</tbody></table>");
+    html
+}
+
+fn origin(html: &mut String, tally: &Tally) {
+    let header = &tally.header;
+    html.push_str("<section class=origin><h2>Where this comes from</h2><table><tbody>");
+    let mut row = |name: &str, value: &str| {
+        if !value.is_empty() {
+            let _ = write!(html, "<tr><th>{name}<td><code>{}</code></tr>", escaped(value));
+        }
+    };
+    row("program", &format!("rubik-robot {}, build {}", header.version, header.build));
+    row("scenario", &format!("{} (sum {})", header.scenario, header.scenario_sum));
+    row("overruled by", &header.set.join("; "));
+    let last = header.seed.saturating_add(header.runs.saturating_sub(1));
+    row("seeds", &format!("{} to {last}", header.seed));
+    if header.shard.to_string() != "1/1" {
+        row("shard", &header.shard.to_string());
+    }
+    row("time that a run may take", &format!("{} s by the wall clock", header.limit_s));
+    let wall: f64 = tally.results.iter().map(|r| r.wall_time_s).sum();
+    row("time of all processes", &format!("{wall:.0} s by the wall clock"));
+    html.push_str("</tbody></table><p class=note>The verdict of a run is the plant's: what the cube in the simulated cell is, whatever the controller believes. A run that panics, is killed or does not end in its time counts as a failure.</p>");
+    if !header.vary.is_empty() {
+        let _ = write!(html, "<h3>What was drawn</h3><pre>{}</pre>", escaped(&header.vary));
+    }
+    html.push_str("</section>\n");
+}
+
+fn open(height: f64, class: &str, title: &str) -> String {
+    format!(
+        "<svg class=\"wide {class}\" viewBox=\"0 0 {WIDTH:.0} {height:.0}\" role=img><title>{}</title>",
+        escaped(title)
+    )
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::result::tests::result;
+    use super::super::state::State;
+    use super::super::state::tests::header;
+    use super::*;
+
+    fn tally(runs: u64, vary: &str) -> Tally {
+        let mut header = header(runs, "1/1");
+        header.vary = vary.into();
+        let drawn = Vary::read(std::path::Path::new("v"), vary).unwrap_or_default();
+        let outcome = |seed: u64| {
+            let verdict = if seed.is_multiple_of(7) { Verdict::Failed } else { Verdict::Solved };
+            let mut run = result(seed, verdict, seed as f64);
+            run.set = drawn.draw(seed).iter().map(super::super::vary::Drawn::option).collect();
+            (seed, run)
+        };
+        let results = header.seeds().map(outcome).collect();
+        Tally::of(&State { header, results, whole: 0, torn: false })
+    }
+
+    #[test]
+    fn what_comes_from_outside_cannot_become_markup() {
+        let mut tally = tally(20, "");
+        for run in &mut tally.results {
+            run.verdict = Verdict::Failed;
+            run.reason = "<script>alert(1)</script>".into();
+            run.phase = "\"><script>".into();
+        }
+        tally.header.scenario = "</title><script>.toml".into();
+
+        let html = page(&tally, Some(0.995));
+
+        assert!(!html.contains("<script"));
+    }
+
+    #[test]
+    fn every_failure_stands_in_the_page_with_its_command() {
+        let tally = tally(40, "a.b = { uniform = [1, 2] }\nc = { one_of = [\"x\", \"y\"] }");
+        let html = page(&tally, None);
+
+        for run in tally.failures() {
+            assert!(html.contains(&escaped(&tally.command(run))));
+        }
+        assert_eq!(html.matches("<circle class=\"dot red\"").count(), tally.failures().count());
+        assert_eq!(html.matches("<circle class=\"dot").count(), 40);
+    }
+
+    #[test]
+    fn no_runs_one_run_and_equal_values_make_a_page() {
+        for runs in [0, 1, 2] {
+            let html = page(&tally(runs, ""), Some(0.9));
+            assert!(html.ends_with("</html>\n") && !html.contains("NaN"), "{runs}");
+        }
+        let mut equal = tally(5, "");
+        for run in &mut equal.results {
+            run.figures.as_mut().unwrap().sim_time_s = f64::MAX;
+            run.figures.as_mut().unwrap().peak_force_n = 0.0;
+        }
+        assert!(page(&equal, None).contains("no number"));
+    }
+
+    #[test]
+    fn large_and_equal_draws_make_a_strip() {
+        for vary in ["a = { uniform = [1e16, 1e16] }", "a = { uniform = [-1e300, 1e300] }"] {
+            assert!(page(&tally(9, vary), None).contains("class=\"dot"));
+        }
+    }
+
+    #[test]
+    fn large_numbers_are_grouped() {
+        assert_eq!(grouped(1_234_567), "1\u{202f}234\u{202f}567");
+        assert_eq!((grouped(999).as_str(), percent(0.995).as_str()), ("999", "99.5"));
+    }
+}

@@ -1,0 +1,206 @@
+//! The benchmark's protocol in Markdown.
+//!
+//! - in: what was measured, in which cell, and what came of it
+//! - out: text with the fields of the YCB template for protocols: purpose, task, setup, robot, procedure, constraints,
+//!   scoring, results (B. Calli et al., "Benchmarking in manipulation research", 2015)
+
+use super::benchmark::{Kind, Score};
+use super::statistics::Spread;
+use super::tally::{QUANTITIES, Tally, figure};
+use std::fmt::Write;
+
+/// What a protocol tells of the setup.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Setup {
+    /// What is measured.
+    pub kind: Kind,
+    /// Effectors: name, kind, distance of the open gripper's tool point from where the cube is handed over [m].
+    pub effectors: Vec<(String, String, f64)>,
+    /// The clearance that was demanded [m].
+    pub clearance: f64,
+    /// Cameras: name and where it is.
+    pub cameras: Vec<(String, String)>,
+    /// Edge of the cube [m], its mass [kg].
+    pub cube: (f64, f64),
+    /// Where the cube is handed over [m].
+    pub place: [f64; 3],
+    /// Height of the table [m].
+    pub table: f64,
+    /// Longest simulated time of a trial that passes [s].
+    pub limit: f64,
+    /// The command that repeats it all.
+    pub command: String,
+    /// Scrambles by seed; none for missions.
+    pub scrambles: Vec<(u64, String)>,
+}
+
+/// Writes it.
+#[must_use]
+pub fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
+    let mut t = String::new();
+    let mut line = |text: &str| {
+        t.push_str(text);
+        t.push('\n');
+    };
+    let header = &tally.header;
+    let word = if score.is_whole() { "passed" } else { "not passed" };
+    line(&format!("# Protocol: {}, {word}", setup.kind.name()));
+    line("");
+    line("| | |\n|---|---|");
+    line(&format!("| Reference | {} of `rubik-robot benchmark` |", setup.kind.name()));
+    line(&format!("| Program | rubik-robot {}, build {} |", header.version, header.build));
+    line(&format!("| Scenario | `{}`, sum {} |", header.scenario, header.scenario_sum));
+    line(&format!("| Repeated by | `{}` |", setup.command));
+    line("\n## Purpose\n");
+    line(
+        "Precise and sequential two-handed manipulation: how often a robot brings a Rubik's cube to a wanted state\nwithout help, and how long that takes. Each turn needs a position within about a millimetre and a compliant grip;\nerrors of the cube's place in the hands add up over a trial.",
+    );
+    line("\n## Task\n");
+    line(&match setup.kind {
+        Kind::Tier { trials, moves } => format!(
+            "{trials} consecutive trials. In each the robot takes a cube that {moves} seeded moves have scrambled, reads its faces,\nundoes them and hands it back. It is not told the moves: it plans by itself, and may find a shorter way."
+        ),
+        Kind::Mission { trials } => format!(
+            "{trials} whole missions. In each the robot takes a cube drawn from all 4.3e19 states, reads its faces, solves it and\nhands it back."
+        ),
+    });
+    line("\n## Setup\n");
+    line(&format!(
+        "- Objects: one 3 x 3 x 3 Rubik's cube, edge {:.1} mm, {:.0} g.",
+        1e3 * setup.cube.0,
+        1e3 * setup.cube.1
+    ));
+    let [x, y, z] = setup.place.map(|v| 1e3 * v);
+    line(&format!(
+        "- Pose at the start: **in a person's hand** that brings it to about ({x:.0}, {y:.0}, {z:.0}) mm, in a seeded\n  orientation, with sway and tremor. **This differs from Yang et al., whose cube lies on a table**: the simulated cell\n  has no cube on a table yet. What is compared here is manipulation after the grasp; the first grasp is another one."
+    ));
+    line("- Pose at the end: solved, and back in the person's hand.");
+    line(&format!(
+        "- Environment: simulated cell with a table {:.0} mm high. Cell, hand, light, calibration and noise are drawn anew for\n  each trial by its seed; a real robot would keep its cell.",
+        1e3 * setup.table
+    ));
+    line("\n## Robot\n");
+    for (name, kind, distance) in &setup.effectors {
+        line(&format!(
+            "- {name}: {kind}; at the start its tool is {:.0} mm from the hand-over place",
+            1e3 * distance
+        ));
+    }
+    line(&format!(
+        "- Clearance of the tools at the start: at least {:.0} mm (this project's threshold).",
+        1e3 * setup.clearance
+    ));
+    for (name, place) in &setup.cameras {
+        line(&format!("- camera {name}: {place}"));
+    }
+    line(
+        "- Told beforehand: the cell as a workshop would measure it, with seeded errors; the colours' arrangement of a solved\n  cube. Not told: the cube's state, its pose, the moves.",
+    );
+    line("\n## Procedure\n");
+    line(
+        "1. The cell is set up by the trial's seed; arms at their start, jaws open.\n2. The person's hand brings the cube; time begins at the start of the run.\n3. The robot takes the cube, looks at its faces, plans, turns, and hands it back.\n4. The trial ends when the cube is with the person again, or the robot gives up.\n5. The plant's cube, which the controller does not see, is compared with a solved one.",
+    );
+    line("\n## Constraints\n");
+    line(&format!(
+        "- No intervention: nobody answers a question, nobody puts a cube back.\n- A trial that takes longer than {:.0} s of simulated time has not passed (this project's threshold).\n- A trial whose program panics or has no end within {} s by the wall clock has not passed.",
+        setup.limit, header.limit_s
+    ));
+    line("\n## Scoring\n");
+    line(
+        "- Accuracy: trials that passed, of all. A tier is passed when all of its consecutive trials are.\n- Speed: simulated time of the trials that passed, whole and for each face turn that was carried out; looking, planning\n  and hand-overs are in it. (Yang et al. give accuracy and speed as well; thresholds of theirs were not at hand.)",
+    );
+    line("\n## Results\n");
+    results(&mut t, tally, score);
+    trials(&mut t, setup, tally);
+    t
+}
+
+fn results(t: &mut String, tally: &Tally, score: &Score) {
+    let [low, high] = tally.interval.map(|x| 100.0 * x);
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        t,
+        "Accuracy: **{} of {}** trials passed ({:.1} %), {} in a row; solved at whatever time: {} (95 % interval {low:.1} .. {high:.1} %).\n",
+        score.passed,
+        score.trials,
+        100.0 * score.passed as f64 / score.trials.max(1) as f64,
+        score.longest_row,
+        tally.solved,
+    );
+    t.push_str("| figure | min | median | 95 % | max |\n|---|---|---|---|---|\n");
+    let mut row = |name: &str, s: Spread, decimals: usize| {
+        if !s.is_empty() {
+            let [a, b, c, d] = [s.min, s.median, s.p95, s.max].map(|v| figure(v, decimals));
+            let _ = writeln!(t, "| {name} | {a} | {b} | {c} | {d} |");
+        }
+    };
+    row("time of a passed trial [s]", score.trial_s, 1);
+    row("the same for each face turn [s]", score.turn_s, 1);
+    for (_, words, of, decimals) in QUANTITIES {
+        row(&format!("all trials: {words}"), tally.spread(of), decimals);
+    }
+    let counts: Vec<_> =
+        tally.mishaps.named().iter().map(|(name, count)| format!("{name} {count}")).collect();
+    let _ = writeln!(t, "\nCounted by the plant: {}.", counts.join(", "));
+}
+
+fn trials(t: &mut String, setup: &Setup, tally: &Tally) {
+    t.push_str("\n| seed | scramble | result | turns | grasps | time [s] | peak force [N] | why |\n|---|---|---|---|---|---|---|---|\n");
+    for run in &tally.results {
+        let scramble = setup.scrambles.iter().find(|(seed, _)| *seed == run.seed);
+        let figures = run.figures.as_ref().map_or_else(
+            || "- | - | - | -".to_owned(),
+            |f| {
+                let (time, force) = (figure(f.sim_time_s, 1), figure(f.peak_force_n, 1));
+                format!("{} | {} | {time} | {force}", f.turns, f.grasps)
+            },
+        );
+        let _ = writeln!(
+            t,
+            "| {} | {} | {} | {figures} | {} |",
+            run.seed,
+            scramble.map_or("drawn from all", |(_, moves)| moves.as_str()),
+            run.verdict.word(),
+            run.reason.replace('|', "/")
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::benchmark::score;
+    use super::super::result::Verdict;
+    use super::super::result::tests::result;
+    use super::super::state::State;
+    use super::super::state::tests::header;
+    use super::*;
+
+    #[test]
+    fn the_protocol_has_the_templates_fields_and_says_where_the_cube_is_at_the_start() {
+        let header = header(2, "1/1");
+        let results = header.seeds().map(|s| (s, result(s, Verdict::Solved, 3.0))).collect();
+        let tally = Tally::of(&State { header, results, whole: 0, torn: false });
+        let setup = Setup {
+            kind: Kind::Tier { trials: 2, moves: 20 },
+            effectors: vec![("track".into(), "IRp-6".into(), 0.4)],
+            clearance: 0.1,
+            cameras: vec![("standalone".into(), "stands".into())],
+            cube: (0.057, 0.1),
+            place: [0.95, 0.0, 1.0],
+            table: 0.7,
+            limit: 1800.0,
+            command: "rubik-robot benchmark --tier 2-20".into(),
+            scrambles: vec![(5, "R U2".into())],
+        };
+
+        let text = protocol(&setup, &tally, &score(&tally, setup.limit));
+
+        let fields: Vec<_> = text.lines().filter_map(|l| l.strip_prefix("## ")).collect();
+        assert_eq!(
+            fields,
+            ["Purpose", "Task", "Setup", "Robot", "Procedure", "Constraints", "Scoring", "Results"]
+        );
+        assert!(text.starts_with("# Protocol: Rubiks-2-20, passed\n"));
+        assert!(text.contains("in a person's hand") && text.contains("| 5 | R U2 | solved | 19 |"));
+    }
+}

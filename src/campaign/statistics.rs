@@ -1,0 +1,129 @@
+//! Figures of many runs: how sure a share is, and how a quantity is spread.
+//!
+//! - in: counts and values
+//! - out: the interval in which a share lies, [`Spread`]s
+//! - source: E. B. Wilson, "Probable inference, the law of succession, and statistical inference", J. Am. Stat. Assoc.
+//!   22 (1927): it holds for few runs and for shares near 1, where the usual interval has no width
+
+use serde::Serialize;
+
+/// Quantile of the normal distribution for an interval of 95 %.
+const Z95: f64 = 1.959_963_984_540_054;
+
+/// Wilson's interval of 95 % for the share of successes; all of 0..=1 when nothing ran.
+#[must_use]
+pub fn wilson(successes: u64, runs: u64) -> [f64; 2] {
+    if runs == 0 {
+        return [0.0, 1.0];
+    }
+    let n = runs as f64;
+    let share = successes.min(runs) as f64 / n;
+    let z2 = Z95 * Z95;
+    let centre = (share + z2 / (2.0 * n)) / (1.0 + z2 / n);
+    let half = Z95 / (1.0 + z2 / n) * (share * (1.0 - share) / n + z2 / (4.0 * n * n)).sqrt();
+    // At the ends the sum is exact but for rounding.
+    let low = if successes == 0 { 0.0 } else { (centre - half).max(0.0) };
+    let high = if successes >= runs { 1.0 } else { (centre + half).min(1.0) };
+    [low, high]
+}
+
+/// How values are spread. Written as JSON, a spread of nothing has `null` for each.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// Smallest.
+    pub min: f64,
+    /// Middle one; of an even number the mean of both in the middle.
+    pub median: f64,
+    /// The smallest that 95 % do not exceed.
+    pub p95: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+impl Spread {
+    /// Of these values, in any order; NaN for each when there are none.
+    #[must_use]
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
+        let mut sorted: Vec<f64> = values.into_iter().collect();
+        sorted.sort_by(f64::total_cmp);
+        let [Some(&min), Some(&max)] = [sorted.first(), sorted.last()] else {
+            return Self { min: f64::NAN, median: f64::NAN, p95: f64::NAN, max: f64::NAN };
+        };
+        let n = sorted.len();
+        let median = f64::midpoint(sorted[(n - 1) / 2], sorted[n / 2]);
+        // In whole numbers: 0.95 * 20 is a little more than 19.
+        let p95 = sorted[(95 * n).div_ceil(100) - 1];
+        Self { min, median, p95, max }
+    }
+
+    /// Whether it is of nothing.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.min.is_nan()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn near(interval: [f64; 2], low: f64, high: f64) {
+        assert!((interval[0] - low).abs() < 5e-5, "{interval:?} is not {low}..{high}");
+        assert!((interval[1] - high).abs() < 5e-5, "{interval:?} is not {low}..{high}");
+    }
+
+    #[test]
+    fn wilsons_interval_has_its_known_values() {
+        // R. G. Newcombe, Statistics in Medicine 17 (1998), table I, method 3: 81/263, 15/148, 0/20, 1/29.
+        near(wilson(81, 263), 0.2553, 0.3662);
+        near(wilson(15, 148), 0.0624, 0.1605);
+        near(wilson(0, 20), 0.0, 0.1611);
+        near(wilson(1, 29), 0.0061, 0.1718);
+    }
+
+    #[test]
+    fn a_thousand_of_a_thousand_are_no_certainty() {
+        // n / (n + z^2)
+        near(wilson(1000, 1000), 1000.0 / 1003.841459, 1.0);
+        assert_eq!(wilson(0, 0), [0.0, 1.0]);
+    }
+
+    #[test]
+    fn a_spread_is_made_of_values_that_came() {
+        let s = Spread::of((1..=20).rev().map(f64::from));
+        assert_eq!((s.min, s.median, s.p95, s.max), (1.0, 10.5, 19.0, 20.0));
+        let one = Spread::of([7.0]);
+        assert_eq!((one.min, one.median, one.p95, one.max), (7.0, 7.0, 7.0, 7.0));
+    }
+
+    #[test]
+    fn a_spread_of_nothing_is_null_in_json() {
+        let none = Spread::of([]);
+        assert!(none.is_empty());
+        assert_eq!(
+            serde_json::to_string(&none).unwrap(),
+            r#"{"min":null,"median":null,"p95":null,"max":null}"#
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn an_interval_holds_its_share(runs in 1u64..5000, part in 0.0..=1.0f64) {
+            let successes = (runs as f64 * part) as u64;
+            let [low, high] = wilson(successes, runs);
+            let share = successes as f64 / runs as f64;
+
+            prop_assert!(0.0 <= low && low <= share && share <= high && high <= 1.0);
+        }
+
+        #[test]
+        fn a_spread_is_in_order(values in proptest::collection::vec(-1e6..1e6f64, 1..60)) {
+            let s = Spread::of(values.iter().copied());
+
+            prop_assert!(s.min <= s.median && s.median <= s.p95 && s.p95 <= s.max);
+            let below = values.iter().filter(|v| **v <= s.p95).count();
+            prop_assert!(below * 100 >= 95 * values.len());
+        }
+    }
+}

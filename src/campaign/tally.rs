@@ -1,0 +1,338 @@
+//! What a campaign comes to: success and its interval, failures by phase, how figures are spread.
+//!
+//! - in: the header and the results that there are
+//! - out: one JSON object for machines, a table for people; neither depends on the order or the place of the runs
+
+use super::result::{Figures, Mishaps, RunResult, Verdict};
+use super::state::{Header, State};
+use super::statistics::{Spread, wilson};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// The sum of a campaign.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tally {
+    /// What the campaign is.
+    pub header: Header,
+    /// Results in the order of their seeds.
+    pub results: Vec<RunResult>,
+    /// Runs that were asked for, of this shard or of the whole.
+    pub asked: u64,
+    /// Runs that the plant calls solved.
+    pub solved: u64,
+    /// Wilson's interval of 95 % for the share of them.
+    pub interval: [f64; 2],
+    /// What the plant counted in all runs.
+    pub mishaps: Mishaps,
+    /// Runs in which the plant counted something, and how many of these were solved all the same.
+    pub mended: (u64, u64),
+    /// Recoveries by the missions' own account; `None` when no run told.
+    pub recoveries: Option<u64>,
+}
+
+/// A quantity of a run: its name in JSON, words for people, how to read it, decimals.
+pub type Quantity = (&'static str, &'static str, fn(&Figures) -> f64, usize);
+
+/// What is told of every campaign. All runs with a summary count, solved or not.
+pub const QUANTITIES: [Quantity; 4] = [
+    ("peak_force_n", "peak force [N]", |f| f.peak_force_n, 1),
+    ("grasps", "grasps", |f| f64::from(f.grasps), 0),
+    ("turns", "turns", |f| f64::from(f.turns), 0),
+    ("sim_time_s", "simulated time [s]", |f| f.sim_time_s, 1),
+];
+
+/// Failures that are listed one by one in a table for people.
+const LISTED: usize = 20;
+
+impl Tally {
+    /// Of what a state holds.
+    #[must_use]
+    pub fn of(state: &State) -> Self {
+        let results: Vec<RunResult> = state.results.values().cloned().collect();
+        let solved = results.iter().filter(|r| r.verdict == Verdict::Solved).count() as u64;
+        let (mut mishaps, mut mended, mut recoveries) = (Mishaps::default(), (0, 0), None);
+        for (result, figures) in results.iter().filter_map(|r| Some((r, r.figures.as_ref()?))) {
+            mishaps.add(&figures.mishaps);
+            if figures.mishaps.count() > 0 {
+                mended.0 += 1;
+                mended.1 += u64::from(result.verdict == Verdict::Solved);
+            }
+            if let Some(more) = figures.recoveries {
+                recoveries = Some(recoveries.unwrap_or(0) + u64::from(more));
+            }
+        }
+        Self {
+            header: state.header.clone(),
+            asked: state.header.seeds().take(state.header.runs as usize).count() as u64,
+            interval: wilson(solved, results.len() as u64),
+            results,
+            solved,
+            mishaps,
+            mended,
+            recoveries,
+        }
+    }
+
+    /// Runs that have a result.
+    #[must_use]
+    pub fn runs(&self) -> u64 {
+        self.results.len() as u64
+    }
+
+    /// Whether every run that was asked for has a result.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.runs() == self.asked
+    }
+
+    /// Share of solved runs; 0 when nothing ran.
+    #[must_use]
+    pub fn success(&self) -> f64 {
+        self.solved as f64 / self.runs().max(1) as f64
+    }
+
+    /// How a quantity is spread over the runs that know it.
+    #[must_use]
+    pub fn spread(&self, of: fn(&Figures) -> f64) -> Spread {
+        Spread::of(self.results.iter().filter_map(|r| r.figures.as_ref()).map(of))
+    }
+
+    /// The runs that were not solved.
+    pub fn failures(&self) -> impl Iterator<Item = &RunResult> {
+        self.results.iter().filter(|r| r.verdict != Verdict::Solved)
+    }
+
+    /// The runs that were not solved by the phase in which they ended.
+    #[must_use]
+    pub fn by_phase(&self) -> BTreeMap<&str, Vec<&RunResult>> {
+        let mut phases: BTreeMap<&str, Vec<&RunResult>> = BTreeMap::new();
+        for failure in self.failures() {
+            phases.entry(phase(failure)).or_default().push(failure);
+        }
+        phases
+    }
+
+    /// Runs that ended without a verdict of the plant: they died, or were killed after their time.
+    #[must_use]
+    pub fn without_verdict(&self) -> u64 {
+        self.results.iter().filter(|r| r.figures.is_none()).count() as u64
+    }
+
+    /// The command that repeats a run.
+    #[must_use]
+    pub fn command(&self, run: &RunResult) -> String {
+        let mut words = vec![
+            "rubik-robot run".to_owned(),
+            quoted(&self.header.scenario),
+            format!("--seed {}", run.seed),
+        ];
+        let set = self.header.set.iter().chain(&run.set);
+        words.extend(set.map(|option| format!("--set {}", quoted(option))));
+        words.join(" ")
+    }
+
+    /// One object. Nothing of it depends on how long a run took by the wall clock.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        let failures: Vec<_> = self
+            .failures()
+            .map(|f| {
+                json!({
+                    "seed": f.seed, "phase": phase(f), "reason": f.reason, "verdict": f.verdict,
+                    "command": self.command(f),
+                })
+            })
+            .collect();
+        let phases: BTreeMap<_, _> =
+            self.by_phase().into_iter().map(|(name, runs)| (name, runs.len())).collect();
+        let mut object = json!({
+            "scenario": self.header.scenario, "seed": self.header.seed,
+            "asked": self.asked, "runs": self.runs(), "solved": self.solved,
+            "success": self.success(), "interval": self.interval,
+            "failures": failures, "phases": phases, "without_verdict": self.without_verdict(),
+            "mishaps": self.mishaps, "runs_with_mishaps": self.mended.0,
+            "solved_with_mishaps": self.mended.1, "recoveries": self.recoveries,
+        });
+        for (name, _, of, _) in QUANTITIES {
+            object[name] = json!(self.spread(of));
+        }
+        object
+    }
+
+    /// The table for people, with an end of line behind each row.
+    #[must_use]
+    pub fn table(&self) -> String {
+        let mut t = String::new();
+        let shard = match self.header.shard.to_string() {
+            whole if whole == "1/1" => String::new(),
+            part => format!(", shard {part}"),
+        };
+        let last = self.header.seed.saturating_add(self.header.runs.saturating_sub(1));
+        row(
+            &mut t,
+            "scenario",
+            &format!("{}, seeds {}..{last}{shard}", self.header.scenario, self.header.seed),
+        );
+        row(&mut t, "runs", &format!("{} of {}", self.runs(), self.asked));
+        let [low, high] = self.interval.map(|x| 100.0 * x);
+        row(
+            &mut t,
+            "solved",
+            &format!(
+                "{} ({:.2} %), 95 % interval {low:.2} .. {high:.2} %",
+                self.solved,
+                100.0 * self.success()
+            ),
+        );
+        let figures = format!("{:>9} {:>9} {:>9} {:>9}", "min", "median", "95 %", "max");
+        row(&mut t, "", &figures);
+        for (_, words, of, decimals) in QUANTITIES {
+            let s = self.spread(of);
+            if !s.is_empty() {
+                let values = [s.min, s.median, s.p95, s.max];
+                let text: Vec<_> = values.iter().map(|v| figure(*v, decimals)).collect();
+                row(
+                    &mut t,
+                    words,
+                    &text.iter().map(|v| format!("{v:>9}")).collect::<Vec<_>>().join(" "),
+                );
+            }
+        }
+        let m = &self.mishaps;
+        row(&mut t, "jams, slips, drops", &format!("{}, {}, {}", m.jams, m.slips, m.drops));
+        let others = format!("{}, {}, {}", m.pops, m.crushed, m.collisions);
+        row(&mut t, "pops, crushes, bumps", &others);
+        let (with, mended) = self.mended;
+        row(
+            &mut t,
+            "runs with any of them",
+            &format!("{with}, of which {mended} solved all the same"),
+        );
+        if let Some(recoveries) = self.recoveries {
+            row(&mut t, "recoveries", &recoveries.to_string());
+        }
+        let failed = self.runs() - self.solved;
+        row(&mut t, "failures", &if failed == 0 { "none".to_owned() } else { failed.to_string() });
+        let mut listed = 0;
+        for (phase, runs) in self.by_phase() {
+            let _ = writeln!(t, "  in {phase}: {}", runs.len());
+            for run in runs.iter().take(LISTED.saturating_sub(listed)) {
+                listed += 1;
+                let _ = writeln!(t, "    seed {} {}: {}", run.seed, run.verdict.word(), run.reason);
+                let _ = writeln!(t, "      {}", self.command(run));
+            }
+        }
+        if failed > LISTED as u64 {
+            let _ = writeln!(t, "  (the first {LISTED}; the report and --json have all)");
+        }
+        t
+    }
+}
+
+/// The phase in which a run ended, for people.
+pub(super) fn phase(run: &RunResult) -> &str {
+    if run.phase.is_empty() { "the start" } else { &run.phase }
+}
+
+/// A figure with so many decimals; what stands for infinite is said so.
+pub(super) fn figure(value: f64, decimals: usize) -> String {
+    if value.abs() >= 1e12 { "no number".to_owned() } else { format!("{value:.decimals$}") }
+}
+
+/// A word for a shell.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+,:@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', "'\\''"))
+}
+
+fn row(table: &mut String, name: &str, value: &str) {
+    // Writing to a string cannot fail.
+    let _ = writeln!(table, "{name:<22} {value}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::result::tests::result;
+    use super::super::state::tests::header;
+    use super::*;
+
+    fn state(runs: u64, shard: &str) -> State {
+        let header = header(runs, shard);
+        let outcome = |seed: u64| match seed {
+            9 => result(seed, Verdict::Failed, 12.0),
+            11 => RunResult { figures: None, ..result(seed, Verdict::Died, 0.0) },
+            _ => result(seed, Verdict::Solved, seed as f64),
+        };
+        let results = header.seeds().map(|seed| (seed, outcome(seed))).collect();
+        State { header, results, whole: 0, torn: false }
+    }
+
+    #[test]
+    fn the_shards_together_are_the_whole() {
+        let whole = Tally::of(&state(20, "1/1")).json().to_string();
+        for order in [["1/3", "2/3", "3/3"], ["3/3", "1/3", "2/3"]] {
+            let mut merged = state(20, order[0]);
+            merged.merge(state(20, order[1])).unwrap();
+            merged.merge(state(20, order[2])).unwrap();
+            // A shard that comes twice changes nothing.
+            merged.merge(state(20, order[1])).unwrap();
+
+            assert_eq!(Tally::of(&merged).json().to_string(), whole);
+        }
+    }
+
+    #[test]
+    fn parts_of_different_campaigns_are_not_merged() {
+        let mut other = state(20, "2/3");
+        other.header.set = vec!["control.grip_n=30".into()];
+        let why = state(20, "1/3").merge(other).unwrap_err();
+        assert!(why.contains("--set"), "{why}");
+        let longer = state(20, "1/3").merge(state(21, "2/3")).unwrap_err();
+        assert!(longer.contains("20 and 21"), "{longer}");
+    }
+
+    #[test]
+    fn the_object_has_what_was_promised() {
+        let tally = Tally::of(&state(20, "1/1"));
+        let object = tally.json();
+
+        assert_eq!((&object["runs"], &object["solved"]), (&json!(20), &json!(18)));
+        assert_eq!(object["interval"], json!(wilson(18, 20)));
+        assert_eq!(object["failures"][0]["seed"], 9);
+        assert_eq!(object["failures"][1]["phase"], "solve");
+        assert_eq!(object["without_verdict"], 1);
+        for name in ["peak_force_n", "grasps", "turns", "sim_time_s"] {
+            for part in ["min", "median", "p95", "max"] {
+                assert!(object[name][part].is_f64(), "{name}.{part}");
+            }
+        }
+        assert_eq!(object["peak_force_n"]["max"], 24.0);
+        assert!(
+            tally.is_complete()
+                && !Tally::of(&State { results: BTreeMap::new(), ..state(20, "1/1") })
+                    .is_complete()
+        );
+    }
+
+    #[test]
+    fn a_failure_comes_with_the_command_that_repeats_it() {
+        let mut state = state(5, "1/1");
+        state.header.set = vec!["plant.cube_kind=\"dry\"".into()];
+        if let Some(run) = state.results.get_mut(&9) {
+            run.set = vec!["control.grip_n=26.5".into()];
+        }
+        let table = Tally::of(&state).table();
+
+        assert!(
+            table.contains(
+                "rubik-robot run s.toml --seed 9 --set 'plant.cube_kind=\"dry\"' --set control.grip_n=26.5"
+            ),
+            "{table}"
+        );
+        assert_eq!(quoted("it's"), "'it'\\''s'");
+    }
+}

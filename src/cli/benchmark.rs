@@ -1,0 +1,193 @@
+//! `rubik-robot benchmark`: accuracy and speed in trials, and their protocol.
+
+use super::campaign::{Campaign, Shape};
+use super::output::Output;
+use super::{ScenarioArgs, WRONG, complain};
+use crate::campaign::benchmark::{Kind, score, scramble, scrambled, tier};
+use crate::campaign::protocol::{Setup, protocol};
+use crate::campaign::tally::Tally;
+use crate::campaign::vary::Drawn;
+use crate::cell::{Cell, Mount};
+use crate::cube::format_turns;
+use crate::scenario::Scenario;
+use anyhow::Context as _;
+use clap::Args;
+use serde_json::json;
+use std::path::PathBuf;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  rubik-robot benchmark --tier 5-20 -o protocol.md
+  rubik-robot benchmark --mission 20 --json | tail -1
+A tier M-N is M consecutive trials of cubes that N seeded moves have scrambled, in the manner of Yang, Lancaster,
+Srinivasa and Smith (RA-L 2020); it is passed when all of them are. In theirs the cube lies on a table at the start;
+here a person's hand brings it, as the protocol says.
+Exit codes: 0 every trial passed, 1 not every one, 2 usage or scenario, 130 interrupted.")]
+#[command(group(clap::ArgGroup::new("kind").required(true).args(["mission", "tier"])))]
+pub(super) struct BenchmarkArgs {
+    /// So many whole missions
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    mission: Option<u64>,
+    /// So many consecutive trials of so many moves
+    #[arg(long, value_name = "M-N", value_parser = tier)]
+    tier: Option<Kind>,
+    /// Scenario file (TOML), of the task "solve"
+    #[arg(long, value_name = "FILE", default_value = "scenarios/solve.toml")]
+    scenario: PathBuf,
+    /// Overrule a key in all trials; repeatable
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Seed of the first trial; the others have those that follow
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// Processes at a time; as many as there are cores when not given
+    #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: Option<u16>,
+    /// Distance that each tool must have at least from the place of the cube at the start [mm]
+    #[arg(long, value_name = "MM", default_value_t = 100.0)]
+    clearance_mm: f64,
+    /// Simulated time within which a trial must be done [s]
+    #[arg(long, value_name = "SECONDS", default_value_t = 1800.0)]
+    within_s: f64,
+    /// Time that a trial may take by the wall clock [s]
+    #[arg(long, value_name = "SECONDS", default_value_t = 900,
+          value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    limit_s: u64,
+    /// Write the protocol (Markdown) to a file instead of stdout
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// End stdout with one line of JSON; the protocol goes to -o only
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u8> {
+    let told = |why: &str| {
+        complain(why);
+        Ok(WRONG)
+    };
+    let kind = match (args.mission, args.tier) {
+        (Some(trials), None) => Kind::Mission { trials },
+        (None, Some(kind)) => kind,
+        _ => return told("one of --mission K and --tier M-N"),
+    };
+    let from = ScenarioArgs { scenario: args.scenario.clone(), set: args.set.clone() };
+    let scenario = match from.load(&[]) {
+        Ok(scenario) => scenario,
+        Err(faults) => return told(&faults),
+    };
+    if scenario.controller.task.word() != "solve" {
+        return told("a benchmark wants a scenario of the task \"solve\"");
+    }
+    let clearance = args.clearance_mm * 1e-3;
+    let setup = setup(args, kind, clearance, &scenario);
+    if let Some((name, _, near)) = setup.effectors.iter().find(|e| e.2 < clearance) {
+        let (near, least) = (near * 1e3, args.clearance_mm);
+        return told(&format!(
+            "{name} stands {near:.0} mm from the cube's place at the start: less than {least} mm"
+        ));
+    }
+    let shape = Shape {
+        seed: args.seed,
+        runs: kind.trials(),
+        shard: <_>::default(),
+        limit_s: args.limit_s,
+        jobs: args.jobs,
+    };
+    let draw = |seed| match kind {
+        Kind::Mission { .. } => Vec::new(),
+        Kind::Tier { moves, .. } => {
+            let value = format!("\"{}\"", scrambled(&scramble(moves, seed)));
+            vec![Drawn { key: "cube.state".to_owned(), value }]
+        }
+    };
+    let mut campaign = match Campaign::prepare(&from, &shape, String::new(), draw) {
+        Ok(campaign) => campaign,
+        Err(faults) => return told(&faults),
+    };
+    let interrupted = campaign.perform(&kind.name())?;
+    let tally = Tally::of(&campaign.state);
+    let score = score(&tally, args.within_s);
+    let text = protocol(&setup, &tally, &score);
+    if let Some(path) = &args.output {
+        std::fs::write(path, &text).with_context(|| format!("{}", path.display()))?;
+        complain(&format!("protocol: {}", path.display()));
+    }
+    if args.json {
+        let object = json!({
+            "benchmark": kind.name(), "start": "the person's hand, not a table",
+            "clearance_m": clearance, "within_s": args.within_s,
+            "score": score.json(), "campaign": tally.json(),
+        });
+        output.line(&object.to_string())?;
+    } else if args.output.is_none() {
+        output.text(&text)?;
+    }
+    Ok(if interrupted { 130 } else { u8::from(!score.is_whole()) })
+}
+
+fn setup(args: &BenchmarkArgs, kind: Kind, clearance: f64, scenario: &Scenario) -> Setup {
+    let cell = &scenario.controller.cell;
+    let place = cell.hand.world_from_cube.translation.vector;
+    let scrambles = match kind {
+        Kind::Mission { .. } => Vec::new(),
+        Kind::Tier { trials, moves } => (0..trials)
+            .map(|i| args.seed.saturating_add(i))
+            .map(|seed| (seed, format_turns(&scramble(moves, seed))))
+            .collect(),
+    };
+    let what = match kind {
+        Kind::Mission { trials } => format!("--mission {trials}"),
+        Kind::Tier { trials, moves } => format!("--tier {trials}-{moves}"),
+    };
+    let set = args.set.iter().fold(String::new(), |set, s| set + " --set '" + s + "'");
+    Setup {
+        kind,
+        effectors: effectors(cell),
+        clearance,
+        cameras: cell.cameras.iter().map(|c| (c.name.clone(), mounted(cell, &c.mount))).collect(),
+        cube: (cell.cube.edge, cell.cube.mass),
+        place: [place.x, place.y, place.z],
+        table: cell.table_height,
+        limit: args.within_s,
+        command: format!(
+            "rubik-robot benchmark {what} --scenario {} --seed {} --clearance-mm {} --within-s {}{set}",
+            args.scenario.display(),
+            args.seed,
+            args.clearance_mm,
+            args.within_s
+        ),
+        scrambles,
+    }
+}
+
+/// Name, kind and distance of the tool from the cube's place at the start [m].
+fn effectors(cell: &Cell) -> Vec<(String, String, f64)> {
+    let place = cell.hand.world_from_cube.translation.vector;
+    let of = |arm: &crate::cell::Arm| {
+        let tool =
+            arm.world_from_base * arm.model.base_from_flange(&arm.start) * arm.flange_from_tool;
+        let (least, most) = arm.gripper.opening;
+        let kind = format!(
+            "IRp-6 with a two-finger gripper (jaws {:.0} to {:.0} mm), a wrist force sensor",
+            least * 1e3,
+            most * 1e3
+        );
+        (arm.name.clone(), kind, (tool.translation.vector - place).norm())
+    };
+    cell.arms.iter().map(of).collect()
+}
+
+fn mounted(cell: &Cell, mount: &Mount) -> String {
+    match mount {
+        Mount::World { world_from_camera } => {
+            let [x, y, z] = [0, 1, 2].map(|i| 1e3 * world_from_camera.translation.vector[i]);
+            format!("stands at ({x:.0}, {y:.0}, {z:.0}) mm")
+        }
+        Mount::Flange { arm, .. } => {
+            let name = cell.arms.get(*arm).map_or("an arm", |arm| arm.name.as_str());
+            format!("in the gripper of {name}")
+        }
+    }
+}

@@ -1,0 +1,487 @@
+//! `rubik-robot campaign`: a scenario many times, each in a process of its own, and what they come to together.
+
+use super::output::Output;
+use super::progress::Bar;
+use super::{ScenarioArgs, WRONG, complain, record};
+use crate::campaign::page;
+use crate::campaign::result::{RunResult, Verdict};
+use crate::campaign::runner::{Job, Runner};
+use crate::campaign::soak::soak;
+use crate::campaign::state::{self, Header, Shard, State, Unusable};
+use crate::campaign::tally::Tally;
+use crate::campaign::vary::{Drawn, Vary};
+use crate::scenario::{self, Override, Scenario};
+use anyhow::Context as _;
+use clap::{Args, Subcommand};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::collections::BTreeMap;
+use std::fs::{File, TryLockError};
+use std::io::{BufReader, Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Exit code of an interrupted campaign.
+const INTERRUPTED: u8 = 130;
+/// The most runs: seeds are numbers, and a list of them is kept.
+const MOST: u64 = 10_000_000;
+
+#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
+#[derive(Debug, Args)]
+#[command(
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true,
+    after_help = "\
+Examples:
+  rubik-robot campaign scenarios/solve.toml --runs 100 -o report.html
+  rubik-robot campaign scenarios/solve.toml --runs 1000 --vary scenarios/vary/cell.toml --at-least 0.995
+  rubik-robot campaign scenarios/solve.toml --runs 1000 --state c.jsonl      the same again goes on where it was
+  rubik-robot campaign scenarios/solve.toml --runs 1000 --shard 2/4 --state 2.jsonl
+  rubik-robot campaign merge 1.jsonl 2.jsonl 3.jsonl 4.jsonl -o report.html
+  rubik-robot campaign scenarios/solve.toml --runs 20 --json | tail -1
+  rubik-robot campaign scenarios/solve.toml --soak 8
+
+Run i has the seed S + i: another cube, hand, light, cell and noise. The verdict is the plant's. A run that panics or
+takes longer than --limit-s is a failure, and is told with the command that repeats it.
+Exit codes: 0 the campaign was performed, whatever came of it; 1 fewer solved than --at-least, or a soak that is not
+steady; 2 usage, scenario, state file; 4 system; 130 interrupted."
+)]
+pub(super) struct CampaignArgs {
+    #[command(subcommand)]
+    part: Option<Part>,
+    /// Scenario file (TOML)
+    #[arg(required = true)]
+    scenario: Option<PathBuf>,
+    /// Overrule a key in all runs, as in control.grip_n=30; repeatable
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Number of runs, of all shards together
+    #[arg(long, value_name = "N", required_unless_present = "soak",
+          value_parser = clap::value_parser!(u64).range(1..=MOST))]
+    runs: Option<u64>,
+    /// Seed of the first run; the others have those that follow
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// Processes at a time; as many as there are cores when not given
+    #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: Option<u16>,
+    /// What is drawn for each run, beside what its seed draws; see scenarios/vary/
+    #[arg(long, value_name = "FILE")]
+    vary: Option<PathBuf>,
+    /// Perform the K-th of N parts only; `merge` puts their state files together
+    #[arg(long, value_name = "K/N", default_value = "1/1")]
+    shard: Shard,
+    /// Keep results in this file, and go on where it ends when it is there
+    #[arg(long, visible_alias = "resume", value_name = "FILE")]
+    state: Option<PathBuf>,
+    /// Time that a run may take by the wall clock [s]
+    #[arg(long, value_name = "SECONDS", default_value_t = 900,
+          value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    limit_s: u64,
+    #[command(flatten)]
+    told: ToldArgs,
+    /// Instead: missions back to back in this process for so many hours of simulated time; tells memory and drift
+    #[arg(long, value_name = "HOURS", conflicts_with_all = ["runs", "jobs", "vary", "shard", "state", "output"])]
+    soak: Option<f64>,
+    /// Different seeds of a soak: after so many missions the first comes again, and must be the same
+    #[arg(long, value_name = "N", default_value_t = 4, requires = "soak",
+          value_parser = clap::value_parser!(u64).range(1..=1000))]
+    soak_seeds: u64,
+}
+
+/// How the result is told.
+#[derive(Debug, Args)]
+pub(super) struct ToldArgs {
+    /// Exit with 1 when a smaller share than this is solved, as in 0.995
+    #[arg(long, value_name = "SHARE")]
+    at_least: Option<f64>,
+    /// Write the report as a page
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// End stdout with one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Part {
+    /// Put the state files of shards together and tell what they come to
+    Merge {
+        /// State files
+        #[arg(required = true)]
+        files: Vec<PathBuf>,
+        #[command(flatten)]
+        told: ToldArgs,
+    },
+}
+
+pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8> {
+    if let Some(Part::Merge { files, told }) = &args.part {
+        return merge(files, told, output);
+    }
+    let scenario =
+        ScenarioArgs { scenario: args.scenario.clone().unwrap_or_default(), set: args.set.clone() };
+    if let Some(hours) = args.soak {
+        return soaked(&scenario, args, hours, output);
+    }
+    if let Err(reason) = args.told.check() {
+        return Ok(told(&reason));
+    }
+    let vary = match &args.vary {
+        None => None,
+        Some(path) => match read_vary(path) {
+            Ok(read) => Some(read),
+            Err(faults) => return Ok(told(&faults)),
+        },
+    };
+    let shape = Shape {
+        seed: args.seed,
+        runs: args.runs.unwrap_or(1),
+        shard: args.shard,
+        limit_s: args.limit_s,
+        jobs: args.jobs,
+    };
+    let (text, vary) = vary.unzip();
+    let draw = |seed: u64| vary.as_ref().map_or_else(Vec::new, |vary: &Vary| vary.draw(seed));
+    let mut campaign = match Campaign::prepare(&scenario, &shape, text.unwrap_or_default(), draw) {
+        Ok(campaign) => campaign,
+        Err(faults) => return Ok(told(&faults)),
+    };
+    if let Some(path) = &args.state
+        && let Err(why) = campaign.keep_in(path)
+    {
+        return Ok(told(&format!("{}: {why}", path.display())));
+    }
+    let interrupted = campaign.perform("campaign")?;
+    if interrupted && args.state.is_none() {
+        complain("interrupted; with --state FILE a campaign can go on where it was");
+    }
+    let code = args.told.tell(&Tally::of(&campaign.state), output)?;
+    Ok(if interrupted { INTERRUPTED } else { code })
+}
+
+fn told(why: &str) -> u8 {
+    complain(why);
+    WRONG
+}
+
+fn read_vary(path: &Path) -> Result<(String, Vary), String> {
+    let text =
+        std::fs::read_to_string(path).map_err(|e| format!("--vary: {}: {e}", path.display()))?;
+    let vary = Vary::read(path, &text).map_err(|faults| faults.to_string())?;
+    Ok((text, vary))
+}
+
+fn merge(files: &[PathBuf], how: &ToldArgs, output: &mut Output) -> anyhow::Result<u8> {
+    if let Err(reason) = how.check() {
+        return Ok(told(&reason));
+    }
+    let mut whole: Option<State> = None;
+    for path in files {
+        let read =
+            File::open(path).map_err(Unusable::from).map(BufReader::new).and_then(State::read);
+        let state = match read {
+            Ok(state) => state,
+            Err(why) => return Ok(told(&format!("{}: {why}", path.display()))),
+        };
+        if state.torn {
+            complain(&format!("{}: its last line is cut off, and left out", path.display()));
+        }
+        whole = match whole {
+            None => Some(state),
+            Some(mut whole) => match whole.merge(state) {
+                Ok(()) => Some(whole),
+                Err(why) => return Ok(told(&format!("{}: {why}", path.display()))),
+            },
+        };
+    }
+    let Some(whole) = whole else { return Ok(WRONG) };
+    if whole.header.build == "several" {
+        complain("the shards were performed by different builds of one version");
+    }
+    how.tell(&Tally::of(&whole), output)
+}
+
+impl ToldArgs {
+    pub(super) fn check(&self) -> Result<(), String> {
+        match self.at_least {
+            Some(share) if !(0.0..=1.0).contains(&share) => {
+                Err(format!("--at-least: {share} is no share; write 0.995 for 99.5 %"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Tells a tally in all the ways that are wanted; returns the exit code.
+    fn tell(&self, tally: &Tally, output: &mut Output) -> anyhow::Result<u8> {
+        if let Some(path) = &self.output {
+            std::fs::write(path, page::page(tally, self.at_least))
+                .with_context(|| format!("{}", path.display()))?;
+            complain(&format!("report: {}", path.display()));
+        }
+        if !tally.is_complete() {
+            complain(&format!("{} of {} runs are there", tally.runs(), tally.asked));
+        }
+        if self.json {
+            output.line(&tally.json().to_string())?;
+        } else {
+            output.text(&tally.table())?;
+        }
+        let short = self.at_least.is_some_and(|share| {
+            tally.success() < share || !tally.is_complete() || tally.runs() == 0
+        });
+        Ok(u8::from(short))
+    }
+}
+
+/// How many runs, with which seeds, how.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shape {
+    pub seed: u64,
+    pub runs: u64,
+    pub shard: Shard,
+    pub limit_s: u64,
+    pub jobs: Option<u16>,
+}
+
+/// A campaign that can be performed.
+pub(super) struct Campaign {
+    pub state: State,
+    runner: Runner,
+    jobs: Vec<Job>,
+    kept: Option<File>,
+}
+
+impl Campaign {
+    /// Checks the scenario of each run, before the first one begins. `draw` says what a seed's run has of its own.
+    pub(super) fn prepare(
+        args: &ScenarioArgs,
+        shape: &Shape,
+        vary: String,
+        draw: impl Fn(u64) -> Vec<Drawn>,
+    ) -> Result<Self, String> {
+        let scenario = args.load(&[])?;
+        if scenario.bridge.kind.is_hardware() {
+            return Err(
+                "a campaign needs the simulated plant: it alone knows the verdict".to_owned()
+            );
+        }
+        let path = &args.scenario;
+        let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+        let header = Header {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            build: record::build(),
+            scenario: path.display().to_string(),
+            scenario_sum: format!("{:08x}", crc32fast::hash(text.as_bytes())),
+            set: args.set.clone(),
+            vary,
+            seed: shape.seed,
+            runs: shape.runs,
+            shard: shape.shard,
+            limit_s: shape.limit_s,
+        };
+        let mut jobs = Vec::new();
+        for seed in header.seeds() {
+            let drawn = draw(seed);
+            if !drawn.is_empty() {
+                check(path, &text, &args.overrides(), &drawn)
+                    .map_err(|faults| format!("what seed {seed} draws is refused:\n{faults}"))?;
+            }
+            jobs.push(Job { seed, set: drawn.iter().map(Drawn::option).collect() });
+        }
+        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let runner = Runner {
+            program: std::env::current_exe().map_err(|e| format!("this program: {e}"))?,
+            scenario: path.clone(),
+            set: args.set.clone(),
+            jobs: shape.jobs.map_or(cores, usize::from),
+            limit: Duration::from_secs(shape.limit_s),
+        };
+        let state = State { header, results: BTreeMap::new(), whole: 0, torn: false };
+        Ok(Self { state, runner, jobs, kept: None })
+    }
+
+    /// Takes up what a file holds already, and appends to it from here on.
+    fn keep_in(&mut self, path: &Path) -> Result<(), String> {
+        let mut file = File::options()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(path)
+            .map_err(|e| e.to_string())?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err("another campaign is writing it".to_owned());
+            }
+            // A file system without locks.
+            Err(TryLockError::Error(error)) => tracing::warn!("{}: {error}", path.display()),
+        }
+        match State::read(BufReader::new(&file)) {
+            Err(Unusable::Empty) => {
+                let first = state::first_line(&self.state.header);
+                let written = file
+                    .set_len(0)
+                    .and_then(|()| file.seek(SeekFrom::Start(0)))
+                    .and_then(|_| file.write_all(first.as_bytes()));
+                written.map_err(|e| e.to_string())?;
+            }
+            Err(why) => return Err(why.to_string()),
+            Ok(found) => {
+                let own = &self.state.header;
+                if let Some(difference) = found.header.differs(own) {
+                    return Err(format!("of another campaign: they differ in {difference}"));
+                }
+                if found.header.shard != own.shard {
+                    let (theirs, own) = (found.header.shard, own.shard);
+                    return Err(format!("of shard {theirs}, not {own}"));
+                }
+                if found.header.build != own.build {
+                    return Err("of another build of this program; results of two programs are no measurement: take another file".to_owned());
+                }
+                let cut =
+                    if found.torn { "; its last line was cut off, and is left out" } else { "" };
+                complain(&format!(
+                    "{}: going on behind {} of {} runs{cut}",
+                    path.display(),
+                    found.results.len(),
+                    self.jobs.len()
+                ));
+                // A cut line must not begin the next one.
+                file.set_len(found.whole)
+                    .and_then(|()| file.seek(SeekFrom::End(0)))
+                    .map_err(|e| e.to_string())?;
+                self.jobs.retain(|job| !found.results.contains_key(&job.seed));
+                self.state.results = found.results;
+            }
+        }
+        self.kept = Some(file);
+        Ok(())
+    }
+
+    /// Performs what is not done yet; returns whether it was interrupted.
+    pub(super) fn perform(&mut self, title: &str) -> anyhow::Result<bool> {
+        let stop = stop_flag()?;
+        let (bar, begun) = (Bar::new(title), Instant::now());
+        let all = self.jobs.len() + self.state.results.len();
+        let (mut done, mut failed) = (0, 0);
+        let (state, kept) = (&mut self.state, &mut self.kept);
+        self.runner
+            .perform(&self.jobs, &stop, |result| {
+                if let Some(file) = kept.as_mut() {
+                    // One write and one wait for the disk: a run takes seconds.
+                    file.write_all(state::line(&result).as_bytes())?;
+                    file.sync_data()?;
+                }
+                done += 1;
+                if result.verdict != Verdict::Solved {
+                    failed += 1;
+                    bar.say(&sentence(&result));
+                }
+                state.results.insert(result.seed, result);
+                let left = begun.elapsed().as_secs_f64() / f64::from(done)
+                    * (all - state.results.len()) as f64;
+                let words = format!(
+                    "  {} of {all}, {failed} failed, about {} left",
+                    state.results.len(),
+                    duration(left)
+                );
+                bar.show_with(state.results.len() as f64 / all.max(1) as f64, &words);
+                Ok(())
+            })
+            .context("the campaign's results")?;
+        let interrupted = stop.load(Ordering::SeqCst);
+        bar.end(&format!("{done} runs{}", if interrupted { ", interrupted," } else { "" }));
+        Ok(interrupted)
+    }
+}
+
+fn sentence(run: &RunResult) -> String {
+    let phase = if run.phase.is_empty() { String::new() } else { format!(" in {}", run.phase) };
+    format!("seed {} {}{phase}: {}", run.seed, run.verdict.word(), run.reason)
+}
+
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 90.0 => format!("{s:.0} s"),
+        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
+/// A flag that SIGINT and SIGTERM set; the second one ends the process.
+fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        let again = Arc::clone(&stop);
+        signal_hook::flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), again)?;
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    Ok(stop)
+}
+
+fn check(path: &Path, text: &str, set: &[Override], drawn: &[Drawn]) -> Result<Scenario, String> {
+    let drawn = drawn.iter().map(|d| Override {
+        option: format!("--vary {}", d.key),
+        key: d.key.clone(),
+        value: d.value.clone(),
+    });
+    let overrides: Vec<_> = set.iter().cloned().chain(drawn).collect();
+    scenario::read(path, text, &overrides).map_err(|faults| faults.to_string())
+}
+
+fn soaked(
+    scenario: &ScenarioArgs,
+    args: &CampaignArgs,
+    hours: f64,
+    output: &mut Output,
+) -> anyhow::Result<u8> {
+    if !(hours.is_finite() && hours > 0.0) {
+        return Ok(told("--soak: hours of simulated time, as in 8"));
+    }
+    let mut scenarios = Vec::new();
+    for seed in args.seed..args.seed.saturating_add(args.soak_seeds) {
+        match scenario.load(&[Override::option("--seed", "seed", &seed.to_string())]) {
+            Ok(loaded) if loaded.bridge.kind.is_hardware() => {
+                return Ok(told("a soak needs the simulated plant"));
+            }
+            Ok(loaded) => scenarios.push(loaded),
+            Err(faults) => return Ok(told(&faults)),
+        }
+    }
+    let stop = stop_flag()?;
+    complain("     hours  missions  memory [MiB]  times real time  mission [s]  drift [s]");
+    let soak = soak(&scenarios, hours, &stop, |t| {
+        let memory = t.resident_mib.map_or_else(|| "-".to_owned(), |m| format!("{m:.1}"));
+        complain(&format!(
+            "{:>10.3} {:>9} {memory:>13} {:>16.1} {:>12.1} {:>10.3}",
+            t.hours, t.missions, t.times_real_time, t.mission_s, t.drift_s
+        ));
+    });
+    let interrupted = stop.load(Ordering::SeqCst) || soak.tenths.len() < 10;
+    if args.told.json {
+        output.line(&soak.json().to_string())?;
+    } else {
+        let (repeated, differently) = soak.repeated;
+        let growth = match (soak.growth_mib(), soak.is_flat()) {
+            (Some(growth), Some(flat)) => {
+                format!(
+                    "{growth:+.1} MiB after the second tenth: {}",
+                    if flat { "flat" } else { "GROWING" }
+                )
+            }
+            _ => "not known".to_owned(),
+        };
+        output.text(&format!(
+            "missions      {}, {} solved\nmemory        {growth}\nrepeated      {repeated}, {differently} of them differently\n{}",
+            soak.results.len(),
+            soak.solved(),
+            soak.results.iter().filter(|r| r.verdict != Verdict::Solved).map(|r| sentence(r) + "\n").collect::<String>()
+        ))?;
+    }
+    let share = soak.solved() as f64 / soak.results.len().max(1) as f64;
+    let short = args.told.at_least.is_some_and(|least| share < least);
+    Ok(if interrupted { INTERRUPTED } else { u8::from(short || !soak.is_steady()) })
+}

@@ -1,0 +1,230 @@
+//! Campaigns as their user meets them: many runs in processes of their own, cut off and taken up again, in shards.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use serde_json::Value;
+use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
+
+fn robot(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        .args(args)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).unwrap()
+}
+
+/// The object at the end of stdout, after a look at the exit code.
+fn object(out: &Output, code: i32) -> Value {
+    assert_eq!(out.status.code(), Some(code), "{}\n{}", text(&out.stderr), text(&out.stdout));
+    serde_json::from_str(text(&out.stdout).lines().last().unwrap()).unwrap()
+}
+
+/// A file that goes away with the test.
+struct Place(PathBuf);
+
+impl Place {
+    fn new(name: &str) -> Self {
+        let path =
+            std::env::temp_dir().join(format!("rubik-campaign-{}-{name}", std::process::id()));
+        let _ = std::fs::remove_file(&path);
+        Self(path)
+    }
+    fn with(name: &str, text: &str) -> Self {
+        let place = Self::new(name);
+        std::fs::write(&place.0, text).unwrap();
+        place
+    }
+    fn path(&self) -> &str {
+        self.0.to_str().unwrap()
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+const IDLE: [&str; 5] = ["campaign", "scenarios/idle.toml", "--set", "idle.time_s=1", "--json"];
+
+fn idle(more: &[&str]) -> Output {
+    robot(&[&IDLE[..], more].concat())
+}
+
+#[test]
+fn three_idle_runs_come_to_one_object() {
+    let done = object(&idle(&["--runs", "3", "--seed", "40"]), 0);
+
+    assert_eq!((&done["runs"], &done["solved"]), (&3.into(), &3.into()));
+    assert_eq!(done["failures"], Value::Array(vec![]));
+    // n / (n + z^2)
+    assert!((done["interval"][0].as_f64().unwrap() - 0.438_503).abs() < 1e-6);
+    for name in ["peak_force_n", "grasps", "turns", "sim_time_s"] {
+        for part in ["min", "median", "p95", "max"] {
+            assert!(done[name][part].is_number(), "{name}.{part}");
+        }
+    }
+    assert!((done["sim_time_s"]["median"].as_f64().unwrap() - 1.0).abs() < 0.05);
+}
+
+#[test]
+fn a_failed_run_comes_with_its_seed_its_phase_and_a_command_that_fails_the_same_way() {
+    let page = Place::new("report.html");
+    let run =
+        ["campaign", "scenarios/face_turn.toml", "--runs", "1", "--seed", "5", "--json", "-o"];
+    let run = [&run[..], &[page.path(), "--set", "control.compliance=none"]].concat();
+
+    let done = object(&robot(&run), 0);
+    // It was performed; whether that is good enough is another question.
+    let short = robot(&[&run[..], &["--at-least", "0.5"]].concat());
+    assert_eq!(object(&short, 1), done);
+
+    let failure = &done["failures"][0];
+    assert_eq!((&failure["seed"], &done["solved"]), (&5.into(), &0.into()));
+    assert!(!failure["phase"].as_str().unwrap().is_empty());
+    let command = failure["command"].as_str().unwrap().strip_prefix("rubik-robot ").unwrap();
+    let words: Vec<&str> = command.split(' ').chain(["--json"]).collect();
+    let again = robot(&words);
+    assert_ne!(again.status.code(), Some(0));
+    let again: Value = serde_json::from_str(text(&again.stdout).lines().last().unwrap()).unwrap();
+    assert_eq!(again["reason"], failure["reason"]);
+    assert!(std::fs::read_to_string(page.path()).unwrap().contains(command));
+}
+
+#[test]
+fn a_campaign_that_was_cut_off_goes_on_where_it_was() {
+    let (state, other) = (Place::new("cut.jsonl"), Place::new("other.jsonl"));
+    let run = ["--runs", "4", "--state", state.path()];
+    let whole = object(&idle(&run), 0);
+    let text_of = std::fs::read_to_string(state.path()).unwrap();
+    assert_eq!(text_of.lines().count(), 5);
+
+    // In the middle of the third result.
+    let third = text_of.match_indices('\n').nth(2).unwrap().0;
+    std::fs::write(state.path(), &text_of[..third + 40]).unwrap();
+    let out = idle(&run);
+
+    assert_eq!(object(&out, 0), whole);
+    let told = text(&out.stderr);
+    assert!(told.contains("going on behind 2 of 4 runs; its last line was cut off"), "{told}");
+    assert!(told.contains("campaign: 2 runs"), "{told}");
+    assert_eq!(std::fs::read_to_string(state.path()).unwrap().lines().count(), 5);
+    // A complete one has nothing to do, under its other name, too.
+    assert_eq!(object(&idle(&["--runs", "4", "--resume", state.path()]), 0), whole);
+
+    // Another campaign does not go into the same file, and what is none is left alone.
+    let wrong = idle(&["--runs", "4", "--seed", "2", "--state", state.path()]);
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(text(&wrong.stderr).contains("differ in first seeds"), "{}", text(&wrong.stderr));
+    std::fs::write(other.path(), "my notes\n").unwrap();
+    assert_eq!(idle(&["--runs", "4", "--state", other.path()]).status.code(), Some(2));
+    assert_eq!(std::fs::read_to_string(other.path()).unwrap(), "my notes\n");
+}
+
+#[test]
+fn shards_merged_are_the_whole() {
+    let vary = Place::with(
+        "vary.toml",
+        "idle.time_s = { uniform = [0.5, 1.5] }\nplant.cube_kind = { one_of = [\"2007\", \"dry\"] }\n",
+    );
+    let run = ["campaign", "scenarios/idle.toml", "--json", "--runs", "5", "--vary", vary.path()];
+    let whole = object(&robot(&run), 0);
+    let parts = ["1/2", "2/2"].map(|shard| {
+        let place = Place::new(&format!("shard{}.jsonl", &shard[..1]));
+        let part = [&run[..], &["--shard", shard, "--state", place.path()]].concat();
+        assert_eq!(robot(&part).status.code(), Some(0));
+        place
+    });
+
+    let merged = robot(&["campaign", "merge", parts[1].path(), parts[0].path(), "--json"]);
+
+    assert_eq!(object(&merged, 0), whole);
+    let times = &whole["sim_time_s"];
+    assert!(times["min"].as_f64().unwrap() < times["max"].as_f64().unwrap(), "nothing was drawn");
+    // One shard is not the whole, and does not pass for it.
+    let half = robot(&["campaign", "merge", parts[0].path(), "--at-least", "0.9"]);
+    assert_eq!(half.status.code(), Some(0), "a shard alone is whole by itself");
+    assert!(text(&half.stdout).contains("3 of 3"), "{}", text(&half.stdout));
+}
+
+#[test]
+fn a_run_that_takes_too_long_is_a_failure_and_not_the_end() {
+    let endless = ["campaign", "scenarios/idle.toml", "--set", "pace=real-time"];
+    let limits = ["--set", "idle.time_s=3600", "--runs", "2", "--limit-s", "2", "--json"];
+    let out = robot(&[&endless[..], &limits].concat());
+
+    let done = object(&out, 0);
+    assert_eq!((&done["runs"], &done["solved"]), (&2.into(), &0.into()));
+    assert_eq!(done["failures"][0]["reason"], "no end within 2 s");
+    assert_eq!(done["failures"][1]["phase"], "idle");
+    assert_eq!(done["sim_time_s"]["max"], Value::Null);
+}
+
+#[test]
+fn what_cannot_be_performed_is_told_before_the_first_run() {
+    let vary = Place::with("wrong.toml", "control.gripp_n = { uniform = [20, 30] }\n");
+    let range = Place::with("range.toml", "idle.time_s = { uniform = [-5, -1] }\n");
+    for (args, reason) in [
+        (&["campaign", "scenarios/idle.toml"][..], "--runs"),
+        (&["campaign", "--runs", "3"], "SCENARIO"),
+        (&["campaign", "scenarios/nosuch.toml", "--runs", "3"], "no such file"),
+        (&["campaign", "scenarios/idle.toml", "--runs", "0"], "0"),
+        (&["campaign", "scenarios/idle.toml", "--runs", "3", "--shard", "4/3"], "4/3 is no shard"),
+        (&["campaign", "scenarios/idle.toml", "--runs", "3", "--at-least", "99"], "99 is no share"),
+        (&["campaign", "scenarios/idle.toml", "--runs", "3", "--vary", vary.path()], "grip_n"),
+        (
+            &["campaign", "scenarios/idle.toml", "--runs", "3", "--vary", range.path()],
+            "seed 1 draws",
+        ),
+        (&["campaign", "scenarios/hardware.toml", "--runs", "3"], "simulated plant"),
+        (&["campaign", "merge"], "FILES"),
+        (&["campaign", "merge", "scenarios/idle.toml"], "no campaign's state"),
+        (&["campaign", "scenarios/idle.toml", "--soak=-1"], "hours"),
+        (&["benchmark"], "--mission"),
+        (&["benchmark", "--tier", "5"], "is no tier"),
+        (&["benchmark", "--tier", "1-1", "--scenario", "scenarios/face_turn.toml"], "\"solve\""),
+        (&["benchmark", "--tier", "1-1", "--clearance-mm", "9000"], "less than 9000 mm"),
+    ] {
+        let out = robot(args);
+        let told = text(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{args:?}: {told}");
+        assert!(told.contains(reason), "{args:?}: no `{reason}` in\n{told}");
+        assert_eq!(text(&out.stdout), "", "{args:?}");
+    }
+}
+
+#[test]
+fn what_is_drawn_in_the_shipped_files_is_right_for_a_mission() {
+    for file in std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/vary")).unwrap() {
+        let path = file.unwrap().path();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let vary = rubik_robot::campaign::vary::Vary::read(&path, &text).unwrap();
+        let scenario = include_str!("../scenarios/solve.toml");
+        for seed in 0..50 {
+            let overrides: Vec<_> = vary
+                .draw(seed)
+                .iter()
+                .map(|d| rubik_robot::scenario::Override::parse(&d.option()).unwrap())
+                .collect();
+            let read = rubik_robot::scenario::read("solve.toml".as_ref(), scenario, &overrides);
+            assert!(read.is_ok(), "{}", read.unwrap_err());
+        }
+    }
+}
+
+#[test]
+fn a_soak_tells_memory_and_drift_at_each_tenth() {
+    let out = idle(&["--soak", "0.01"]);
+
+    let done = object(&out, 0);
+    assert_eq!(done["tenths"].as_array().unwrap().len(), 10);
+    assert_eq!((&done["steady"], &done["drift_s"]), (&true.into(), &0.0.into()));
+    assert_eq!((&done["runs"], &done["repeated"]), (&36.into(), &32.into()));
+    assert!(done["tenths"][9]["resident_mib"].as_f64().unwrap() > 1.0);
+}
