@@ -244,6 +244,24 @@ fn a_paused_hand_over_is_resumed_and_done() {
     assert!(before.elapsed() > pause);
 }
 
+/// The plant undoes a turn, or lets the cube fall: the mission sees it, and begins anew.
+#[test]
+fn a_turn_that_did_not_happen_is_seen_before_the_cube_is_handed_back() {
+    let summary = run("faults/solve_turn_undone.toml", &["seed=1"]);
+
+    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert_eq!(summary.recoveries, 1);
+    assert_eq!(summary.drops, Some(0));
+}
+
+#[test]
+fn a_cube_that_fell_is_taken_once_more_and_solved() {
+    let summary = run("faults/solve_drop.toml", &["seed=1"]);
+
+    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert_eq!((summary.recoveries, summary.drops), (1, Some(1)));
+}
+
 #[test]
 fn an_end_of_input_leaves_no_trace() {
     let hash = |more: &[&str]| {
