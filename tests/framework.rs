@@ -135,6 +135,8 @@ fn mp(
         clock,
         work: Work(Pace::Virtual),
         tape,
+        journal: None,
+        guard: None,
     })
 }
 

@@ -33,4 +33,4 @@ pub mod work;
 mod world;
 
 pub use build::planner;
-pub use supervisor::{Around, Judge, RunOptions, run, run_at, run_with};
+pub use supervisor::{Around, Judge, Keep, RunOptions, run, run_at, run_with};

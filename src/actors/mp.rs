@@ -16,8 +16,12 @@ use super::witness::Turning;
 use super::work::Work;
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
-use crate::motion::{AXES, ArmState, Motion as Way, MotorPositions, MoveCommand, PERIOD};
+use crate::motion::{
+    AXES, ArmState, Motion as Way, MotorPositions, MoveCommand, PERIOD, Synchronisation,
+};
 use crate::operator::{Answer, Manual, Question};
+use crate::reach::guard::{Guard, Near};
+use crate::record::journal::Journal;
 use crate::record::recorder::Entry;
 use crate::record::tape::Tape;
 use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
@@ -66,6 +70,10 @@ pub struct Parts {
     pub work: Work,
     /// Where messages are noted.
     pub tape: Tape,
+    /// What another run must know to go on.
+    pub journal: Option<Journal>,
+    /// Refuses ways on which the arms would come too near to something.
+    pub guard: Option<Guard>,
 }
 
 /// How a run ended, as MP knows it.
@@ -131,6 +139,20 @@ impl Mp {
         self.parts.forces.as_ref().map(|f| *f.borrow()).unwrap_or_default()
     }
 
+    /// Whether the ways of joints that are asked for are free, as far as the believed cell tells.
+    fn guarded(&self, orders: &[Option<Behaviour>; 2]) -> Result<(), Near> {
+        let (Some(guard), [first, second]) = (&self.parts.guard, self.arms.as_slice()) else {
+            return Ok(());
+        };
+        let from = [&first.desired_joints, &second.desired_joints];
+        let target = |i: usize| match &orders[i] {
+            Some(Behaviour::Joints { target, .. }) => target,
+            _ => from[i],
+        };
+        let known = [first, second].iter().all(|a| a.synchronisation == Synchronisation::Yes);
+        if known { guard.way(from, [target(0), target(1)]) } else { Ok(()) }
+    }
+
     fn now(&self) -> f64 {
         self.parts.clock.period() as f64 * PERIOD
     }
@@ -181,6 +203,14 @@ impl Mp {
             self.parts.tape.message("mp", "kernel", &(&event, &forces));
             let action = task.next(event, &Readings { arms: &self.arms, forces });
             self.parts.tape.message("kernel", "mp", &action);
+            if let (Some(journal), Some(entry)) = (&mut self.parts.journal, task.entry())
+                && let Err(why) = journal.write(&entry)
+            {
+                self.parts.journal = None;
+                let note =
+                    format!("the journal cannot be written ({why}): nobody can resume this run");
+                self.parts.ui.tell(Notice::Note(self.now(), note));
+            }
             for note in task.notes() {
                 self.parts.ui.tell(Notice::Note(self.now(), note));
             }
@@ -202,6 +232,13 @@ impl Mp {
                     Event::Done
                 }
                 Action::Behave { orders, until } => {
+                    if let Err(near) = self.guarded(&orders) {
+                        let cause = NonFatal::Arguments(near.to_string());
+                        let error =
+                            Error::NonFatal { actor: "mp".into(), place: "guard a way", cause };
+                        event = self.trouble(error).await?;
+                        continue;
+                    }
                     if let Some(board) = self.parts.ui.board() {
                         board.ordered(&orders);
                     }

@@ -184,6 +184,7 @@ fn config(
         release_load: h.release,
         release_time: h.release_time,
         return_after: h.return_after,
+        picks_up_after: h.picks_up_after,
         return_solved_only: h.return_solved_only,
         pull: h.pull,
     };

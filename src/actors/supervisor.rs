@@ -26,10 +26,13 @@ use crate::error::{Error, Fatal, System};
 use crate::generators::Behaviour;
 use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches, WallEnd};
 use crate::hw::note::{self, Note};
+use crate::hw::plant::saved::{Saved, Unfit};
 use crate::hw::plant::{Plant, Verdict};
-use crate::motion::PERIOD;
+use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::operator::OutcomeView;
+use crate::reach::guard::Guard;
 use crate::reach::{MeetingTable, ReachSettings};
+use crate::record::journal::Journal;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Entry, Recorder};
 use crate::record::summary::{EndedBy, Outcome, Phase, SensorPeak, Summary};
@@ -43,7 +46,8 @@ use crate::tasks::cube::hold::Hand;
 use crate::tasks::cube::mission::{Goal, Mission, MissionLog};
 use crate::tasks::idle::Idle;
 use crate::tasks::panel::Panel;
-use crate::tasks::{Effort, Forces};
+use crate::tasks::{self, Effort, Forces};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -99,8 +103,21 @@ pub struct Around {
     pub recorder: Recorder,
     /// A recording in place of the plant, the sensors and the operator, and whether an operator was there.
     pub playback: Option<(Playback, bool)>,
+    /// Files that outlive a run.
+    pub keep: Keep,
     /// Sees the plant after each period, under virtual time; whoever judges a run, and nobody in it.
     pub judge: Option<Judge>,
+}
+
+/// Files that outlive a run.
+#[derive(Debug, Clone, Default)]
+pub struct Keep {
+    /// Where the simulated plant keeps its state; the controller does not know it.
+    pub world: Option<PathBuf>,
+    /// What another run must know to go on.
+    pub journal: Option<PathBuf>,
+    /// Go on where the run that left them was broken off.
+    pub resume: bool,
 }
 
 /// Somebody who sees the plant after each period, with its number.
@@ -129,7 +146,7 @@ pub fn run_with(
     options: RunOptions,
     around: Around,
 ) -> Result<Summary, Error> {
-    let Around { behind, recorder, playback, judge } = around;
+    let Around { behind, recorder, playback, keep: files, judge } = around;
     let begun = Instant::now();
     let initial = if options.wait { Control::Waiting } else { Control::Running };
     let control = Arc::new(watch::channel(initial).0);
@@ -158,8 +175,18 @@ pub fn run_with(
         noted = notes;
         (world, cameras)
     } else {
-        World::of_plant(scenario, plan.plant(scenario)?, &control, &troubles)?
+        let mut plant = plan.plant(scenario)?;
+        if let (Some(path), true) = (&files.world, files.resume) {
+            let failed = |why: Unfit| not_created("plant", &format!("{}: {why}", path.display()));
+            match Saved::read(path).map_err(failed)? {
+                Some(saved) => plant = plant.restored(saved, scenario.seed).map_err(failed)?,
+                None => tracing::warn!("{}: not there, so nothing had begun", path.display()),
+            }
+        }
+        let (world, cameras) = World::of_plant(scenario, plant, &control, &troubles)?;
+        (world.keeping(files.world.as_deref(), scenario.seed), cameras)
     };
+    let journal = Logbook::of(&files)?;
     // From here on the controller: the world has its truth.
     let scenario = &*super::calibrate::believed(scenario);
     let mut builder = tokio::runtime::Builder::new_current_thread();
@@ -174,6 +201,7 @@ pub fn run_with(
         recorder: recorder.clone(),
         playback,
         tape,
+        journal,
         judge,
         troubles,
     };
@@ -211,8 +239,31 @@ struct Attendance {
     recorder: Recorder,
     playback: Option<Playback>,
     tape: Tape,
+    journal: Logbook,
     judge: Option<Judge>,
     troubles: Troubles,
+}
+
+/// A run's journal, and what another run noted last.
+#[derive(Default)]
+struct Logbook {
+    journal: Option<Journal>,
+    /// Of a run that goes on.
+    last: Option<Option<tasks::Entry>>,
+}
+
+impl Logbook {
+    fn of(files: &Keep) -> Result<Self, Error> {
+        let Some(path) = &files.journal else { return Ok(Self::default()) };
+        let failed = |why: String| not_created("journal", &format!("{}: {why}", path.display()));
+        let last = files
+            .resume
+            .then(|| Journal::last(path))
+            .transpose()
+            .map_err(|why| failed(why.to_string()))?;
+        let journal = Journal::open(path, files.resume).map_err(|why| failed(why.to_string()))?;
+        Ok(Self { journal: Some(journal), last })
+    }
 }
 
 fn create_ui(
@@ -417,7 +468,9 @@ async fn perform(
         .map(|verdict| Facelets::try_from(verdict.facelets))
         .transpose()
         .map_err(|e| not_created("plant", &e.to_string()))?;
-    let Attendance { ui, mut emergency, mut words, tempo, recorder, playback, tape, .. } = desk;
+    let Attendance {
+        ui, mut emergency, mut words, tempo, recorder, playback, tape, journal, ..
+    } = desk;
     let (mut judge, troubles) = (desk.judge, desk.troubles);
     let by_hand = goal.is_none() && words.is_some();
     // Before the start there is no time: a run does not depend on when it was started.
@@ -581,6 +634,11 @@ async fn perform(
             edp::spawn_under(&arm.name, link, clock, tape.clone(), &care(troubles.edps.get(i)))
         })
         .collect();
+    if let Some(guard) = Guard::of(&config.cell) {
+        let states = edps.iter().map(edp::EdpHandle::watch).collect();
+        let watching = watch_over(guard, states, Arc::clone(&switches), ui.clone(), clock);
+        alarm.spawn("guard", watching);
+    }
     // By hand, the operator decides when an arm is synchronised.
     let blind: Vec<usize> = (0..edps.len()).filter(|&i| !synchronised[i] && !by_hand).collect();
     for &i in &blind {
@@ -674,6 +732,9 @@ async fn perform(
         None => Kernel::Idle(Idle::new(config.idle.time)),
         Some(goal) => {
             let mut mission = cube_kernel(config, goal, plan.meetings, plan.face_turn)?;
+            if let Some(last) = journal.last {
+                mission = mission.resumed(last);
+            }
             mission.patience = words.is_some().then_some(PATIENCE);
             Kernel::Cube(Box::new(mission))
         }
@@ -696,6 +757,8 @@ async fn perform(
         clock,
         work,
         tape: tape.clone(),
+        journal: journal.journal,
+        guard: Guard::of(&config.cell),
     })
     .heeding(&care(Some(&troubles.mp)));
     let span = tracing::info_span!("mp");
@@ -776,6 +839,34 @@ async fn survived(
     }
 }
 
+/// Stops both arms where they come too near to something, whatever brings them there.
+async fn watch_over(
+    guard: Guard,
+    states: Vec<watch::Receiver<ArmState>>,
+    switches: Arc<Switches>,
+    ui: ui::UiHandle,
+    clock: Clock,
+) {
+    let sound = |guard: &Guard| {
+        let [first, second] = [0, 1].map(|i: usize| *states[i].borrow());
+        let known = [first, second].iter().all(|a| a.synchronisation == Synchronisation::Yes);
+        if known { guard.place([&first.desired_joints, &second.desired_joints]) } else { Ok(()) }
+    };
+    // Who is put too near at the beginning may be led out of there.
+    while sound(&guard).is_err() {
+        tokio::time::sleep(HEART_BEAT).await;
+    }
+    loop {
+        if let Err(near) = sound(&guard) {
+            let now = clock.period() as f64 * PERIOD;
+            ui.tell(ui::Notice::Note(now, format!("{near}: both arms are stopped")));
+            switches.emergency.store(true, Ordering::Release);
+            return;
+        }
+        tokio::time::sleep(HEART_BEAT).await;
+    }
+}
+
 fn periods(seconds: f64) -> u64 {
     (seconds / PERIOD).round().max(1.0) as u64
 }
@@ -846,6 +937,7 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
         executed: format_turns(&done.task.executed),
         turns: done.task.executed.len() as u32,
         grasps: done.task.grasps,
+        recoveries: done.task.recoveries,
         sim_time_s: ending.end,
         wall_time_s,
         peak_force_n: verdict.map(|v| v.peak_force),

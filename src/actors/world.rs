@@ -25,6 +25,7 @@ use crate::scenario::keys::BridgeKind;
 use crate::scenario::{CameraSource, ControllerConfig, Scenario};
 use crate::servo::io::{ArmDrive, ArmReading};
 use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tokio::sync::watch;
 
@@ -33,6 +34,8 @@ pub(super) struct World {
     kind: Kind,
     /// Told to end the run when the port fails.
     control: Arc<watch::Sender<Control>>,
+    /// Where the plant keeps its state, and its seed.
+    kept: Option<(PathBuf, u64)>,
     /// What is made to go wrong beside the plant, and where that shows.
     disturbances: Vec<Disturbance>,
     troubles: Troubles,
@@ -42,6 +45,9 @@ pub(super) struct World {
     ahead: u64,
     held_up: HeldUp,
 }
+
+/// A plant keeps its state so often [servo periods].
+const KEPT_EVERY: u64 = 50;
 
 enum Kind {
     Plant { plant: Plants, scenes: Vec<triple_buffer::Input<Scene>> },
@@ -144,6 +150,7 @@ impl World {
             misread: Vec::new(),
             ahead: 0,
             held_up: HeldUp::default(),
+            kept: None,
         }
     }
 
@@ -217,6 +224,23 @@ impl World {
         let nothing = |_: &CameraSource| Some(Box::new(Nothing) as Box<dyn FrameSource>);
         let cameras = scenario.controller.cameras.iter().map(nothing).collect();
         (Self::around(Kind::Recording(playback), control), cameras)
+    }
+
+    /// A plant that keeps its state in a file, from now on and every tenth of a second.
+    pub(super) fn keeping(mut self, path: Option<&Path>, seed: u64) -> Self {
+        self.kept = path.map(|path| (path.to_owned(), seed));
+        self.keep();
+        self
+    }
+
+    fn keep(&mut self) {
+        let (Some((path, seed)), Kind::Plant { plant, .. }) = (&self.kept, &self.kind) else {
+            return;
+        };
+        if let Err(why) = plant.plant().saved(*seed).write(path) {
+            tracing::error!("{}: the plant cannot keep its state: {why}", path.display());
+            self.kept = None;
+        }
     }
 
     /// What there is to be seen, where that is known.
@@ -299,6 +323,9 @@ impl Port for World {
             Kind::Bridge(port) => port.exchange(period, drives, readings),
             Kind::Recording(playback) => playback.exchange(period, drives, readings),
         };
+        if self.kept.is_some() && period.is_multiple_of(KEPT_EVERY) {
+            self.keep();
+        }
         if let (Err(fault), Kind::Bridge(_)) = (&done, &self.kind) {
             // The operator learns it now; the task would only learn it when it asks an arm for something.
             tracing::error!("bridge lost: {fault}; power is off, brakes are on");

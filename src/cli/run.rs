@@ -3,12 +3,12 @@
 use super::face::{Face, FaceArgs};
 use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain, record};
-use crate::actors::{self, Around, RunOptions};
+use crate::actors::{self, Around, Keep, RunOptions};
 use crate::desk::desk;
 use crate::error::Error;
 use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
-use crate::scenario::keys::Pace;
+use crate::scenario::keys::{Pace, Task};
 use crate::scenario::{Override, Scenario};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -25,6 +25,7 @@ Examples:
   rubik-robot run scenarios/solve.toml --ui web --wait --speed 5           watch it in a browser
   rubik-robot run scenarios/idle.toml --ui web        move an arm by hand
   rubik-robot run scenarios/solve.toml --json | tail -1
+  rubik-robot run scenarios/solve.toml --world cell.json      cut it off, then the same with --resume
   rubik-robot run scenarios/solve.toml --record run.mcap      then: report run.mcap, replay run.mcap
 
 Progress goes to stderr, the summary to stdout. With --json the last line of stdout is one object.
@@ -48,6 +49,15 @@ pub(super) struct RunArgs {
     /// Keep the run in an MCAP file, which ROS 2 tools, rerun and `rubik-robot replay` read
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// Note in this file what a run that goes on after a crash must know [with --world: beside that]
+    #[arg(long, value_name = "FILE")]
+    journal: Option<PathBuf>,
+    /// The simulated plant keeps its state in this file, as a real cell stays where it is
+    #[arg(long, value_name = "FILE")]
+    world: Option<PathBuf>,
+    /// Go on where the run that left --journal (and --world) was broken off
+    #[arg(long)]
+    resume: bool,
     /// Wait for the operator's start (the page's button; s, Enter)
     #[arg(long)]
     wait: bool,
@@ -100,6 +110,13 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         complain("--speed: a factor such as 5, or 0 for as fast as it computes");
         return Ok(WRONG);
     }
+    let keep = match keep(args, &scenario) {
+        Ok(keep) => keep,
+        Err(reason) => {
+            complain(reason);
+            return Ok(WRONG);
+        }
+    };
     let word = args.face.word(args.json);
     let (desk, behind) = desk();
     let face = args.face.open(word, desk)?;
@@ -127,7 +144,8 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         }
     };
     let behind_run = shown.then(|| behind.clone());
-    let around = Around { behind: behind_run, recorder: recorder.clone(), ..Around::default() };
+    let around =
+        Around { behind: behind_run, recorder: recorder.clone(), keep, ..Around::default() };
     let done = actors::run_with(&scenario, options, around);
     if let (Some(written), Some(path)) = (recorder.finish(), &args.record) {
         complain(&record::told(path, &written));
@@ -138,6 +156,31 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         face.linger(&behind)?;
     }
     Ok(code)
+}
+
+/// The files that outlive the run, or why they cannot be.
+fn keep(args: &RunArgs, scenario: &Scenario) -> Result<Keep, &'static str> {
+    if args.world.is_some() && scenario.bridge.kind.is_hardware() {
+        return Err(
+            "--world: hardware keeps its state itself; only a simulated plant needs a file",
+        );
+    }
+    let beside = |world: &PathBuf| {
+        let mut path = world.clone().into_os_string();
+        path.push(".journal");
+        PathBuf::from(path)
+    };
+    let journal = args.journal.clone().or_else(|| args.world.as_ref().map(beside));
+    if args.resume && journal.is_none() {
+        return Err("--resume: name the --journal of the run that was broken off");
+    }
+    if args.resume && args.world.is_none() && !scenario.bridge.kind.is_hardware() {
+        return Err("--resume: name the --world of the run that was broken off, too");
+    }
+    if args.resume && scenario.controller.task != Task::Solve {
+        return Err("--resume: only the task solve can go on");
+    }
+    Ok(Keep { world: args.world.clone(), journal, resume: args.resume })
 }
 
 /// Says what a run came to; returns the exit code.

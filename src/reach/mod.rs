@@ -8,6 +8,7 @@
 
 mod bodies;
 mod example;
+pub mod guard;
 mod search;
 mod stance;
 mod ways;

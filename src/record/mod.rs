@@ -7,6 +7,7 @@
 pub mod belief;
 pub mod cdr;
 pub mod file;
+pub mod journal;
 pub mod playback;
 pub mod reading;
 pub mod recorder;

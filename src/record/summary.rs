@@ -90,6 +90,9 @@ pub struct Summary {
     pub turns: u32,
     /// Jaw closings on the cube between identification and hand-back.
     pub grasps: u32,
+    /// How often the cube was read and planned anew after something had gone wrong.
+    #[serde(default)]
+    pub recoveries: u32,
     /// Simulated time [s].
     pub sim_time_s: f64,
     /// Time by the wall clock [s].
@@ -146,6 +149,7 @@ impl Summary {
             executed: String::new(),
             turns: 0,
             grasps: 0,
+            recoveries: 0,
             sim_time_s: 0.0,
             wall_time_s: 0.0,
             peak_force_n: none.map(f64::from),
@@ -209,6 +213,7 @@ impl Summary {
         t.push('\n');
         row(&mut t, "turns", &self.turns.to_string());
         row(&mut t, "grasps", &self.grasps.to_string());
+        row(&mut t, "begun anew", &self.recoveries.to_string());
         row(
             &mut t,
             "peak while both hold",
@@ -297,6 +302,7 @@ mod tests {
             executed: "R U2 F'".into(),
             turns: 3,
             grasps: 4,
+            recoveries: 1,
             sim_time_s: 100.0,
             wall_time_s: 2.0,
             peak_force_n: Some(f64::NAN),

@@ -152,6 +152,8 @@ section! {
         release_time [s]: f64 = 2.0, 0.0..=60.0;
         /// It comes back for the cube when this has passed since it let go.
         return_after [s]: f64 = 20.0, 0.0..=3600.0;
+        /// A cube that fell is picked up after this time and held out again; 3600 for never.
+        picks_up_after [s]: f64 = 5.0, 0.0..=3600.0;
         /// It comes back for a solved cube only.
         return_solved_only: bool = false;
         /// Pull on the cube when it takes it back.

@@ -10,11 +10,12 @@ pub mod panel;
 
 use crate::cube::{Face, Facelets};
 use crate::generators::{Behaviour, Outcome};
-use crate::motion::ArmState;
+use crate::motion::{ArmState, Depth, JointPositions};
 use crate::operator::{Answer, Manual, Net, PlanLine, Question};
 use crate::spatial::Pose;
 use crate::vision::sensor::FaceReading;
 use nalgebra::UnitQuaternion;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// A kernel of MP.
@@ -41,8 +42,30 @@ pub trait Task: Send {
         None
     }
 
+    /// What must be durable before the action that was just asked for is carried out, so that another run can go on.
+    fn entry(&self) -> Option<Entry> {
+        None
+    }
+
     /// Does the long work. A pure function of its argument.
     fn think(thought: Self::Thought) -> (Self::Conclusion, Effort);
+}
+
+/// What a run must know that goes on where another was broken off.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Entry {
+    /// What is about to be done, in words.
+    pub doing: String,
+    /// How deep each hand reaches over the cube that it holds, as believed.
+    pub held: [Option<Depth>; 2],
+    /// Where the track stood when it had taken the cube from the operator.
+    pub hand_over: Option<JointPositions>,
+    /// Where the track's tool closed on the cube in the operator's hand, in its base [m].
+    pub taken_at: Option<[f64; 3]>,
+    /// The operator has been offered the cube.
+    pub handing_back: bool,
+    /// Nothing is left to be done.
+    pub over: bool,
 }
 
 /// What MP knows of the cell when a kernel decides.

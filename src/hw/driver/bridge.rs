@@ -143,7 +143,7 @@ impl BridgePort {
     /// Periods for which a counter is taken to go on as before while readings are late. An axis that stands still
     /// for a period and then goes twice as far would make its regulator brake fully in between, which trips a power
     /// stage at speed.
-    const GOES_ON: u64 = 3;
+    const GOES_ON: u64 = 10;
 
     /// At the beginning of period `period`: copies the latest readings, those of the period before; late ones are
     /// carried on by the counters' last steps.

@@ -72,6 +72,7 @@ impl Plant {
             grippers: self.grasps.iter().filter(|g| g.holds()).count(),
             load: self.balance.touches.iter().map(|t| t.force.norm()).fold(0.0, f64::max),
             solved: self.looks_solved(),
+            fallen: matches!(self.state, State::Tray { .. }),
         };
         let t = self.time();
         self.hand.decide(t, &sight);
@@ -79,6 +80,8 @@ impl Plant {
         if has != self.operator_has {
             self.operator_has = has;
             if has {
+                // It may have picked the cube up.
+                self.state = State::Held;
                 self.balance.hand_comes(&self.core);
             }
             self.record(Incident::Operator { has_cube: has });

@@ -11,6 +11,7 @@ use super::config::ArmDynamics;
 use super::dynamics::{Placement, Screw};
 use super::encoder::Encoder;
 use super::frame::{Frame, solve};
+use super::saved::SavedArm;
 use crate::cell::Arm;
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions, MotorPositions};
@@ -134,6 +135,29 @@ impl PlantArm {
         this.place();
         this.begin_period();
         this
+    }
+
+    /// What is kept of it.
+    pub(super) fn saved(&self) -> SavedArm {
+        SavedArm {
+            joints: self.q,
+            motors: self.m,
+            bristles: self.bristles,
+            counterbalance: self.counterbalance,
+            encoders: self.encoders.to_vec(),
+        }
+    }
+
+    /// At rest where it was kept; `saved` has an encoder an axis.
+    pub(super) fn restore(&mut self, saved: SavedArm) {
+        (self.q, self.m) = (saved.joints, saved.motors);
+        (self.bristles, self.counterbalance) = (saved.bristles, saved.counterbalance);
+        (self.v, self.vm) = ([0.0; AXES], [0.0; AXES]);
+        for (encoder, kept) in self.encoders.iter_mut().zip(saved.encoders) {
+            *encoder = kept;
+        }
+        self.place();
+        self.begin_period();
     }
 
     /// Recomputes the frames from `q`.

@@ -40,7 +40,7 @@ pub(super) struct HandHold {
 }
 
 /// Two bodies: which axis turns between them, and which layers each has.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Split {
     pub(super) axis: usize,
     pub(super) layers: [Layers; 2],
@@ -104,6 +104,11 @@ impl Balance {
             hand_before: world_from_cube,
             tools_before: None,
         }
+    }
+
+    /// At rest with bodies that were kept.
+    pub(super) fn restore(&mut self, nodes: [Frame; 2], split: Option<Split>) {
+        *self = Self { nodes, split, ..Self::new(nodes[0], self.edge) };
     }
 
     /// The middle layer's frame in the world.

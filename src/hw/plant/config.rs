@@ -355,6 +355,8 @@ pub struct HandScript {
     pub release_time: f64,
     /// It comes back for the cube when this has passed since it let go [s], ...
     pub return_after: f64,
+    /// Time after which it picks up a cube that fell, to hold it out again [s].
+    pub picks_up_after: f64,
     /// ... and, when true, only for a solved cube (a person sees that); either way the cube must have left
     /// the zone meanwhile, be held by one gripper, and be nearly still in the zone for 1 s.
     pub return_solved_only: bool,
@@ -382,6 +384,7 @@ impl Default for HandScript {
             release_load: 8.0,
             release_time: 2.0,
             return_after: 20.0,
+            picks_up_after: 5.0,
             return_solved_only: false,
             pull: 6.0,
         }

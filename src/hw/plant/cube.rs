@@ -52,6 +52,11 @@ impl Puzzle {
         &self.stickers
     }
 
+    /// Stickers and layers that were kept.
+    pub(super) fn restore(&mut self, stickers: [u8; 54], angles: [[f64; 2]; 3]) {
+        (self.stickers, self.angles) = (stickers, angles);
+    }
+
     /// The axis that is farthest from aligned.
     pub(super) fn turned_axis(&self) -> usize {
         let off = |a: usize| self.angles[a][0].abs().max(self.angles[a][1].abs());

@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 /// Where the cam ends [rad of the motor].
 const EDGE: f64 = -0.5 * TAU;
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub(super) struct Encoder {
     increments: f64,
     /// True count where the counter is zero.

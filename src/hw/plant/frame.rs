@@ -8,7 +8,7 @@ use crate::spatial::Pose;
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// A rigid transform `to_from`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Frame {
     /// Rotation.
     pub(super) r: Matrix3<f64>,

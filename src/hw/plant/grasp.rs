@@ -31,7 +31,7 @@ const LOST: (f64, f64) = (5e-3, 0.349);
 const SETTLING: f64 = 0.02;
 
 /// State of a gripper's grasp.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(super) struct Grasp {
     /// Both pads are on the cube.
     pub(super) attached: bool,

@@ -31,7 +31,7 @@ const LOAD_TIME: f64 = 0.3;
 const AWAY: f64 = 2.0;
 
 /// What it is doing.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 enum Phase {
     /// Waits outside with the cube.
     Outside,
@@ -64,6 +64,17 @@ pub(super) struct Sight {
     /// Greatest force of a gripper on it [N].
     pub(super) load: f64,
     pub(super) solved: bool,
+    /// It lies on the tray.
+    pub(super) fallen: bool,
+}
+
+/// What is kept of a hand; times count from the moment at which it was kept [s].
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
+pub(super) struct Saved {
+    phase: Phase,
+    withdrawals_left: u32,
+    let_go_at: f64,
+    cube_left_zone: bool,
 }
 
 #[derive(Debug, Clone)]
@@ -79,6 +90,7 @@ pub(super) struct OperatorHand {
     closed_since: Option<f64>,
     loaded_since: Option<f64>,
     still_since: Option<f64>,
+    fallen_since: Option<f64>,
     let_go_at: f64,
     cube_left_zone: bool,
     /// Offset of the hand from the cube's centre, in the world [m].
@@ -136,10 +148,39 @@ impl OperatorHand {
             closed_since: None,
             loaded_since: None,
             still_since: None,
+            fallen_since: None,
             let_go_at: 0.0,
             cube_left_zone: false,
             grip: zone_frame.r * Vector3::new(0.5 * edge, 0.0, 0.0),
         }
+    }
+
+    /// What is kept of it at `t`.
+    pub(super) fn saved(&self, t: f64) -> Saved {
+        let mut phase = self.phase;
+        match &mut phase {
+            Phase::Bringing { since }
+            | Phase::DrawingBack { since }
+            | Phase::Leaving { since, .. }
+            | Phase::Coming { since, .. }
+            | Phase::Taking { since, .. }
+            | Phase::Carrying { since, .. } => *since -= t,
+            Phase::Outside | Phase::Gone | Phase::Done => {}
+        }
+        Saved {
+            phase,
+            withdrawals_left: self.withdrawals_left,
+            let_go_at: self.let_go_at - t,
+            cube_left_zone: self.cube_left_zone,
+        }
+    }
+
+    /// Goes on at time 0 with what was kept.
+    pub(super) fn restore(&mut self, saved: Saved) {
+        self.phase = saved.phase;
+        self.withdrawals_left = saved.withdrawals_left;
+        self.let_go_at = saved.let_go_at;
+        self.cube_left_zone = saved.cube_left_zone;
     }
 
     /// A hand that has nothing to do until the cube is handed back.
@@ -226,6 +267,7 @@ impl OperatorHand {
         let closed = since(&mut self.closed_since, sight.grippers > 0);
         let loaded = since(&mut self.loaded_since, sight.load > s.release_load);
         let still = since(&mut self.still_since, sight.speed < STILL.0);
+        let fallen = since(&mut self.fallen_since, sight.fallen);
         match self.phase {
             Phase::Outside if t >= s.appears => self.phase = Phase::Bringing { since: s.appears },
             Phase::Bringing { since } | Phase::DrawingBack { since } => {
@@ -245,6 +287,10 @@ impl OperatorHand {
                 }
             }
             Phase::Leaving { since, .. } if t > since + EMPTY_TRIP => self.phase = Phase::Gone,
+            Phase::Gone if fallen >= s.picks_up_after => {
+                self.cube_left_zone = false;
+                self.phase = Phase::Bringing { since: t };
+            }
             Phase::Gone => {
                 let inside = self.in_zone(&sight.cube);
                 self.cube_left_zone |= !inside;
@@ -320,7 +366,14 @@ mod tests {
             let script = HandScript::default();
             let mut hand = OperatorHand::new(&script, &zone, 0.057, &mut rng);
             let cube = |hand: &OperatorHand, t: f64| hand.hold(t).unwrap();
-            let sight = |cube| Sight { cube, speed: 0.0, grippers: 0, load: 0.0, solved: false };
+            let sight = |cube| Sight {
+                cube,
+                speed: 0.0,
+                grippers: 0,
+                load: 0.0,
+                solved: false,
+                fallen: false,
+            };
             assert!((cube(&hand, 0.0).p - hand.place.p).norm() > 0.2);
             hand.decide(1.1, &sight(cube(&hand, 1.1)));
 

@@ -99,6 +99,16 @@ impl PlantJaw {
         self.encoder.read(self.motor, synchronise)
     }
 
+    /// Motor and encoder, as they are kept.
+    pub(super) fn saved(&self) -> (f64, Encoder) {
+        (self.motor, self.encoder.clone())
+    }
+
+    /// At rest where it was kept.
+    pub(super) fn restore(&mut self, (motor, encoder): (f64, Encoder)) {
+        (self.motor, self.encoder, self.speed, self.force) = (motor, encoder, 0.0, 0.0);
+    }
+
     /// Motor current, positive closes [A].
     pub(super) fn current(&self) -> f64 {
         -self.force * self.gripper.amperes_per_newton

@@ -22,6 +22,7 @@ mod hand;
 mod holding;
 mod jaw;
 pub mod render;
+pub mod saved;
 mod sensor;
 #[cfg(test)]
 mod testing;
@@ -59,7 +60,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
 /// Where the cube is, as a state.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 enum State {
     Held,
     Falling { velocity: Vector3<f64> },

@@ -46,7 +46,7 @@ pub struct Verdict {
 }
 
 /// Numbers of events.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Counts {
     /// A loaded layer stood still for 3 s away from every quarter.
     pub stuck: u32,

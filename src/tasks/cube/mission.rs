@@ -7,6 +7,8 @@
 //! A queue of jobs is worked off from the front. A job either becomes an action at once, or unfolds into
 //! smaller jobs with what is known by then; what an action brought is digested by the job that asked for it.
 
+mod recover;
+
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -22,7 +24,7 @@ use crate::motion::{ArmState, Depth, JawCommand, JointPositions};
 use crate::operator::{Answer, Net, PlanLine, Question, Reading, Subject};
 use crate::reach::Meeting;
 use crate::spatial::Pose;
-use crate::tasks::{Action, Event, Finish, Picture, Readings, Task, Turning, Until, View};
+use crate::tasks::{Action, Entry, Event, Finish, Picture, Readings, Task, Turning, Until, View};
 use nalgebra::UnitQuaternion;
 
 /// What the kernel is to do.
@@ -104,6 +106,18 @@ enum Job {
         tries: u32,
     },
     LooksFrom(Hand),
+    /// The sides that can be seen without a grasp are compared with what the turns should have made of them.
+    Inspect,
+    Check {
+        viewer: Hand,
+        face: Face,
+        tries: u32,
+    },
+    Reconcile,
+    /// All faces are read and planned anew.
+    Anew,
+    /// Of a mission that goes on, while both hold: which layer is askew?
+    Untwist,
     Plan,
     /// The operator is asked what the eyes cannot decide.
     Ask,
@@ -138,6 +152,8 @@ pub struct Mission {
     seen: [Option<[f64; 3]>; 54],
     /// Where the track stood when it had taken the cube.
     hand_over: Option<JointPositions>,
+    /// Where its tool had closed on it, in its base [m].
+    taken_at: Option<[f64; 3]>,
     turned: f64,
     /// The operator has been offered the cube.
     with_operator: bool,
@@ -157,6 +173,18 @@ pub struct Mission {
     questions: u64,
     /// The cube as the operator gave it.
     given: Option<Facelets>,
+    /// How the cube's colours look, once they were decided.
+    palette: Option<recover::Palette>,
+    /// Stickers that do not look as they should.
+    odd: Vec<(Face, usize)>,
+    /// How often the cube was read and planned anew.
+    recoveries: u32,
+    /// The turner's hold before the turn that is being made.
+    before_turn: Option<Grip>,
+    /// What an earlier run left, if this one goes on from there.
+    resume: Option<Entry>,
+    /// The track is not drawn back beyond this [m]; known to a mission that goes on from anywhere.
+    least_track: Option<f64>,
     /// What is shown of all this.
     shown: Shown,
     /// Facts for the summary.
@@ -184,6 +212,8 @@ pub struct MissionLog {
     pub executed: Vec<crate::cube::Turn>,
     /// Jaw closings on the cube between identification and hand-back.
     pub grasps: u32,
+    /// How often the cube was read and planned anew after something had gone wrong.
+    pub recoveries: u32,
     /// The plan's steps in words.
     pub plan: Vec<Line>,
     /// Notes for the operator that were not told yet.
@@ -233,6 +263,7 @@ impl Mission {
             apart: true,
             seen: [None; 54],
             hand_over: None,
+            taken_at: None,
             turned: 0.0,
             with_operator: false,
             rounds: 1,
@@ -243,6 +274,12 @@ impl Mission {
             doubt: None,
             questions: 0,
             given: None,
+            palette: None,
+            odd: Vec::new(),
+            recoveries: 0,
+            before_turn: None,
+            resume: None,
+            least_track: None,
             shown: Shown::default(),
             log: MissionLog::default(),
         }
@@ -254,27 +291,41 @@ impl Mission {
         }
     }
 
-    fn begin(&mut self) {
-        let take = [
+    /// The cube is taken from the operator's hand.
+    fn take(&mut self) {
+        self.queue.extend([
             Job::Phase("acquire"),
             Job::Open { hand: Hand::Track, opening: self.settings.opening },
             Job::Watch(true),
             Job::Bias([true, true]),
             Job::VisualServo { tries: 1 },
             Job::Take { tries: 1 },
+        ]);
+        self.taken_from_operator(self.settings.back);
+        self.queue.extend([Job::Phase("identify"), Job::LooksFrom(Hand::Track)]);
+    }
+
+    /// The jaws have closed on the cube: the operator lets go, and the hand draws back with it.
+    fn taken_from_operator(&mut self, back: f64) {
+        self.queue.extend([
             Job::Wait(Hand::Track, RELEASE_WAIT),
             Job::Release { tries: 1 },
             Job::Watch(false),
-            Job::Along(Hand::Track, -self.settings.back),
+            Job::Along(Hand::Track, -back),
             Job::Remember,
-        ];
+        ]);
+    }
+
+    fn begin(&mut self, arms: &[ArmState]) {
+        if let Some(last) = self.resume.clone() {
+            return self.survey(&last, arms);
+        }
         match self.goal {
-            Goal::Solve => {
-                self.queue.extend(take);
-                self.queue.extend([Job::Phase("identify"), Job::LooksFrom(Hand::Track)]);
-            }
+            Goal::Solve => self.take(),
             Goal::Acquire => {
-                self.queue.extend(take);
+                self.take();
+                // As far as the cube is in the hand, and back.
+                self.queue.truncate(self.queue.len() - 2);
                 self.queue.extend([Job::HandBack, Job::Finish { achieved: true }]);
             }
             Goal::FaceTurn(angle) => {
@@ -323,10 +374,14 @@ impl Mission {
         let pending = self.pending.take();
         match (pending, event) {
             (_, Event::Start) => {
-                self.begin();
+                self.begin(arms);
                 Ok(())
             }
             (_, Event::Trouble(reason)) => Err(reason),
+            (Some(Job::Check { viewer, face, tries }), Event::Looked(reading)) => {
+                self.checked(viewer, face, tries, reading, arms);
+                Ok(())
+            }
             (Some(Job::Look { viewer, face, tries }), Event::Looked(reading)) => {
                 self.looked(viewer, face, tries, reading, arms)
             }
@@ -374,6 +429,7 @@ impl Mission {
                 Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
                     let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
                     self.belief.taken(Hand::Track, hold, false);
+                    self.taken_at = Some(place(arms));
                     Ok(())
                 }
                 other if tries < TAKE_TRIES => {
@@ -411,22 +467,28 @@ impl Mission {
             },
             Job::Approach { hand, .. } => match of(hand) {
                 Some(Outcome::Touched(_) | Outcome::Reached) => Ok(()),
-                other => Err(format!(
-                    "the {} hand did not find the cube where the partner holds it: {}",
-                    name(hand),
-                    Outcome::words(other)
-                )),
+                other => {
+                    let why = format!(
+                        "the {} hand did not find the cube where the partner holds it: {}",
+                        name(hand),
+                        Outcome::words(other)
+                    );
+                    self.not_grasped(hand, &why)
+                }
             },
             Job::Close { hand, .. } => match of(hand) {
                 Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
                     self.log.grasps += 1;
                     Ok(())
                 }
-                other => Err(format!(
-                    "the {} hand's jaws do not hold the cube: {}",
-                    name(hand),
-                    Outcome::words(other)
-                )),
+                other => {
+                    let why = format!(
+                        "the {} hand's jaws do not hold the cube: {}",
+                        name(hand),
+                        Outcome::words(other)
+                    );
+                    self.not_grasped(hand, &why)
+                }
             },
             Job::Secure { hand, hold, half_roll } => {
                 let miss = self.belief.secured(hand, hold, half_roll, arms);
@@ -461,6 +523,8 @@ impl Mission {
         outcome: Option<Outcome>,
     ) -> Result<(), String> {
         match outcome {
+            // Only a way back: what follows looks at what has become of the cube.
+            ref ended if tries == u32::MAX && Self::turned_back(ended.as_ref()) => Ok(()),
             Some(Outcome::Turned(turned)) => {
                 self.turned += turned;
                 // A turn in several goes, after a stall, is one turn.
@@ -487,11 +551,15 @@ impl Mission {
                 ]);
                 Ok(())
             }
-            Some(Outcome::Stalled(turned, torque)) => Err(format!(
-                "jam: the face stands still after {:.0} deg under {torque:.1} Nm",
-                (self.turned + turned).to_degrees()
-            )),
-            Some(slipped @ Outcome::Slipped(..)) => Err(slipped.to_string()),
+            Some(Outcome::Stalled(turned, torque)) => {
+                let stood = self.turned + turned;
+                let degrees = stood.to_degrees();
+                let why = format!(
+                    "jam: the face stands still after {degrees:.0} deg under {torque:.1} Nm"
+                );
+                self.turn_jammed(turner, stood, &why)
+            }
+            Some(slipped @ Outcome::Slipped(..)) => self.turn_slipped(turner, &slipped.to_string()),
             other => Err(format!("the turn ended otherwise: {}", Outcome::words(other))),
         }
     }
@@ -590,14 +658,18 @@ impl Mission {
             Err(NoAnswer::Unplanned(reason)) => return self.give_back(reason),
         };
         self.shown.decided(&answer);
-        self.log.identified = Some(answer.identified);
-        self.log.solution.clone_from(&answer.turns);
-        self.log.plan = answer.lines;
-        self.log.grasps = 0;
+        self.palette = recover::palette(&self.seen, answer.read.colours());
+        // What is told of a mission is what it found and planned at first.
+        if self.log.identified.is_none() {
+            self.log.identified = Some(answer.identified);
+            self.log.solution.clone_from(&answer.turns);
+            self.log.plan = answer.lines;
+            self.log.grasps = 0;
+        }
         self.belief.renamed(answer.rotation);
         self.queue.push_back(Job::Phase("solve"));
         self.queue.extend(answer.steps.into_iter().map(Job::Step));
-        self.queue.extend([Job::HandBack, Job::Finish { achieved: true }]);
+        self.queue.extend([Job::Inspect, Job::HandBack, Job::Finish { achieved: true }]);
         Ok(())
     }
 
@@ -706,7 +778,8 @@ impl Mission {
                 }
                 self.apart = true;
                 let mut target = arms[Hand::Track.index()].desired_joints;
-                target.0[0] -= s.meetings.separation;
+                let back = target.0[0] - s.meetings.separation;
+                target.0[0] = self.least_track.map_or(back, |least| back.max(least));
                 behave(Hand::Track, Behaviour::Joints { target, speed: s.speed, seconds: 0.0 })
             }
             Job::Together(target) => {
@@ -828,7 +901,23 @@ impl Mission {
                 self.unfold_step(step)?;
                 return Ok(None);
             }
-            Job::Look { viewer, face, tries } => {
+            Job::Inspect => {
+                self.unfold_inspect()?;
+                return Ok(None);
+            }
+            Job::Reconcile => {
+                self.reconcile()?;
+                return Ok(None);
+            }
+            Job::Anew => {
+                self.anew()?;
+                return Ok(None);
+            }
+            Job::Untwist => {
+                self.untwist(arms);
+                return Ok(None);
+            }
+            Job::Look { viewer, face, tries } | Job::Check { viewer, face, tries } => {
                 let camera_from_face = self
                     .belief
                     .face_in_camera(viewer, face, arms)
@@ -980,6 +1069,7 @@ impl Mission {
                 self.turned = 0.0;
                 self.push_front(&[Job::Turn { turner, angle, tries: 1 }]);
                 let held = holds(turner).ok_or("the turner holds nothing")?;
+                self.before_turn = Some(Grip { hold: held.hold, half_roll: held.half_roll });
                 let (hold, half_roll) = held.hold.after_turn(held.half_roll, turn.quarters);
                 self.belief.turned(turner, hold, half_roll);
             }
@@ -1075,7 +1165,11 @@ impl Task for Mission {
 
     fn next(&mut self, event: Event<Conclusion>, readings: &Readings<'_>) -> Action<Thought> {
         let arms = readings.arms;
+        let moved = matches!(event, Event::Behaved(_));
         if let Err(reason) = self.digest(event, arms) {
+            return self.fail(reason);
+        }
+        if moved && let Err(reason) = self.look_after(arms) {
             return self.fail(reason);
         }
         while let Some(job) = self.queue.pop_front() {
@@ -1115,6 +1209,28 @@ impl Task for Mission {
         })
     }
 
+    fn entry(&self) -> Option<Entry> {
+        let job = self.pending.as_ref()?;
+        let over = matches!(job, Job::Finish { .. });
+        let changes = matches!(
+            job,
+            Job::Take { .. }
+                | Job::Close { .. }
+                | Job::Open { .. }
+                | Job::Turn { .. }
+                | Job::Present { .. }
+                | Job::Along(..)
+        );
+        (over || changes).then(|| Entry {
+            doing: if over { "over" } else { doing(job) }.to_owned(),
+            held: self.belief.held.map(|held| held.map(|held| held.hold.depth)),
+            hand_over: self.hand_over,
+            taken_at: self.taken_at,
+            handing_back: self.with_operator,
+            over,
+        })
+    }
+
     fn think(thought: Thought) -> (Conclusion, crate::tasks::Effort) {
         super::think::think(&thought)
     }
@@ -1141,6 +1257,11 @@ impl Shown {
     }
 }
 
+/// Where the track's tool is set to be, in its base [m].
+fn place(arms: &[ArmState]) -> [f64; 3] {
+    arms[Hand::Track.index()].desired_base_from_tool.translation.vector.into()
+}
+
 /// A half turn goes where the wrist has room.
 fn half_turn(room: (f64, f64)) -> f64 {
     if room.1 > -room.0 { std::f64::consts::PI } else { -std::f64::consts::PI }
@@ -1165,6 +1286,8 @@ fn doing(job: &Job) -> &'static str {
         Job::Approach { .. } | Job::VisualServo { .. } => "approaching",
         Job::Close { .. } | Job::Take { .. } => "closing the jaws",
         Job::Secure { .. } => "securing",
+        Job::Open { .. } => "opening the jaws",
+        Job::Present { .. } => "handing back",
         _ => "moving",
     }
 }

@@ -1,0 +1,163 @@
+//! The journal of a mission: what another run must know to go on after a crash.
+//!
+//! - in: an entry before each motion that changes the cube or who holds it
+//! - out: a line of JSON each, durable before the motion begins; what was noted last
+//! - a last line that a crash cut off is left out; the entry before it was durable, and the motion had not begun
+
+use crate::tasks::Entry;
+use std::fs::File;
+use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
+use std::path::Path;
+
+/// A journal that is being written.
+#[derive(Debug)]
+pub struct Journal {
+    file: File,
+}
+
+/// Why a journal cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum Unreadable {
+    /// The file.
+    #[error("{0}")]
+    File(#[from] io::Error),
+    /// A line that is no entry, and not the last one.
+    #[error("line {line}: {why}")]
+    Line {
+        /// From 1.
+        line: usize,
+        /// What is wrong with it.
+        why: serde_json::Error,
+    },
+    /// A line longer than any entry.
+    #[error("line {0} is too long for an entry")]
+    Long(usize),
+}
+
+/// No entry is longer [bytes].
+const LONGEST: u64 = 4096;
+
+impl Journal {
+    /// Begins a journal, or goes on with one.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn open(path: &Path, go_on: bool) -> io::Result<Self> {
+        let mut options = File::options();
+        if go_on {
+            options.append(true)
+        } else {
+            options.write(true).truncate(true)
+        };
+        let mut file = options.create(true).open(path)?;
+        if go_on {
+            // What a crash cut off stays a line of its own.
+            let cut = !std::fs::read(path)?.last().is_none_or(|&byte| byte == b'\n');
+            if cut {
+                file.write_all(b"\n")?;
+            }
+        }
+        Ok(Self { file })
+    }
+
+    /// Notes an entry; returns when it is durable.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn write(&mut self, entry: &Entry) -> io::Result<()> {
+        let mut line = serde_json::to_vec(entry)?;
+        line.push(b'\n');
+        self.file.write_all(&line)?;
+        self.file.sync_data()
+    }
+
+    /// The last entry of a journal; `None` when there is none.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or is no journal.
+    pub fn last(path: &Path) -> Result<Option<Entry>, Unreadable> {
+        let mut reader = match File::open(path) {
+            Ok(file) => BufReader::new(file),
+            Err(why) if why.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(why) => return Err(why.into()),
+        };
+        let (mut last, mut torn) = (None, None);
+        for line in 1.. {
+            let mut bytes = Vec::new();
+            let count = (&mut reader).take(LONGEST + 1).read_until(b'\n', &mut bytes)?;
+            if count == 0 {
+                break;
+            }
+            if count as u64 > LONGEST {
+                return Err(Unreadable::Long(line));
+            }
+            match serde_json::from_slice(&bytes) {
+                Ok(entry) => last = Some(entry),
+                // A run that went on after a crash has left the torn line among whole ones.
+                Err(why) => torn = torn.or(Some(Unreadable::Line { line, why })),
+            }
+        }
+        match (last, torn) {
+            (None, Some(why)) => Err(why),
+            (last, _) => Ok(last),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::Depth;
+
+    fn place(name: &str) -> std::path::PathBuf {
+        std::env::temp_dir().join(format!("rubik-robot-journal-{}-{name}", std::process::id()))
+    }
+
+    fn entry(doing: &str) -> Entry {
+        Entry {
+            doing: doing.to_owned(),
+            held: [Some(Depth::One), None],
+            hand_over: None,
+            taken_at: None,
+            handing_back: false,
+            over: false,
+        }
+    }
+
+    #[test]
+    fn the_last_whole_entry_counts_whatever_a_crash_left_behind_it() {
+        let path = place("whole");
+        let mut journal = Journal::open(&path, false).unwrap();
+        journal.write(&entry("closing")).unwrap();
+        journal.write(&entry("turning")).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        let first = whole.iter().position(|&b| b == b'\n').unwrap() + 1;
+
+        for cut in first..whole.len() - 1 {
+            std::fs::write(&path, &whole[..cut]).unwrap();
+
+            assert_eq!(Journal::last(&path).unwrap(), Some(entry("closing")), "cut at {cut}");
+
+            let mut journal = Journal::open(&path, true).unwrap();
+            journal.write(&entry("letting go")).unwrap();
+
+            assert_eq!(Journal::last(&path).unwrap(), Some(entry("letting go")), "cut at {cut}");
+        }
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn what_is_no_journal_is_refused_with_its_line() {
+        let path = place("refused");
+        std::fs::write(&path, "a poem\nof two lines\n").unwrap();
+
+        let error = Journal::last(&path).unwrap_err().to_string();
+
+        assert!(error.starts_with("line 1: "), "{error}");
+        std::fs::write(&path, vec![b'x'; 100_000]).unwrap();
+        assert!(matches!(Journal::last(&path), Err(Unreadable::Long(1))));
+        std::fs::write(&path, "").unwrap();
+        assert_eq!(Journal::last(&path).unwrap(), None);
+        std::fs::remove_file(path).unwrap();
+    }
+}

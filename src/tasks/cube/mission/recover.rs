@@ -1,0 +1,492 @@
+//! What is done when the cube may be otherwise than the mission believes: look, and begin anew with what is seen.
+//!
+//! - before the cube is handed back, the three sides that the free hand can see are compared with what the turns
+//!   should have made of them: any single layer that stands otherwise shows on one of these sides
+//! - after a turn that slipped or jammed, jaws that close straight over the layer bring it back into line; then all
+//!   six faces are read anew and planned anew, whatever has become of them
+//! - so little is believed that a mission which was broken off anywhere goes on in the same way: see [`Mission::resumed`]
+
+use super::{Job, Mission, name};
+use crate::cube::{Axis, Face, rotations};
+use crate::generators::Outcome;
+use crate::motion::{ArmState, Depth, JointPositions};
+use crate::tasks::Entry;
+use crate::tasks::cube::hold::{Hand, Hold};
+use crate::vision::sensor::FaceReading;
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// How often a mission begins anew before it gives up.
+const MOST_RECOVERIES: u32 = 3;
+/// Looks at one side before it goes uninspected.
+const CHECK_TRIES: u32 = 3;
+/// A sticker looks otherwise when another colour is nearer than this share of the way to its own.
+const CLEARLY: f64 = 0.6;
+/// Stickers that must look otherwise: every turn of a layer changes three on a side, a reflection changes one.
+const ODD_STICKERS: usize = 2;
+/// A hand whose jaws are nearer than this share of the edge holds no cube.
+const GONE: f64 = 0.85;
+/// Jaws wider than the cube by this hold none [m].
+const WIDER: f64 = 0.002;
+/// A layer that stands off by less is straightened by the jaws that close over it [rad].
+const STRAIGHT: f64 = 0.1;
+
+/// Colours as this cube's stickers look, by face [0..=255 each].
+pub(super) type Palette = [[f64; 3]; 6];
+
+/// The mean of what was seen of each colour; `None` while a colour was never seen.
+pub(super) fn palette(seen: &[Option<[f64; 3]>; 54], colours: &[u8; 54]) -> Option<Palette> {
+    let (mut sums, mut counts) = ([[0.0; 3]; 6], [0_u32; 6]);
+    for (rgb, &colour) in seen.iter().zip(colours) {
+        let Some(rgb) = rgb else { continue };
+        let colour = usize::from(colour);
+        for (sum, value) in sums[colour].iter_mut().zip(rgb) {
+            *sum += value;
+        }
+        counts[colour] += 1;
+    }
+    if counts.contains(&0) {
+        return None;
+    }
+    Some(std::array::from_fn(|c| sums[c].map(|sum| sum / f64::from(counts[c]))))
+}
+
+/// The stickers of a face, 1..=9, that clearly have another colour than they should. The centre, which no turn moves,
+/// tells how bright the face is.
+fn otherwise(reading: &FaceReading, expected: &[u8; 9], palette: &Palette) -> Vec<usize> {
+    let norm = |rgb: &[f64; 3]| Vector3::from(*rgb).norm();
+    let centre = norm(&palette[usize::from(expected[4])]);
+    let gain = norm(&reading.rgb[4]) / centre.max(1.0);
+    let far = |i: usize, colour: usize| {
+        (Vector3::from(reading.rgb[i]) - gain * Vector3::from(palette[colour])).norm()
+    };
+    let odd = |&i: &usize| {
+        let own = usize::from(expected[i]);
+        let other = (0..6).filter(|&c| c != own).map(|c| far(i, c)).fold(f64::INFINITY, f64::min);
+        !reading.occluded[i] && other < CLEARLY * far(i, own)
+    };
+    (0..9).filter(odd).map(|i| i + 1).collect()
+}
+
+impl Mission {
+    /// A mission that goes on where another was broken off, at whatever moment: the arms are asked what they hold, and
+    /// the cameras what has become of the cube. `last` is what the other one noted last, if anything.
+    #[must_use]
+    pub fn resumed(mut self, last: Option<Entry>) -> Self {
+        self.resume = Some(last.unwrap_or_else(|| Entry {
+            doing: "nothing yet".to_owned(),
+            held: [None; 2],
+            hand_over: None,
+            taken_at: None,
+            handing_back: false,
+            over: false,
+        }));
+        self
+    }
+
+    /// Whether there is a plan that can be made anew.
+    pub(super) fn may_recover(&self) -> bool {
+        self.goal == super::Goal::Solve && self.recoveries < MOST_RECOVERIES
+    }
+
+    /// All six faces are read and planned anew from the hand that holds the cube.
+    pub(super) fn anew(&mut self) -> Result<(), String> {
+        let holder = self.holder()?;
+        self.forget_cube();
+        self.queue.extend([Job::Phase("identify again"), Job::LooksFrom(holder)]);
+        Ok(())
+    }
+
+    /// Nothing of what was read and planned holds any more.
+    fn forget_cube(&mut self) {
+        self.recoveries += 1;
+        self.log.recoveries += 1;
+        self.seen = [None; 54];
+        self.given = None;
+        self.rounds = 1;
+        self.odd.clear();
+        (self.turning, self.straight, self.before_turn) = (None, None, None);
+        self.shown.net = crate::operator::Net::default();
+        self.queue.clear();
+    }
+
+    /// The cube has fallen: the hand goes where it took the cube from the operator, who may hold it out once more.
+    fn dropped(&mut self, hand: Hand, hand_over: JointPositions) {
+        self.forget_cube();
+        self.hand_over = None;
+        let (opening, speed) = (self.settings.opening, self.settings.speed);
+        self.queue.extend([
+            Job::Phase("wait for the cube"),
+            Job::Open { hand, opening },
+            Job::Apart,
+            Job::Joints([Some(hand_over), None], speed),
+        ]);
+        self.take();
+    }
+
+    /// Looks at the sides that the free hand sees without another grasp, if it is known how they should look.
+    pub(super) fn unfold_inspect(&mut self) -> Result<(), String> {
+        if self.palette.is_none() || self.shown.facelets.is_none() {
+            return Ok(());
+        }
+        let holder = self.holder()?;
+        let viewer = holder.other();
+        let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
+        let rotation = held.hold.cube_from_tool(held.half_roll, self.settings.edge).rotation;
+        let mut jobs = vec![Job::Phase("inspect")];
+        let sides = [Vector3::z(), Vector3::x(), -Vector3::x()];
+        for (side, meeting) in sides.iter().zip(self.settings.meetings.views[holder.index()]) {
+            let normal = rotation * side;
+            let face = Face::ALL.into_iter().find(|f| f.normal().dot(&normal) > 0.9);
+            if let (Some(face), Some(meeting)) = (face, meeting) {
+                jobs.push(Job::Meet { newcomer: viewer, meeting, back: false });
+                jobs.push(Job::Check { viewer, face, tries: 1 });
+            }
+        }
+        jobs.push(Job::Reconcile);
+        self.push_front(&jobs);
+        Ok(())
+    }
+
+    /// A side was looked at, or not.
+    pub(super) fn checked(
+        &mut self,
+        viewer: Hand,
+        face: Face,
+        tries: u32,
+        reading: Result<FaceReading, String>,
+        arms: &[ArmState],
+    ) {
+        match reading {
+            Ok(reading) => {
+                self.belief.seen(viewer, face, &reading.camera_from_face, arms);
+                let (Some(palette), Some(facelets)) = (&self.palette, &self.shown.facelets) else {
+                    return;
+                };
+                let expected = std::array::from_fn(|i| facelets.colours()[face as usize * 9 + i]);
+                let odd = otherwise(&reading, &expected, palette);
+                self.odd.extend(odd.into_iter().map(|i| (face, i)));
+            }
+            Err(reason) if tries < CHECK_TRIES => {
+                let letter = face.letter();
+                let note = format!("face {letter} could not be inspected ({reason}), try {tries}");
+                self.log.notes.push(note);
+                self.push_front(&[
+                    Job::Nudge(viewer, super::NUDGES[tries as usize - 1]),
+                    Job::Check { viewer, face, tries: tries + 1 },
+                ]);
+            }
+            Err(reason) => {
+                let note = format!("face {} goes uninspected: {reason}", face.letter());
+                self.log.notes.push(note);
+            }
+        }
+    }
+
+    /// Belief and sight are brought together.
+    pub(super) fn reconcile(&mut self) -> Result<(), String> {
+        let odd = std::mem::take(&mut self.odd);
+        if odd.len() < ODD_STICKERS {
+            return Ok(());
+        }
+        let names: Vec<String> =
+            odd.iter().map(|(face, i)| format!("{}{i}", face.letter())).collect();
+        let reason =
+            format!("stickers {} are not as the turns should have left them", names.join(", "));
+        if !self.may_recover() {
+            return self.give_back(reason);
+        }
+        self.log.notes.push(format!("{reason}: the cube is read anew"));
+        self.anew()
+    }
+
+    /// The layer did not go along with the hand: it is brought into line, and the cube read anew.
+    pub(super) fn turn_slipped(&mut self, turner: Hand, why: &str) -> Result<(), String> {
+        if !self.may_recover() {
+            return Err(why.to_owned());
+        }
+        self.log.notes.push(format!("{why}: the layer is straightened and the cube read anew"));
+        self.queue.clear();
+        self.straighten(turner)
+    }
+
+    /// The layer stands still for good: the hand goes back to where it began, and the cube is read anew.
+    pub(super) fn turn_jammed(
+        &mut self,
+        turner: Hand,
+        stood: f64,
+        why: &str,
+    ) -> Result<(), String> {
+        let before = self.before_turn.take().filter(|_| self.may_recover());
+        let Some(before) = before else { return Err(why.to_owned()) };
+        self.log.notes.push(format!("{why}: turned back, straightened, and the cube read anew"));
+        self.queue.clear();
+        self.turning = None;
+        self.belief.turned(turner, before.hold, before.half_roll);
+        // No more tries: what stands still on the way back, too, stays.
+        self.straighten(turner)?;
+        self.push_front(&[Job::Turn { turner, angle: -stood, tries: u32::MAX }]);
+        Ok(())
+    }
+
+    /// The hand lets go and closes once more, straight: flat jaws bring the layer between them into line.
+    fn straighten(&mut self, hand: Hand) -> Result<(), String> {
+        (self.turning, self.straight) = (None, None);
+        let held = self.belief.held[hand.index()].ok_or("the turner holds nothing")?;
+        let (hold, half_roll) = (held.hold, held.half_roll);
+        self.queue.extend([
+            Job::LetGo(hand),
+            Job::Bias([true, true]),
+            Job::PreGrasp { hand, hold, half_roll },
+            Job::Approach { hand, hold, half_roll },
+            Job::Close { hand, hold },
+            Job::Secure { hand, hold, half_roll },
+            Job::LetGo(hand),
+            Job::Anew,
+        ]);
+        Ok(())
+    }
+
+    /// A hand did not get hold of the cube: the partner, who has it, begins anew.
+    pub(super) fn not_grasped(&mut self, hand: Hand, why: &str) -> Result<(), String> {
+        if !self.may_recover() || self.belief.held[hand.other().index()].is_none() {
+            return Err(why.to_owned());
+        }
+        self.log.notes.push(format!("{why}: the cube is read anew"));
+        self.queue.clear();
+        self.queue.extend([Job::LetGo(hand), Job::Anew]);
+        Ok(())
+    }
+
+    /// Whether a hand has lost what it held: its jaws have closed farther than on a cube.
+    pub(super) fn look_after(&mut self, arms: &[ArmState]) -> Result<(), String> {
+        for hand in [Hand::Track, Hand::Postument] {
+            let gap = arms[hand.index()].jaw_opening;
+            if self.belief.held[hand.index()].is_none() || gap > GONE * self.settings.edge {
+                continue;
+            }
+            self.belief.released(hand);
+            let lost = format!("the cube has slipped out of the {} hand", name(hand));
+            if self.belief.held[hand.other().index()].is_none() {
+                let fell = format!("{lost} and lies below it");
+                let Some(hand_over) = self.hand_over.filter(|_| self.may_recover()) else {
+                    return Err(fell);
+                };
+                self.log.notes.push(format!("{fell}: pick it up and hold it out again, please"));
+                self.dropped(hand, hand_over);
+                return Ok(());
+            }
+            if !self.may_recover() {
+                return Err(lost);
+            }
+            self.log.notes.push(format!("{lost}: the cube is read anew"));
+            self.queue.clear();
+            self.queue.extend([Job::LetGo(hand), Job::Anew]);
+        }
+        Ok(())
+    }
+
+    /// The first jobs of a mission that goes on: who holds the cube, is a layer askew?
+    pub(super) fn survey(&mut self, last: &Entry, arms: &[ArmState]) {
+        let edge = self.settings.edge;
+        let between = |hand: Hand| {
+            let gap = arms[hand.index()].jaw_opening;
+            gap > GONE * edge && gap < edge + WIDER
+        };
+        (self.hand_over, self.taken_at) = (last.hand_over, last.taken_at);
+        let places = self.settings.meetings.grasps.iter().flatten().map(|m| m.track_back.0[0]);
+        let least = places.fold(f64::INFINITY, f64::min) - self.settings.meetings.separation;
+        self.apart = arms[0].desired_joints.0[0] < least + 0.5 * self.settings.meetings.separation;
+        self.least_track = Some(least);
+        let usual =
+            |hand: Hand| Hold { palm: Face::D, jaws: Axis::Y, depth: depth(Some(last), hand) };
+        self.log.notes.push(format!("the other run was broken off while {}", last.doing));
+        self.queue.push_back(Job::Phase("take stock"));
+        match [Hand::Track, Hand::Postument].map(between) {
+            [false, false] if last.over || last.handing_back => {
+                self.with_operator = true;
+                self.queue.push_back(Job::Finish { achieved: true });
+            }
+            [false, false] => {
+                self.log.notes.push("no hand holds the cube: it is taken anew".to_owned());
+                self.queue.push_back(Job::Apart);
+                self.take();
+            }
+            [true, true] => {
+                self.log.notes.push("both hands hold the cube".to_owned());
+                self.apart = false;
+                for hand in [Hand::Track, Hand::Postument] {
+                    self.queue.push_back(Job::Close { hand, hold: usual(hand) });
+                }
+                self.queue.push_back(Job::Untwist);
+            }
+            [track, _] => {
+                let hand = if track { Hand::Track } else { Hand::Postument };
+                self.log.notes.push(format!("the {} hand holds the cube", name(hand)));
+                self.belief.taken(hand, usual(hand), false);
+                self.queue.push_back(Job::Close { hand, hold: usual(hand) });
+                self.clear(hand.other(), arms);
+                self.settle(hand, arms);
+            }
+        }
+    }
+
+    /// An empty hand opens, and draws back where it may have its fingers beside the cube.
+    fn clear(&mut self, hand: Hand, arms: &[ArmState]) {
+        let place = |hand: Hand| {
+            let base_from_tool = arms[hand.index()].desired_base_from_tool;
+            (self.belief.world_from_base(hand) * base_from_tool).translation.vector
+        };
+        let between = (place(hand) - place(hand.other())).norm();
+        if between < 3.0 * self.settings.edge {
+            self.queue.push_back(Job::LetGo(hand));
+        } else {
+            self.queue.push_back(Job::Open { hand, opening: self.settings.opening });
+        }
+    }
+
+    /// What follows when one hand is known to hold the cube: without a place to hand it back, the operator may still
+    /// have hold of it.
+    fn settle(&mut self, holder: Hand, arms: &[ArmState]) {
+        if self.hand_over.is_none() && holder == Hand::Track {
+            // A part of the way back may have been gone already.
+            let from = Vector3::from(self.taken_at.unwrap_or_else(|| super::place(arms)));
+            let gone = (Vector3::from(super::place(arms)) - from).norm();
+            self.taken_from_operator((self.settings.back - gone).max(0.0));
+        }
+        self.queue.extend([Job::Phase("identify"), Job::LooksFrom(holder)]);
+    }
+
+    /// Both hold, perhaps in the middle of a turn: how the tools stand to each other tells which layer is askew.
+    pub(super) fn untwist(&mut self, arms: &[ArmState]) {
+        let tool = |hand: Hand| {
+            self.belief.world_from_base(hand).rotation
+                * arms[hand.index()].desired_base_from_tool.rotation
+        };
+        let (track, postument) = (tool(Hand::Track), tool(Hand::Postument));
+        let (turner, by) = askew(&track, &postument);
+        let body = turner.other();
+        let last = self.resume.as_ref();
+        let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: depth(last, body) };
+        let (own, other) =
+            if turner == Hand::Track { (track, postument) } else { (postument, track) };
+        let straight = own * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), by);
+        let cube_from_turner =
+            hold.cube_from_tool(false, self.settings.edge).rotation * other.inverse() * straight;
+        let (turned, half_roll) = Hold::from_tool_rotation(&cube_from_turner, depth(last, turner));
+        self.belief.taken(body, hold, false);
+        self.belief.taken(turner, turned, half_roll);
+        if by.abs() > STRAIGHT {
+            let degrees = by.to_degrees();
+            self.log.notes.push(format!(
+                "a layer stands askew: the {} hand turns it by {degrees:.0} deg",
+                name(turner)
+            ));
+            self.queue.push_back(Job::Turn { turner, angle: by, tries: 1 });
+        }
+        self.queue.push_back(Job::LetGo(turner));
+        self.settle(body, arms);
+    }
+
+    /// The outcome of a turn that belongs to no plan any more.
+    pub(super) fn turned_back(outcome: Option<&Outcome>) -> bool {
+        matches!(outcome, Some(Outcome::Turned(_) | Outcome::Stalled(..) | Outcome::Slipped(..)))
+    }
+}
+
+/// How deep a hand holds, as far as it was noted.
+fn depth(last: Option<&Entry>, hand: Hand) -> Depth {
+    last.and_then(|last| last.held[hand.index()]).unwrap_or(Depth::One)
+}
+
+/// Which hand turns a layer, and by how much more about its own z the layer is straight [rad]: of the 24 ways in which
+/// two straight tools stand to each other the nearest, over a roll of one of them.
+fn askew(track: &UnitQuaternion<f64>, postument: &UnitQuaternion<f64>) -> (Hand, f64) {
+    let mut best = (f64::INFINITY, Hand::Track, 0.0);
+    for (hand, own, other) in [(Hand::Track, track, postument), (Hand::Postument, postument, track)]
+    {
+        for straight in rotations() {
+            // own * roll = other * straight
+            let off = own.inverse() * other * straight;
+            let roll = 2.0 * libm::atan2(off.k, off.w);
+            let roll = roll - (roll / std::f64::consts::TAU).round() * std::f64::consts::TAU;
+            let rest = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -roll) * off;
+            // A small roll with a small rest; the rest weighs more, since only rolls are real.
+            let cost = 10.0 * rest.angle() + roll.abs();
+            if cost < best.0 {
+                best = (cost, hand, roll);
+            }
+        }
+    }
+    (best.1, best.2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PALETTE: Palette = [
+        [220.0, 220.0, 215.0],
+        [180.0, 30.0, 35.0],
+        [20.0, 150.0, 60.0],
+        [220.0, 210.0, 40.0],
+        [230.0, 110.0, 30.0],
+        [20.0, 60.0, 160.0],
+    ];
+
+    fn reading(colours: [u8; 9], gain: f64) -> FaceReading {
+        FaceReading {
+            rgb: colours.map(|c| PALETTE[usize::from(c)].map(|v| gain * v + 3.0)),
+            colours,
+            confidences: [1.0; 9],
+            camera_from_face: crate::spatial::Pose::identity(),
+            residual_px: 0.1,
+            confidence: 1.0,
+            occluded: [false; 9],
+        }
+    }
+
+    #[test]
+    fn a_row_that_was_not_turned_is_seen_at_any_brightness() {
+        for gain in [0.5, 1.0, 1.15] {
+            let expected = [4; 9];
+            assert!(otherwise(&reading(expected, gain), &expected, &PALETTE).is_empty());
+
+            let seen = [1, 1, 1, 4, 4, 4, 4, 4, 4];
+            assert_eq!(otherwise(&reading(seen, gain), &expected, &PALETTE), [1, 2, 3]);
+        }
+    }
+
+    #[test]
+    fn what_is_covered_says_nothing() {
+        let mut covered = reading([1, 1, 1, 4, 4, 4, 4, 4, 4], 1.0);
+        covered.occluded[..3].fill(true);
+
+        assert!(otherwise(&covered, &[4; 9], &PALETTE).is_empty());
+    }
+
+    #[test]
+    fn a_layer_askew_is_found_with_its_hand_and_its_angle() {
+        let track = UnitQuaternion::from_euler_angles(0.3, -0.7, 1.1);
+        for straight in rotations() {
+            let postument = track * straight;
+            let z = track.inverse() * (postument * Vector3::z());
+            if z.z > 0.9 {
+                continue; // One palm under the other: no such grasp.
+            }
+            for by in [-0.7, -0.3, 0.2, 0.6] {
+                let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), by);
+
+                let (hand, found) = askew(&(track * roll), &postument);
+
+                // Palms on opposite sides roll about one axis: either hand may undo it.
+                let opposite = z.z < -0.9;
+                assert!(opposite || hand == Hand::Track, "{hand:?}");
+                let expected = if hand == Hand::Track { -by } else { by };
+                assert!((found.abs() - by.abs()).abs() < 1e-6, "{found} {expected}");
+                if hand == Hand::Track {
+                    assert!((found + by).abs() < 1e-6, "{found} {by}");
+                }
+            }
+        }
+    }
+}

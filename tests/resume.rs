@@ -1,0 +1,101 @@
+//! A mission that is killed, and goes on: the plant's state in a file is all that the two processes share, beside the
+//! journal.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+fn run(world: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
+    command
+        .args(["run", "scenarios/solve.toml", "--json", "--world"])
+        .arg(world)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::null());
+    command
+}
+
+fn journal(world: &Path) -> PathBuf {
+    PathBuf::from(format!("{}.journal", world.display()))
+}
+
+/// Kills a mission when its journal tells of so many turns of layers.
+fn killed_after(world: &Path, turns: usize) {
+    let mut child = run(world).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let begun = Instant::now();
+    loop {
+        let noted = std::fs::read_to_string(journal(world)).unwrap_or_default();
+        if noted.matches("\"turning\"").count() >= turns {
+            break;
+        }
+        assert!(child.try_wait().unwrap().is_none(), "the mission was over before it was killed");
+        assert!(begun.elapsed() < Duration::from_secs(300));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+fn resumed(world: &Path) -> serde_json::Value {
+    let out = run(world).arg("--resume").output().unwrap();
+    let printed = String::from_utf8(out.stdout).unwrap();
+    let told = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{told}\n{printed}");
+    serde_json::from_str(printed.lines().last().unwrap()).unwrap()
+}
+
+fn place(name: &str) -> PathBuf {
+    std::env::temp_dir().join(format!("rubik-robot-resume-{}-{name}.json", std::process::id()))
+}
+
+#[test]
+fn a_mission_killed_amid_its_turns_is_resumed_to_a_solved_cube() {
+    let world = place("killed");
+    killed_after(&world, 5);
+
+    // Behind everybody's back a layer that nobody holds askew is turned by a quarter.
+    let mut state: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(&world).unwrap()).unwrap();
+    let turning = state["split"]["axis"].as_u64();
+    let axis = (0..3).find(|&axis| Some(axis) != turning).unwrap() as usize;
+    let angle = state["angles"][axis][1].as_f64().unwrap();
+    state["angles"][axis][1] = (angle + std::f64::consts::FRAC_PI_2).into();
+    std::fs::write(&world, serde_json::to_vec(&state).unwrap()).unwrap();
+
+    let summary = resumed(&world);
+
+    assert_eq!(summary["outcome"], "solved", "{summary}");
+    // What it turned was planned after looking: what it saw is what the plant had.
+    assert_eq!(summary["cube_start"], summary["identified"], "{summary}");
+    // And now there is nothing left to do.
+    let again = resumed(&world);
+    assert_eq!((&again["outcome"], &again["turns"]), (&"solved".into(), &0.into()), "{again}");
+    for file in [&world, &journal(&world)] {
+        std::fs::remove_file(file).unwrap();
+    }
+}
+
+#[test]
+fn what_cannot_be_resumed_is_refused_with_the_reason() {
+    let refused = |more: &[&str]| {
+        let out = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+            .args(["run", "scenarios/solve.toml", "--json", "--resume"])
+            .args(more)
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        (out.status.code().unwrap(), String::from_utf8_lossy(&out.stderr).into_owned())
+    };
+    let world = place("refused");
+    let at = world.display().to_string();
+
+    let (code, told) = refused(&[]);
+    assert!(code == 2 && told.contains("--journal"), "{told}");
+    std::fs::write(&world, "{}").unwrap();
+    let (code, told) = refused(&["--world", &at]);
+    assert!(code == 4 && told.contains("not the state of a plant"), "{code} {told}");
+    std::fs::remove_file(&world).unwrap();
+}
