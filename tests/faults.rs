@@ -90,7 +90,7 @@ impl Seen {
     /// A fatal stop of one arm: its drives go off by `trip`, it hardly moves from there on, and the other one is powered
     /// and stands at the end.
     fn stops(&self, arm: usize, trip: std::ops::RangeInclusive<u64>) {
-        let cut = self.cut(arm).expect("the drives stay on");
+        let cut = self.cut(arm).unwrap();
         assert!(trip.contains(&cut), "the drives go off in period {cut}, not in {trip:?}");
         assert!(self.way(arm, cut, self.last()) < 2e-3, "{}", self.way(arm, cut, self.last()));
         let other = 1 - arm;

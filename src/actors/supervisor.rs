@@ -636,7 +636,8 @@ async fn perform(
         .collect();
     if let Some(guard) = Guard::of(&config.cell) {
         let states = edps.iter().map(edp::EdpHandle::watch).collect();
-        tokio::spawn(watch_over(guard, states, Arc::clone(&switches), ui.clone(), clock));
+        let watching = watch_over(guard, states, Arc::clone(&switches), ui.clone(), clock);
+        alarm.spawn("guard", watching);
     }
     // By hand, the operator decides when an arm is synchronised.
     let blind: Vec<usize> = (0..edps.len()).filter(|&i| !synchronised[i] && !by_hand).collect();
@@ -822,6 +823,22 @@ async fn perform(
     Ok(Done { ending, task: log, truth, ended, whereabouts, hash: tape.hash() })
 }
 
+/// How MP's work ended, even when it ended in a panic.
+async fn survived(
+    work: impl Future<Output = mp::Ending>,
+    clock: Clock,
+    ui: &ui::UiHandle,
+) -> mp::Ending {
+    match Caught(Box::pin(work)).await {
+        Ok(ending) => ending,
+        Err(why) => {
+            let (end, error) = (clock.period() as f64 * PERIOD, panicked("mp", &*why));
+            ui.tell(ui::Notice::Error(end, error.clone()));
+            mp::Ending::broken(end, error)
+        }
+    }
+}
+
 /// Stops both arms where they come too near to something, whatever brings them there.
 async fn watch_over(
     guard: Guard,
@@ -847,22 +864,6 @@ async fn watch_over(
             return;
         }
         tokio::time::sleep(HEART_BEAT).await;
-    }
-}
-
-/// How MP's work ended, even when it ended in a panic.
-async fn survived(
-    work: impl Future<Output = mp::Ending>,
-    clock: Clock,
-    ui: &ui::UiHandle,
-) -> mp::Ending {
-    match Caught(Box::pin(work)).await {
-        Ok(ending) => ending,
-        Err(why) => {
-            let (end, error) = (clock.period() as f64 * PERIOD, panicked("mp", &*why));
-            ui.tell(ui::Notice::Error(end, error.clone()));
-            mp::Ending::broken(end, error)
-        }
     }
 }
 

@@ -47,6 +47,10 @@ pub struct ArmServo {
     fade: f64,
     /// The other arm is stopped.
     stands_by: bool,
+    /// Set values are to begin anew from what is measured: the motion that they led is given up, and their lead with it.
+    gives_up: bool,
+    /// Periods that were missed before this one.
+    missed: u64,
 }
 
 /// What was measured in a period.
@@ -101,6 +105,8 @@ impl ArmServo {
             braking: None,
             fade: libm::pow(Self::FADE, config.period.ratio()),
             stands_by: false,
+            gives_up: false,
+            missed: 0,
             config,
         }
     }
@@ -114,6 +120,10 @@ impl ArmServo {
         command: Option<&ServoCommand>,
     ) -> (ArmDrive, ArmState) {
         let measured = self.measure(reading);
+        if std::mem::take(&mut self.gives_up) && self.fault.is_none() {
+            let (model, tool) = (&self.config.model, &self.flange_from_tool);
+            self.set = self.set.moved_to(model, tool, measured.motors);
+        }
         if let Some(command) = command {
             self.accept(period, reading, command);
         }
@@ -149,6 +159,7 @@ impl ArmServo {
         }
         self.hold(period);
         self.braking = Some(self.steps);
+        self.gives_up = true;
         self.refused = Some(why);
     }
 
@@ -166,6 +177,7 @@ impl ArmServo {
             path.yields(period + Self::YIELDS / self.config.period.nanos());
             self.hold(period);
             self.running = Some(path);
+            self.gives_up = true;
         } else {
             self.brake(period);
         }
@@ -190,6 +202,7 @@ impl ArmServo {
 
     /// So many periods were missed before the next one.
     pub fn skipped(&mut self, missed: u64) {
+        self.missed += missed;
         self.watch.skipped(missed);
     }
 
@@ -455,9 +468,13 @@ impl ArmServo {
         }
         for axis in self.first_axis()..AXES {
             let wanted = self.steps[axis] * self.config.model.increments[axis] / TAU;
-            let measured = reading.counts[axis] - self.last_counts[axis];
-            drive.pwm[axis] = self.regulators[axis].step(wanted, measured as f64);
+            let measured = (reading.counts[axis] - self.last_counts[axis]) as f64;
+            // What the axis went in a gap is no error of one period.
+            let measured =
+                if self.missed > 0 { measured / (1 + self.missed) as f64 } else { measured };
+            drive.pwm[axis] = self.regulators[axis].step(wanted, measured);
         }
+        self.missed = 0;
         self.last_counts = reading.counts;
         self.jaw.drive(reading, &mut drive);
         drive
