@@ -178,9 +178,10 @@ pub fn run_with(
         let mut plant = plan.plant(scenario)?;
         if let (Some(path), true) = (&files.world, files.resume) {
             let failed = |why: Unfit| not_created("plant", &format!("{}: {why}", path.display()));
-            match Saved::read(path).map_err(failed)? {
-                Some(saved) => plant = plant.restored(saved, scenario.seed).map_err(failed)?,
-                None => tracing::warn!("{}: not there, so nothing had begun", path.display()),
+            if let Some(saved) = Saved::read(path).map_err(failed)? {
+                plant = plant.restored(saved, scenario.seed).map_err(failed)?;
+            } else {
+                tracing::warn!("{}: not there, so nothing had begun", path.display());
             }
         }
         let (world, cameras) = World::of_plant(scenario, plant, &control, &troubles)?;
@@ -248,21 +249,22 @@ struct Attendance {
 #[derive(Default)]
 struct Logbook {
     journal: Option<Journal>,
-    /// Of a run that goes on.
-    last: Option<Option<tasks::Entry>>,
+    /// Whether this run goes on where another was broken off.
+    resumes: bool,
+    last: Option<tasks::Entry>,
 }
 
 impl Logbook {
     fn of(files: &Keep) -> Result<Self, Error> {
         let Some(path) = &files.journal else { return Ok(Self::default()) };
         let failed = |why: String| not_created("journal", &format!("{}: {why}", path.display()));
-        let last = files
-            .resume
-            .then(|| Journal::last(path))
-            .transpose()
-            .map_err(|why| failed(why.to_string()))?;
+        let last = if files.resume {
+            Journal::last(path).map_err(|why| failed(why.to_string()))?
+        } else {
+            None
+        };
         let journal = Journal::open(path, files.resume).map_err(|why| failed(why.to_string()))?;
-        Ok(Self { journal: Some(journal), last })
+        Ok(Self { journal: Some(journal), resumes: files.resume, last })
     }
 }
 
@@ -732,8 +734,8 @@ async fn perform(
         None => Kernel::Idle(Idle::new(config.idle.time)),
         Some(goal) => {
             let mut mission = cube_kernel(config, goal, plan.meetings, plan.face_turn)?;
-            if let Some(last) = journal.last {
-                mission = mission.resumed(last);
+            if journal.resumes {
+                mission = mission.resumed(journal.last);
             }
             mission.patience = words.is_some().then_some(PATIENCE);
             Kernel::Cube(Box::new(mission))

@@ -49,15 +49,8 @@ pub(super) struct RunArgs {
     /// Keep the run in an MCAP file, which ROS 2 tools, rerun and `rubik-robot replay` read
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Note in this file what a run that goes on after a crash must know [with --world: beside that]
-    #[arg(long, value_name = "FILE")]
-    journal: Option<PathBuf>,
-    /// The simulated plant keeps its state in this file, as a real cell stays where it is
-    #[arg(long, value_name = "FILE")]
-    world: Option<PathBuf>,
-    /// Go on where the run that left --journal (and --world) was broken off
-    #[arg(long)]
-    resume: bool,
+    #[command(flatten)]
+    keep: KeepArgs,
     /// Wait for the operator's start (the page's button; s, Enter)
     #[arg(long)]
     wait: bool,
@@ -69,6 +62,20 @@ pub(super) struct RunArgs {
     /// Start by itself, ask nothing, and end stdout with one line of JSON
     #[arg(long)]
     json: bool,
+}
+
+/// Files that outlive the run.
+#[derive(Debug, Args)]
+struct KeepArgs {
+    /// Note in this file what a run that goes on after a crash must know [with --world: beside that]
+    #[arg(long, value_name = "FILE")]
+    journal: Option<PathBuf>,
+    /// The simulated plant keeps its state in this file, as a real cell stays where it is
+    #[arg(long, value_name = "FILE")]
+    world: Option<PathBuf>,
+    /// Go on where the run that left --journal (and --world) was broken off
+    #[arg(long)]
+    resume: bool,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -110,7 +117,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         complain("--speed: a factor such as 5, or 0 for as fast as it computes");
         return Ok(WRONG);
     }
-    let keep = match keep(args, &scenario) {
+    let keep = match keep(&args.keep, &scenario) {
         Ok(keep) => keep,
         Err(reason) => {
             complain(reason);
@@ -159,7 +166,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
 }
 
 /// The files that outlive the run, or why they cannot be.
-fn keep(args: &RunArgs, scenario: &Scenario) -> Result<Keep, &'static str> {
+fn keep(args: &KeepArgs, scenario: &Scenario) -> Result<Keep, &'static str> {
     if args.world.is_some() && scenario.bridge.kind.is_hardware() {
         return Err(
             "--world: hardware keeps its state itself; only a simulated plant needs a file",

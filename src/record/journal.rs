@@ -52,7 +52,7 @@ impl Journal {
         let mut file = options.create(true).open(path)?;
         if go_on {
             // What a crash cut off stays a line of its own.
-            let cut = !std::fs::read(path)?.last().is_none_or(|&byte| byte == b'\n');
+            let cut = std::fs::read(path)?.last().is_some_and(|&byte| byte != b'\n');
             if cut {
                 file.write_all(b"\n")?;
             }

@@ -176,7 +176,7 @@ impl OperatorHand {
     }
 
     /// Goes on at time 0 with what was kept.
-    pub(super) fn restore(&mut self, saved: Saved) {
+    pub(super) fn restore(&mut self, saved: &Saved) {
         self.phase = saved.phase;
         self.withdrawals_left = saved.withdrawals_left;
         self.let_go_at = saved.let_go_at;

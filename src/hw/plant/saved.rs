@@ -161,7 +161,7 @@ impl Plant {
             }
         }
         self.balance.restore(saved.nodes, saved.split);
-        self.hand.restore(saved.hand);
+        self.hand.restore(&saved.hand);
         (self.stops, self.grasps, self.state) = (saved.stops, saved.grasps, saved.state);
         (self.last_holder, self.operator_has) = (saved.last_holder, saved.operator_has);
         self.angle_at_split = saved.angle_at_split;
