@@ -19,6 +19,7 @@ use rubik_robot::hw::force::{
 use rubik_robot::hw::serial::axis::{Axis, AxisDrive, Rules};
 use rubik_robot::hw::serial::frame::{ORDER, Order, STATUS, Status};
 use rubik_robot::operator::Command;
+use rubik_robot::record::journal::Journal;
 use rubik_robot::record::reading::Reading;
 use rubik_robot::record::{recover, report};
 use rubik_robot::scenario::{self, Override};
@@ -286,6 +287,20 @@ fn state_files_of_campaigns() {
             assert_eq!(again.results.len(), state.results.len());
         }
     });
+}
+
+#[test]
+fn journals() {
+    let path = std::env::temp_dir().join(format!("rubik-hostile-{}", std::process::id()));
+    hostile("journal", "{}[]\":,\n doinghelOT0123456789.", 500, &|bytes| {
+        std::fs::write(&path, bytes).unwrap();
+        if let Ok(Some(entry)) = Journal::last(&path) {
+            // Whatever was noted last is noted last again behind what a crash left.
+            Journal::open(&path, true).unwrap().write(&entry).unwrap();
+            assert_eq!(Journal::last(&path).unwrap(), Some(entry));
+        }
+    });
+    std::fs::remove_file(path).unwrap();
 }
 
 #[test]

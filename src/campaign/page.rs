@@ -102,9 +102,7 @@ fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
         fact("simulated time in all", format!("{hours:.1} h"));
         fact("drops", grouped(u64::from(tally.mishaps.drops)));
     }
-    if let Some(recoveries) = tally.recoveries {
-        fact("recoveries", grouped(recoveries));
-    }
+    fact("recoveries", grouped(tally.recoveries));
     html.push_str("</dl></header>\n");
 }
 

@@ -76,8 +76,8 @@ pub struct Figures {
     pub sim_time_s: f64,
     /// What went wrong in the plant, whether or not it was mended.
     pub mishaps: Mishaps,
-    /// Times that the mission recovered by its own account; `None` of a program that does not count them.
-    pub recoveries: Option<u32>,
+    /// Times that the mission began anew, by its own account.
+    pub recoveries: u32,
     /// Over every servo record and message, hexadecimal.
     pub hash: String,
 }
@@ -148,7 +148,7 @@ pub enum Ended {
 impl RunResult {
     /// Of a run that was performed in this process.
     #[must_use]
-    pub fn of_summary(summary: &Summary, recoveries: Option<u32>, set: Vec<String>) -> Self {
+    pub fn of_summary(summary: &Summary, set: Vec<String>) -> Self {
         let (verdict, reason) = judged(summary);
         let number = |value: Option<f64>| value.filter(|v| v.is_finite()).unwrap_or(f64::MAX);
         Self {
@@ -171,7 +171,7 @@ impl RunResult {
                     crushed: summary.crushed.unwrap_or(0),
                     collisions: summary.collisions.unwrap_or(0),
                 },
-                recoveries,
+                recoveries: summary.recoveries,
                 hash: summary.hash.clone(),
             }),
             wall_time_s: summary.wall_time_s,
@@ -219,7 +219,7 @@ impl RunResult {
             let reason = format!("exit code {code} and the summary of seed {}", summary.seed);
             return without(Verdict::Died, &format!("{reason} do not belong together"));
         }
-        let mut result = Self::of_summary(&summary, recoveries(last), set.to_vec());
+        let mut result = Self::of_summary(&summary, set.to_vec());
         result.wall_time_s = wall_time_s;
         result
     }
@@ -244,14 +244,6 @@ fn judged(summary: &Summary) -> (Verdict, String) {
         (Outcome::Failed, EndedBy::Task) => (Verdict::Failed, summary.reason.clone()),
         _ => (Verdict::Aborted, summary.reason.clone()),
     }
-}
-
-/// Recoveries by the summary's own account: a number or a list.
-fn recoveries(line: &str) -> Option<u32> {
-    let told: serde_json::Value = serde_json::from_str(line).ok()?;
-    let told = told.get("recoveries")?;
-    let number = told.as_u64().or_else(|| told.as_array().map(|a| a.len() as u64))?;
-    u32::try_from(number).ok()
 }
 
 /// The phase that a run told last: lines such as `  12.34 s  solve`.
@@ -301,7 +293,7 @@ pub(super) mod tests {
 
     /// A result for tests of what is above.
     pub(in crate::campaign) fn result(seed: u64, verdict: Verdict, force: f64) -> RunResult {
-        let mut result = RunResult::of_summary(&summary(seed), None, vec![]);
+        let mut result = RunResult::of_summary(&summary(seed), vec![]);
         result.verdict = verdict;
         result.phase = "solve".into();
         result.reason = format!("{} for a reason", verdict.word());
@@ -349,19 +341,6 @@ pub(super) mod tests {
     fn a_summary_that_does_not_belong_to_the_run_is_none() {
         for (told, code) in [(summary(4).json(), 0), (summary(3).json(), 1)] {
             assert_eq!(process(&told, "", Ended::Code(code)).verdict, Verdict::Died);
-        }
-    }
-
-    #[test]
-    fn recoveries_are_read_where_a_summary_has_them() {
-        let with = |more: &str| summary(3).json().replacen('{', &format!("{{{more},"), 1);
-        for (text, wanted) in [
-            (summary(3).json(), None),
-            (with("\"recoveries\":2"), Some(2)),
-            (with("\"recoveries\":[\"slip\",\"drop\",\"jam\"]"), Some(3)),
-        ] {
-            let figures = process(&text, "", Ended::Code(0)).figures.unwrap();
-            assert_eq!(figures.recoveries, wanted);
         }
     }
 

@@ -170,7 +170,7 @@ fn perform(scenario: &Scenario) -> Option<RunResult> {
     };
     match std::panic::catch_unwind(run) {
         Ok(Ok(summary)) if summary.ended_by == EndedBy::Interrupt => None,
-        Ok(Ok(summary)) => Some(RunResult::of_summary(&summary, None, Vec::new())),
+        Ok(Ok(summary)) => Some(RunResult::of_summary(&summary, Vec::new())),
         Ok(Err(error)) => Some(failed(Verdict::Aborted, error.to_string())),
         Err(_) => Some(failed(Verdict::Died, "panicked".to_owned())),
     }

@@ -27,8 +27,8 @@ pub struct Tally {
     pub mishaps: Mishaps,
     /// Runs in which the plant counted something, and how many of these were solved all the same.
     pub mended: (u64, u64),
-    /// Recoveries by the missions' own account; `None` when no run told.
-    pub recoveries: Option<u64>,
+    /// Times that missions began anew, by their own account.
+    pub recoveries: u64,
 }
 
 /// A quantity of a run: its name in JSON, words for people, how to read it, decimals.
@@ -51,16 +51,14 @@ impl Tally {
     pub fn of(state: &State) -> Self {
         let results: Vec<RunResult> = state.results.values().cloned().collect();
         let solved = results.iter().filter(|r| r.verdict == Verdict::Solved).count() as u64;
-        let (mut mishaps, mut mended, mut recoveries) = (Mishaps::default(), (0, 0), None);
+        let (mut mishaps, mut mended, mut recoveries) = (Mishaps::default(), (0, 0), 0);
         for (result, figures) in results.iter().filter_map(|r| Some((r, r.figures.as_ref()?))) {
             mishaps.add(&figures.mishaps);
             if figures.mishaps.count() > 0 {
                 mended.0 += 1;
                 mended.1 += u64::from(result.verdict == Verdict::Solved);
             }
-            if let Some(more) = figures.recoveries {
-                recoveries = Some(recoveries.unwrap_or(0) + u64::from(more));
-            }
+            recoveries += u64::from(figures.recoveries);
         }
         Self {
             header: state.header.clone(),
@@ -209,9 +207,7 @@ impl Tally {
             "runs with any of them",
             &format!("{with}, of which {mended} solved all the same"),
         );
-        if let Some(recoveries) = self.recoveries {
-            row(&mut t, "recoveries", &recoveries.to_string());
-        }
+        row(&mut t, "recoveries", &self.recoveries.to_string());
         let failed = self.runs() - self.solved;
         row(&mut t, "failures", &if failed == 0 { "none".to_owned() } else { failed.to_string() });
         let mut listed = 0;
