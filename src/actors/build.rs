@@ -310,7 +310,7 @@ mod tests {
         let settings = cube_settings(&scenario.controller, meetings, reach.back).unwrap();
         let mut mission = Mission::new(settings, Goal::Solve, None);
         mission.patience = patience;
-        let arms = [ArmState::default(); 2];
+        let arms = [ArmState { jaw_opening: 0.057, ..ArmState::default() }; 2];
         let (mut phases, mut notes, mut looks, mut event) = (vec![], vec![], 0, Event::Start);
         for _ in 0..2000 {
             let action = mission.next(event, &Readings { arms: &arms, forces: Forces::default() });
