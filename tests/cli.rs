@@ -169,7 +169,8 @@ fn the_defaults_that_are_listed_are_accepted_as_values() {
     let out = robot(&["keys"]);
     for line in text(&out.stdout).lines().filter(|l| !l.starts_with(' ')) {
         let (key, default) = line.split_once(" = ").unwrap();
-        if default == "(not given)" {
+        // A fault is of nobody until a scenario has one.
+        if default == "(not given)" || key.starts_with("fault.") {
             continue;
         }
         let over = rubik_robot::scenario::Override::parse(&format!("{key}={default}")).unwrap();

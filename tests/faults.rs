@@ -188,7 +188,8 @@ fn a_jam_lets_no_layer_turn_and_forces_stay_within_limits() {
     let seen = seen("jam", &[]);
     let turned = seen.summary.turned_deg.unwrap();
     assert!((29.0..33.0).contains(&turned), "{turned}");
-    assert!(seen.summary.jams.unwrap() > 0);
+    // The turn is broken off and eased back long before a layer has stood still for 3 s.
+    assert!(seen.summary.reason.contains("stands still"), "{}", seen.summary.reason);
     assert!(seen.summary.peak_force_n.unwrap() < 20.0);
     assert_eq!(seen.summary.outcome, Outcome::Failed);
 }
@@ -250,8 +251,8 @@ fn both_hold(seen: &Seen, begin: u64, within: u64) {
 #[test]
 fn arms_hold_when_an_actor_panics_or_hangs_or_no_heart_beats() {
     let begin = turned_30();
-    // 0.1 s until it is noticed, where it is not at once, and 0.1 s to come to a stand.
-    let mid_turn = [("heart_beat_loss", 110), ("panic_edp", 70), ("actor_hang", 120)];
+    // 0.1 s until it is noticed, where it is not at once, and 0.25 s to come to a stand.
+    let mid_turn = [("heart_beat_loss", 190), ("panic_edp", 140), ("actor_hang", 210)];
     for (name, within) in mid_turn {
         let seen = seen(name, &[]);
         both_hold(&seen, begin, within);
@@ -260,7 +261,7 @@ fn arms_hold_when_an_actor_panics_or_hangs_or_no_heart_beats() {
     for name in ["panic_ecp", "panic_mp"] {
         let seen = seen(name, &[]);
         let noticed = (seen.summary.sim_time_s / 0.002).round() as u64;
-        both_hold(&seen, noticed, 60);
+        both_hold(&seen, noticed, 130);
         seen.is_held_by([false, true]);
     }
 }
@@ -330,7 +331,7 @@ const TOLD: &[(&str, i32, &[&str])] = &[
     ("force_saturation", 3, &["fatal", "edp track", "130.0 N along z is the end of its range"]),
     ("force_bias", 1, &["over-force of 30", "along x", "postument"]),
     ("slip", 1, &["a grip slipped"]),
-    ("drop", 1, &["nothing was touched"]),
+    ("drop", 1, &["slipped out of the postument hand"]),
     ("jam", 1, &["turned by 30"]),
     ("turn_undone", 1, &["turned by 0"]),
     ("missed_period", 0, &["servo: 1 periods missed"]),
@@ -387,6 +388,8 @@ fn every_scenario_of_a_fault_is_tested_here() {
     let files = std::fs::read_dir(folder.parent().unwrap()).unwrap();
     let mut names: Vec<String> = files
         .map(|file| file.unwrap().path().file_stem().unwrap().to_str().unwrap().to_owned())
+        // Whole missions: tests/missions.rs.
+        .filter(|name: &String| !name.starts_with("solve_"))
         .collect();
     names.sort();
     let mut told: Vec<_> = TOLD.iter().map(|(name, ..)| (*name).to_owned()).collect();

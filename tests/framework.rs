@@ -317,7 +317,7 @@ async fn an_effector_that_fails_ends_the_run_with_a_fatal_error_that_the_operato
     );
     assert_eq!(
         edp.state().await.unwrap_err().to_string(),
-        "fatal, edp track, state: emergency stop"
+        format!("fatal, edp track, state, period {}: emergency stop", last.period)
     );
 }
 

@@ -313,7 +313,7 @@ pub fn all_keys() -> Vec<Key> {
     for vsp in &draft.vsps {
         vsp.keys(&format!("vsp.{}", vsp.name), &mut keys);
     }
-    FaultKeys::default().keys("fault.NAME", &mut keys);
+    FaultKeys { name: "NAME".to_owned(), ..FaultKeys::default() }.keys("fault.NAME", &mut keys);
     keys
 }
 
