@@ -2,7 +2,7 @@
 //!
 //! - in: the believed cell, the joints of both arms
 //! - out: what would come too near to what
-//! - the parts are those of the search for meetings ([`super::bodies`]); pairs that meet by design, hands at one cube,
+//! - the parts are those of the search for meetings (`bodies`); pairs that meet by design, hands at one cube,
 //!   are left out. Meetings keep 20 mm, corrections are smaller than the rest: the guard never speaks in a sound run
 
 use super::bodies::{Bodies, at_the_cube};

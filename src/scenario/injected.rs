@@ -1,7 +1,7 @@
 //! Keys of the list `[[fault]]`: what is made to go wrong in a simulated run. Only the plant's side may read them.
 //!
 //! - in: kind, when (`at_s`, or `event` with `nth` and `delay_s`), for how long, how much, whom
-//! - out: [`FaultKeys`], checked against each other and the scenario by [`check`]
+//! - out: [`FaultKeys`], checked against each other and the scenario by `check`
 
 use super::lists::{CameraKeys, Effector};
 use super::section::{Reader, section, words};

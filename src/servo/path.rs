@@ -214,7 +214,7 @@ impl Path {
     }
 
     /// Position-force control goes on until period `end` without a velocity and towards no force. What it has of speed
-    /// falls off over [`Path::LAG`]: set values that stop dead trip the power stages.
+    /// falls off over `Path::LAG`: set values that stop dead trip the power stages.
     pub fn yields(&mut self, end: u64) {
         self.end = end;
         if let Kind::Task { directions, .. } = &mut self.kind {
