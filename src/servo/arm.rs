@@ -47,6 +47,8 @@ pub struct ArmServo {
     fade: f64,
     /// The other arm is stopped.
     stands_by: bool,
+    /// Set values are to begin anew from what is measured: the motion that they led is given up, and their lead with it.
+    gives_up: bool,
     /// Periods that were missed before this one.
     missed: u64,
 }
@@ -63,9 +65,8 @@ struct Measured {
 impl ArmServo {
     /// Periods of 2 ms before the end of a macrostep from which on the next one waits for its end.
     pub const EARLY: u64 = 2;
-    /// Share of a speed that is left after 2 ms of braking: 0.2 s for all but a hundredth of it. In 0.1 s the wrist's roll,
-    /// at the speed of a turn, went 3.4 rad of its motor beyond its set value, which is a following error.
-    const FADE: f64 = 0.955;
+    /// Share of a speed that is left after 2 ms of braking: 0.1 s for all but a hundredth of it.
+    const FADE: f64 = 0.92;
     /// How long an arm whose partner is stopped yields before it holds [ns]: forces between them fall off, and a zero
     /// that is a little wrong does not carry it away.
     const YIELDS: u64 = 500_000_000;
@@ -104,6 +105,7 @@ impl ArmServo {
             braking: None,
             fade: libm::pow(Self::FADE, config.period.ratio()),
             stands_by: false,
+            gives_up: false,
             missed: 0,
             config,
         }
@@ -118,6 +120,10 @@ impl ArmServo {
         command: Option<&ServoCommand>,
     ) -> (ArmDrive, ArmState) {
         let measured = self.measure(reading);
+        if std::mem::take(&mut self.gives_up) && self.fault.is_none() {
+            let (model, tool) = (&self.config.model, &self.flange_from_tool);
+            self.set = self.set.moved_to(model, tool, measured.motors);
+        }
         if let Some(command) = command {
             self.accept(period, reading, command);
         }
@@ -141,7 +147,7 @@ impl ArmServo {
         self.hold(period);
     }
 
-    /// Brings the arm to a stand within about 0.2 s: set values that stop dead trip the power stages.
+    /// Brings the arm to a stand within about 0.1 s: set values that stop dead trip the power stages.
     pub fn brake(&mut self, period: u64) {
         self.brake_for(period, MoveRefused::BrokenOff);
     }
@@ -153,6 +159,7 @@ impl ArmServo {
         }
         self.hold(period);
         self.braking = Some(self.steps);
+        self.gives_up = true;
         self.refused = Some(why);
     }
 
@@ -170,6 +177,7 @@ impl ArmServo {
             path.yields(period + Self::YIELDS / self.config.period.nanos());
             self.hold(period);
             self.running = Some(path);
+            self.gives_up = true;
         } else {
             self.brake(period);
         }

@@ -135,7 +135,7 @@ enum Kind {
 
 impl Path {
     /// Time in which a speed falls off when an arm only yields [s].
-    const LAG: f64 = 0.045;
+    const LAG: f64 = 0.024;
 
     /// The course from `from` in periods `begin..=end`.
     #[must_use]
