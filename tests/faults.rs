@@ -92,7 +92,9 @@ impl Seen {
     fn stops(&self, arm: usize, trip: std::ops::RangeInclusive<u64>) {
         let cut = self.cut(arm).unwrap();
         assert!(trip.contains(&cut), "the drives go off in period {cut}, not in {trip:?}");
-        assert!(self.way(arm, cut, self.last()) < 2e-3, "{}", self.way(arm, cut, self.last()));
+        // Brakes take their way: most of it from the track's full speed.
+        let way = self.way(arm, cut, self.last());
+        assert!(way < 8e-3, "arm {arm} goes {way} m after its power is off");
         let other = 1 - arm;
         assert_eq!(self.cut(other), None, "the other arm holds under power");
         assert!(self.last() - cut > 250, "there is time for it to come to a stand");
@@ -131,7 +133,6 @@ fn a_jumping_counter_stops_its_arm_at_once() {
 }
 
 #[test]
-#[ignore = "since the arms are braked otherwise, the partner of a stopped arm may trip on its following error"]
 fn over_current_and_a_limit_switch_take_the_power_off_one_arm_only() {
     let begin = turned_30();
     let seen_current = seen("over_current", &[]);
@@ -209,7 +210,6 @@ fn a_turn_that_did_not_happen_leaves_the_cube_as_it_was_and_is_felt_by_nobody() 
 }
 
 #[test]
-#[ignore = "since the arms are braked otherwise, the partner of a stopped arm may trip on its following error"]
 fn one_missed_period_is_counted_and_twenty_stop_both_arms_as_a_jump_of_the_clock_does() {
     let begin = turned_30();
     let one = seen("missed_period", &[]);
@@ -251,11 +251,10 @@ fn both_hold(seen: &Seen, begin: u64, within: u64) {
 }
 
 #[test]
-#[ignore = "since the arms are braked otherwise, the partner of a stopped arm may trip on its following error"]
 fn arms_hold_when_an_actor_panics_or_hangs_or_no_heart_beats() {
     let begin = turned_30();
-    // 0.1 s until it is noticed, where it is not at once, and 0.1 s to come to a stand.
-    let mid_turn = [("heart_beat_loss", 110), ("panic_edp", 70), ("actor_hang", 120)];
+    // 0.1 s until it is noticed, where it is not at once, and 0.25 s until regulators and layer are at rest.
+    let mid_turn = [("heart_beat_loss", 190), ("panic_edp", 140), ("actor_hang", 210)];
     for (name, within) in mid_turn {
         let seen = seen(name, &[]);
         both_hold(&seen, begin, within);
@@ -264,7 +263,7 @@ fn arms_hold_when_an_actor_panics_or_hangs_or_no_heart_beats() {
     for name in ["panic_ecp", "panic_mp"] {
         let seen = seen(name, &[]);
         let noticed = (seen.summary.sim_time_s / 0.002).round() as u64;
-        both_hold(&seen, noticed, 60);
+        both_hold(&seen, noticed, 130);
         seen.is_held_by([false, true]);
     }
 }

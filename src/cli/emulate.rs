@@ -57,9 +57,6 @@ pub(super) struct EmulateArgs {
     /// Silence a force sensor; repeatable
     #[arg(long, value_name = "EFFECTOR@S")]
     silence: Vec<String>,
-    /// On a machine that has more to do: let the cell stand still for up to so long while no order comes
-    #[arg(long, value_name = "MS", default_value_t = 0.0)]
-    patience_ms: f64,
     /// Go on after the controller has left, until Ctrl-C
     #[arg(long)]
     stay: bool,
@@ -109,7 +106,6 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
         },
         faults,
         seed: scenario.seed,
-        patience: args.patience_ms * 1e-3,
         leaves_after: (!args.stay).then_some(LEAVES),
     };
     let devices =

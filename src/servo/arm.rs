@@ -5,6 +5,7 @@ use super::io::{ArmDrive, ArmReading, JAW};
 use super::jaw::Jaw;
 use super::path::{Path, SetValues, check_end};
 use super::regulator::Regulator;
+use super::stride::Stride;
 use super::tff::{ForceLaw, heeds_force};
 use super::watch::Watch;
 use super::wrench::WristForce;
@@ -25,6 +26,7 @@ pub struct ArmServo {
     /// How far the set motors went in the last period [rad].
     steps: [f64; AXES],
     regulators: [Regulator; AXES],
+    strides: [Stride; AXES],
     last_counts: [i64; AXES],
     last_joints: JointPositions,
     jaw: Jaw,
@@ -47,10 +49,10 @@ pub struct ArmServo {
     fade: f64,
     /// The other arm is stopped.
     stands_by: bool,
-    /// Set values are to begin anew from what is measured: the motion that they led is given up, and their lead with it.
+    /// Periods were missed before this one.
+    gap: bool,
+    /// Set values are to begin anew from what is measured: the axes went on in a gap, and their motion is given up.
     gives_up: bool,
-    /// Periods that were missed before this one.
-    missed: u64,
 }
 
 /// What was measured in a period.
@@ -87,6 +89,7 @@ impl ArmServo {
                 .gains
                 .axes
                 .map(|g| Regulator::new(g.for_period(config.period), config.gains.pwm_limit)),
+            strides: config.model.increments.map(|i| Stride::new(i, config.period)),
             last_counts: first.counts,
             last_joints: set.joints,
             jaw: Jaw::new(config.gripper, &config.gains, first.jaw_count, config.period),
@@ -105,8 +108,8 @@ impl ArmServo {
             braking: None,
             fade: libm::pow(Self::FADE, config.period.ratio()),
             stands_by: false,
+            gap: false,
             gives_up: false,
-            missed: 0,
             config,
         }
     }
@@ -123,6 +126,7 @@ impl ArmServo {
         if std::mem::take(&mut self.gives_up) && self.fault.is_none() {
             let (model, tool) = (&self.config.model, &self.flange_from_tool);
             self.set = self.set.moved_to(model, tool, measured.motors);
+            self.strides.iter_mut().for_each(Stride::forgive);
         }
         if let Some(command) = command {
             self.accept(period, reading, command);
@@ -159,7 +163,8 @@ impl ArmServo {
         }
         self.hold(period);
         self.braking = Some(self.steps);
-        self.gives_up = true;
+        self.gives_up = self.gap;
+        self.watch.forgive();
         self.refused = Some(why);
     }
 
@@ -177,7 +182,7 @@ impl ArmServo {
             path.yields(period + Self::YIELDS / self.config.period.nanos());
             self.hold(period);
             self.running = Some(path);
-            self.gives_up = true;
+            self.watch.forgive();
         } else {
             self.brake(period);
         }
@@ -202,7 +207,7 @@ impl ArmServo {
 
     /// So many periods were missed before the next one.
     pub fn skipped(&mut self, missed: u64) {
-        self.missed += missed;
+        self.gap = true;
         self.watch.skipped(missed);
     }
 
@@ -298,9 +303,8 @@ impl ArmServo {
         self.set = self.set.moved_to(&self.config.model, &self.flange_from_tool, motors);
         self.steps = [0.0; AXES];
         self.synchronised = is_synchronised(&self.config, reading);
-        for regulator in &mut self.regulators {
-            regulator.reset();
-        }
+        self.regulators.iter_mut().for_each(Regulator::reset);
+        self.strides.iter_mut().for_each(Stride::reset);
         self.last_counts = reading.counts;
         self.watch.reset(reading.counts);
         // The jaw keeps its set value and its regulator: what it grips must not fall.
@@ -405,7 +409,13 @@ impl ArmServo {
             self.advance_blindly();
             return;
         }
-        let Some(path) = self.running else { return };
+        let Some(path) = self.running else {
+            // Nobody goes on with the last motion, which may have ended at speed.
+            if self.steps.iter().any(|step| step.abs() > Self::STANDS) {
+                self.watch.forgive();
+            }
+            return;
+        };
         let (model, seconds) = (&self.config.model, self.config.period.seconds());
         let next = path
             .at((period, seconds), &self.set, model, &self.flange_from_tool, &mut self.law, wrench)
@@ -468,14 +478,12 @@ impl ArmServo {
         }
         for axis in self.first_axis()..AXES {
             let wanted = self.steps[axis] * self.config.model.increments[axis] / TAU;
-            let measured = (reading.counts[axis] - self.last_counts[axis]) as f64;
-            // What the axis went in a gap is no error of one period.
             let measured =
-                if self.missed > 0 { measured / (1 + self.missed) as f64 } else { measured };
+                self.strides[axis].of((reading.counts[axis] - self.last_counts[axis]) as f64);
             drive.pwm[axis] = self.regulators[axis].step(wanted, measured);
         }
-        self.missed = 0;
         self.last_counts = reading.counts;
+        self.gap = false;
         self.jaw.drive(reading, &mut drive);
         drive
     }

@@ -21,6 +21,8 @@ pub struct Watch {
     seconds: f64,
     fade: f64,
     jump: f64,
+    /// Periods for which the remembered speed does not fall off.
+    forgives: u32,
     /// Periods that lie between the last reading and the next.
     periods: u64,
 }
@@ -34,6 +36,8 @@ impl Watch {
     const FROZEN: u32 = 8;
     /// The same of a slow axis: the set value has gone this far meanwhile [rad]; regulators and friction explain less.
     const WANTED: f64 = 1.0;
+    /// Time in which regulators bring an axis to where it is to stand [s].
+    const STANDING: f64 = 0.3;
     /// No motor can turn further in 2 ms [rad].
     const JUMP: f64 = 1.5;
 
@@ -54,6 +58,7 @@ impl Watch {
                 libm::pow(Self::FADE, period.ratio())
             },
             jump: Self::JUMP * period.ratio(),
+            forgives: 0,
             periods: 1,
         }
     }
@@ -64,6 +69,12 @@ impl Watch {
         self.frozen = [0; AXES];
         self.wanted = [0.0; AXES];
         self.last_counts = counts;
+    }
+
+    /// A motion is broken off: its axes may go on for a while, as far as their speed explains. The wrist's roll, braked
+    /// from the speed of a turn, goes 3.4 rad of its motor beyond its set value.
+    pub fn forgive(&mut self) {
+        self.forgives = (Self::STANDING / self.seconds) as u32;
     }
 
     /// So many periods were missed before the next reading.
@@ -93,7 +104,8 @@ impl Watch {
         for axis in (first_axis..AXES).rev() {
             let moved = reading.counts[axis] - self.last_counts[axis];
             let speed = steps[axis].abs() / self.seconds;
-            self.speed[axis] = (self.speed[axis] * self.fade).max(speed);
+            let fade = if self.forgives > 0 { 1.0 } else { self.fade };
+            self.speed[axis] = (self.speed[axis] * fade).max(speed);
             let still = moved == 0 && speed > Self::MUST_MOVE;
             self.frozen[axis] = if still { self.frozen[axis] + 1 } else { 0 };
             self.wanted[axis] = if moved == 0 { self.wanted[axis] + steps[axis] } else { 0.0 };
@@ -113,6 +125,7 @@ impl Watch {
         }
         self.last_counts = reading.counts;
         self.periods = 1;
+        self.forgives = self.forgives.saturating_sub(1);
         let first = |bits: u8| (bits != 0).then(|| bits.trailing_zeros() as usize);
         if let Some(axis) = first(reading.limit_switches) {
             let motor = measured.0.get(axis).copied().unwrap_or_default();

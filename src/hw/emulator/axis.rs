@@ -1,7 +1,7 @@
 //! A serial axis controller, emulated: it takes orders byte by byte and answers each with what its axis shows.
 //!
 //! - its power stage follows pulse widths in [`Mode::Pwm`] only; when no order has come for 50 ms it brakes
-//! - what it answers with was latched at the plant's last period
+//! - what it answers with was latched at the plant's last period, but for the counter, which goes on through the period
 
 use crate::hw::serial::frame::{Mode, ORDER, Order, Parameter, Status};
 
@@ -17,12 +17,13 @@ pub struct AxisController {
     max_current: u16,
     synchronise: bool,
     silent: u32,
-    orders: u64,
     /// Bytes of the order that is under way.
     pending: [u8; ORDER],
     length: usize,
-    /// Latched: what the axis shows, its counter from where the plant counts.
+    /// Latched: what the axis shows at the period's end, its counter from where the plant counts.
     status: Status,
+    /// Counter at the period's beginning.
+    before: i32,
     /// Counter at the last reset; `None` while the plant's own zero holds.
     reset_at: Option<i32>,
 }
@@ -36,18 +37,18 @@ impl Default for AxisController {
             max_current: u16::MAX,
             synchronise: false,
             silent: 0,
-            orders: 0,
             pending: [0; ORDER],
             length: 0,
             status: Status::default(),
+            before: 0,
             reset_at: None,
         }
     }
 }
 
 impl AxisController {
-    /// Takes a byte; the answer when it completes an order.
-    pub fn hear(&mut self, byte: u8) -> Option<Status> {
+    /// Takes a byte when `share` of the plant's period has passed; the answer when it completes an order.
+    pub fn hear(&mut self, byte: u8, share: f64) -> Option<Status> {
         self.pending[self.length] = byte;
         self.length += 1;
         while self.length > 0 && !self.may_begin_an_order() {
@@ -60,7 +61,7 @@ impl AxisController {
         let order = Order::decode(&self.pending);
         self.length = 0;
         self.obey(order?);
-        Some(self.answer())
+        Some(self.answer(share))
     }
 
     fn may_begin_an_order(&self) -> bool {
@@ -70,7 +71,6 @@ impl AxisController {
 
     fn obey(&mut self, order: Order) {
         self.silent = 0;
-        self.orders += 1;
         match order {
             Order::Pwm { width, outputs, synchronise } => {
                 (self.width, self.outputs, self.synchronise) = (width, outputs, synchronise);
@@ -87,10 +87,12 @@ impl AxisController {
         }
     }
 
-    /// What it answers now.
+    /// What it answers when `share` of the plant's period has passed.
     #[must_use]
-    pub fn answer(&self) -> Status {
+    pub fn answer(&self, share: f64) -> Status {
         let mut status = self.status;
+        let way = f64::from(status.count.wrapping_sub(self.before));
+        status.count = status.count.wrapping_sub(((1.0 - share) * way).round() as i32);
         status.error = self.mode == Mode::Error;
         if let Some(zero) = self.reset_at {
             status.count = status.count.wrapping_sub(zero);
@@ -105,6 +107,9 @@ impl AxisController {
         if self.synchronise && status.sync_zero {
             self.reset_at = None;
         }
+        // At a zero the plant's counter jumps.
+        let jumps = self.synchronise && status.sync_zero;
+        self.before = if jumps { status.count } else { self.status.count };
         self.status = status;
         self.silent = self.silent.saturating_add(1);
         if self.silent > SILENCE && self.mode == Mode::Pwm {
@@ -116,7 +121,8 @@ impl AxisController {
     /// A reset in mid-run: counter at zero, power off, nothing remembered.
     pub fn reset(&mut self) {
         let status = self.status;
-        *self = Self { status, reset_at: Some(status.count), ..Self::default() };
+        *self =
+            Self { status, before: status.count, reset_at: Some(status.count), ..Self::default() };
     }
 
     /// Whether its power stage follows.
@@ -148,12 +154,6 @@ impl AxisController {
     pub fn synchronises(&self) -> bool {
         self.synchronise
     }
-
-    /// Orders so far.
-    #[must_use]
-    pub fn orders(&self) -> u64 {
-        self.orders
-    }
 }
 
 #[cfg(test)]
@@ -162,7 +162,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn tell(controller: &mut AxisController, bytes: &[u8]) -> Option<Status> {
-        bytes.iter().filter_map(|b| controller.hear(*b)).last()
+        bytes.iter().filter_map(|b| controller.hear(*b, 1.0)).last()
     }
 
     const PWM: Order = Order::Pwm { width: 77, outputs: 1, synchronise: false };
@@ -180,7 +180,21 @@ mod tests {
         for _ in 0..SILENCE + 2 {
             controller.latch(Status::default());
         }
-        assert!(!controller.is_on() && controller.answer().error);
+        assert!(!controller.is_on() && controller.answer(1.0).error);
+    }
+
+    #[test]
+    fn a_counter_goes_on_through_the_period_and_jumps_at_its_zero_only() {
+        let mut controller = AxisController::default();
+        controller.latch(Status { count: 100, ..Status::default() });
+        controller.latch(Status { count: 200, ..Status::default() });
+        assert_eq!([0.0, 0.25, 1.0].map(|share| controller.answer(share).count), [100, 125, 200]);
+
+        let synchronise = Order::Pwm { width: 0, outputs: 0, synchronise: true };
+        tell(&mut controller, &synchronise.encode());
+        controller.latch(Status { count: 3, sync_zero: true, ..Status::default() });
+
+        assert_eq!(controller.answer(0.25).count, 3);
     }
 
     #[test]
@@ -191,7 +205,7 @@ mod tests {
         controller.reset();
         controller.latch(Status { count: 1240, synchronised: true, ..Status::default() });
 
-        let answer = controller.answer();
+        let answer = controller.answer(1.0);
         assert_eq!((answer.count, answer.synchronised), (6, false));
     }
 
@@ -205,7 +219,6 @@ mod tests {
 
             tell(&mut controller, &PWM.encode());
 
-            prop_assert!(controller.orders() >= 1);
             prop_assert_eq!(controller.width(), 77);
         }
     }

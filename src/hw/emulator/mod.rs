@@ -2,8 +2,9 @@
 //!
 //! - in: orders on serial lines (pseudo-terminals), requests of force sensors and cameras (sockets)
 //! - out: answers, datagrams, frames; and [`Devices`], which tell a bridge where they are
-//! - one thread serves all lines and steps the world every 2 ms of the wall clock; where it was kept from running, the
-//!   world stood still, and the missed periods are counted
+//! - one thread serves all lines and steps the world every 2 ms of the wall clock, whether orders have come or not:
+//!   motors do not wait. Where it was kept from running it catches up; what is too much for that is counted
+//! - an encoder is read when it is asked: between the world's periods, counters lie between theirs
 //! - what the world is (the simulated plant, or a test's motors) is none of its business: any [`Port`] will do
 
 mod axis;
@@ -31,6 +32,12 @@ use pty::Pty;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use sensor::Sensor;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Periods of the world that are made up for where the thread was kept from running.
+const CATCHES_UP: u64 = 50;
+
+/// From the arrival of orders to the world's next period [ns].
+const AFTER: i64 = 200_000;
 
 /// Which interface the force sensors have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -60,9 +67,6 @@ pub struct EmulatorOptions {
     pub faults: LineFaults,
     /// Seed of what goes wrong by chance.
     pub seed: u64,
-    /// For machines that are shared: the world stands still for up to so long while no order comes [s]; 0 for one that
-    /// waits for nobody.
-    pub patience: f64,
     /// Ends by itself this long after the last order [s]; `None` never.
     pub leaves_after: Option<f64>,
 }
@@ -72,7 +76,7 @@ pub struct EmulatorOptions {
 pub struct Course {
     /// Periods of the world.
     pub periods: u64,
-    /// Periods of the wall clock in which it stood still.
+    /// Periods of the wall clock in which it stood still, kept from running for too long.
     pub stalled: u64,
     /// Orders of axes.
     pub orders: u64,
@@ -83,8 +87,8 @@ struct Arm {
     lines: [Option<Pty>; AXES + 1],
     has_track: bool,
     controllers: [AxisController; AXES + 1],
-    /// Orders of each line at the world's last period.
-    before: [u64; AXES + 1],
+    /// Lines that have had an order since the world's last period.
+    heard: u8,
     sensor: Sensor,
     silent: bool,
 }
@@ -97,7 +101,6 @@ pub struct Emulator<P> {
     readings: Vec<ArmReading>,
     chance: Chance,
     leaves_after: Option<u64>,
-    patience: u64,
     course: Course,
     /// Period of the first and the last order.
     orders: Option<(u64, u64)>,
@@ -129,7 +132,6 @@ impl<P: Port> Emulator<P> {
             readings,
             chance: Chance::new(options.faults, options.seed),
             leaves_after: options.leaves_after.map(|s| (s / PERIOD) as u64),
-            patience: (options.patience / PERIOD) as u64,
             course: Course::default(),
             orders: None,
         };
@@ -172,35 +174,19 @@ impl<P: Port> Emulator<P> {
         stop: &AtomicBool,
         mut hook: impl FnMut(u64, &mut P),
     ) -> Result<Course, PortFault> {
-        let clock = Clock;
-        let mut next = clock.now() + PERIOD_NANOS;
-        // Whoever has not begun or has left is not waited for.
-        let mut waits = false;
+        let mut next = Clock.now() + PERIOD_NANOS;
         while !stop.load(Ordering::Acquire) {
-            let before = self.course.orders;
-            if waits && self.patience > 0 {
-                waits = self.serve_a_round(clock.now() + self.patience * PERIOD_NANOS);
-                if !waits {
-                    self.course.stalled += self.patience;
-                }
-            } else {
-                self.serve_until(next);
-                waits = self.course.orders > before;
-            }
+            let heard = self.serve_until(next);
             self.course.periods += 1;
             self.fail();
             self.period()?;
             hook(self.course.periods, &mut self.world);
-            let now = clock.now();
-            if self.patience > 0 {
-                next = now + PERIOD_NANOS;
-            } else {
-                next += PERIOD_NANOS;
-                if now >= next {
-                    let missed = (now - next) / PERIOD_NANOS + 1;
-                    self.course.stalled += missed;
-                    next += missed * PERIOD_NANOS;
-                }
+            let shift = heard.map_or(0, |at| shift(at, next));
+            next = next.saturating_add_signed(shift) + PERIOD_NANOS;
+            let behind = Clock.now().saturating_sub(next) / PERIOD_NANOS;
+            if behind > CATCHES_UP {
+                self.course.stalled += behind;
+                next += behind * PERIOD_NANOS;
             }
             let gone = |(_, last): (u64, u64)| {
                 self.leaves_after.is_some_and(|after| self.course.periods > last + after)
@@ -212,43 +198,32 @@ impl<P: Port> Emulator<P> {
         Ok(self.course)
     }
 
-    /// Answers until the next period is due.
-    fn serve_until(&mut self, next: u64) {
+    /// Answers until the next period is due; when every line had had its order, if that was so.
+    fn serve_until(&mut self, next: u64) -> Option<u64> {
+        let last = next - PERIOD_NANOS;
+        let mut complete = None;
+        for arm in &mut self.arms {
+            arm.heard = 0;
+        }
         loop {
             let left = next.saturating_sub(Clock.now());
-            self.wait(left, false);
-            self.serve(false);
+            self.wait(left);
+            let now = Clock.now();
+            self.serve((now.saturating_sub(last) as f64 / PERIOD_NANOS as f64).min(1.0));
+            if complete.is_none() && self.arms.iter().all(Arm::has_heard) {
+                complete = Some(now);
+            }
             if left == 0 {
-                return;
+                return complete;
             }
         }
     }
 
-    /// Answers until every line has had an order since the world's last period; false when that takes until
-    /// `deadline`. The world then goes period by period with its controller, however either is kept from running: a
-    /// line's next order waits, since its answer would tell of a period that has not been.
-    fn serve_a_round(&mut self, deadline: u64) -> bool {
-        loop {
-            let has_all = |arm: &Arm| {
-                arm.lines.iter().zip(arm.new_orders()).all(|(line, new)| line.is_none() || new > 0)
-            };
-            if self.arms.iter().all(has_all) {
-                return true;
-            }
-            let left = deadline.saturating_sub(Clock.now());
-            if left == 0 {
-                return false;
-            }
-            self.wait(left, true);
-            self.serve(true);
-        }
-    }
-
-    /// Answers what has come, at most one order a line; `once`: and at most one in a period of the world.
-    fn serve(&mut self, once: bool) {
+    /// Answers what has come, at most one order a line; `share` of the world's period has passed.
+    fn serve(&mut self, share: f64) {
         let mut heard = 0;
         for arm in &mut self.arms {
-            heard += arm.serve(&mut self.chance, once);
+            heard += arm.serve(&mut self.chance, share);
         }
         if heard > 0 {
             self.course.orders += heard;
@@ -257,15 +232,14 @@ impl<P: Port> Emulator<P> {
         }
     }
 
-    /// Sleeps until something comes; `once` as in [`Self::serve`].
-    fn wait(&self, nanos: u64, once: bool) {
+    /// Sleeps until something comes.
+    fn wait(&self, nanos: u64) {
         let Some(some) = self.arms.first() else { return };
         let mut count = 0;
         let mut fds: [PollFd<'_>; MOST] =
             std::array::from_fn(|_| PollFd::new(&some.sensor, PollFlags::IN));
         for arm in &self.arms {
-            for (line, new) in arm.lines.iter().zip(arm.new_orders()) {
-                let Some(line) = line.as_ref().filter(|_| !once || new == 0) else { continue };
+            for line in arm.lines.iter().flatten() {
                 fds[count] = PollFd::new(line, PollFlags::IN);
                 count += 1;
             }
@@ -303,9 +277,6 @@ impl<P: Port> Emulator<P> {
         }
         self.world.exchange(self.course.periods, &self.drives, &mut self.readings)?;
         self.latch();
-        for arm in &mut self.arms {
-            arm.before = arm.orders();
-        }
         Ok(())
     }
 
@@ -338,7 +309,7 @@ impl Arm {
             has_track: arm.has_track,
             lines,
             controllers: std::array::from_fn(|_| AxisController::default()),
-            before: [0; AXES + 1],
+            heard: 0,
             sensor: match sensors {
                 SensorKind::NetFt => Sensor::net()?,
                 SensorKind::Controller => Sensor::controller()?,
@@ -347,28 +318,23 @@ impl Arm {
         })
     }
 
-    fn orders(&self) -> [u64; AXES + 1] {
-        std::array::from_fn(|axis| self.controllers[axis].orders())
-    }
-
-    /// Orders of each line since the world's last period.
-    fn new_orders(&self) -> [u64; AXES + 1] {
-        let now = self.orders();
-        // A reset forgets what was counted.
-        std::array::from_fn(|axis| now[axis].saturating_sub(self.before[axis]))
+    /// Whether every line has had an order since the world's last period.
+    fn has_heard(&self) -> bool {
+        (0..=AXES).all(|axis| self.lines[axis].is_none() || self.heard >> axis & 1 == 1)
     }
 
     /// See [`Emulator::serve`]; returns the number of orders.
-    fn serve(&mut self, chance: &mut Chance, once: bool) -> u64 {
+    fn serve(&mut self, chance: &mut Chance, share: f64) -> u64 {
         let mut orders = 0;
         let mut bytes = [0; ORDER];
-        let new = self.new_orders();
-        for ((line, controller), new) in self.lines.iter().zip(&mut self.controllers).zip(new) {
-            let Some(line) = line.as_ref().filter(|_| !once || new == 0) else { continue };
+        for (axis, line) in self.lines.iter().enumerate() {
+            let Some(line) = line else { continue };
+            let controller = &mut self.controllers[axis];
             let length = line.read(&mut bytes);
             for byte in &bytes[..length] {
-                let Some(answer) = controller.hear(*byte) else { continue };
+                let Some(answer) = controller.hear(*byte, share) else { continue };
                 orders += 1;
+                self.heard |= 1 << axis;
                 let arrived = chance.answer(answer.encode());
                 if arrived.is_some_and(|bytes| !line.write(&bytes)) {
                     tracing::debug!(arm = %self.name, "nobody reads {}", line.path());
@@ -378,6 +344,15 @@ impl Arm {
         self.sensor.listen(self.silent);
         orders
     }
+}
+
+/// How far the world's periods are shifted [ns] so that they begin soon after the orders' arrival, which was at `at`
+/// while a period began at `begun`: what is ordered then holds at once, and an order that is a little late misses
+/// nothing. Slow, since single orders may be very late.
+fn shift(at: u64, begun: u64) -> i64 {
+    let (period, wanted) = (PERIOD_NANOS as i64, at as i64 + AFTER);
+    let behind = (wanted - begun as i64 + period / 2).rem_euclid(period) - period / 2;
+    (behind / 16).clamp(-AFTER / 8, AFTER / 8)
 }
 
 /// What an arm's controllers make of their orders. One power relay serves the whole arm: it is on when all are.

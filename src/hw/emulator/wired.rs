@@ -92,7 +92,7 @@ impl Arm {
             let axis = &mut self.axes[index];
             let order = axis.order(&axis_drive(drive, index, &[None; AXES])).encode();
             let controller = &mut self.controllers[index];
-            let answer = order.iter().filter_map(|byte| controller.hear(*byte)).last();
+            let answer = order.iter().filter_map(|byte| controller.hear(*byte, 1.0)).last();
             let arrived = answer.and_then(|answer| chance.answer(answer.encode()));
             axis.take(arrived.as_ref()).map_err(|fault| PortFault {
                 effector,
