@@ -72,6 +72,8 @@ impl ArmServo {
     /// How long an arm whose partner is stopped yields before it holds [ns]: forces between them fall off, and a zero
     /// that is a little wrong does not carry it away.
     const YIELDS: u64 = 500_000_000;
+    /// Speed from which a motor is not stopped dead [rad/s]: motions that reach their goal end slower.
+    const SUDDEN: f64 = 20.0;
     /// A step of a motor that counts as none [rad].
     const STANDS: f64 = 1e-5;
 
@@ -164,7 +166,6 @@ impl ArmServo {
         self.hold(period);
         self.braking = Some(self.steps);
         self.gives_up = self.gap;
-        self.watch.forgive();
         self.refused = Some(why);
     }
 
@@ -182,7 +183,6 @@ impl ArmServo {
             path.yields(period + Self::YIELDS / self.config.period.nanos());
             self.hold(period);
             self.running = Some(path);
-            self.watch.forgive();
         } else {
             self.brake(period);
         }
@@ -378,8 +378,19 @@ impl ArmServo {
         }
         self.running = Some(Path::new(&command.motion, &self.set, period, end));
         self.command_end = end;
+        if matches!(command.motion, Motion::Hold) {
+            self.brake_if_fast();
+        }
         if let Some(jaw) = &command.jaw {
             self.jaw.start(jaw, period, end);
+        }
+    }
+
+    /// Set values are to stand, but were fast: they are brought to a stand.
+    fn brake_if_fast(&mut self) {
+        let fast = Self::SUDDEN * self.config.period.seconds();
+        if self.steps.iter().any(|step| step.abs() > fast) {
+            self.braking = Some(self.steps);
         }
     }
 
@@ -410,10 +421,9 @@ impl ArmServo {
             return;
         }
         let Some(path) = self.running else {
-            // Nobody goes on with the last motion, which may have ended at speed.
-            if self.steps.iter().any(|step| step.abs() > Self::STANDS) {
-                self.watch.forgive();
-            }
+            // Nobody goes on with a motion that may have ended at speed.
+            self.brake_if_fast();
+            self.advance_blindly();
             return;
         };
         let (model, seconds) = (&self.config.model, self.config.period.seconds());
@@ -433,6 +443,9 @@ impl ArmServo {
 
     /// Motors alone: homing, or the last of a motion that was broken off.
     fn advance_blindly(&mut self) {
+        if self.homing_step.is_none() && self.braking.is_none() {
+            return;
+        }
         let mut motors = self.set.motors;
         if let Some(step) = self.homing_step {
             match motors.0.get_mut(step.axis) {

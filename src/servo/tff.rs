@@ -67,7 +67,9 @@ pub fn displacement(
     Twist::from_directions(std::array::from_fn(|i| {
         let (velocity, wanted, admittance, inertia) = match directions[i] {
             // Not by way of B = M = 0: a silent sensor (not a number) must not reach a position direction.
-            Direction::Unguarded { velocity } => return velocity * seconds,
+            Direction::Unguarded { velocity } => {
+                return stopped_softly(i, velocity, lasts[i] / seconds, seconds) * seconds;
+            }
             Direction::Guarded { velocity, admittance, inertia } => {
                 (velocity, 0.0, admittance, inertia)
             }
@@ -79,6 +81,21 @@ pub fn displacement(
         let lag = admittance * inertia;
         (pushed * seconds * seconds + lag * lasts[i]) / (seconds + lag)
     }))
+}
+
+/// A velocity that is to fall off suddenly falls off within some hundredths of a second: a motion that is broken off
+/// must not stop its motors dead, which trips their power stages. What generators end by themselves ends slower.
+fn stopped_softly(direction: usize, velocity: f64, last: f64, seconds: f64) -> f64 {
+    // m/s along, rad/s about an axis; and the time in which the rest falls to 1/e [s].
+    const SUDDEN: [f64; 2] = [0.1, 0.2];
+    const FALLS: f64 = 0.024;
+    let excess = last - velocity;
+    let slows = velocity.abs() < last.abs();
+    if slows && excess.abs() > SUDDEN[usize::from(direction >= 3)] {
+        velocity + excess * libm::exp(-seconds / FALLS)
+    } else {
+        velocity
+    }
 }
 
 /// Whether any direction heeds the force.
@@ -148,6 +165,22 @@ mod tests {
 
             assert_eq!(moved, Twist::from_directions([0.0, 0.03 * PERIOD, 0.0, 0.0, 0.0, 0.0]));
         }
+    }
+
+    #[test]
+    fn a_turn_that_is_broken_off_stops_within_a_tenth_of_a_second_and_not_at_once() {
+        let mut directions = [HOLD; 6];
+        let mut last = Twist::from_directions([0.0, 0.0, 0.0, 0.0, 0.0, 0.436 * PERIOD]);
+        directions[5] = Direction::Unguarded { velocity: 0.0 };
+        let mut speeds = Vec::new();
+
+        for _ in 0..50 {
+            last = displacement(&directions, &Wrench::default(), &last, PERIOD);
+            speeds.push(last.angular.z / PERIOD);
+        }
+
+        assert!(speeds[0] > 0.3 && speeds[10] < 0.25, "{speeds:?}");
+        assert_eq!(speeds[49], 0.0);
     }
 
     #[test]

@@ -10,7 +10,7 @@ use crate::motion::{AXES, ArmFault, MotorPositions};
 pub struct Watch {
     following_error: f64,
     following_lag: f64,
-    /// Recent speed of the set value [rad/s], falling off slowly so that a sudden stop is forgiven.
+    /// Recent speed of the set value [rad/s]: the highest of a while, so that a sudden stop is forgiven.
     speed: [f64; AXES],
     /// Periods in a row in which the axis should have moved and its counter did not.
     frozen: [u32; AXES],
@@ -21,8 +21,8 @@ pub struct Watch {
     seconds: f64,
     fade: f64,
     jump: f64,
-    /// Periods for which the remembered speed does not fall off.
-    forgives: u32,
+    /// Periods for which the remembered speed does not fall off yet.
+    holds: [u32; AXES],
     /// Periods that lie between the last reading and the next.
     periods: u64,
 }
@@ -36,7 +36,10 @@ impl Watch {
     const FROZEN: u32 = 8;
     /// The same of a slow axis: the set value has gone this far meanwhile [rad]; regulators and friction explain less.
     const WANTED: f64 = 1.0;
-    /// Time in which regulators bring an axis to where it is to stand [s].
+    /// Share of the remembered speed from which on an axis is as fast as before.
+    const AS_FAST: f64 = 0.9;
+    /// Time in which regulators bring an axis to where it is to stand [s]: the wrist's roll, stopped from the speed of a
+    /// turn, goes 3.4 rad of its motor beyond its set value.
     const STANDING: f64 = 0.3;
     /// No motor can turn further in 2 ms [rad].
     const JUMP: f64 = 1.5;
@@ -58,7 +61,7 @@ impl Watch {
                 libm::pow(Self::FADE, period.ratio())
             },
             jump: Self::JUMP * period.ratio(),
-            forgives: 0,
+            holds: [0; AXES],
             periods: 1,
         }
     }
@@ -69,12 +72,6 @@ impl Watch {
         self.frozen = [0; AXES];
         self.wanted = [0.0; AXES];
         self.last_counts = counts;
-    }
-
-    /// A motion is broken off: its axes may go on for a while, as far as their speed explains. The wrist's roll, braked
-    /// from the speed of a turn, goes 3.4 rad of its motor beyond its set value.
-    pub fn forgive(&mut self) {
-        self.forgives = (Self::STANDING / self.seconds) as u32;
     }
 
     /// So many periods were missed before the next reading.
@@ -104,8 +101,14 @@ impl Watch {
         for axis in (first_axis..AXES).rev() {
             let moved = reading.counts[axis] - self.last_counts[axis];
             let speed = steps[axis].abs() / self.seconds;
-            let fade = if self.forgives > 0 { 1.0 } else { self.fade };
-            self.speed[axis] = (self.speed[axis] * fade).max(speed);
+            if speed >= Self::AS_FAST * self.speed[axis] {
+                self.speed[axis] = self.speed[axis].max(speed);
+                self.holds[axis] = (Self::STANDING / self.seconds) as u32;
+            } else if self.holds[axis] > 0 {
+                self.holds[axis] -= 1;
+            } else {
+                self.speed[axis] = (self.speed[axis] * self.fade).max(speed);
+            }
             let still = moved == 0 && speed > Self::MUST_MOVE;
             self.frozen[axis] = if still { self.frozen[axis] + 1 } else { 0 };
             self.wanted[axis] = if moved == 0 { self.wanted[axis] + steps[axis] } else { 0.0 };
@@ -125,7 +128,6 @@ impl Watch {
         }
         self.last_counts = reading.counts;
         self.periods = 1;
-        self.forgives = self.forgives.saturating_sub(1);
         let first = |bits: u8| (bits != 0).then(|| bits.trailing_zeros() as usize);
         if let Some(axis) = first(reading.limit_switches) {
             let motor = measured.0.get(axis).copied().unwrap_or_default();
