@@ -5,7 +5,7 @@
 //! solution that the same search finds.
 
 use rubik_robot::cube::Cube;
-use rubik_robot::solver::{Budget, Tables, candidates};
+use rubik_robot::solver::{Budget, Tables, solve};
 use rubik_robot::tasks::cube::plan::{Effort, Plan, Planner, Rule, taken};
 use rubik_robot::{actors, scenario};
 use std::path::Path;
@@ -39,12 +39,12 @@ fn main() {
     );
     println!("|---|---|---|---|---|---|---|---|");
     let baseline = row("original, shortest", cubes, |cube| {
-        let list = candidates(cube, &tables, &Budget { nodes: effort.nodes, max_length: 0 }, 1);
-        of(&planner.by_rule(Rule::Original), &list)
+        let budget = Budget { nodes: effort.nodes, max_length: 0 };
+        of(&planner.by_rule(Rule::Original), &[solve(cube, &tables, &budget).turns])
     });
     row("strict, shortest", cubes, |cube| {
-        let list = candidates(cube, &tables, &Budget { nodes: effort.nodes, max_length: 0 }, 1);
-        of(&planner.by_rule(Rule::Strict), &list)
+        let budget = Budget { nodes: effort.nodes, max_length: 0 };
+        of(&planner.by_rule(Rule::Strict), &[solve(cube, &tables, &budget).turns])
     });
     for rule in [Rule::Strict, Rule::Clearance] {
         let planner = planner.by_rule(rule);

@@ -62,7 +62,7 @@ fn main() {
     header();
     let firsts = [
         peer(&cubes, "min2phase 0.2.4, first", |cube| min2phase::solve(&cube, 25)),
-        peer_kewb(&cubes[..cubes.len().min(20)]),
+        peer_kewb(&cubes),
     ];
     ours(&cubes, "first", &default, large.as_ref(), Budget::FIRST, firsts[0]);
     for most in [21, 20] {

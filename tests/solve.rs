@@ -153,13 +153,40 @@ fn the_same_nodes_give_the_same_answer_whatever_the_threads() {
 }
 
 #[test]
-fn a_length_is_kept_to_and_one_that_cannot_be_is_refused() {
+fn a_length_is_kept_to_or_told_to_be_too_short() {
     let out = robot(&["solve", "--json", "--max-length", "20", &facelets(4)], "");
     assert!(lines(&out)[0]["length"].as_u64().unwrap() <= 20);
 
+    let out =
+        robot(&["solve", "--mode", "first", "--json", "--max-length", "20", &facelets(5)], "");
+    assert!(lines(&out)[0]["length"].as_u64().unwrap() <= 20);
+
     let out = robot(&["solve", "--max-length", "3", "--scramble", "R U F D"], "");
-    assert_eq!(out.status.code(), Some(2));
+    assert_eq!(out.status.code(), Some(1), "the cube is sound");
     assert!(text(&out.stderr).contains("no solution of 3 turns"), "{}", text(&out.stderr));
+
+    let out = robot(&["solve", "--mode", "robot", "--max-length", "20", &facelets(4)], "");
+    assert_eq!(out.status.code(), Some(2));
+    assert!(text(&out.stderr).contains("--max-length"), "{}", text(&out.stderr));
+}
+
+#[test]
+fn a_line_that_is_no_text_and_a_cube_held_otherwise_are_refused_and_the_others_answered() {
+    let turned = "UUUUUUUUUBBBBBBBBBRRRRRRRRRDDDDDDDDDFFFFFFFFFLLLLLLLLL";
+    let mut input = format!("{}\n", facelets(1)).into_bytes();
+    input.extend_from_slice(b"\xff\xfe\n");
+    input.extend_from_slice(format!("{turned}\n{}\n", facelets(2)).as_bytes());
+    let mut child = command(&["solve", "--mode", "first", "--json", "-"]).spawn().unwrap();
+    child.stdin.take().unwrap().write_all(&input).unwrap();
+
+    let out = child.wait_with_output().unwrap();
+
+    let answers = lines(&out);
+    assert_eq!(out.status.code(), Some(2));
+    let kinds: Vec<_> = answers.iter().map(|a| a["error"]["kind"].as_str()).collect();
+    assert_eq!(kinds, [None, Some("letter"), Some("centre-elsewhere"), None]);
+    let message = answers[2]["error"]["message"].as_str().unwrap();
+    assert!(message.contains(&Facelets::solved().to_string()), "{message}");
 }
 
 #[test]

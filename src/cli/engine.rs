@@ -1,5 +1,7 @@
 //! The solver's modes as the command line offers them: a cube in, an answer out.
 
+use super::complain;
+use super::plan::best_within;
 use super::progress::{Bar, tell};
 use crate::cube::{Cube, Turn};
 use crate::solver::korf::{self, Korf};
@@ -8,8 +10,8 @@ use crate::solver::shortest::{Shortest, shortest};
 use crate::solver::table::{InTurn, TableSpec, Workers};
 use crate::solver::tables::Bytes;
 use crate::solver::{self, Budget, Tables, Watch};
-use crate::tables::{Store, Threads};
-use crate::tasks::cube::plan::{Effort, Planner, taken};
+use crate::tables::{Store, Threads, Unusable};
+use crate::tasks::cube::plan::{Effort, NoPlan, Planner, taken};
 use crate::{actors, scenario};
 use clap::ValueEnum;
 use std::path::Path;
@@ -53,6 +55,17 @@ pub(super) struct Answer {
     pub(super) nodes: u64,
     pub(super) optimal: bool,
     pub(super) time: Duration,
+}
+
+/// Why there is no answer.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum Unsolved {
+    /// There is none so short.
+    #[error("there is no solution of {0} turns or fewer: proven")]
+    None(u8),
+    /// None was found, for this reason.
+    #[error("{0}")]
+    NotFound(String),
 }
 
 /// A mode with its tables.
@@ -99,19 +112,22 @@ impl Engine {
     }
 
     /// Solves a cube, or says why there is no such solution.
-    pub(super) fn solve(&self, cube: &Cube) -> Result<Answer, String> {
+    pub(super) fn solve(&self, cube: &Cube) -> Result<Answer, Unsolved> {
         let begun = Instant::now();
         let found = match self.mode {
-            Mode::First => solver::solve(cube, &self.tables, &Budget::FIRST),
-            Mode::TwoPhase => self.two_phase(cube),
+            Mode::First if self.limits.max_length.is_none() => {
+                solver::solve(cube, &self.tables, &Budget::FIRST)
+            }
+            Mode::First | Mode::TwoPhase => self.two_phase(cube),
             Mode::Korf | Mode::Optimal => self.shortest(cube)?,
             Mode::Robot => self.for_arms(cube)?,
         };
         let solver::Solution { turns, nodes, proven } = found;
-        let asked = self.limits.max_length.filter(|_| self.mode != Mode::Robot);
         if turns.is_empty() && !cube.is_solved() {
-            let asked = asked.unwrap_or_default();
-            return Err(format!("there is no solution of {asked} turns or fewer"));
+            let asked = self.limits.max_length.unwrap_or_default();
+            return Err(Unsolved::NotFound(format!(
+                "two-phase found no solution of {asked} turns or fewer; `--mode optimal` proves whether there is one"
+            )));
         }
         Ok(Answer { turns, nodes, optimal: proven, time: begun.elapsed() })
     }
@@ -133,8 +149,9 @@ impl Engine {
         within(time, &stop, || solver::solve_watched(cube, &self.tables, &budget, &watch))
     }
 
-    fn shortest(&self, cube: &Cube) -> Result<solver::Solution, String> {
-        let exact = self.exact.as_ref().ok_or("the tables are not as they should be")?;
+    fn shortest(&self, cube: &Cube) -> Result<solver::Solution, Unsolved> {
+        let no_tables = || Unsolved::NotFound("the tables are not as they should be".to_owned());
+        let exact = self.exact.as_ref().ok_or_else(no_tables)?;
         let stop = AtomicBool::new(false);
         let threads = Threads::new(self.threads);
         let watch = Watch { workers: &threads, stop: &stop, improved: &|_| (), longest: None };
@@ -154,23 +171,28 @@ impl Engine {
         let proven = found.is_proven();
         match found.turns {
             Some(turns) => Ok(solver::Solution { turns, nodes: found.nodes, proven }),
-            None if found.at_least > limits.max_length => {
-                Err(format!("there is no solution of {} turns or fewer: proven", limits.max_length))
-            }
-            None => Err(format!(
+            None if found.at_least > limits.max_length => Err(Unsolved::None(limits.max_length)),
+            None => Err(Unsolved::NotFound(format!(
                 "no solution of {} turns or fewer was found in the budget; at least {} are needed",
                 limits.max_length, found.at_least
-            )),
+            ))),
         }
     }
 
     /// The solution of the plan of least time for the built-in cell, begun as the mission begins it.
-    fn for_arms(&self, cube: &Cube) -> Result<solver::Solution, String> {
-        let planner = self.planner.as_ref().ok_or("there is no planner")?;
+    fn for_arms(&self, cube: &Cube) -> Result<solver::Solution, Unsolved> {
+        if cube.is_solved() {
+            return Ok(solver::Solution { turns: Vec::new(), nodes: 0, proven: true });
+        }
+        let said = |reason: NoPlan| Unsolved::NotFound(reason.to_string());
+        let no_planner = || Unsolved::NotFound("there is no planner".to_owned());
+        let planner = self.planner.as_ref().ok_or_else(no_planner)?;
         let nodes = self.limits.nodes.unwrap_or(USUAL_NODES);
         let effort = Effort { nodes, candidates: CANDIDATES };
-        let (_, start) = planner.looks(taken()).map_err(|e| e.to_string())?;
-        let plan = planner.best(cube, start, &self.tables, effort).map_err(|e| e.to_string())?;
+        let (_, start) = planner.looks(taken()).map_err(said)?;
+        let time = self.limits.time;
+        let (plan, nodes) =
+            best_within(planner, cube, start, &self.tables, effort, time).map_err(said)?;
         Ok(solver::Solution { turns: plan.turns, nodes, proven: false })
     }
 }
@@ -199,12 +221,31 @@ fn within<T>(time: Option<Duration>, stop: &AtomicBool, work: impl FnOnce() -> T
 
 /// The large tables where they are there, else the default ones.
 pub(super) fn two_phase_tables(store: &Store, workers: Threads) -> (Tables, bool) {
-    let open = |spec: &&TableSpec| store.open(spec, &workers).ok();
+    let open = |spec: &&TableSpec| sound(store, spec, workers);
     let large: Option<Vec<Bytes>> = Tables::LARGE.iter().map(open).collect();
     if let Some(large) = large {
         return (Tables::with(&large), true);
     }
-    (Tables::with(&Tables::DEFAULT.map(|spec| obtain(store, spec, workers))), false)
+    (default_tables(store, workers), false)
+}
+
+/// The default tables, built where they are not kept.
+pub(super) fn default_tables(store: &Store, workers: Threads) -> Tables {
+    Tables::with(&Tables::DEFAULT.map(|spec| obtain(store, spec, workers)))
+}
+
+/// A table that is there; what is wrong with it otherwise is said, unless it was never built.
+fn sound(store: &Store, spec: &TableSpec, workers: Threads) -> Option<Bytes> {
+    let opened = store.open(spec, &workers);
+    if let Err(reason) = &opened
+        && !matches!(reason, Unusable::Absent)
+    {
+        complain(&format!(
+            "table {} is of no use ({reason}): going on without it; `rubik-robot tables build {}` makes it anew",
+            spec.name, spec.name
+        ));
+    }
+    opened.ok()
 }
 
 /// A table from the store, with a bar if it has to be built.
@@ -218,7 +259,7 @@ fn obtain(store: &Store, spec: &TableSpec, workers: Threads) -> Bytes {
 /// memory free.
 fn optimal_table(store: &Store, workers: Threads) -> (Option<Exact>, &'static str) {
     let [small, standard] = &optimal::TABLES;
-    let there = |spec: &'static TableSpec| Some((spec, store.open(spec, &workers).ok()?));
+    let there = |spec: &'static TableSpec| Some((spec, sound(store, spec, workers)?));
     let (spec, bytes) = there(standard).or_else(|| there(small)).unwrap_or_else(|| {
         let spec = if memory() / 2 > standard.bytes { standard } else { small };
         (spec, obtain(store, spec, workers))

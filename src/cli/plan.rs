@@ -1,11 +1,13 @@
 //! `rubik-robot plan`: what two arms do with a cube, without moving them.
 
+use super::engine::default_tables;
 use super::output::Output;
 use super::solve::{Refusal, read};
 use super::{WRONG, complain};
 use crate::cube::{Cube, format_turns};
 use crate::solver::{self, Budget, Tables};
-use crate::tasks::cube::hold::Step;
+use crate::tables::{Store, Threads};
+use crate::tasks::cube::hold::{Grip, Hand, Step};
 use crate::tasks::cube::plan::{Effort, NoPlan, Plan, Planner, Rule, taken};
 use crate::{actors, scenario};
 use clap::{Args, ValueEnum};
@@ -83,7 +85,8 @@ pub(super) fn run(args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
     let planner = args.rule.map_or(planner.clone(), |rule| planner.by_rule(rule.into()));
     let keys = &scenario.controller.planner;
     let most = Effort { nodes: keys.node_budget, candidates: keys.candidates as usize };
-    let tables = Tables::build();
+    // Those of a mission, whatever else is kept: its plan is to be shown.
+    let tables = default_tables(&Store::of_user(), Threads::all());
     let begun = Instant::now();
     let time = args.budget_ms.map(Duration::from_millis);
     match work(&planner, &cube, &tables, most, time) {
@@ -135,27 +138,37 @@ fn work(
     let begun = Instant::now();
     let (steps, start) = planner.looks(taken())?;
     let looks = steps.iter().filter(|s| matches!(s, Step::Grasp { .. })).count();
+    let (plan, nodes) = best_within(planner, cube, start, tables, most, time)?;
+    let shortest = solver::solve(cube, tables, &Budget { nodes, max_length: 0 }).turns;
+    let original = planner.by_rule(Rule::Original);
+    let baseline = original.looks(taken()).and_then(|(_, start)| original.of(&[shortest], start));
+    Ok(Work { rule: planner.rule(), plan, looks, baseline, time: begun.elapsed() })
+}
+
+/// The best plan with all the effort at once, or doubling it from little until the time would be over; and the nodes of
+/// the last search.
+pub(super) fn best_within(
+    planner: &Planner,
+    cube: &Cube,
+    start: (Hand, Grip),
+    tables: &Tables,
+    most: Effort,
+    time: Option<Duration>,
+) -> Result<(Plan, u64), NoPlan> {
+    let begun = Instant::now();
     let mut effort = if time.is_some() { FIRST } else { most };
     let mut plan = planner.best(cube, start, tables, effort)?;
     if let Some(time) = time {
-        loop {
-            let last = begun.elapsed();
+        // The next try takes about twice as long as all before it.
+        while begun.elapsed() * 3 <= time {
             effort = Effort { nodes: effort.nodes * 2, candidates: effort.candidates * 2 };
-            // The next try takes about twice as long as all before it.
-            if last * 3 > time {
-                break;
-            }
             let better = planner.best(cube, start, tables, effort)?;
             if better.cost < plan.cost {
                 plan = better;
             }
         }
     }
-    let shortest =
-        solver::candidates(cube, tables, &Budget { nodes: effort.nodes, max_length: 0 }, 1);
-    let original = planner.by_rule(Rule::Original);
-    let baseline = original.looks(taken()).and_then(|(_, start)| original.of(&shortest, start));
-    Ok(Work { rule: planner.rule(), plan, looks, baseline, time: begun.elapsed() })
+    Ok((plan, effort.nodes))
 }
 
 /// Grasps that serve to hand the cube over, not to turn.

@@ -1,4 +1,4 @@
-//! How far long work has come: a bar on a terminal, a line at each quarter elsewhere. All on stderr.
+//! How far long work has come: a bar on a terminal, a line every few seconds elsewhere. All on stderr.
 
 use crate::solver::table::TableSpec;
 use crate::tables::News;

@@ -1,6 +1,6 @@
 //! `rubik-robot solve` and `rubik-robot scramble`: cubes in, turns out.
 
-use super::engine::{Answer, Engine, Limits, Mode, two_phase_tables};
+use super::engine::{Answer, Engine, Limits, Mode, Unsolved, two_phase_tables};
 use super::output::Output;
 use super::tables::Folder;
 use super::{WRONG, complain};
@@ -30,7 +30,7 @@ pub(super) struct SolveArgs {
     /// How to search
     #[arg(long, value_enum, default_value_t = Mode::TwoPhase)]
     mode: Mode,
-    /// Be content with a solution of so many turns; without a budget, search until there is one
+    /// Be content with a solution of so many turns; without a budget, search until there is one or all are searched
     #[arg(long, value_name = "N")]
     max_length: Option<u8>,
     /// Search for so long, and give the best
@@ -71,27 +71,36 @@ pub(super) struct ScrambleArgs {
     folder: Folder,
 }
 
+/// Exit code where a possible cube is not solved as it should be.
+const UNSOLVED: u8 = 1;
+
 /// Why a cube is not solved.
 #[derive(Debug)]
 pub(super) enum Refusal {
     Facelets(ParseFacelets),
     Impossible(ImpossibleCube, Option<Repair>),
     Moves(ParseMoves),
-    TooShort(String),
+    Unsolved(Unsolved),
+    /// A cube in another orientation, and how it is named by its centres.
+    Turned(ImpossibleCube, Facelets),
 }
 
 impl Refusal {
     fn impossible(facelets: &Facelets, reason: ImpossibleCube) -> Self {
-        Self::Impossible(reason, Some(Repair::of(facelets)))
+        match (reason, facelets.normalised()) {
+            (ImpossibleCube::CentreElsewhere { .. }, Ok((named, _))) => Self::Turned(reason, named),
+            _ => Self::Impossible(reason, Some(Repair::of(facelets))),
+        }
     }
 
     fn kind(&self) -> &'static str {
         match self {
             Self::Facelets(ParseFacelets::Length(_)) => "length",
             Self::Facelets(ParseFacelets::Letter { .. }) => "letter",
-            Self::Impossible(reason, _) => reason.kind(),
+            Self::Impossible(reason, _) | Self::Turned(reason, _) => reason.kind(),
             Self::Moves(_) => "moves",
-            Self::TooShort(_) => "no-solution",
+            Self::Unsolved(Unsolved::None(_)) => "no-solution",
+            Self::Unsolved(Unsolved::NotFound(_)) => "not-found",
         }
     }
 
@@ -100,17 +109,25 @@ impl Refusal {
             Self::Facelets(reason) => reason.to_string(),
             Self::Impossible(reason, _) => reason.to_string(),
             Self::Moves(reason) => reason.to_string(),
-            Self::TooShort(reason) => reason.clone(),
+            Self::Unsolved(reason) => reason.to_string(),
+            Self::Turned(reason, named) => {
+                format!("{reason}; by the colours of its centres it is {named}")
+            }
         }
     }
 
     fn places(&self) -> Vec<String> {
         match self {
             Self::Facelets(ParseFacelets::Letter { place, .. }) => vec![place.to_string()],
-            Self::Impossible(reason, _) => reason.places(),
+            Self::Impossible(reason, _) | Self::Turned(reason, _) => reason.places(),
             Self::Moves(reason) => vec![reason.token.clone()],
-            Self::Facelets(ParseFacelets::Length(_)) | Self::TooShort(_) => Vec::new(),
+            Self::Facelets(ParseFacelets::Length(_)) | Self::Unsolved(_) => Vec::new(),
         }
+    }
+
+    /// The exit code: a cube that cannot be, or one that is not solved so.
+    fn code(&self) -> u8 {
+        if matches!(self, Self::Unsolved(_)) { UNSOLVED } else { WRONG }
     }
 
     pub(super) fn repair(&self) -> Option<&Repair> {
@@ -146,10 +163,10 @@ fn scrambled(text: &str) -> Result<(Cube, Facelets), Refusal> {
     Ok((cube, facelets))
 }
 
-/// A line of an answer: text for stdout or stderr, and whether the cube was refused.
+/// A line of an answer: text for stdout or, where it has an exit code, for stderr.
 struct Line {
     text: String,
-    refused: bool,
+    code: u8,
 }
 
 /// What answers are made with.
@@ -166,7 +183,7 @@ impl Desk {
         let solved = cube.and_then(|(cube, facelets)| {
             // From the cube to the goal are the turns that solve it as seen from the goal.
             let way = self.goal.inverse().then(&cube);
-            self.engine.solve(&way).map(|a| (facelets, a)).map_err(Refusal::TooShort)
+            self.engine.solve(&way).map(|a| (facelets, a)).map_err(Refusal::Unsolved)
         });
         match solved {
             Ok((facelets, answer)) => {
@@ -177,7 +194,7 @@ impl Desk {
                         format!("{} ({})", format_turns(&answer.turns), answer.turns.len())
                     }
                 };
-                Line { text, refused: false }
+                Line { text, code: 0 }
             }
             Err(refusal) => {
                 let text = if self.json {
@@ -186,7 +203,7 @@ impl Desk {
                     let repair = refusal.repair().map(|r| format!("; least repair: {r}"));
                     format!("{}{}", refusal.message(), repair.unwrap_or_default())
                 };
-                Line { text, refused: true }
+                Line { text, code: refusal.code() }
             }
         }
     }
@@ -235,6 +252,10 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
             return Ok(WRONG);
         }
     };
+    if args.mode == Mode::Robot && args.max_length.is_some() {
+        complain("--max-length has no meaning for --mode robot, which goes by time, not by length");
+        return Ok(WRONG);
+    }
     let limits = Limits {
         max_length: args.max_length,
         time: args.budget_ms.map(Duration::from_millis),
@@ -267,12 +288,12 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
         return answer_stream(&Arc::new(desk), workers, output);
     };
     let line = desk.answer(given, cube, true);
-    if line.refused && !args.json {
+    if line.code != 0 && !args.json {
         complain(&line.text);
     } else {
         output.line(&line.text)?;
     }
-    Ok(if line.refused { WRONG } else { 0 })
+    Ok(line.code)
 }
 
 fn refuse(given: &str, refusal: &Refusal, json: bool, output: &mut Output) -> anyhow::Result<u8> {
@@ -294,7 +315,9 @@ fn answer_stream(desk: &Arc<Desk>, workers: usize, output: &mut Output) -> anyho
     let (lines, todo) = sync_channel::<(usize, std::io::Result<String>)>(workers * 4);
     let (answers, done) = sync_channel::<(usize, std::io::Result<Line>)>(workers * 4);
     std::thread::spawn(move || {
-        let cubes = std::io::stdin().lock().lines();
+        // A line that is no text is refused as any other; those after it are not lost.
+        let cubes = std::io::stdin().lock().split(b'\n');
+        let cubes = cubes.map(|line| line.map(|l| String::from_utf8_lossy(&l).into_owned()));
         let cubes = cubes.filter(|l| l.as_ref().is_ok_and(|l| !l.trim().is_empty()) || l.is_err());
         for numbered in cubes.enumerate() {
             let ends = numbered.1.is_err();
@@ -327,7 +350,7 @@ fn write_in_order(
     json: bool,
     output: &mut Output,
 ) -> anyhow::Result<u8> {
-    let (mut early, mut next, mut refused) = (BTreeMap::new(), 0, false);
+    let (mut early, mut next, mut code) = (BTreeMap::new(), 0, 0);
     loop {
         let arrived = match done.try_recv() {
             Err(TryRecvError::Empty) => {
@@ -340,8 +363,8 @@ fn write_in_order(
         early.insert(number, line?);
         while let Some(line) = early.remove(&next) {
             next += 1;
-            refused |= line.refused;
-            if line.refused && !json {
+            code = code.max(line.code);
+            if line.code != 0 && !json {
                 complain(&format!("cube {next}: {}", line.text));
                 output.line("")?;
             } else {
@@ -352,7 +375,7 @@ fn write_in_order(
             break;
         }
     }
-    Ok(if refused { WRONG } else { 0 })
+    Ok(code)
 }
 
 pub(super) fn scramble(args: &ScrambleArgs, output: &mut Output) -> anyhow::Result<u8> {

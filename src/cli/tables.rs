@@ -48,7 +48,7 @@ enum Action {
     Build,
     /// Say which there are, how large and what for
     List,
-    /// Sum every file and count its entries by distance
+    /// Sum every file and count its entries by what they say: distances, or distances modulo 3
     Verify,
     /// Remove their files
     Remove,
@@ -125,7 +125,7 @@ fn build(store: &Store, spec: &TableSpec, workers: Threads) -> Result<String, St
 
 fn verify(store: &Store, spec: &TableSpec, workers: Threads) -> Result<String, String> {
     match store.verify(spec, &workers) {
-        Ok(counts) => Ok(format!("sound; entries by distance {counts:?}")),
+        Ok(counts) => Ok(format!("sound; entries of each value {counts:?}")),
         Err(Unusable::Absent) => Ok("not built".to_owned()),
         Err(reason) => Err(reason.to_string()),
     }

@@ -49,6 +49,9 @@ impl fmt::Display for Repair {
         let changes = changes.join(", ");
         match self.ways {
             1 => write!(f, "{stickers} to change: {changes}"),
+            u64::MAX => {
+                write!(f, "{stickers} to change, in one of very many ways; one is {changes}")
+            }
             ways => write!(f, "{stickers} to change, in one of {ways} ways; one is {changes}"),
         }
     }

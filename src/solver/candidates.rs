@@ -24,7 +24,9 @@ pub fn candidates(cube: &Cube, tables: &Tables, budget: &Budget, count: usize) -
     let found = Mutex::new(BTreeSet::from([canonical(best.turns)]));
     each_solution(cube, tables, bound, budget.nodes - budget.nodes / 10, &|turns, siblings| {
         let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
-        found.insert(canonical(turns));
+        if found.len() < count {
+            found.insert(canonical(turns));
+        }
         match () {
             () if found.len() >= count => Take::Enough,
             () if siblings + 1 >= SHARED_PHASE1 => Take::NextPhase1,

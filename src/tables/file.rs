@@ -289,7 +289,7 @@ fn beside(path: &Path, extension: &str) -> PathBuf {
 }
 
 /// Removes what processes left that died while they wrote. Whoever holds the lock is the only one who writes.
-fn remove_rests(path: &Path) {
+pub(super) fn remove_rests(path: &Path) {
     let (Some(folder), Some(name)) = (path.parent(), path.file_name()) else { return };
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let other = entry.file_name();

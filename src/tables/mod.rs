@@ -160,8 +160,13 @@ impl Store {
     /// What the system says.
     pub fn remove(&self, spec: &TableSpec) -> io::Result<bool> {
         let path = self.path(spec);
+        if !self.folder.is_dir() {
+            return Ok(false);
+        }
+        // Never under the hands of whoever builds; the lock itself stays, or two could hold one each.
+        let _lock = self.lock(spec, &|_, _| ())?;
         file::forget(&path);
-        let _ = fs::remove_file(self.lock_path(spec));
+        file::remove_rests(&path);
         match fs::remove_file(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
             other => other.map(|()| true),

@@ -4,8 +4,8 @@
 //! - out: the plan of least time over all solutions that were found on the way
 //!
 //! The shortest solution is seldom the one that two hands make in the least time, so every solution that the two-phase
-//! search meets, up to three turns longer than the shortest, is tried for its grasps as it is found; a try ends as soon
-//! as it costs more than the best plan so far.
+//! search meets, up to three turns longer than the shortest, is tried for its grasps; a try ends as soon as it costs more
+//! than the best plan so far.
 
 use super::super::hold::{Grip, Hand, Hold, Step, hands_after};
 use super::super::identify;
