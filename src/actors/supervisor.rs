@@ -380,10 +380,11 @@ impl Teller {
         let stop = Arc::new(AtomicBool::new(false));
         let ends = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
+            let mut digest = note::Digest::new(names);
             let mut last = false;
             while !last {
                 last = ends.load(Ordering::Acquire);
-                for sentence in note::sentences(&mut noted, &names) {
+                for sentence in digest.sentences(&mut noted, last) {
                     tracing::warn!("{sentence}");
                 }
                 std::thread::park_timeout(Duration::from_secs(u64::from(!last)));

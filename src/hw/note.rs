@@ -87,23 +87,59 @@ impl Notes {
     }
 }
 
-/// Takes what waits and puts it into sentences, one for each kind: "track: axis 3 did not answer, 4 times since ...".
-#[must_use]
-pub fn sentences(ring: &mut rtrb::Consumer<Note>, effectors: &[String]) -> Vec<String> {
-    // In the order of effector and words; the first and the number of each.
-    let mut kinds: BTreeMap<(usize, String), (Note, u32)> = BTreeMap::new();
-    while let Ok(note) = ring.pop() {
-        kinds.entry((note.effector, words(&note.what))).or_insert((note, 0)).1 += 1;
+/// Puts notes into sentences: a kind at its first time at once, and then every ten seconds how often it came since.
+#[derive(Debug)]
+pub struct Digest {
+    effectors: Vec<String>,
+    /// In the order of effector and words.
+    kinds: BTreeMap<(usize, String), Kind>,
+    /// The latest period of any note.
+    now: u64,
+}
+
+#[derive(Debug, Default)]
+struct Kind {
+    /// Period of the first that was not told yet.
+    first: u64,
+    times: u32,
+    /// Told again from this period on.
+    next: u64,
+}
+
+impl Digest {
+    /// Periods until a kind is told again.
+    const LULL: u64 = 5000;
+
+    /// Of effectors with these names.
+    #[must_use]
+    pub fn new(effectors: Vec<String>) -> Self {
+        Self { effectors, kinds: BTreeMap::new(), now: 0 }
     }
-    kinds
-        .into_iter()
-        .map(|((effector, words), (first, times))| {
-            let name = effectors.get(effector).map_or("bridge", String::as_str);
-            let at = first.period as f64 * crate::motion::PERIOD;
+
+    /// Takes what waits and gives what is to be told now; `last`: everything.
+    pub fn sentences(&mut self, ring: &mut rtrb::Consumer<Note>, last: bool) -> Vec<String> {
+        while let Ok(note) = ring.pop() {
+            self.now = self.now.max(note.period);
+            let kind = self.kinds.entry((note.effector, words(&note.what))).or_default();
+            if kind.times == 0 {
+                kind.first = note.period;
+            }
+            kind.times += 1;
+        }
+        let mut told = Vec::new();
+        for ((effector, words), kind) in &mut self.kinds {
+            if kind.times == 0 || !last && self.now < kind.next {
+                continue;
+            }
+            let name = self.effectors.get(*effector).map_or("bridge", String::as_str);
+            let (times, first) = (std::mem::take(&mut kind.times), kind.first);
+            kind.next = self.now + Self::LULL;
+            let at = first as f64 * crate::motion::PERIOD;
             let times = if times == 1 { String::new() } else { format!(", {times} times") };
-            format!("{name}: {words}{times}, first in period {} ({at:.3} s)", first.period)
-        })
-        .collect()
+            told.push(format!("{name}: {words}{times}, first in period {first} ({at:.3} s)"));
+        }
+        told
+    }
 }
 
 fn words(what: &What) -> String {
@@ -135,7 +171,9 @@ mod tests {
         }
         to.tell(600, 0, What::ForceSilent);
 
-        let told = sentences(&mut from, &["track".to_owned(), "postument".to_owned()]);
+        let mut digest = Digest::new(vec!["track".to_owned(), "postument".to_owned()]);
+
+        let told = digest.sentences(&mut from, false);
 
         assert_eq!(
             told,
@@ -144,6 +182,13 @@ mod tests {
                 "postument: axis 3 did not answer in time, 4 times, first in period 500 (1.000 s)",
             ]
         );
-        assert!(sentences(&mut from, &[]).is_empty());
+        assert!(digest.sentences(&mut from, true).is_empty(), "told once");
+        to.tell(700, 1, What::Missed { axis: 3 });
+        assert!(digest.sentences(&mut from, false).is_empty(), "not every time anew");
+        to.tell(5800, 1, What::Missed { axis: 3 });
+        assert_eq!(
+            digest.sentences(&mut from, false),
+            ["postument: axis 3 did not answer in time, 2 times, first in period 700 (1.400 s)"]
+        );
     }
 }
