@@ -49,10 +49,18 @@ pub struct ArmServo {
     fade: f64,
     /// The other arm is stopped.
     stands_by: bool,
-    /// Periods were missed before this one.
-    gap: bool,
-    /// Set values are to begin anew from what is measured: the axes went on in a gap, and their motion is given up.
-    gives_up: bool,
+    gap: Gap,
+}
+
+/// Whether periods were missed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Gap {
+    /// No.
+    None,
+    /// Just before this one.
+    Passed,
+    /// And the motion that went on in them is given up: set values are to begin anew from what is measured.
+    GivenUp,
 }
 
 /// What was measured in a period.
@@ -110,8 +118,7 @@ impl ArmServo {
             braking: None,
             fade: libm::pow(Self::FADE, config.period.ratio()),
             stands_by: false,
-            gap: false,
-            gives_up: false,
+            gap: Gap::None,
             config,
         }
     }
@@ -125,7 +132,7 @@ impl ArmServo {
         command: Option<&ServoCommand>,
     ) -> (ArmDrive, ArmState) {
         let measured = self.measure(reading);
-        if std::mem::take(&mut self.gives_up) && self.fault.is_none() {
+        if self.gap == Gap::GivenUp && self.fault.is_none() {
             let (model, tool) = (&self.config.model, &self.flange_from_tool);
             self.set = self.set.moved_to(model, tool, measured.motors);
             self.strides.iter_mut().for_each(Stride::forgive);
@@ -165,7 +172,9 @@ impl ArmServo {
         }
         self.hold(period);
         self.braking = Some(self.steps);
-        self.gives_up = self.gap;
+        if self.gap == Gap::Passed {
+            self.gap = Gap::GivenUp;
+        }
         self.refused = Some(why);
     }
 
@@ -207,7 +216,7 @@ impl ArmServo {
 
     /// So many periods were missed before the next one.
     pub fn skipped(&mut self, missed: u64) {
-        self.gap = true;
+        self.gap = Gap::Passed;
         self.watch.skipped(missed);
     }
 
@@ -496,7 +505,7 @@ impl ArmServo {
             drive.pwm[axis] = self.regulators[axis].step(wanted, measured);
         }
         self.last_counts = reading.counts;
-        self.gap = false;
+        self.gap = Gap::None;
         self.jaw.drive(reading, &mut drive);
         drive
     }

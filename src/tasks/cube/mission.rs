@@ -375,7 +375,16 @@ impl Mission {
     fn fail(&mut self, reason: impl Into<String>) -> Action<Thought> {
         self.queue.clear();
         self.pending = None;
-        Action::Finish(Finish { achieved: false, reason: reason.into() })
+        let mut reason = reason.into();
+        // Whoever comes to help must know where it is.
+        let whereabouts = match self.belief.held.map(|held| held.is_some()) {
+            [true, true] => "; both hands hold the cube",
+            [true, false] => "; the track hand holds the cube",
+            [false, true] => "; the postument hand holds the cube",
+            [false, false] => "",
+        };
+        reason.push_str(whereabouts);
+        Action::Finish(Finish { achieved: false, reason })
     }
 
     /// Digests what became of the pending job. `Err` is the reason why the task cannot go on.
