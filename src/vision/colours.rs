@@ -19,8 +19,8 @@ const PROTOTYPES: [Prototype; 6] = [
     Prototype { hue: None, log_value: -0.223 },
     Prototype { hue: Some((-4.0, 8.0)), log_value: -0.868 },
     Prototype { hue: Some((128.0, 20.0)), log_value: -1.139 },
-    Prototype { hue: Some((54.0, 10.0)), log_value: -0.288 },
-    Prototype { hue: Some((20.0, 7.0)), log_value: -0.478 },
+    Prototype { hue: Some((54.0, 9.0)), log_value: -0.288 },
+    Prototype { hue: Some((22.0, 8.0)), log_value: -0.478 },
     Prototype { hue: Some((215.0, 16.0)), log_value: -1.022 },
 ];
 
@@ -105,6 +105,11 @@ impl Seen {
     }
 }
 
+/// At the rim of a clipped tile: logarithm of green over blue of yellow, at least, and the spread of that of white and
+/// yellow. Half of a file's colour is lost between two pixels.
+const YELLOW: f64 = 0.45;
+const RIM: f64 = 0.2;
+
 /// How much darker and brighter than its prototype a tile may be taken to be where it clips.
 const SHADE: (f64, f64) = (0.4, 2.5);
 
@@ -115,16 +120,35 @@ pub(super) struct Light(pub(super) [f64; 3]);
 /// The colours of one face by itself, and a confidence for each, 0..=1.
 #[must_use]
 pub fn decide_face(rgb: &[[f64; 3]; 9]) -> ([u8; 9], [f64; 9]) {
+    decide_face_with(rgb, &[None; 9])
+}
+
+/// The same, with the linear light at the rims of tiles that clip in all channels, of any strength.
+pub(super) fn decide_face_with(
+    rgb: &[[f64; 3]; 9],
+    rims: &[Option<[f64; 3]>; 9],
+) -> ([u8; 9], [f64; 9]) {
     let seen = rgb.map(Seen::new);
     let (light, _) = fit_light(&seen, |distances| {
         distances.iter().map(|d| d.iter().copied().fold(16.0, f64::min)).sum()
     });
     let tiles = seen.map(|tile| tile.under(light));
     let shades = Shades::of(&tiles);
+    // By how much blue lacks at a rim against green; white's is not bluer than the light.
+    let lacks = rims.map(|rim| {
+        let [_, green, blue] = light.undo(rim?);
+        Some((green.max(1e-6) / blue.max(1e-6)).ln())
+    });
+    let bluest = lacks.iter().flatten().copied().fold(0.0, f64::min);
     let mut colours = [0; 9];
     let mut confidences = [0.0; 9];
     for (i, tile) in tiles.iter().enumerate() {
-        let d = tile.distances(&shades);
+        let mut d = tile.distances(&shades);
+        // White and yellow clip alike, but not at their rims.
+        if let Some(lack) = lacks[i].map(|lack| lack - bluest) {
+            d[0] = (lack / RIM).powi(2);
+            d[3] = 1.0 + ((YELLOW - lack).max(0.0) / RIM).powi(2);
+        }
         let best = least(&d);
         let weight: f64 = d.iter().map(|x| (-0.5 * (x - d[best])).exp()).sum();
         colours[i] = best as u8;

@@ -409,12 +409,68 @@ fn predict(
     None
 }
 
-/// Fits the homography, drops what does not lie on it, fills free cells with tiles that do.
+/// Residual and unevenness from which on a lattice may hold a tile that a finger or a reflection cuts.
+const ODD: (f64, f64) = (0.035, 0.12);
+
+/// Settles nine cells on the lattice that fits them best; tiles of another size or form than the others' are let go
+/// when that makes a better lattice.
 fn settle(
+    tiles: &Places,
+    held: [Option<usize>; 9],
+    least: usize,
+    taken: &[bool],
+) -> Option<Lattice> {
+    let mut best = settle_without(tiles, held, least, taken, &[])?;
+    let mut without = Vec::new();
+    while best.count() > least
+        && (best.residual > ODD.0 || best.unevenness > ODD.1)
+        && best.score() > 2.0
+    {
+        let Some(odd) = odd_one(tiles, &best) else { break };
+        without.extend(best.tiles[odd]);
+        let mut fewer = best.tiles;
+        fewer[odd] = None;
+        match settle_without(tiles, fewer, least, taken, &without) {
+            Some(lattice) if lattice.score() > best.score() => best = lattice,
+            _ => break,
+        }
+    }
+    Some(best)
+}
+
+/// The held cell whose tile differs most from the middle one in size, form and place.
+fn odd_one(tiles: &Places, lattice: &Lattice) -> Option<usize> {
+    let h = &lattice.homography;
+    let shapes = GRID.into_iter().zip(lattice.tiles).enumerate();
+    let shapes: Vec<(usize, [f64; 3], f64)> = shapes
+        .filter_map(|(i, (g, tile))| {
+            let tile = &tiles[tile?];
+            let pitch = cell_area(h, g).abs().sqrt();
+            Some((i, shape_in_cell(h, g, tile)?, distance(tile.centre, apply(h, g)) / pitch))
+        })
+        .collect();
+    let middle = |k: usize| {
+        let mut sides: Vec<f64> = shapes.iter().map(|(_, s, _)| s[k]).collect();
+        sides.sort_by(f64::total_cmp);
+        sides.get(sides.len() / 2).copied().unwrap_or(1.0)
+    };
+    let (a, b) = (middle(0), middle(1));
+    let oddness = |s: &[f64; 3], off: f64| {
+        (s[0] / a - 1.0).powi(2)
+            + (s[1] / b - 1.0).powi(2)
+            + 2.0 * s[2].powi(2)
+            + (2.0 * off).powi(2)
+    };
+    shapes.iter().max_by(|x, y| oddness(&x.1, x.2).total_cmp(&oddness(&y.1, y.2))).map(|(i, ..)| *i)
+}
+
+/// Fits the homography, drops what does not lie on it, fills free cells with tiles that do, but for those `without`.
+fn settle_without(
     tiles: &Places,
     mut held: [Option<usize>; 9],
     least: usize,
     taken: &[bool],
+    without: &[usize],
 ) -> Option<Lattice> {
     for round in 0..3 {
         let pairs: Vec<(Point, Point)> = held
@@ -460,6 +516,7 @@ fn settle(
                     .near(centres[i], 0.3 * pitch)
                     .filter(|&t| {
                         !taken[t]
+                            && !without.contains(&t)
                             && (0.2..1.1).contains(&(tiles[t].area / cell[i]))
                             && error(i, t) < 0.15
                     })

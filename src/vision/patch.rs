@@ -5,7 +5,7 @@
 
 use super::Rect;
 use super::colours::{CLIPPED, to_linear};
-use super::homography::{Point, apply};
+use super::homography::{Point, apply, distance};
 use super::segment::percentile;
 use image::RgbImage;
 use nalgebra::Matrix3;
@@ -102,6 +102,59 @@ impl Patch {
             }
         }
         TileSample::new(pixels)
+    }
+}
+
+/// Share of the gap beside a tile that is looked at, and levels between which a rim pixel counts.
+const RIM: f64 = 0.9;
+
+impl Patch {
+    /// The hue of a tile that clips, as linear light of any strength: the lens blurs before the sensor clips, so that
+    /// between a tile and the dark gap beside it the tile's own light shows at less than its full strength. `None`
+    /// where the gap is not dark.
+    pub(super) fn rim(&self, h: &Matrix3<f64>, g: Point, sticker: f64) -> Option<[f64; 3]> {
+        let half = 0.5 * sticker.clamp(0.4, 0.95);
+        let middle = apply(h, g);
+        let pitch = distance(middle, apply(h, (g.0 + 1.0, g.1)));
+        let step = (0.5 / pitch).min(0.05);
+        let taps = ((0.5 * RIM + 0.05 - (half - 0.08)) / step) as usize;
+        let mut lines: Vec<Vec<[f64; 3]>> = Vec::new();
+        for way in 0..4 {
+            for k in -4..=4 {
+                let along = 0.06 * f64::from(k);
+                let line = (0..=taps).filter_map(|t| {
+                    let across = half - 0.08 + step * t as f64;
+                    let (u, v) =
+                        [(across, along), (-across, along), (along, across), (along, -across)][way];
+                    self.pixel(apply(h, (g.0 + u, g.1 + v)))
+                });
+                lines.push(line.collect());
+            }
+        }
+        let top = |p: &[f64; 3]| p[0].max(p[1]).max(p[2]);
+        let mut sum = [0.0; 3];
+        for line in &lines {
+            // From the tile outwards down to the darkest place: beyond it is a neighbour.
+            let Some(darkest) =
+                line.iter().enumerate().min_by(|a, b| top(a.1).total_cmp(&top(b.1)))
+            else {
+                continue;
+            };
+            let body = darkest.1.map(to_linear);
+            if top(darkest.1) > 120.0 {
+                continue;
+            }
+            for p in line[..darkest.0]
+                .iter()
+                .filter(|p| top(p) < 235.0 && top(p) > top(darkest.1) + 30.0)
+            {
+                for c in 0..3 {
+                    sum[c] += (to_linear(p[c]) - body[c]).max(0.0);
+                }
+            }
+        }
+        let all = sum[0].max(sum[1]).max(sum[2]);
+        (all > 0.5).then(|| sum.map(|s| s / all))
     }
 }
 
