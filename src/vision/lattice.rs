@@ -28,11 +28,15 @@ pub struct Lattice {
     pub sticker: f64,
     /// How many of the 16 cells around the nine are held by a tile that fits as well as the nine do.
     pub beyond: usize,
+    /// How many of the 16 lie where there are any tiles at all: near the picture's border not all can be held.
+    pub around: usize,
 }
 
 /// From this many cells around the nine on, the lattice is larger than 3x3: a floor, a keyboard, a cube of 4x4.
 /// Two faces seen at equal angles continue each other's columns, three cells of them.
 const LARGER: usize = 5;
+/// The same where not all of the 16 cells are to be seen, in proportion but no fewer than this.
+const LARGER_AT_BORDER: usize = 4;
 
 impl Lattice {
     /// How many cells are held.
@@ -50,7 +54,7 @@ impl Lattice {
     /// Whether the nine cells are a part of a larger lattice, so that they are no face of a 3x3 cube.
     #[must_use]
     pub fn is_larger(&self) -> bool {
-        self.beyond >= LARGER
+        self.beyond >= LARGER_AT_BORDER && 16 * self.beyond >= LARGER * self.around
     }
 
     /// The same lattice read so that columns run to the right and rows down the picture.
@@ -113,7 +117,7 @@ pub fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
     }
     let mut kept = distinct(found, tiles.len());
     for lattice in &mut kept {
-        lattice.beyond = beyond(tiles, lattice);
+        (lattice.beyond, lattice.around) = beyond(tiles, lattice);
     }
     kept
 }
@@ -154,12 +158,24 @@ impl std::ops::Deref for Places<'_> {
     }
 }
 
-/// Cells around the nine that hold a tile of the same size and form as the nine.
-fn beyond(tiles: &Places, lattice: &Lattice) -> usize {
+/// Cells around the nine that hold a tile of the same size and form as the nine, and cells that could.
+fn beyond(tiles: &Places, lattice: &Lattice) -> (usize, usize) {
     let h = &lattice.homography;
+    let rows = || tiles.iter().map(|t| t.centre.1);
+    let (top, bottom) =
+        (rows().fold(f64::INFINITY, f64::min), rows().fold(f64::NEG_INFINITY, f64::max));
+    let (left, right) = (tiles.columns.first(), tiles.columns.last());
+    let among = |p: Point| {
+        left.is_some_and(|x| p.0 >= *x)
+            && right.is_some_and(|x| p.0 <= *x)
+            && p.1 >= top
+            && p.1 <= bottom
+    };
     let around = (0..25).map(|i| (f64::from(i % 5) - 2.0, f64::from(i / 5) - 2.0));
-    around
-        .filter(|g| g.0.abs().max(g.1.abs()) > 1.5)
+    let around: Vec<Point> = around.filter(|g| g.0.abs().max(g.1.abs()) > 1.5).collect();
+    let could = around.iter().filter(|&&g| among(apply(h, g))).count();
+    let held = around
+        .into_iter()
         .filter(|&g| {
             let w = h[(2, 0)] * g.0 + h[(2, 1)] * g.1 + h[(2, 2)];
             if w < 0.2 {
@@ -173,7 +189,8 @@ fn beyond(tiles: &Places, lattice: &Lattice) -> usize {
                 })
             })
         })
-        .count()
+        .count();
+    (held, could)
 }
 
 /// Keeps the best of the lattices that share tiles or places.
@@ -563,8 +580,17 @@ fn settle_without(
         if residual > 0.14 {
             return None;
         }
-        let beyond = 0;
-        return Some(Lattice { homography: h, tiles: held, residual, unevenness, sticker, beyond });
+        let (beyond, around) = (0, 16);
+        let tiles = held;
+        return Some(Lattice {
+            homography: h,
+            tiles,
+            residual,
+            unevenness,
+            sticker,
+            beyond,
+            around,
+        });
     }
     None
 }
