@@ -210,7 +210,7 @@ fn no_promise_in_a_header_takes_more_than_it_may() {
 
             let most = if width == 50_000 { LARGE } else { SMALL };
             limited(&format!("{width}x{height} {depth:?}"), most, || {
-                assert!(decode(&bytes).is_err())
+                assert!(decode(&bytes).is_err());
             });
         }
     }

@@ -15,7 +15,7 @@ use rand_pcg::Pcg64;
 
 /// What is out of the ordinary in a photograph.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub(crate) enum Kind {
     /// Stickers on black, in ordinary light.
     Stickered,
     /// Coloured plastic with rounded cubies and no body that shows.
@@ -46,7 +46,7 @@ pub enum Kind {
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 13] = [
+    pub(crate) const ALL: [Self; 13] = [
         Self::Stickered,
         Self::Stickerless,
         Self::WhiteBody,
@@ -65,7 +65,7 @@ impl Kind {
 
 /// A face that the camera sees.
 #[derive(Debug, Clone)]
-pub struct FaceTruth {
+pub(crate) struct FaceTruth {
     /// Centres of the tiles in reading order [px].
     pub centres: [(f64, f64); 9],
     /// Colours 0..=5 = white, red, green, yellow, orange, blue.
@@ -80,7 +80,7 @@ pub struct FaceTruth {
 
 /// A picture with its truth.
 #[derive(Debug, Clone)]
-pub struct Photo {
+pub(crate) struct Photo {
     /// As a decoder gives it.
     pub image: RgbImage,
     /// Visible faces, the largest first.
@@ -305,7 +305,7 @@ impl Backdrop {
         };
         let [a, b, ..] = self.colours;
         match self.style {
-            0 => mix(a, b, (x / f64::from(WIDTH) + y / f64::from(HEIGHT)) / 2.0),
+            0 => mix(a, b, 0.5 * (x / f64::from(WIDTH)) + 0.5 * (y / f64::from(HEIGHT))),
             // Wood: uneven stripes of two near shades.
             1 => {
                 let wave = (u * 2.1 + (v * 0.35).sin() * 1.7).sin() * 0.5 + 0.5;
@@ -615,12 +615,12 @@ impl Scene {
 }
 
 /// A photograph of a kind.
-pub fn photograph(kind: Kind, seed: u64) -> Photo {
+pub(crate) fn photograph(kind: Kind, seed: u64) -> Photo {
     taken(Scene::draw(kind, seed, None))
 }
 
 /// A stickered cube whose dominant face is so wide [px] and tilted by so much [rad].
-pub fn posed(seed: u64, face_px: f64, tilt: f64) -> Photo {
+pub(crate) fn posed(seed: u64, face_px: f64, tilt: f64) -> Photo {
     taken(Scene::draw(Kind::Stickered, seed, Some((face_px, tilt))))
 }
 
