@@ -19,8 +19,8 @@ const PROTOTYPES: [Prototype; 6] = [
     Prototype { hue: None, log_value: -0.223 },
     Prototype { hue: Some((-4.0, 8.0)), log_value: -0.868 },
     Prototype { hue: Some((128.0, 20.0)), log_value: -1.139 },
-    Prototype { hue: Some((54.0, 10.0)), log_value: -0.288 },
-    Prototype { hue: Some((20.0, 7.0)), log_value: -0.478 },
+    Prototype { hue: Some((54.0, 9.0)), log_value: -0.288 },
+    Prototype { hue: Some((22.0, 8.0)), log_value: -0.478 },
     Prototype { hue: Some((215.0, 16.0)), log_value: -1.022 },
 ];
 
@@ -29,6 +29,26 @@ struct Prototype {
     hue: Option<(f64, f64)>,
     log_value: f64,
 }
+
+impl Prototype {
+    /// Linear RGB: the inverse of [`Shade`].
+    fn reflectance(&self) -> [f64; 3] {
+        let high = self.log_value.exp();
+        let Some((hue, _)) = self.hue else { return [high; 3] };
+        let low = PALE * high;
+        let sixth = (hue / 120.0).round();
+        let middle = low + (high - low) * ((hue - 120.0 * sixth) / 60.0).powi(2);
+        let mut rgb = [low; 3];
+        let strongest = sixth.rem_euclid(3.0) as usize;
+        let second = if hue >= 120.0 * sixth { strongest + 1 } else { strongest + 2 };
+        rgb[strongest] = high;
+        rgb[second % 3] = middle;
+        rgb
+    }
+}
+
+/// Share of its strongest channel that a coloured sticker reflects of the weakest.
+const PALE: f64 = 0.05;
 
 /// From this level on a channel counts as clipped: encoders do not leave it at 255.
 pub(super) const CLIPPED: f64 = 246.0;
@@ -39,6 +59,60 @@ const GAINS: [f64; 7] = [0.6, 0.72, 0.85, 1.0, 1.18, 1.4, 1.65];
 /// Level of the brightest channel of the brightest tile once the exposure is set right.
 const EXPOSURES: [f64; 4] = [1.0, 0.75, 0.5, 0.3];
 
+/// The mean colour of a tile in linear light, with the channels that may have been brighter than the camera tells.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen {
+    linear: [f64; 3],
+    clipped: [bool; 3],
+}
+
+impl Seen {
+    /// Of sRGB levels 0..=255.
+    fn new(levels: [f64; 3]) -> Self {
+        Self { linear: levels.map(to_linear), clipped: levels.map(|v| v >= CLIPPED) }
+    }
+
+    /// Of linear light that no camera clipped.
+    pub(super) fn whole(linear: [f64; 3]) -> Self {
+        Self { linear, clipped: [false; 3] }
+    }
+
+    /// The tile under a light that is undone.
+    fn under(&self, light: Light) -> Self {
+        Self { linear: light.undo(self.linear), ..*self }
+    }
+
+    /// Squared distance to each prototype in units of its spread. A clipped channel says only what the light was at
+    /// least: it is taken to be what the prototype would show, in the shade that the other channels tell.
+    fn distances(&self, shades: &Shades) -> [f64; 6] {
+        if self.clipped == [false; 3] {
+            return Tone::new(self.linear, shades).distances(1.0);
+        }
+        std::array::from_fn(|c| {
+            let own = PROTOTYPES[c].reflectance();
+            let mut sums = (0.0, 0.0);
+            for k in (0..3).filter(|&k| !self.clipped[k]) {
+                sums = (sums.0 + self.linear[k] * own[k], sums.1 + own[k] * own[k]);
+            }
+            let shade = if self.clipped == [true; 3] { 1.0 } else { sums.0 / sums.1 };
+            let shade = shade.clamp(SHADE.0, SHADE.1);
+            let whole = std::array::from_fn(|k| {
+                let least = self.linear[k];
+                if self.clipped[k] { least.max(shade * own[k]) } else { least }
+            });
+            Tone::new(whole, shades).distances(1.0)[c]
+        })
+    }
+}
+
+/// At the rim of a clipped tile: logarithm of green over blue of yellow, at least, and the spread of that of white and
+/// yellow. Half of a file's colour is lost between two pixels.
+const YELLOW: f64 = 0.45;
+const RIM: f64 = 0.2;
+
+/// How much darker and brighter than its prototype a tile may be taken to be where it clips.
+const SHADE: (f64, f64) = (0.4, 2.5);
+
 /// What the light did to the tiles: factors that undo it, on linear RGB.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Light(pub(super) [f64; 3]);
@@ -46,16 +120,35 @@ pub(super) struct Light(pub(super) [f64; 3]);
 /// The colours of one face by itself, and a confidence for each, 0..=1.
 #[must_use]
 pub fn decide_face(rgb: &[[f64; 3]; 9]) -> ([u8; 9], [f64; 9]) {
-    let linear: Vec<[f64; 3]> = rgb.iter().map(|c| c.map(to_linear)).collect();
-    let (light, _) = fit_light(&linear, |distances| {
+    decide_face_with(rgb, &[None; 9])
+}
+
+/// The same, with the linear light at the rims of tiles that clip in all channels, of any strength.
+pub(super) fn decide_face_with(
+    rgb: &[[f64; 3]; 9],
+    rims: &[Option<[f64; 3]>; 9],
+) -> ([u8; 9], [f64; 9]) {
+    let seen = rgb.map(Seen::new);
+    let (light, _) = fit_light(&seen, |distances| {
         distances.iter().map(|d| d.iter().copied().fold(16.0, f64::min)).sum()
     });
-    let tiles: [[f64; 3]; 9] = std::array::from_fn(|i| light.undo(linear[i]));
+    let tiles = seen.map(|tile| tile.under(light));
     let shades = Shades::of(&tiles);
+    // By how much blue lacks at a rim against green; white's is not bluer than the light.
+    let lacks = rims.map(|rim| {
+        let [_, green, blue] = light.undo(rim?);
+        Some((green.max(1e-6) / blue.max(1e-6)).ln())
+    });
+    let bluest = lacks.iter().flatten().copied().fold(0.0, f64::min);
     let mut colours = [0; 9];
     let mut confidences = [0.0; 9];
     for (i, tile) in tiles.iter().enumerate() {
-        let d = Tone::new(*tile, &shades).distances(1.0);
+        let mut d = tile.distances(&shades);
+        // White and yellow clip alike, but not at their rims.
+        if let Some(lack) = lacks[i].map(|lack| lack - bluest) {
+            d[0] = (lack / RIM).powi(2);
+            d[3] = 1.0 + ((YELLOW - lack).max(0.0) / RIM).powi(2);
+        }
         let best = least(&d);
         let weight: f64 = d.iter().map(|x| (-0.5 * (x - d[best])).exp()).sum();
         colours[i] = best as u8;
@@ -87,16 +180,17 @@ impl Shades {
     };
 
     /// The tiles that are surely of a colour say which hue it has here; then the others are asked again.
-    fn of(tiles: &[[f64; 3]; 9]) -> Self {
+    fn of(tiles: &[Seen; 9]) -> Self {
         let mut shades = Self::ANY;
         for _ in 0..3 {
             // Sums of weights, and of turns from the prototype, by colour.
             let mut sums = [(0.0, 0.0); 6];
-            for tile in tiles {
-                let d = Tone::new(*tile, &shades).distances(1.0);
+            // A clipped tile's hue is not its own.
+            for tile in tiles.iter().filter(|t| t.clipped == [false; 3]) {
+                let d = tile.distances(&shades);
                 let best = least(&d);
                 let total: f64 = d.iter().map(|x| (-0.5 * (x - d[best])).exp()).sum();
-                let shade = Shade::new(*tile);
+                let shade = Shade::new(tile.linear);
                 for (c, sum) in sums.iter_mut().enumerate() {
                     let Some((hue, _)) = PROTOTYPES[c].hue else { continue };
                     let share = (-0.5 * (d[c] - d[best])).exp() / total;
@@ -122,24 +216,28 @@ fn turn(hue: f64, from: f64) -> f64 {
 
 /// The light under which the tiles look most like the six colours; `judge` turns the squared distances of
 /// all tiles to all colours into one cost.
-pub(super) fn fit_light(linear: &[[f64; 3]], judge: impl Fn(&[[f64; 6]]) -> f64) -> (Light, f64) {
+pub(super) fn fit_light(tiles: &[Seen], judge: impl Fn(&[[f64; 6]]) -> f64) -> (Light, f64) {
     let mut best = ([1.0; 3], Light([1.0; 3]), f64::INFINITY);
-    let mut distances = vec![[0.0; 6]; linear.len()];
-    let mut tones = vec![Tone::default(); linear.len()];
+    let mut distances = vec![[0.0; 6]; tiles.len()];
+    let mut tones = vec![Tone::default(); tiles.len()];
     let mut attempt = |gains: [f64; 3], best: &mut ([f64; 3], Light, f64)| {
-        let brightest = linear
+        let brightest = tiles
             .iter()
-            .map(|t| (0..3).map(|c| t[c] * gains[c]).fold(0.0, f64::max))
+            .map(|t| (0..3).map(|c| t.linear[c] * gains[c]).fold(0.0, f64::max))
             .fold(1e-4, f64::max);
         let even = Light(gains.map(|g| g / brightest));
-        for (tone, tile) in tones.iter_mut().zip(linear) {
-            *tone = Tone::new(even.undo(*tile), &Shades::ANY);
+        for (tone, tile) in tones.iter_mut().zip(tiles) {
+            *tone = Tone::new(even.undo(tile.linear), &Shades::ANY);
         }
         let prior = (gains[0].ln() / 0.25).powi(2) + (gains[2].ln() / 0.25).powi(2);
         for exposure in EXPOSURES {
             let light = Light(even.0.map(|g| g * exposure));
-            for (d, tone) in distances.iter_mut().zip(&tones) {
-                *d = tone.distances(exposure);
+            for ((d, tone), tile) in distances.iter_mut().zip(&tones).zip(tiles) {
+                *d = if tile.clipped == [false; 3] {
+                    tone.distances(exposure)
+                } else {
+                    tile.under(light).distances(&Shades::ANY)
+                };
             }
             let cost = judge(&distances) + prior;
             if cost < best.2 {

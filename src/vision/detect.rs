@@ -153,7 +153,11 @@ impl Patch {
         let samples: [TileSample; 9] =
             std::array::from_fn(|i| self.sample(&lattice.homography, GRID[i], lattice.sticker));
         let rgb = samples.map(|s| s.rgb);
-        let (colours, mut confidences) = colours::decide_face(&rgb);
+        let rims: [_; 9] = std::array::from_fn(|i| {
+            let (h, sticker) = (&lattice.homography, lattice.sticker);
+            samples[i].clipped.then(|| self.rim(h, GRID[i], sticker)).flatten()
+        });
+        let (colours, mut confidences) = colours::decide_face_with(&rgb, &rims);
         for (confidence, sample) in confidences.iter_mut().zip(&samples) {
             if sample.clipped {
                 *confidence *= 0.5;
@@ -165,6 +169,9 @@ impl Patch {
             .count() as f64;
         let held = lattice.count() as f64;
         let support = ((held + 0.6 * even - 4.5) / 4.5).clamp(0.0, 1.0);
+        // Six that agree in place, size and form are a face under a hand; they say no more than that.
+        let exact = held >= 6.0 && lattice.residual < 0.03 && lattice.unevenness < 0.12;
+        let support = if exact { support.max(0.48) } else { support };
         let fit = (-(lattice.residual / 0.10).powi(2)).exp();
         let regular = (-(lattice.unevenness / 0.5).powi(2)).exp();
         FaceSighting {

@@ -108,6 +108,8 @@ const NARROW: f64 = 0.07;
 const RIM: f64 = 0.2;
 /// A side seen at fewer pixels a pitch is not measured.
 const LEAST_PITCH: f64 = 5.0;
+/// The same along sides of faces that are nearly edge-on.
+const GRAZING: f64 = 1.2;
 
 /// A colour, 0..=255.
 pub(super) type Rgb = [f32; 3];
@@ -194,12 +196,19 @@ pub(super) struct Probe<'a> {
     height: usize,
     lens: &'a Lens,
     pitch: f64,
+    /// Fewest pixels a pitch along a side that is measured.
+    least_along: f64,
 }
 
 impl<'a> Probe<'a> {
     pub(super) fn new(image: &'a RgbImage, lens: &'a Lens, pitch: f64) -> Self {
         let (width, height) = (image.width() as usize, image.height() as usize);
-        Self { raw: image.as_raw(), width, height, lens, pitch }
+        Self { raw: image.as_raw(), width, height, lens, pitch, least_along: LEAST_PITCH }
+    }
+
+    /// Measures faces that are nearly edge-on, too: enough to say that they are there.
+    pub(super) fn grazing(self) -> Self {
+        Self { least_along: GRAZING, ..self }
     }
 
     /// Adds bilinear samples at equal steps, each with its share of the mean; `None` when one is not inside the image.
@@ -323,7 +332,7 @@ impl<'a> Probe<'a> {
         if scale < 0.0 {
             (normal, scale) = ((-normal.0, -normal.1), -scale);
         }
-        if !(scale >= LEAST_PITCH && 2.0 * long >= LEAST_PITCH) {
+        if !(scale >= LEAST_PITCH && 2.0 * long >= self.least_along) {
             return None;
         }
         let gap = 0.5 * (1.0 - share) * scale;

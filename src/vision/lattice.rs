@@ -28,11 +28,15 @@ pub struct Lattice {
     pub sticker: f64,
     /// How many of the 16 cells around the nine are held by a tile that fits as well as the nine do.
     pub beyond: usize,
+    /// How many of the 16 lie where there are any tiles at all: near the picture's border not all can be held.
+    pub around: usize,
 }
 
 /// From this many cells around the nine on, the lattice is larger than 3x3: a floor, a keyboard, a cube of 4x4.
 /// Two faces seen at equal angles continue each other's columns, three cells of them.
 const LARGER: usize = 5;
+/// The same where not all of the 16 cells are to be seen, in proportion but no fewer than this.
+const LARGER_AT_BORDER: usize = 4;
 
 impl Lattice {
     /// How many cells are held.
@@ -50,7 +54,7 @@ impl Lattice {
     /// Whether the nine cells are a part of a larger lattice, so that they are no face of a 3x3 cube.
     #[must_use]
     pub fn is_larger(&self) -> bool {
-        self.beyond >= LARGER
+        self.beyond >= LARGER_AT_BORDER && 16 * self.beyond >= LARGER * self.around
     }
 
     /// The same lattice read so that columns run to the right and rows down the picture.
@@ -113,7 +117,7 @@ pub fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
     }
     let mut kept = distinct(found, tiles.len());
     for lattice in &mut kept {
-        lattice.beyond = beyond(tiles, lattice);
+        (lattice.beyond, lattice.around) = beyond(tiles, lattice);
     }
     kept
 }
@@ -154,12 +158,24 @@ impl std::ops::Deref for Places<'_> {
     }
 }
 
-/// Cells around the nine that hold a tile of the same size and form as the nine.
-fn beyond(tiles: &Places, lattice: &Lattice) -> usize {
+/// Cells around the nine that hold a tile of the same size and form as the nine, and cells that could.
+fn beyond(tiles: &Places, lattice: &Lattice) -> (usize, usize) {
     let h = &lattice.homography;
+    let rows = || tiles.iter().map(|t| t.centre.1);
+    let (top, bottom) =
+        (rows().fold(f64::INFINITY, f64::min), rows().fold(f64::NEG_INFINITY, f64::max));
+    let (left, right) = (tiles.columns.first(), tiles.columns.last());
+    let among = |p: Point| {
+        left.is_some_and(|x| p.0 >= *x)
+            && right.is_some_and(|x| p.0 <= *x)
+            && p.1 >= top
+            && p.1 <= bottom
+    };
     let around = (0..25).map(|i| (f64::from(i % 5) - 2.0, f64::from(i / 5) - 2.0));
-    around
-        .filter(|g| g.0.abs().max(g.1.abs()) > 1.5)
+    let around: Vec<Point> = around.filter(|g| g.0.abs().max(g.1.abs()) > 1.5).collect();
+    let could = around.iter().filter(|&&g| among(apply(h, g))).count();
+    let held = around
+        .into_iter()
         .filter(|&g| {
             let w = h[(2, 0)] * g.0 + h[(2, 1)] * g.1 + h[(2, 2)];
             if w < 0.2 {
@@ -173,7 +189,8 @@ fn beyond(tiles: &Places, lattice: &Lattice) -> usize {
                 })
             })
         })
-        .count()
+        .count();
+    (held, could)
 }
 
 /// Keeps the best of the lattices that share tiles or places.
@@ -409,12 +426,68 @@ fn predict(
     None
 }
 
-/// Fits the homography, drops what does not lie on it, fills free cells with tiles that do.
+/// Residual and unevenness from which on a lattice may hold a tile that a finger or a reflection cuts.
+const ODD: (f64, f64) = (0.035, 0.12);
+
+/// Settles nine cells on the lattice that fits them best; tiles of another size or form than the others' are let go
+/// when that makes a better lattice.
 fn settle(
+    tiles: &Places,
+    held: [Option<usize>; 9],
+    least: usize,
+    taken: &[bool],
+) -> Option<Lattice> {
+    let mut best = settle_without(tiles, held, least, taken, &[])?;
+    let mut without = Vec::new();
+    while best.count() > least
+        && (best.residual > ODD.0 || best.unevenness > ODD.1)
+        && best.score() > 2.0
+    {
+        let Some(odd) = odd_one(tiles, &best) else { break };
+        without.extend(best.tiles[odd]);
+        let mut fewer = best.tiles;
+        fewer[odd] = None;
+        match settle_without(tiles, fewer, least, taken, &without) {
+            Some(lattice) if lattice.score() > best.score() => best = lattice,
+            _ => break,
+        }
+    }
+    Some(best)
+}
+
+/// The held cell whose tile differs most from the middle one in size, form and place.
+fn odd_one(tiles: &Places, lattice: &Lattice) -> Option<usize> {
+    let h = &lattice.homography;
+    let shapes = GRID.into_iter().zip(lattice.tiles).enumerate();
+    let shapes: Vec<(usize, [f64; 3], f64)> = shapes
+        .filter_map(|(i, (g, tile))| {
+            let tile = &tiles[tile?];
+            let pitch = cell_area(h, g).abs().sqrt();
+            Some((i, shape_in_cell(h, g, tile)?, distance(tile.centre, apply(h, g)) / pitch))
+        })
+        .collect();
+    let middle = |k: usize| {
+        let mut sides: Vec<f64> = shapes.iter().map(|(_, s, _)| s[k]).collect();
+        sides.sort_by(f64::total_cmp);
+        sides.get(sides.len() / 2).copied().unwrap_or(1.0)
+    };
+    let (a, b) = (middle(0), middle(1));
+    let oddness = |s: &[f64; 3], off: f64| {
+        (s[0] / a - 1.0).powi(2)
+            + (s[1] / b - 1.0).powi(2)
+            + 2.0 * s[2].powi(2)
+            + (2.0 * off).powi(2)
+    };
+    shapes.iter().max_by(|x, y| oddness(&x.1, x.2).total_cmp(&oddness(&y.1, y.2))).map(|(i, ..)| *i)
+}
+
+/// Fits the homography, drops what does not lie on it, fills free cells with tiles that do, but for those `without`.
+fn settle_without(
     tiles: &Places,
     mut held: [Option<usize>; 9],
     least: usize,
     taken: &[bool],
+    without: &[usize],
 ) -> Option<Lattice> {
     for round in 0..3 {
         let pairs: Vec<(Point, Point)> = held
@@ -460,6 +533,7 @@ fn settle(
                     .near(centres[i], 0.3 * pitch)
                     .filter(|&t| {
                         !taken[t]
+                            && !without.contains(&t)
                             && (0.2..1.1).contains(&(tiles[t].area / cell[i]))
                             && error(i, t) < 0.15
                     })
@@ -506,8 +580,17 @@ fn settle(
         if residual > 0.14 {
             return None;
         }
-        let beyond = 0;
-        return Some(Lattice { homography: h, tiles: held, residual, unevenness, sticker, beyond });
+        let (beyond, around) = (0, 16);
+        let tiles = held;
+        return Some(Lattice {
+            homography: h,
+            tiles,
+            residual,
+            unevenness,
+            sticker,
+            beyond,
+            around,
+        });
     }
     None
 }

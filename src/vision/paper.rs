@@ -313,7 +313,12 @@ impl Stages {
             let (full, four) = regions[i].convexity();
             full >= filters.convexity.0 && four >= filters.convexity.1
         });
-        filter("neighbours", &|all, i| neighbours(&regions, all, i).count() >= filters.neighbours);
+        let near = std::cell::OnceCell::new();
+        filter("neighbours", &|all, i| {
+            let near: &Near = near.get_or_init(|| Near::new(&regions, all));
+            near.of(i).count() >= filters.neighbours
+        });
+        drop(near);
         Self { regions, stages }
     }
 
@@ -330,14 +335,14 @@ impl Stages {
     pub fn square(&self) -> Result<Square, Refusal> {
         let left = self.last();
         let mut order: Vec<usize> = left.to_vec();
-        let near = |i: usize| neighbours(&self.regions, left, i).count();
-        order.sort_by_key(|&i| (std::cmp::Reverse(near(i)), i));
+        let near = Near::new(&self.regions, left);
+        order.sort_by_cached_key(|&i| (std::cmp::Reverse(near.of(i).count()), i));
         let width = |s: &Square| {
             (0..4).map(|i| distance(s.corners[i], s.corners[(i + 1) % 4])).fold(0.0, f64::max) * 1.5
         };
         let best = order
             .iter()
-            .filter_map(|&centre| self.around(centre))
+            .filter_map(|&centre| self.around(centre, &near))
             .max_by(|a, b| a.area().total_cmp(&b.area()))
             .ok_or(Refusal::NoLattice { tiles: left.len() })?;
         let width_px = width(&best);
@@ -346,11 +351,13 @@ impl Stages {
 
     /// The square with a region in its centre: eight others around it of about the same area; those with the
     /// fewest neighbours among the nine are its corners.
-    fn around(&self, centre: usize) -> Option<Square> {
+    fn around(&self, centre: usize, near: &Near) -> Option<Square> {
         let me = &self.regions[centre];
-        let mut others: Vec<usize> = neighbours(&self.regions, self.last(), centre)
+        let mut others: Vec<usize> = near
+            .of(centre)
             .filter(|&j| (0.5..2.0).contains(&(self.regions[j].area / me.area)))
             .collect();
+        others.sort_unstable();
         let from = |i: usize, j: usize| distance(self.regions[i].centre, self.regions[j].centre);
         others.sort_by(|&a, &b| from(centre, a).total_cmp(&from(centre, b)));
         others.truncate(8);
@@ -427,20 +434,37 @@ fn regions(rgb: &[u8], width: usize, height: usize) -> Vec<Region> {
     all
 }
 
-/// Regions of like size within two and a half sides of one.
-fn neighbours<'a>(
+/// Regions that are found by place: a cloth has tens of thousands of them.
+struct Near<'a> {
     regions: &'a [Region],
-    among: &'a [usize],
-    i: usize,
-) -> impl Iterator<Item = usize> + 'a {
-    let me = &regions[i];
-    let reach = 2.5 * me.side();
-    among.iter().copied().filter(move |&j| {
-        let other = &regions[j];
-        j != i
-            && distance(other.centre, me.centre) < reach
-            && (0.4..2.5).contains(&(other.area / me.area))
-    })
+    /// Columns of the centres, with the regions' indices, from left to right.
+    columns: Vec<(f64, usize)>,
+}
+
+impl<'a> Near<'a> {
+    fn new(regions: &'a [Region], among: &[usize]) -> Self {
+        let mut columns: Vec<(f64, usize)> =
+            among.iter().map(|&i| (regions[i].centre.0, i)).collect();
+        columns.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        Self { regions, columns }
+    }
+
+    /// Regions of about the same size within two and a half sides.
+    fn of(&self, i: usize) -> impl Iterator<Item = usize> {
+        let me = &self.regions[i];
+        let reach = 2.5 * me.side();
+        let first = self.columns.partition_point(|c| c.0 < me.centre.0 - reach);
+        self.columns[first..]
+            .iter()
+            .take_while(move |c| c.0 <= me.centre.0 + reach)
+            .map(|c| c.1)
+            .filter(move |&j| {
+                let other = &self.regions[j];
+                j != i
+                    && distance(other.centre, me.centre) < reach
+                    && (0.4..2.5).contains(&(other.area / me.area))
+            })
+    }
 }
 
 /// Tile candidates by colour.

@@ -4,8 +4,8 @@
 //! - out: a copy with its own pixel coordinates; colours of tiles in it
 
 use super::Rect;
-use super::colours::CLIPPED;
-use super::homography::{Point, apply};
+use super::colours::{CLIPPED, to_linear};
+use super::homography::{Point, apply, distance};
 use super::segment::percentile;
 use image::RgbImage;
 use nalgebra::Matrix3;
@@ -105,6 +105,59 @@ impl Patch {
     }
 }
 
+/// Share of the gap beside a tile that is looked at, and levels between which a rim pixel counts.
+const RIM: f64 = 0.9;
+
+impl Patch {
+    /// The hue of a tile that clips, as linear light of any strength: the lens blurs before the sensor clips, so that
+    /// between a tile and the dark gap beside it the tile's own light shows at less than its full strength. `None`
+    /// where the gap is not dark.
+    pub(super) fn rim(&self, h: &Matrix3<f64>, g: Point, sticker: f64) -> Option<[f64; 3]> {
+        let half = 0.5 * sticker.clamp(0.4, 0.95);
+        let middle = apply(h, g);
+        let pitch = distance(middle, apply(h, (g.0 + 1.0, g.1)));
+        let step = (0.5 / pitch).min(0.05);
+        let taps = ((0.5 * RIM + 0.05 - (half - 0.08)) / step) as usize;
+        let mut lines: Vec<Vec<[f64; 3]>> = Vec::new();
+        for way in 0..4 {
+            for k in -4..=4 {
+                let along = 0.06 * f64::from(k);
+                let line = (0..=taps).filter_map(|t| {
+                    let across = half - 0.08 + step * t as f64;
+                    let (u, v) =
+                        [(across, along), (-across, along), (along, across), (along, -across)][way];
+                    self.pixel(apply(h, (g.0 + u, g.1 + v)))
+                });
+                lines.push(line.collect());
+            }
+        }
+        let top = |p: &[f64; 3]| p[0].max(p[1]).max(p[2]);
+        let mut sum = [0.0; 3];
+        for line in &lines {
+            // From the tile outwards down to the darkest place: beyond it is a neighbour.
+            let Some(darkest) =
+                line.iter().enumerate().min_by(|a, b| top(a.1).total_cmp(&top(b.1)))
+            else {
+                continue;
+            };
+            let body = darkest.1.map(to_linear);
+            if top(darkest.1) > 120.0 {
+                continue;
+            }
+            for p in line[..darkest.0]
+                .iter()
+                .filter(|p| top(p) < 235.0 && top(p) > top(darkest.1) + 30.0)
+            {
+                for c in 0..3 {
+                    sum[c] += (to_linear(p[c]) - body[c]).max(0.0);
+                }
+            }
+        }
+        let all = sum[0].max(sum[1]).max(sum[2]);
+        (all > 0.5).then(|| sum.map(|s| s / all))
+    }
+}
+
 /// What the pixels of one tile say.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TileSample {
@@ -126,9 +179,10 @@ impl TileSample {
         }
         let sum = |p: &[f64; 3]| p[0] + 2.0 * p[1] + p[2];
         // The darker half without its darkest: glare covers a part of a tile and makes it brighter, what is
-        // darkest may be a groove or a logo.
+        // darkest may be a groove.
         pixels.sort_by(|a, b| sum(a).total_cmp(&sum(b)));
-        let middle = &pixels[pixels.len() / 8..pixels.len().div_ceil(2)];
+        let own = &pixels[marked(&pixels)..];
+        let middle = &own[own.len() / 8..own.len().div_ceil(2)];
         let n = middle.len() as f64;
         let rgb = std::array::from_fn(|c| middle.iter().map(|p| p[c]).sum::<f64>() / n);
         let spread = pixels
@@ -139,4 +193,48 @@ impl TileSample {
         let clipped = rgb.iter().all(|&v| v >= CLIPPED);
         Self { rgb, spread, inside, clipped }
     }
+}
+
+/// How many of a tile's pixels, sorted by brightness, are darker than the sticker: a maker's mark, a finger's rim.
+///
+/// The sticker is what most pixels look like, unless that can be what a darker part looks like with the light of a
+/// reflection on it, which is the same in all channels. Pixels that clip have no say while they are fewer than half.
+fn marked(sorted: &[[f64; 3]]) -> usize {
+    let n = sorted.len();
+    let clips = |p: &[f64; 3]| p.iter().all(|&v| v >= CLIPPED);
+    let clipped = sorted.iter().filter(|p| clips(p)).count();
+    let alike = |a: &[f64; 3], b: &[f64; 3]| {
+        let level = a.iter().chain(b).copied().fold(0.0, f64::max);
+        (0..3).all(|c| (a[c] - b[c]).abs() < 10.0 + 0.12 * level)
+    };
+    // Mostly a tile is even.
+    if n == 0 || alike(&sorted[n / 16], &sorted[n / 2]) {
+        return 0;
+    }
+    let crowd = |p: &[f64; 3]| sorted.iter().filter(|q| alike(p, q)).count();
+    let candidates = sorted.iter().filter(|p| 2 * clipped >= n || !clips(p));
+    let Some((most, sticker)) = candidates.map(|p| (crowd(p), p)).max_by_key(|(most, _)| *most)
+    else {
+        return 0;
+    };
+    if 5 * most < 2 * n {
+        return 0;
+    }
+    let foreign = |p: &&[f64; 3]| !alike(p, sticker) && !glares(sticker, p);
+    sorted.iter().take_while(foreign).count().min(n / 2)
+}
+
+/// Whether a bright pixel may be a darker, more colourful one under a reflection.
+fn glares(bright: &[f64; 3], dark: &[f64; 3]) -> bool {
+    let (b, d) = (bright.map(to_linear), dark.map(to_linear));
+    let saturation = |p: &[f64; 3]| {
+        let (high, low) = (p[0].max(p[1]).max(p[2]), p[0].min(p[1]).min(p[2]));
+        (high - low) / high.max(1e-3)
+    };
+    let added: Vec<f64> = (0..3).filter(|&c| bright[c] < CLIPPED).map(|c| b[c] - d[c]).collect();
+    let (high, low) = (
+        added.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+        added.iter().copied().fold(f64::INFINITY, f64::min),
+    );
+    saturation(&d) > saturation(&b) && low > 0.0 && low > 0.6 * high - 0.02
 }

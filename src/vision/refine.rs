@@ -15,7 +15,7 @@ use super::pose::{CubeLocation, cube_from_face, cube_rotations, locate_cube};
 use super::undistort::Lens;
 use crate::spatial::Pose;
 use image::RgbImage;
-use nalgebra::{Matrix6, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix6, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
 /// What the model leaves unsaid, as a standard deviation of each kind of crossing [px], and as a share of a pitch:
 /// uneven stickers, shade, interpolation, the mosaic.
@@ -38,6 +38,8 @@ const FITS: f64 = 3.5;
 const SAME: f64 = 0.03;
 /// A second pose is kept when its support is at least this share of the first one's.
 const RIVAL: f64 = 0.9;
+/// So many more edges on faces seen nearly edge-on decide between two poses.
+const TELLING: usize = 3;
 /// A pass that moved the edges by less is the last one [px].
 const SETTLED: f64 = 0.04;
 /// Least cosine between the sight and a face's normal.
@@ -56,23 +58,42 @@ pub fn locate_in(
     let lens = &camera.into();
     let coarse = locate_cube(faces, lens, edge, hint)?;
     let share = coarse.faces.first().map_or(0.85, |f| f.sticker.clamp(0.6, 0.97));
-    let first = fit(image, lens, edge, &coarse.camera_from_cube, share);
+    let apart = |a: &Pose, b: &Pose| a.rotation.angle_to(&b.rotation) > SAME;
+    let mut poses: Vec<Fitted> =
+        fit(image, lens, edge, &coarse.camera_from_cube, share).into_iter().collect();
     // Two starts that are nearly one end in one.
-    let second = coarse
-        .other
-        .filter(|o| o.rotation.angle_to(&coarse.camera_from_cube.rotation) > SAME)
-        .and_then(|other| fit(image, lens, edge, &other, share));
-    let (fitted, rival) = match (first, second) {
-        (Some(a), Some(b)) if b.support > a.support => (b, Some(a)),
-        (Some(a), b) => (a, b),
-        (None, Some(b)) => (b, None),
-        (None, None) => return Some(coarse),
-    };
+    if let Some(start) = coarse.other.filter(|o| apart(o, &coarse.camera_from_cube)) {
+        poses.extend(fit(image, lens, edge, &start, share));
+    }
+    // One face leaves two poses; where both starts ended in one of them, the other is its mirror image.
+    if let [fitted, rest @ ..] = poses.as_slice()
+        && fitted.faces.len() == 1
+        && rest.iter().all(|r| !apart(&r.pose, &fitted.pose))
+    {
+        let start = mirrored(&fitted.pose, &fitted.faces[0].0);
+        if apart(&start, &fitted.pose) {
+            poses.extend(fit(image, lens, edge, &start, share));
+        }
+    }
+    let mut poses: Vec<(usize, Fitted)> =
+        poses.into_iter().map(|p| (sides(image, lens, edge, &p.pose, share), p)).collect();
+    // Faces seen edge-on say which way the cube leans; where there are none, how well the edges fit.
+    let (most, fewest) = (
+        poses.iter().map(|p| p.0).max().unwrap_or(0),
+        poses.iter().map(|p| p.0).min().unwrap_or(0),
+    );
+    let told = most >= fewest + TELLING;
+    if told {
+        poses.retain(|p| p.0 + TELLING > most);
+    }
+    poses.sort_by(|a, b| b.1.support.total_cmp(&a.1.support));
+    let mut poses = poses.into_iter().map(|p| p.1);
+    let Some(fitted) = poses.next() else { return Some(coarse) };
     // Only a pose that the edges bear out as well, or nearly so, remains a second one.
-    let other = rival
+    let other = poses
         .filter(|r| r.support > RIVAL * fitted.support)
         .map(|r| r.pose)
-        .filter(|r| r.rotation.angle_to(&fitted.pose.rotation) > SAME);
+        .find(|r| apart(r, &fitted.pose));
     let mut location = fitted.location(other);
     // Faces that were detected keep the axes of their reading order.
     for (index, used) in location.used.iter_mut().enumerate() {
@@ -99,6 +120,37 @@ pub fn refine_in(
     let fitted = fit(image, lens, edge, camera_from_cube, 0.86)?;
     let crossings: usize = fitted.faces.iter().map(|(_, n)| n).sum();
     (crossings >= TRACKED * fitted.faces.len()).then(|| fitted.location(None))
+}
+
+/// The other pose that fits one face nearly as well: its tilt against the sight turned round.
+fn mirrored(camera_from_cube: &Pose, cube_from_face: &Pose) -> Pose {
+    let face = camera_from_cube * cube_from_face;
+    let (centre, normal) = (face.translation.vector, face.rotation * Vector3::z());
+    let sight = centre.normalize();
+    let other = sight * (2.0 * normal.dot(&sight)) - normal;
+    let turn =
+        UnitQuaternion::rotation_between(&normal, &other).unwrap_or_else(UnitQuaternion::identity);
+    Pose::from_parts(
+        Translation3::from(centre + turn * (camera_from_cube.translation.vector - centre)),
+        turn * camera_from_cube.rotation,
+    )
+}
+
+/// How many edges between tiles are where a pose has them on the faces beside the one that looks at the camera most, even
+/// if these are a few pixels deep only.
+fn sides(image: &RgbImage, lens: &Lens, edge: f64, camera_from_cube: &Pose, share: f64) -> usize {
+    let probe = Probe::new(image, lens, edge / 3.0).grazing();
+    let mut faces: Vec<Pose> = cube_rotations()
+        .step_by(4)
+        .map(|r| camera_from_cube * cube_from_face(&r.to_rotation_matrix(), edge))
+        .filter(|face| facing(face) > 0.0)
+        .collect();
+    faces.sort_by(|a, b| facing(b).total_cmp(&facing(a)));
+    let mut crossings = Vec::new();
+    for (i, face) in faces.iter().enumerate().skip(1) {
+        probe.measure(i, face, share, PASSES[1], None, &mut crossings);
+    }
+    crossings.iter().filter(|c| !matches!(c.kind, Kind::Gap | Kind::Outer)).count()
 }
 
 /// A pose with what bears it out.
@@ -340,7 +392,7 @@ mod tests {
     use crate::vision::pose::nearest_of_24;
     use crate::vision::testing::Drawing;
     use crate::vision::{DetectorSettings, detect};
-    use nalgebra::{Translation3, UnitQuaternion, Vector6};
+    use nalgebra::Vector6;
 
     const CAMERA: Intrinsics = Intrinsics {
         width: 400,

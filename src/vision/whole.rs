@@ -14,7 +14,7 @@
 
 use super::assignment::assign;
 use super::classes::{Expected, Model, Points, coordinates, median};
-use super::colours::{CLIPPED, Light, fit_light, prototype_distances, to_linear};
+use super::colours::{CLIPPED, Light, Seen, fit_light, prototype_distances, to_linear};
 use super::likeliest::{CENTRES, Likeliest, likeliest};
 use crate::cube::{Cube, Face, Facelets, ImpossibleCube, Rotation24};
 use std::sync::LazyLock;
@@ -261,7 +261,8 @@ fn name(linear: &[[f64; 3]; 54], class: &[u8; 54]) -> [u8; 6] {
             .map(|s| (price(d, s), *s))
             .fold((f64::INFINITY, [0; 6]), |best, next| if next.0 < best.0 { next } else { best })
     };
-    let (light, cost) = fit_light(&means, |d| common(d).0);
+    let seen = means.map(Seen::whole);
+    let (light, cost) = fit_light(&seen, |d| common(d).0);
     let under = |light: Light| means.map(|m| prototype_distances(light.undo(m)));
     if cost < UNCOMMON {
         return common(&under(light)).1;
@@ -270,7 +271,7 @@ fn name(linear: &[[f64; 3]; 54], class: &[u8; 54]) -> [u8; 6] {
         let columns = assign(&d.iter().flatten().copied().collect::<Vec<_>>(), 6);
         std::array::from_fn(|i| columns[i] as u8)
     };
-    let (other_light, other_cost) = fit_light(&means, |d| price(d, &any(d)));
+    let (other_light, other_cost) = fit_light(&seen, |d| price(d, &any(d)));
     if cost - other_cost > UNCOMMON { any(&under(other_light)) } else { common(&under(light)).1 }
 }
 

@@ -1,0 +1,373 @@
+//! Hostile pictures: bytes that are no picture, or a spoilt one, and pictures made to be hard. Nothing of it panics,
+//! hangs or takes unbounded memory, from the decoder to the pose.
+//!
+//! `HOSTILE_CASES=20000 cargo test --release --test vision_hostile` looks longer.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use image::{DynamicImage, ImageFormat, Rgb, RgbImage};
+use nalgebra::Matrix3;
+use proptest::prelude::*;
+use proptest::test_runner::{Config, TestRunner};
+use rubik_robot::cli::vision::decode;
+use rubik_robot::vision::homography::apply;
+use rubik_robot::vision::paper::{Filters, Stages};
+use rubik_robot::vision::{DetectorSettings, Lens, Method, Rect, detect, locate_in};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Memory that bytes may take which promise a small picture, or none [bytes].
+const SMALL: usize = 64 << 20;
+/// The same for any promise: fifty million pixels of eight bytes, and their conversion to three.
+const LARGE: usize = 700 << 20;
+/// Time that a picture of less than a million pixels may take, on a machine with other work.
+const TIME: Duration = Duration::from_secs(5);
+
+/// The system's allocator with a count of what is held, and of the most that was.
+struct Counting;
+
+static HELD: AtomicUsize = AtomicUsize::new(0);
+static MOST: AtomicUsize = AtomicUsize::new(0);
+
+fn took(bytes: usize) {
+    let held = HELD.fetch_add(bytes, Ordering::Relaxed) + bytes;
+    MOST.fetch_max(held, Ordering::Relaxed);
+}
+
+#[allow(unsafe_code, reason = "an allocator cannot be written without; it hands everything on")]
+// SAFETY: every call goes to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        took(layout.size());
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        took(layout.size());
+        unsafe { System.alloc_zeroed(layout) }
+    }
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        HELD.fetch_sub(layout.size(), Ordering::Relaxed);
+        unsafe { System.dealloc(at, layout) }
+    }
+    unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        took(size);
+        HELD.fetch_sub(layout.size(), Ordering::Relaxed);
+        unsafe { System.realloc(at, layout, size) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+/// One picture at a time in the process: what is counted is its own.
+static ALONE: Mutex<()> = Mutex::new(());
+
+/// Runs a reader under its limits.
+fn limited(what: &str, memory: usize, read: impl FnOnce()) {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let before = HELD.load(Ordering::Relaxed);
+    MOST.store(before, Ordering::Relaxed);
+    let begun = Instant::now();
+    read();
+    let (time, taken) = (begun.elapsed(), MOST.load(Ordering::Relaxed).saturating_sub(before));
+    assert!(taken < memory, "{what}: {taken} bytes of memory");
+    assert!(time < TIME, "{what}: {time:?}");
+}
+
+/// Everything that vision does with a picture.
+fn look(image: &RgbImage) {
+    let (width, height) = image.dimensions();
+    let lens = Lens {
+        focal: (600.0, 600.0),
+        centre: (0.5 * f64::from(width), 0.5 * f64::from(height)),
+        radial: [-0.1, 0.02, 0.0],
+        tangential: [0.0, 0.0],
+    };
+    for method in [Method::Edges, Method::Paper2007] {
+        let settings =
+            DetectorSettings { method, least_confidence: 0.0, ..DetectorSettings::default() };
+        if let Ok(faces) = detect(image, None, &settings) {
+            for face in &faces {
+                assert!((0.0..=1.0).contains(&face.confidence), "{face:?}");
+                assert!(face.confidences.iter().all(|c| (0.0..=1.0).contains(c)), "{face:?}");
+                assert!(face.colours.iter().all(|c| *c < 6));
+                assert!(face.centres.iter().all(|c| c.0.is_finite() && c.1.is_finite()));
+            }
+            if let Some(cube) = locate_in(image, &faces, lens, 0.057, None) {
+                assert!(cube.camera_from_cube.translation.vector.iter().all(|v| v.is_finite()));
+            }
+        }
+        let window = Rect { x: width / 3, y: height / 4, width: u32::MAX, height: height / 2 };
+        let _ = detect(image, Some(window), &settings);
+    }
+    let stages = Stages::run(image.as_raw(), width as usize, height as usize, &Filters::default());
+    let _ = stages.square();
+}
+
+/// Bytes to the decoder, and on when they are a picture.
+fn give(what: &str, bytes: &[u8], memory: usize) {
+    limited(what, memory, || {
+        if let Ok(image) = decode(bytes) {
+            assert!(image.width() > 0 && image.height() > 0);
+            if image.len() < 3_000_000 {
+                look(&image);
+            }
+        }
+    });
+}
+
+fn file(picture: &DynamicImage, format: ImageFormat) -> Vec<u8> {
+    let mut out = std::io::Cursor::new(Vec::new());
+    picture.write_to(&mut out, format).unwrap();
+    out.into_inner()
+}
+
+/// A face of nine tiles before a ground, as small as it can be.
+fn face() -> RgbImage {
+    const COLOURS: [[u8; 3]; 6] =
+        [[230; 3], [180, 20, 40], [10, 150, 70], [240, 205, 20], [245, 100, 20], [15, 70, 165]];
+    RgbImage::from_fn(72, 64, |x, y| {
+        let (u, v) = (x as i32 - 10, y as i32 - 8);
+        if !(0..48).contains(&u) || !(0..48).contains(&v) {
+            return Rgb([96, 92, 84]);
+        }
+        let inside = (2..14).contains(&(u % 16)) && (2..14).contains(&(v % 16));
+        Rgb(if inside { COLOURS[((u / 16) * 2 + v / 16) as usize % 6] } else { [12; 3] })
+    })
+}
+
+/// Pictures of all forms that are taken.
+fn pictures() -> Vec<Vec<u8>> {
+    let face = DynamicImage::from(face());
+    let mut all = vec![
+        file(&face, ImageFormat::Png),
+        file(&face, ImageFormat::Jpeg),
+        file(&face.to_luma8().into(), ImageFormat::Png),
+        file(&face.to_luma8().into(), ImageFormat::Jpeg),
+        file(&face.to_rgb16().into(), ImageFormat::Png),
+        file(&face.to_rgba8().into(), ImageFormat::Png),
+        file(&face.to_rgba16().into(), ImageFormat::Png),
+        file(&face.to_luma_alpha16().into(), ImageFormat::Png),
+        file(&DynamicImage::new_rgb8(1, 1), ImageFormat::Png),
+        file(&DynamicImage::new_rgb8(1, 1), ImageFormat::Jpeg),
+    ];
+    // A palette of two: one bit a pixel, one row.
+    let mut palette = b"\x89PNG\r\n\x1a\n".to_vec();
+    for (name, data) in [
+        (b"IHDR", &[0, 0, 0, 8, 0, 0, 0, 1, 1, 3, 0, 0, 0][..]),
+        (b"PLTE", &[0, 0, 0, 255, 255, 255]),
+        (b"tRNS", &[9]),
+        (b"IDAT", &[0x78, 0x01, 0x01, 2, 0, 0xFD, 0xFF, 0, 0xA5, 0, 0xA6, 0, 0xA6]),
+        (b"IEND", &[]),
+    ] {
+        palette.extend((data.len() as u32).to_be_bytes());
+        palette.extend(name);
+        palette.extend(data);
+        palette.extend([0; 4]);
+    }
+    all.push(mended(palette));
+    all
+}
+
+/// A PNG file whose checksums are right again: otherwise what was spoilt ends at the first of them.
+fn mended(mut bytes: Vec<u8>) -> Vec<u8> {
+    let mut at = 8;
+    while let Some(head) = bytes.get(at..at + 4) {
+        let length = u32::from_be_bytes(head.try_into().unwrap()) as usize;
+        let end = at.saturating_add(8).saturating_add(length);
+        let Some(body) = bytes.get(at + 4..end) else { break };
+        let sum = crc32fast::hash(body).to_be_bytes();
+        let Some(place) = bytes.get_mut(end..end + 4) else { break };
+        place.copy_from_slice(&sum);
+        at = end + 4;
+    }
+    bytes
+}
+
+#[test]
+fn the_pictures_that_are_spoilt_are_pictures() {
+    for (i, picture) in pictures().iter().enumerate() {
+        assert!(decode(picture).is_ok(), "{i}: {:?}", decode(picture));
+        give("whole", picture, SMALL);
+    }
+    assert_eq!(detect(&face(), None, &DetectorSettings::default()).unwrap().len(), 1);
+}
+
+#[test]
+fn no_promise_in_a_header_takes_more_than_it_may() {
+    let small = file(&face().into(), ImageFormat::Png);
+    for (width, height) in
+        [(0, 0), (0, 5), (1, u32::MAX), (u32::MAX, u32::MAX), (20_000, 20_000), (50_000, 1000)]
+    {
+        for depth in [[8, 2], [16, 6], [1, 0], [16, 4], [8, 3], [9, 9]] {
+            let mut bytes = small.clone();
+            bytes[16..20].copy_from_slice(&u32::to_be_bytes(width));
+            bytes[20..24].copy_from_slice(&u32::to_be_bytes(height));
+            bytes[24..26].copy_from_slice(&depth);
+            let bytes = mended(bytes);
+
+            let most = if width == 50_000 { LARGE } else { SMALL };
+            limited(&format!("{width}x{height} {depth:?}"), most, || {
+                assert!(decode(&bytes).is_err());
+            });
+        }
+    }
+    // A JPEG's size is in its frame header.
+    let mut jpeg = file(&face().into(), ImageFormat::Jpeg);
+    let frame = jpeg.windows(2).position(|w| w == [0xFF, 0xC0]).unwrap();
+    jpeg[frame + 5..frame + 9].fill(0xFF);
+    limited("jpeg", SMALL, || assert!(decode(&jpeg).is_err()));
+}
+
+#[test]
+fn no_picture_that_is_cut_short_panics() {
+    for picture in pictures() {
+        for end in (0..picture.len()).step_by(1 + picture.len() / 60) {
+            give("cut", &picture[..end], SMALL);
+        }
+    }
+}
+
+#[derive(Debug, Clone)]
+enum Spoil {
+    Cut(usize),
+    Set(usize, u8),
+    Flip(usize, u8),
+    Insert(usize, Vec<u8>),
+    Remove(usize, usize),
+}
+
+fn spoils() -> impl Strategy<Value = Vec<Spoil>> {
+    let at = 0..100_000usize;
+    let one = prop_oneof![
+        1 => at.clone().prop_map(Spoil::Cut),
+        3 => (at.clone(), any::<u8>()).prop_map(|(at, byte)| Spoil::Set(at, byte)),
+        3 => (at.clone(), 0..8u8).prop_map(|(at, bit)| Spoil::Flip(at, 1 << bit)),
+        1 => (at.clone(), proptest::collection::vec(any::<u8>(), 1..20))
+            .prop_map(|(at, bytes)| Spoil::Insert(at, bytes)),
+        1 => (at, 1..50usize).prop_map(|(at, n)| Spoil::Remove(at, n)),
+    ];
+    proptest::collection::vec(one, 1..6)
+}
+
+fn spoilt(mut bytes: Vec<u8>, spoils: &[Spoil]) -> Vec<u8> {
+    for spoil in spoils {
+        let place = |at: usize| at % (bytes.len() + 1);
+        match spoil {
+            Spoil::Cut(at) => bytes.truncate(place(*at)),
+            Spoil::Set(at, byte) => {
+                let at = place(*at);
+                bytes.splice(at..(at + 1).min(bytes.len()), [*byte]);
+            }
+            Spoil::Flip(at, bits) => {
+                let at = place(*at);
+                bytes.iter_mut().skip(at).take(1).for_each(|b| *b ^= bits);
+            }
+            Spoil::Insert(at, more) => {
+                let at = place(*at);
+                bytes.splice(at..at, more.iter().copied());
+            }
+            Spoil::Remove(at, n) => {
+                let at = place(*at);
+                bytes.drain(at..(at + n).min(bytes.len()));
+            }
+        }
+    }
+    bytes
+}
+
+fn runner(cases: u32) -> TestRunner {
+    let cases = std::env::var("HOSTILE_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(cases);
+    TestRunner::new(Config { cases, failure_persistence: None, ..Config::default() })
+}
+
+#[test]
+fn no_bytes_panic() {
+    let all = pictures();
+    let random = proptest::collection::vec(any::<u8>(), 0..400);
+    let of_picture = (0..all.len(), spoils(), any::<bool>()).prop_map(move |(i, spoils, mend)| {
+        let bytes = spoilt(all[i].clone(), &spoils);
+        if mend && bytes.starts_with(b"\x89PNG") { mended(bytes) } else { bytes }
+    });
+    runner(400)
+        .run(&prop_oneof![1 => random, 9 => of_picture], |bytes| {
+            give("spoilt", &bytes, LARGE);
+            Ok(())
+        })
+        .unwrap();
+}
+
+/// A picture with as much in it that looks like tiles as there is room for: lattices in any perspective, also beyond
+/// the horizon, over one another.
+#[derive(Debug, Clone)]
+struct Hard {
+    size: (u32, u32),
+    lattices: Vec<([f64; 9], u8, u64)>,
+}
+
+impl Hard {
+    fn draw(&self) -> RgbImage {
+        let maps: Vec<(Matrix3<f64>, f64, u64)> = self
+            .lattices
+            .iter()
+            .filter_map(|(h, share, seed)| {
+                let h = Matrix3::from_row_slice(h).try_inverse()?;
+                Some((h, f64::from(*share) / 255.0, *seed))
+            })
+            .collect();
+        RgbImage::from_fn(self.size.0, self.size.1, |x, y| {
+            let mut pixel = [90; 3];
+            for (h, share, seed) in &maps {
+                let (u, v) = apply(h, (f64::from(x), f64::from(y)));
+                let (a, b) = (u - u.round(), v - v.round());
+                if u.is_finite() && v.is_finite() && a.abs().max(b.abs()) < 0.5 * share {
+                    let cell =
+                        (u.round() as i64).wrapping_mul(31) ^ (v.round() as i64) ^ *seed as i64;
+                    let mixed = (cell as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+                    pixel = [(mixed >> 56) as u8, (mixed >> 48) as u8, (mixed >> 40) as u8];
+                }
+            }
+            Rgb(pixel)
+        })
+    }
+}
+
+#[test]
+fn no_picture_panics_or_hangs() {
+    let lattice = (
+        (2.0..60.0f64, -20.0..20.0f64, -50.0..300.0f64),
+        (-20.0..20.0f64, 2.0..60.0f64, -50.0..300.0f64),
+        (-0.3..0.3f64, -0.3..0.3f64),
+        any::<u8>(),
+        any::<u64>(),
+    )
+        .prop_map(|(a, b, c, share, seed)| {
+            ([a.0, a.1, a.2, b.0, b.1, b.2, c.0, c.1, 1.0], share, seed)
+        });
+    let hard = ((1u32..240, 1u32..240), proptest::collection::vec(lattice, 1..4))
+        .prop_map(|(size, lattices)| Hard { size, lattices });
+    runner(150)
+        .run(&hard, |hard| {
+            limited(&format!("{hard:?}"), SMALL, || look(&hard.draw()));
+            Ok(())
+        })
+        .unwrap();
+}
+
+#[test]
+fn chessboards_and_noise_end_in_time() {
+    for pitch in [1, 2, 3, 5, 8, 13] {
+        let board = RgbImage::from_fn(960, 720, |x, y| {
+            let odd = (x / pitch + y / pitch) % 2 == 1;
+            Rgb(if odd { [200, 60, 40] } else { [30, 40, 120] })
+        });
+        limited(&format!("board of {pitch} px"), 4 * SMALL, || look(&board));
+    }
+    let noise = RgbImage::from_fn(960, 720, |x, y| {
+        let mixed = u64::from(x * 7919 + y * 104_729).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        Rgb([(mixed >> 56) as u8, (mixed >> 48) as u8, (mixed >> 40) as u8])
+    });
+    limited("noise", 4 * SMALL, || look(&noise));
+}
