@@ -30,7 +30,8 @@ Examples:
 
 Progress goes to stderr, the summary to stdout. With --json the last line of stdout is one object.
 At a terminal the operator's page is served at http://127.0.0.1:8780/, and stays up when the run is over;
---ui tui shows the run in the terminal instead, --ui none does neither.")]
+--ui tui shows the run in the terminal instead, --ui none does neither.
+With a face the idle task waits for orders by hand until its operator ends it, which is its good end (exit code 0).")]
 pub(super) struct RunArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
@@ -157,9 +158,11 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     if let (Some(written), Some(path)) = (recorder.finish(), &args.record) {
         complain(&record::told(path, &written));
     }
+    // Who interrupts the program wants to leave it; a terminal has to be put back first.
+    let leaves = matches!(&done, Ok(summary) if summary.ended_by == EndedBy::Interrupt);
     let code = told(done, &scenario, args, output)?;
     output.flush()?;
-    if !args.json {
+    if !args.json && (!leaves || face.has_terminal()) {
         face.linger(&behind)?;
     }
     Ok(code)

@@ -53,7 +53,9 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
         .map(|i| Some(usize::from(s.net.facelets.get(i).copied().flatten()?.colour)))
         .collect();
     frame.render_widget(net_of(&colours, None).block(Block::bordered().title("cube as read")), net);
-    if s.services.manual {
+    if s.arms.iter().any(|arm| arm.fault.is_some()) {
+        frame.render_widget(stopped(s), plan);
+    } else if s.services.manual {
         frame.render_widget(by_hand(app), plan);
     } else {
         frame.render_widget(plan_of(s, plan.height), plan);
@@ -171,6 +173,17 @@ fn plan_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
         }
     });
     Paragraph::new(lines.collect::<Vec<_>>()).block(Block::bordered().title("plan"))
+}
+
+/// Which arm has stopped, why, and what is to be done.
+fn stopped(s: &Snapshot) -> Paragraph<'_> {
+    let mut lines = Vec::new();
+    for (arm, fault) in s.arms.iter().filter_map(|arm| Some((arm, arm.fault.as_ref()?))) {
+        lines.push(Line::from(format!("{} stopped: {fault}.", arm.name)).red().bold());
+        lines.extend(arm.remedy.as_deref().map(Line::from));
+        lines.push(Line::default());
+    }
+    Paragraph::new(lines).wrap(Wrap { trim: true }).block(Block::bordered().title("fault"))
 }
 
 fn by_hand(app: &App) -> Paragraph<'_> {
@@ -320,6 +333,7 @@ mod tests {
             following: 0.0004,
             synchronised: true,
             fault: None,
+            remedy: None,
         };
         let message = Message {
             number: 1,
@@ -383,6 +397,19 @@ mod tests {
         assert!(
             text.contains("failed") && text.contains("jam at face R") && text.contains("q leave")
         );
+    }
+
+    #[test]
+    fn an_arm_that_stopped_is_told_with_what_is_to_be_done() {
+        let mut faulty = snapshot();
+        faulty.arms[0].fault = Some("emergency stop".into());
+        faulty.arms[0].remedy =
+            Some(crate::operator::remedy(&crate::motion::ArmFault::EmergencyStop).to_owned());
+
+        let text = drawn(faulty, (120, 36));
+
+        assert!(text.contains("track stopped: emergency stop."), "{text}");
+        assert!(text.contains("start a new run"), "{text}");
     }
 
     #[test]
