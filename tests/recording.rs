@@ -388,5 +388,5 @@ fn a_report_tells_what_was_made_to_go_wrong_and_what_the_controller_said_to_it()
     let (_, timeline) = html.split_once("What happened when").unwrap();
     let (timeline, _) = timeline.split_once("</section>").unwrap();
     assert!(timeline.contains("plant: injected fault: jam"), "{timeline}");
-    assert!(timeline.contains(">warnings<") && timeline.contains("once more"), "{timeline}");
+    assert!(timeline.contains(">warnings<") && timeline.contains("eased back"), "{timeline}");
 }

@@ -245,7 +245,7 @@ export class Scene {
     }
     // The last picture before everything stands still is a good one.
     if (this.drawn) return { ratio: 2, shadows: true, fine: true };
-    return [{ ratio: 2, shadows: true }, { ratio: 1, shadows: true }, { ratio: 0.75, shadows: true }, { ratio: 0.5, shadows: false }][this.level];
+    return [{ ratio: 2, shadows: true }, { ratio: 1, shadows: true }, { ratio: 1, shadows: false }, { ratio: 0.75, shadows: false }][this.level];
   }
 
   /** Frames per second over the last two seconds. */
