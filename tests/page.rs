@@ -109,11 +109,11 @@ fn a_page_starts_pauses_resumes_and_terminates_a_run() {
         page.say(json!({ "command": "start" })).await;
         page.sees(|s| s["time"].as_f64().unwrap() > 3.0 && s["phase"] == "acquire").await;
         page.say(json!({ "command": "pause" })).await;
-        // To rest within 0.4 s and a macrostep; then nothing moves, and time goes as it does for people.
+        // To rest within 0.6 s and a macrostep; then nothing moves, and time goes as it does for people.
         let paused = page.sees(|s| s["control"] == "paused").await;
         let begun = paused["time"].as_f64().unwrap();
-        let rest = page.sees(|s| s["time"].as_f64().unwrap() > begun + 0.6).await;
-        let later = page.sees(|s| s["time"].as_f64().unwrap() > begun + 1.2).await;
+        let rest = page.sees(|s| s["time"].as_f64().unwrap() > begun + 1.0).await;
+        let later = page.sees(|s| s["time"].as_f64().unwrap() > begun + 1.6).await;
         for arm in 0..2 {
             for joint in 0..7 {
                 let at = |s: &Value| s["arms"][arm]["joints"][joint].as_f64().unwrap();

@@ -155,14 +155,22 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let around =
         Around { behind: behind_run, recorder: recorder.clone(), keep, ..Around::default() };
     let done = actors::run_with(&scenario, options, around);
-    if let (Some(written), Some(path)) = (recorder.finish(), &args.record) {
+    let written = recorder.finish();
+    // A terminal is put back as it was before anything is printed on it.
+    let face = if face.has_terminal() {
+        face.linger(&behind)?;
+        Face::None
+    } else {
+        face
+    };
+    if let (Some(written), Some(path)) = (written, &args.record) {
         complain(&record::told(path, &written));
     }
-    // Who interrupts the program wants to leave it; a terminal has to be put back first.
+    // Who interrupts the program wants to leave it.
     let leaves = matches!(&done, Ok(summary) if summary.ended_by == EndedBy::Interrupt);
     let code = told(done, &scenario, args, output)?;
     output.flush()?;
-    if !args.json && (!leaves || face.has_terminal()) {
+    if !args.json && !leaves {
         face.linger(&behind)?;
     }
     Ok(code)

@@ -46,7 +46,7 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
         Gauge::default().ratio(done.clamp(0.0, 1.0)).label(label).gauge_style(Color::Blue),
         bar,
     );
-    frame.render_widget(arm_table(s), arms);
+    frame.render_widget(arm_table(app), arms);
     let columns = [Constraint::Length(27), Constraint::Fill(3), Constraint::Fill(2)];
     let [net, plan, actors] = Layout::horizontal(columns).areas(middle);
     let colours: Vec<Option<usize>> = (0..54)
@@ -90,14 +90,16 @@ fn heading(app: &App) -> Line<'_> {
     ])
 }
 
-fn arm_table(s: &Snapshot) -> Table<'_> {
-    let rows = s.arms.iter().map(|arm| {
+fn arm_table(app: &App) -> Table<'_> {
+    let rows = app.snapshot.arms.iter().enumerate().map(|(i, arm)| {
+        let has_track = app.stage.arms.get(i).is_none_or(|stage| stage.has_track);
+        let track = if has_track { format!("{:.3} m", arm.joints[0]) } else { "-".to_owned() };
         let joints: Vec<String> =
             arm.joints[1..].iter().map(|q| format!("{:.1}", q.to_degrees())).collect();
         let force = |d: &[f64]| d.iter().map(|c| c * c).sum::<f64>().sqrt();
         let row = Row::new(vec![
             Cell::from(arm.name.clone()).bold(),
-            Cell::from(format!("{:.3} m", arm.joints[0])),
+            Cell::from(track),
             Cell::from(joints.join(" ")),
             Cell::from(format!("{:.1} mm", arm.opening * 1e3)),
             Cell::from(format!("{:.1} N", force(&arm.wrench[..3]))),

@@ -118,6 +118,7 @@ function show() {
   panels.showStep(s.step, control);
   panels.showOutcome(s.outcome);
   panels.showFaults(s.arms);
+  panels.showLatest(control === "ended");
   panels.showCameras(s.cameras);
   panels.showQuestion(s.question, s.time, own, (command) => link.say(command));
 }

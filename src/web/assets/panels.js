@@ -98,6 +98,11 @@ export function showFaults(arms) {
 const RANK = { info: 0, warning: 1, non_fatal: 2, fatal: 3, system: 3 };
 const NAMES = { info: "info", warning: "warning", non_fatal: "non-fatal", fatal: "fatal", system: "system" };
 let messages = [];
+let latest = false;
+/** The latest message above information, until the outcome says it all. */
+export function showLatest(over) {
+  $("latest").hidden = !latest || over;
+}
 
 export function tell(fresh) {
   if (!fresh.length || (messages.length && fresh[0].number <= messages.at(-1).number)) {
@@ -116,7 +121,7 @@ export function tell(fresh) {
   }
   append(fresh);
   const grave = messages.findLast((m) => RANK[m.class] > 0);
-  $("latest").hidden = !grave;
+  latest = !!grave;
   if (grave) [$("latest").textContent, $("latest").className] = [`${grave.time.toFixed(1)} s: ${grave.text}`, grave.class];
 }
 
@@ -153,6 +158,7 @@ export function setCameras(cameras) {
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", `Camera ${camera.name}: no picture yet`);
     const words = el("span", { textContent: "no picture yet" });
+    canvas.className = "dark";
     views[i] = { canvas, words, frame: 0, busy: false, image: null };
     return el("figure", {}, canvas, el("figcaption", {}, el("b", { textContent: camera.name.replaceAll("_", " ") }), words));
   }));
@@ -183,6 +189,7 @@ export function showCameras(cameras) {
 
 function paint(view, image, camera) {
   const { canvas } = view;
+  canvas.className = "";
   const show = Math.min(1, 640 / image.width);
   [canvas.width, canvas.height] = [Math.round(image.width * show), Math.round(image.height * show)];
   canvas.style.aspectRatio = `${image.width} / ${image.height}`;
