@@ -42,6 +42,8 @@ const link = new Link({
   },
   seat(fresh) {
     met = true;
+    // Whoever fell asleep while commanding goes on commanding, if nobody has taken over meanwhile.
+    if (seat.own && !fresh.taken) link.say({ seat: "take" });
     seat = fresh;
     show();
   },
