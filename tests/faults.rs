@@ -357,7 +357,7 @@ const TOLD: &[(&str, i32, &[&str])] = &[
     ("camera_silent", 0, &["non-fatal, vsp mpc", "camera standalone: no picture comes, period 20"]),
     ("late_frames", 0, &["non-fatal, vsp mpc", "camera standalone", "period 20"]),
     ("withdraw", 0, &["solved"]),
-    ("misread", 1, &["this cube cannot exist", "doubtful facelets: [33]", "handed back"]),
+    ("misread", 1, &["this cube cannot exist", "stickers in doubt: D7", "handed back"]),
 ];
 
 #[test]

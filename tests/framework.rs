@@ -232,8 +232,8 @@ async fn a_pause_brings_the_arm_to_rest_and_a_resume_takes_it_where_it_was_to_go
     seconds(0.6).await;
 
     control.send_replace(Control::Paused);
-    // Not dead, which would trip a power stage, but within 0.4 s and a macrostep.
-    seconds(0.4 + 2.0 * 0.016).await;
+    // Not dead, which would trip a power stage, but within 0.6 s and a macrostep.
+    seconds(0.6 + 2.0 * 0.016).await;
     let stopped = edp.state().await.unwrap().desired_joints;
     seconds(2.0).await;
     let later = edp.state().await.unwrap();

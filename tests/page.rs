@@ -11,9 +11,11 @@ use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
 use rubik_robot::scenario::{self, Override, Scenario};
 use rubik_robot::web::Server;
 use serde_json::{Value, json};
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
+use std::process::{Child, Command as Process, Stdio};
+use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::{Error, Message};
@@ -107,11 +109,11 @@ fn a_page_starts_pauses_resumes_and_terminates_a_run() {
         page.say(json!({ "command": "start" })).await;
         page.sees(|s| s["time"].as_f64().unwrap() > 3.0 && s["phase"] == "acquire").await;
         page.say(json!({ "command": "pause" })).await;
-        // To rest within 0.4 s and a macrostep; then nothing moves, and time goes as it does for people.
+        // To rest within 0.6 s and a macrostep; then nothing moves, and time goes as it does for people.
         let paused = page.sees(|s| s["control"] == "paused").await;
         let begun = paused["time"].as_f64().unwrap();
-        let rest = page.sees(|s| s["time"].as_f64().unwrap() > begun + 0.6).await;
-        let later = page.sees(|s| s["time"].as_f64().unwrap() > begun + 1.2).await;
+        let rest = page.sees(|s| s["time"].as_f64().unwrap() > begun + 1.0).await;
+        let later = page.sees(|s| s["time"].as_f64().unwrap() > begun + 1.6).await;
         for arm in 0..2 {
             for joint in 0..7 {
                 let at = |s: &Value| s["arms"][arm]["joints"][joint].as_f64().unwrap();
@@ -198,9 +200,135 @@ fn arms_are_moved_by_hand_in_the_idle_task_and_the_record_shows_it() {
         page.until(|m| m.get("messages").filter(|m| m.to_string().contains("not done")).cloned())
             .await;
         page.say(json!({ "command": "terminate" })).await;
-        page.sees(|s| s["control"] == "ended").await;
+        let end = page.sees(|s| s["control"] == "ended").await;
+        assert_eq!(end["outcome"]["good"], true, "nobody but the operator ends this");
     });
-    run.thread.join().unwrap();
+    let summary = run.thread.join().unwrap();
+    assert_eq!((summary.outcome, summary.ended_by), (Outcome::Solved, EndedBy::Operator));
+    assert_eq!(summary.exit_code(), 0);
+}
+
+/// The program itself with a page; the WebSocket's address, and the process.
+fn program(arguments: &[&str]) -> (Child, String, Receiver<String>) {
+    let mut child = Process::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        .args(["run", "--json", "--ui", "web", "--listen", "127.0.0.1:0"])
+        .args(arguments)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let (to, told) = channel();
+    let lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    std::thread::spawn(move || {
+        for line in lines.map_while(Result::ok) {
+            let _ = to.send(line);
+        }
+    });
+    let page = loop {
+        let line = told.recv_timeout(PATIENCE).unwrap();
+        if let Some((_, url)) = line.split_once("page: http://") {
+            break format!("ws://{url}ws");
+        }
+    };
+    (child, page, told)
+}
+
+/// The exit code and the last line of stdout.
+fn ended(mut child: Child) -> (Option<i32>, Summary) {
+    let mut printed = String::new();
+    child.stdout.take().unwrap().read_to_string(&mut printed).unwrap();
+    let summary = serde_json::from_str(printed.lines().last().unwrap()).unwrap();
+    (child.wait().unwrap().code(), summary)
+}
+
+#[test]
+fn ctrl_c_ends_the_moving_by_hand_well() {
+    let (child, address, _told) = program(&["scenarios/idle.toml"]);
+    runtime().block_on(async {
+        let (socket, _) = connect_async(address).await.unwrap();
+        Page(socket).sees(|s| s["services"]["manual"] == true).await;
+    });
+
+    let killed = Process::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+
+    let (code, summary) = ended(child);
+    assert_eq!((summary.outcome, summary.ended_by), (Outcome::Solved, EndedBy::Interrupt));
+    assert_eq!(code, Some(0), "{}", summary.reason);
+}
+
+/// What the operator says is an input: with it in the recording, the same controller does the same.
+#[test]
+fn a_run_that_was_paused_and_answered_ends_well_and_verifies() {
+    let recording = Path::new(env!("CARGO_TARGET_TMPDIR")).join("answered.mcap");
+    let file = recording.to_str().unwrap();
+    let (child, address, _told) = program(&["tests/page/question.toml", "--record", file]);
+    let stickers = runtime().block_on(async {
+        let (socket, _) = connect_async(address).await.unwrap();
+        let mut page = Page(socket);
+        page.sees(|s| s["time"].as_f64().unwrap() > 3.0).await;
+        page.say(json!({ "command": "pause" })).await;
+        let paused = page.sees(|s| s["control"] == "paused").await["time"].as_f64().unwrap();
+        page.sees(|s| s["time"].as_f64().unwrap() > paused + 0.8).await;
+        page.say(json!({ "command": "resume" })).await;
+
+        let question = page.sees(|s| s["question"]["number"] == 1).await["question"].clone();
+        let mut read: Vec<char> = question["subject"]["read"].as_str().unwrap().chars().collect();
+        let count = |read: &[char], letter| read.iter().filter(|&&l| l == letter).count();
+        let of = |n| "URFDLB".chars().find(|&l| count(&read, l) == n).unwrap();
+        let (many, few) = (of(10), of(8));
+        let doubtful: Vec<usize> =
+            serde_json::from_value(question["subject"]["doubtful"].clone()).unwrap();
+        let wrong: Vec<usize> = doubtful.into_iter().filter(|&i| read[i] == many).collect();
+        assert_eq!(wrong.len(), 1, "{question}");
+        read[wrong[0]] = few;
+        let stickers = String::from_iter(read);
+        let answer = json!({ "answer": "stickers", "stickers": stickers });
+        page.say(json!({ "command": "answer", "question": 1, "answer": answer })).await;
+        page.sees(|s| s["question"].is_null() && s["net"]["decided"] == true).await;
+        stickers
+    });
+
+    let (code, summary) = ended(child);
+    assert_eq!((code, summary.outcome), (Some(0), Outcome::Solved), "{}", summary.reason);
+    assert!(summary.identified.is_some_and(|cube| Some(cube) == summary.cube_start));
+
+    let replay = |more: &[&str]| {
+        let mut replay = Process::new(env!("CARGO_BIN_EXE_rubik-robot"));
+        replay.args(["replay", file, "--ui", "none"]).args(more).output().unwrap()
+    };
+    let told = String::from_utf8(replay(&[]).stderr).unwrap();
+    for words in ["operator: pause", "operator: resume", &format!("the stickers are {stickers}")] {
+        assert!(told.contains(words), "{words}: {told}");
+    }
+    let verified = replay(&["--verify", "--json"]);
+    let verdict: Value = serde_json::from_slice(&verified.stdout).unwrap();
+    assert_eq!(
+        (&verdict["same"], &verdict["not_compared"]),
+        (&true.into(), &0.into()),
+        "{verdict}"
+    );
+    let ticks = (summary.sim_time_s * 1000.0) as u64;
+    assert!(verdict["compared"].as_u64().unwrap() >= ticks - 2, "{verdict}");
+}
+
+#[test]
+fn who_listens_everywhere_prints_an_address_that_opens() {
+    let server = Server::start(desk().0, "0.0.0.0:0".parse().unwrap()).unwrap();
+    let (host, path) = server.url.strip_prefix("http://").unwrap().split_once('/').unwrap();
+    let ask = |path: &str| {
+        let mut stream = TcpStream::connect(host).unwrap();
+        write!(stream, "GET /{path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n")
+            .unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer
+    };
+
+    assert!(ask(path).starts_with("HTTP/1.1 200"), "{}", server.url);
+    assert!(ask("").starts_with("HTTP/1.1 403"), "without the token");
 }
 
 /// A page attached and a page not: the same run to the bit.

@@ -340,3 +340,53 @@ fn a_recording_is_shown_paused_and_sought() {
     assert!(desk.command(Command::Quit));
     thread.join().unwrap();
 }
+
+/// The report of a recording.
+fn reported(recording: &Path) -> String {
+    let to = recording.with_extension("html");
+    let output = program(&["report", recording.to_str().unwrap(), "-o", to.to_str().unwrap()]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    std::fs::read_to_string(to).unwrap()
+}
+
+#[test]
+fn a_report_of_a_real_time_run_has_the_servos_histograms() {
+    let (path, _) = recorded(
+        "real_time.mcap",
+        "scenarios/idle.toml",
+        &["--set", "idle.time_s=1", "--pace", "real-time"],
+    );
+
+    let html = reported(&path);
+
+    for words in
+        ["from the time set to the beginning of a period: median", "work of a period: median"]
+    {
+        assert!(html.contains(words), "no `{words}`");
+    }
+    assert!(html.matches("<rect class=bar").count() > 6, "bars");
+    let mut label = Label::default();
+    for piece in open(&path).unwrap() {
+        label.take(&piece);
+    }
+    let counted: u64 = label
+        .of("timing", "wake_up_ns")
+        .split_whitespace()
+        .map(|class| class.split_once(':').unwrap().1.parse::<u64>().unwrap())
+        .sum();
+    assert!((400..600).contains(&counted), "{counted} periods in a second of 2 ms each");
+    assert!(html.contains(&format!("{counted} periods")), "the histogram counts every one of them");
+}
+
+#[test]
+fn a_report_tells_what_was_made_to_go_wrong_and_what_the_controller_said_to_it() {
+    let (path, summary) = recorded("jam.mcap", "scenarios/faults/jam.toml", &[]);
+    assert_eq!(summary["outcome"], "failed");
+
+    let html = reported(&path);
+
+    let (_, timeline) = html.split_once("What happened when").unwrap();
+    let (timeline, _) = timeline.split_once("</section>").unwrap();
+    assert!(timeline.contains("plant: injected fault: jam"), "{timeline}");
+    assert!(timeline.contains(">warnings<") && timeline.contains("eased back"), "{timeline}");
+}

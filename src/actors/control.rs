@@ -3,7 +3,7 @@
 
 use crate::operator::{Answer, Manual};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
@@ -60,6 +60,18 @@ pub async fn permission_soon(
     tokio::time::timeout(LOOK, permission(control)).await.ok()
 }
 
+/// Why time goes as it does for people.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Attended {
+    /// It does not.
+    #[default]
+    No,
+    /// The operator moves an arm by hand: as fast as he wants to see it, if he has said so.
+    ByHand,
+    /// The operator is asked something, and has so many seconds.
+    Asked,
+}
+
 /// How fast simulated time may go. Whoever looks on can slow it down; what happens in it does not change.
 #[derive(Debug, Clone, Default)]
 pub struct Tempo(Arc<TempoState>);
@@ -68,8 +80,8 @@ pub struct Tempo(Arc<TempoState>);
 struct TempoState {
     /// Bits of the limit, in times of real time; 0 for none.
     limit: AtomicU64,
-    /// The operator is being waited for.
-    attended: AtomicBool,
+    /// The operator is being waited for; [`Attended`] as a number.
+    attended: AtomicU8,
 }
 
 impl Tempo {
@@ -86,8 +98,8 @@ impl Tempo {
     }
 
     /// MP's word for it: the operator is being waited for, and meanwhile time goes as it does for people.
-    pub fn attend(&self, attended: bool) {
-        self.0.attended.store(attended, Ordering::Relaxed);
+    pub fn attend(&self, attended: Attended) {
+        self.0.attended.store(attended as u8, Ordering::Relaxed);
     }
 }
 
@@ -112,9 +124,13 @@ impl Pacer {
 
     /// Called when simulated time has come to `time` [s]: sleeps when that is too early.
     pub fn hold(&mut self, time: f64) {
-        let people = self.tempo.0.attended.load(Ordering::Relaxed)
-            || *self.control.borrow() == Control::Paused;
-        let limit = if people { 1.0 } else { self.tempo.limit() };
+        let attended = self.tempo.0.attended.load(Ordering::Relaxed);
+        let asked = attended == Attended::Asked as u8;
+        let limit = match self.tempo.limit() {
+            _ if asked || *self.control.borrow() == Control::Paused => 1.0,
+            0.0 if attended == Attended::ByHand as u8 => 1.0,
+            limit => limit,
+        };
         if limit == 0.0 {
             self.since = None;
             return;
@@ -155,8 +171,14 @@ mod tests {
         let took = run(&mut pacer, 100.0, 1.0);
         assert!((0.09..0.5).contains(&took), "{took}");
         tempo.set(0.0);
-        tempo.attend(true);
-        let took = run(&mut pacer, 101.0, 0.1);
-        assert!((0.09..0.5).contains(&took), "{took}");
+        for attended in [Attended::Asked, Attended::ByHand] {
+            tempo.attend(attended);
+            let took = run(&mut pacer, 101.0, 0.1);
+            assert!((0.09..0.5).contains(&took), "{took}");
+        }
+        tempo.set(100.0);
+        assert!(run(&mut pacer, 101.2, 0.1) < 0.09, "by hand as fast as the operator wants");
+        tempo.attend(Attended::Asked);
+        assert!(run(&mut pacer, 101.3, 0.1) > 0.09, "a question leaves time to answer");
     }
 }

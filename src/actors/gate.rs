@@ -5,25 +5,12 @@
 //! - out: the same, once a period, called by the driver; and a note of each for the recording
 
 use super::control::{Control, Word};
-use crate::operator::{Answer, Manual};
+use crate::operator::Said;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Entry, Recorder};
-use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::{mpsc, watch};
-
-/// What passes, as it is recorded.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum Passed {
-    Run,
-    Pause,
-    Terminate,
-    EmergencyStop,
-    Answer { question: u64, answer: Answer },
-    Order { effector: usize, order: Manual },
-}
 
 /// The gate.
 pub(super) struct Gate {
@@ -75,14 +62,14 @@ impl Gate {
         } else {
             if self.pressed.load(Ordering::Acquire) && !self.inner.emergency.load(Ordering::Relaxed)
             {
-                passed.push(Passed::EmergencyStop);
+                passed.push(Said::EmergencyStop);
             }
             let will = *self.will.borrow();
             if will != *self.inner.control.borrow() {
                 passed.extend(match will {
-                    Control::Running => Some(Passed::Run),
-                    Control::Paused => Some(Passed::Pause),
-                    Control::Terminated => Some(Passed::Terminate),
+                    Control::Running => Some(Said::Run),
+                    Control::Paused => Some(Said::Pause),
+                    Control::Terminated => Some(Said::Terminate),
                     Control::Waiting => None,
                 });
             }
@@ -90,8 +77,8 @@ impl Gate {
                 && let Some(word) = self.words.as_mut().and_then(|words| words.try_recv().ok())
             {
                 passed.push(match word {
-                    Word::Answer(question, answer) => Passed::Answer { question, answer },
-                    Word::Order(effector, order) => Passed::Order { effector, order },
+                    Word::Answer(question, answer) => Said::Answer { question, answer },
+                    Word::Order(effector, order) => Said::Order { effector, order },
                 });
             }
         }
@@ -104,17 +91,17 @@ impl Gate {
 }
 
 impl Inner {
-    fn take(&self, word: Passed) {
+    fn take(&self, word: Said) {
         match word {
-            Passed::Run => drop(self.control.send_replace(Control::Running)),
-            Passed::Pause => drop(self.control.send_replace(Control::Paused)),
-            Passed::Terminate => drop(self.control.send_replace(Control::Terminated)),
-            Passed::EmergencyStop => self.emergency.store(true, Ordering::Release),
+            Said::Run => drop(self.control.send_replace(Control::Running)),
+            Said::Pause => drop(self.control.send_replace(Control::Paused)),
+            Said::Terminate => drop(self.control.send_replace(Control::Terminated)),
+            Said::EmergencyStop => self.emergency.store(true, Ordering::Release),
             // There is room: it was asked for, and so it was when it was recorded.
-            Passed::Answer { question, answer } => {
+            Said::Answer { question, answer } => {
                 let _ = self.words.try_send(Word::Answer(question, answer));
             }
-            Passed::Order { effector, order } => {
+            Said::Order { effector, order } => {
                 let _ = self.words.try_send(Word::Order(effector, order));
             }
         }

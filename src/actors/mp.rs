@@ -6,7 +6,7 @@
 
 use super::alarm::{Care, raised};
 use super::clock::Clock;
-use super::control::{Control, LOOK, Tempo, Terminated, Word, permission_soon};
+use super::control::{Attended, Control, LOOK, Tempo, Terminated, Word, permission_soon};
 use super::disturbance::Mishap;
 use super::ecp::EcpHandle;
 use super::move_instruction::{Manner, Motion};
@@ -209,10 +209,10 @@ impl Mp {
                 self.parts.journal = None;
                 let note =
                     format!("the journal cannot be written ({why}): nobody can resume this run");
-                self.parts.ui.tell(Notice::Note(self.now(), note));
+                self.parts.ui.tell(Notice::Warning(self.now(), note));
             }
             for note in task.notes() {
-                self.parts.ui.tell(Notice::Note(self.now(), note));
+                self.parts.ui.tell(Notice::Warning(self.now(), note));
             }
             if let Some(board) = self.parts.ui.board() {
                 let picture = task.picture();
@@ -364,7 +364,7 @@ impl Mp {
         if let Some(board) = self.parts.ui.board() {
             board.latest().question = Some(question.clone());
         }
-        self.parts.tempo.attend(true);
+        self.parts.tempo.attend(Attended::Asked);
         let until = self.now() + question.seconds;
         let mut answer = Ok(None);
         while self.now() < until {
@@ -382,7 +382,7 @@ impl Mp {
                 }
             }
         }
-        self.parts.tempo.attend(false);
+        self.parts.tempo.attend(Attended::No);
         if let Some(board) = self.parts.ui.board() {
             board.latest().question = None;
         }
@@ -391,7 +391,7 @@ impl Mp {
 
     /// The operator's next order.
     async fn ordered(&mut self) -> Result<(usize, Manual), Stop> {
-        self.parts.tempo.attend(true);
+        self.parts.tempo.attend(Attended::ByHand);
         if let Some(board) = self.parts.ui.board() {
             board.latest().manual = true;
         }

@@ -15,6 +15,7 @@ use crate::hw::plant::{
 use crate::hw::serial::axis::Rules;
 use crate::motion::JointPositions;
 use crate::reach::{Meeting, MeetingTable};
+use crate::record::recorder::{Entry, Recorder};
 use crate::scenario::Scenario;
 use crate::scenario::injected::{FaultActor, FaultEvent, FaultKeys, FaultKind};
 use crate::scenario::plant::{CubeKind, Jaws as JawsKey};
@@ -242,6 +243,46 @@ pub(super) fn faults(scenario: &Scenario) -> (Vec<Fault>, Vec<Disturbance>) {
         Some(Fault { what, when, lasts: keys.duration.unwrap_or(f64::INFINITY) })
     });
     (faults.collect(), others)
+}
+
+/// The same in words, in the same order.
+fn fault_words(scenario: &Scenario) -> Vec<String> {
+    let words = scenario.plant.faults.iter().filter_map(|keys| {
+        what(scenario, keys, &mut Vec::new())?;
+        let kind = keys.kind?.word().replace('_', " ");
+        Some(keys.arm.as_ref().map_or_else(|| kind.clone(), |arm| format!("{kind}, {arm}")))
+    });
+    words.collect()
+}
+
+/// Tells a recording which injected faults have begun: the truth, which nobody in the run hears.
+pub(super) struct Tattler {
+    words: Vec<String>,
+    told: usize,
+    recorder: Recorder,
+}
+
+impl Tattler {
+    pub(super) fn new(scenario: &Scenario, recorder: Recorder) -> Self {
+        let words = if recorder.is_on() { fault_words(scenario) } else { Vec::new() };
+        Self { words, told: 0, recorder }
+    }
+
+    /// At a period of 2 ms.
+    pub(super) fn look(&mut self, tick: u64, plant: Option<&Plant>) {
+        let (Some(plant), false) = (plant, self.words.is_empty()) else { return };
+        let begun = plant.begun_faults().count();
+        if begun == std::mem::replace(&mut self.told, begun) {
+            return;
+        }
+        for index in plant.begun_faults() {
+            let word = self.words.get_mut(index).map(std::mem::take).unwrap_or_default();
+            if !word.is_empty() {
+                let text = format!("injected fault: {word}");
+                self.recorder.note(tick, || Entry::Log(30, "plant".to_owned(), text));
+            }
+        }
+    }
 }
 
 fn what(scenario: &Scenario, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<What> {

@@ -11,7 +11,7 @@ use crate::motion::{JointPositions, PERIOD, Synchronisation};
 use crate::operator::{
     ActorView, ArmStage, ArmView, CameraStage, CameraView, Class, Command, ControlView, CubeView,
     HandView, LayerTurn, Limits, Mark, Message, OutcomeView, Services, ServoTiming, Snapshot,
-    Stage, State, arm_frames, arm_solids,
+    Stage, State, arm_frames, arm_solids, remedy,
 };
 use crate::scenario::Scenario;
 use crate::scenario::keys::Pace;
@@ -93,6 +93,7 @@ impl Presenter {
                 self.say(*time, Class::Info, "mp", &format!("phase: {name}"));
             }
             Notice::Note(time, text) => self.say(*time, Class::Info, "mp", text),
+            Notice::Warning(time, text) => self.say(*time, Class::Warning, "mp", text),
             Notice::Error(time, error) => {
                 let (class, actor) = class(error);
                 self.fatal |= class == Class::Fatal;
@@ -262,6 +263,7 @@ impl Presenter {
                 following,
                 synchronised,
                 fault: state.fault.map(|fault| fault.to_string()),
+                remedy: state.fault.map(|fault| remedy(&fault).to_owned()),
             }
         };
         self.cell.arms.iter().enumerate().map(view).collect()

@@ -26,6 +26,7 @@ pub(super) fn note(recorder: &Recorder, notice: &Notice) {
             log(*time, 20, "mp", &format!("phase: {name}"));
         }
         Notice::Note(time, text) => log(*time, 20, "mp", text),
+        Notice::Warning(time, text) => log(*time, 30, "mp", text),
         Notice::Error(time, error) => {
             let (class, actor) = class(error);
             let level = match class {

@@ -12,7 +12,7 @@ use crate::cell::Cell;
 use crate::desk::{Behind, desk};
 use crate::hw::driver::{NoRecords, RecordSink, ServoRecord};
 use crate::motion::{AXES, ArmFault, ArmState, JointPositions, PERIOD, Synchronisation};
-use crate::operator::{Class, Command, ControlView, Services, Snapshot};
+use crate::operator::{Class, Command, ControlView, Said, Services, Snapshot};
 use crate::record::reading::{Label, Message, Piece, Reading, Unreadable};
 use crate::record::sensed::{self, Sensed};
 use crate::record::summary::Summary;
@@ -49,6 +49,7 @@ enum What {
     Sight(usize, u64, Option<Arc<Vec<u8>>>, Found),
     Phase(String),
     Message(Class, String, String),
+    Operator(String),
 }
 
 impl Show {
@@ -117,6 +118,12 @@ impl Show {
                     let what = What::Message(class, who.to_owned(), text.to_owned());
                     self.events.push((time, what));
                 }
+            }
+            "/operator" => {
+                from.time()?;
+                from.u64()?;
+                let words = Said::told(from.string()?);
+                self.events.push((time, What::Operator(words)));
             }
             "/sensed" => {
                 let sensed = Sensed::read(&message.data)?;
@@ -298,6 +305,10 @@ impl<'a> Stand<'a> {
                 What::Message(class, who, text) => {
                     self.presenter.recorded(*at, *class, who, text);
                 }
+                What::Operator(words) => {
+                    let text = format!("operator: {words}");
+                    self.presenter.recorded(*at, Class::Info, "ui", &text);
+                }
             }
             self.next += 1;
         }
@@ -336,6 +347,7 @@ impl<'a> Stand<'a> {
         }
         for (arm, fault) in snapshot.arms.iter_mut().zip(&self.faults) {
             arm.fault = arm.fault.take().map(|_| fault.clone());
+            arm.remedy = None;
         }
         self.to.pictures.send_replace(self.inner.pictures.borrow().clone());
         self.to.snapshots.send_replace(Arc::new(snapshot));
@@ -349,6 +361,7 @@ impl Show {
             What::Phase(name) => Some((*time, name.clone())),
             What::Message(Class::Info, _, text) => Some((*time, format!("note: {text}"))),
             What::Message(_, who, text) => Some((*time, format!("! {who}: {text}"))),
+            What::Operator(words) => Some((*time, format!("operator: {words}"))),
             What::Arm(..) | What::Belief(_) | What::Sight(..) => None,
         })
     }

@@ -220,7 +220,9 @@ pub fn run_with(
     let mut summary = summary(scenario, goal, &done, begun.elapsed().as_secs_f64());
     if summary.ended_by == EndedBy::Operator && interrupt.is_some_and(|i| i.came()) {
         summary.ended_by = EndedBy::Interrupt;
-        "interrupted".clone_into(&mut summary.reason);
+        if summary.outcome != Outcome::Solved {
+            "interrupted".clone_into(&mut summary.reason);
+        }
     }
     ui.over(outcome(&summary));
     let period = (summary.sim_time_s / PERIOD).round() as u64;
@@ -311,6 +313,7 @@ pub(super) fn outcome(summary: &Summary) -> OutcomeView {
         ("times real time".to_owned(), format!("{:.1}", summary.real_time_factor())),
         ("turns".to_owned(), summary.turns.to_string()),
         ("grasps".to_owned(), summary.grasps.to_string()),
+        ("begun anew".to_owned(), summary.recoveries.to_string()),
         ("executed".to_owned(), summary.executed.clone()),
     ];
     for sensor in &summary.sensors {
@@ -420,6 +423,8 @@ struct Done {
     ended: Instant,
     /// Where the cube is, as the controller believes.
     whereabouts: String,
+    /// The operator moved the arms by hand: only the operator ends that.
+    by_hand: bool,
     hash: String,
 }
 
@@ -526,17 +531,20 @@ async fn perform(
                 .map_err(|e| not_created("servo", &e.to_string()))?;
         }
     }
-    let mut pacer = Pacer::new(tempo.clone(), control.subscribe());
+    // A verification waits for nobody.
+    let mut pacer = playback.is_none().then(|| Pacer::new(tempo.clone(), control.subscribe()));
     let turning = Turning::default();
     let witness = Arc::new(Mutex::new(Witness::new(turning.clone(), control.subscribe())));
     let seeing = Arc::clone(&witness);
     let scenes = recorder.clone();
-    let observe = move |period: u64, world: &mut World| {
+    let mut tattler = super::plant::Tattler::new(scenario, recorder.clone());
+    let mut observe = move |period: u64, world: &mut World| {
         let Some(turned) = world.show() else { return };
         // Nobody else takes the lock before the end.
         let tick = length.tick(period);
         if tick.is_multiple_of(recording::SCENES) {
             scenes.note_some(tick, || world.scene().map(|scene| Entry::Scene(Box::new(scene))));
+            tattler.look(tick, world.plant());
         }
         seeing.lock().unwrap_or_else(PoisonError::into_inner).look(tick, turned);
     };
@@ -565,7 +573,9 @@ async fn perform(
                         gate.pass(length.tick(period));
                     }
                     // While the operator pauses, the cell goes on in real time, not as fast as it computes.
-                    pacer.hold(length.tick(period) as f64 * PERIOD);
+                    if let Some(pacer) = &mut pacer {
+                        pacer.hold(length.tick(period) as f64 * PERIOD);
+                    }
                 })
                 .await;
                 (world, result)
@@ -814,7 +824,7 @@ async fn perform(
     let (_, _, missed) = switches.punctual.take();
     if missed > 0 && scenario.pace == Pace::Virtual {
         let text = format!("servo: {missed} periods missed; the last set values held meanwhile");
-        ui.tell(ui::Notice::Note(ending.end, text));
+        ui.tell(ui::Notice::Warning(ending.end, text));
     }
     if let Some(fault) = fault {
         let cause = Fatal::Bridge(fault.to_string());
@@ -823,7 +833,7 @@ async fn perform(
     }
     let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
     let truth = start.zip(verdict).map(|(start, verdict)| Truth { start, verdict, jams });
-    Ok(Done { ending, task: log, truth, ended, whereabouts, hash: tape.hash() })
+    Ok(Done { ending, task: log, truth, ended, whereabouts, by_hand, hash: tape.hash() })
 }
 
 /// How MP's work ended, even when it ended in a panic.
@@ -862,7 +872,7 @@ async fn watch_over(
     loop {
         if let Err(near) = sound(&guard) {
             let now = clock.period() as f64 * PERIOD;
-            ui.tell(ui::Notice::Note(now, format!("{near}: both arms are stopped")));
+            ui.tell(ui::Notice::Warning(now, format!("{near}: both arms are stopped")));
             switches.emergency.store(true, Ordering::Release);
             return;
         }
@@ -979,6 +989,10 @@ fn verdict_of(
         let ended_by =
             if matches!(error, Error::System { .. }) { EndedBy::System } else { EndedBy::Fatal };
         return (Outcome::Aborted, error.to_string(), ended_by);
+    }
+    if ending.finish.is_none() && done.by_hand {
+        let reason = "the arms were moved by hand until the operator ended it".to_owned();
+        return (Outcome::Solved, reason, EndedBy::Operator);
     }
     let Some(finish) = &ending.finish else {
         let place = &done.whereabouts;

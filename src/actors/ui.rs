@@ -31,6 +31,8 @@ pub enum Notice {
     Phase(f64, String),
     /// Something worth knowing.
     Note(f64, String),
+    /// Something that is not as it was meant to be: what is tried again, given up, or begun anew.
+    Warning(f64, String),
     /// An error, with its class, actor and place.
     Error(f64, Error),
     /// The run is over; nothing comes after it.
@@ -133,7 +135,8 @@ impl Ui {
                 "keys: s start, p pause, r resume, t terminate, e emergency stop; Enter after each"
             );
             // stdin cannot be awaited: a thread waits for it, and ends with the process.
-            std::thread::spawn(move || listen(std::io::stdin().lock(), &desk));
+            let alone = parts.presenter.is_none();
+            std::thread::spawn(move || listen(std::io::stdin().lock(), &desk, alone));
         }
         let emergency = Arc::clone(&behind.emergency);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
@@ -210,7 +213,7 @@ fn print(notice: &Notice) {
     // Whoever reads the log sees it in its place; it is told once all the same.
     match notice {
         Notice::Phase(_, name) => tracing::info!(phase = %name, "phase"),
-        Notice::Note(_, text) => tracing::info!("{text}"),
+        Notice::Note(_, text) | Notice::Warning(_, text) => tracing::info!("{text}"),
         Notice::Error(_, error) => tracing::debug!("{error}"),
         Notice::Over(_) => return,
     }
@@ -218,7 +221,9 @@ fn print(notice: &Notice) {
     // A closed stderr leaves nobody to tell.
     let _ = match notice {
         Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {name}"),
-        Notice::Note(_, text) => writeln!(err, "       note: {text}"),
+        Notice::Note(_, text) | Notice::Warning(_, text) => {
+            writeln!(err, "       note: {text}")
+        }
         Notice::Error(t, error) => writeln!(err, "{t:9.2} s  ! {error}"),
         Notice::Over(_) => Ok(()),
     };
@@ -277,8 +282,8 @@ pub(super) fn class(error: &Error) -> (Class, &str) {
     }
 }
 
-/// Listens to the operator's words, a line each, until they end.
-fn listen(words: impl BufRead, desk: &Desk) {
+/// Listens to the operator's words, a line each, until they end; `alone`: there is no other face.
+fn listen(words: impl BufRead, desk: &Desk, alone: bool) {
     for line in words.lines().map_while(Result::ok) {
         let command = match line.trim() {
             "s" | "start" | "r" | "resume" => Command::Resume,
@@ -293,8 +298,10 @@ fn listen(words: impl BufRead, desk: &Desk) {
         };
         let _ = desk.command(command);
     }
-    // The end of input never makes the run wait.
-    let _ = desk.command(Command::Resume);
+    // The end of input never makes a run wait that nobody else could start.
+    if alone {
+        let _ = desk.command(Command::Resume);
+    }
 }
 
 #[cfg(test)]
@@ -304,11 +311,15 @@ mod tests {
 
     /// What the operator's words come to.
     fn after(words: &str) -> (Control, bool) {
+        told(words, true)
+    }
+
+    fn told(words: &str, alone: bool) -> (Control, bool) {
         let (control, _will) = watch::channel(Control::Waiting);
         let helm =
             Helm { control: Arc::new(control), words: mpsc::channel(1).0, tempo: Tempo::default() };
         let (desk, behind) = desk();
-        listen(words.as_bytes(), &desk);
+        listen(words.as_bytes(), &desk, alone);
         let mut commands = behind.take_commands().unwrap();
         while let Ok(command) = commands.try_recv() {
             let _ = obey(&command, &helm);
@@ -326,6 +337,7 @@ mod tests {
         assert_eq!(after(""), (Control::Running, false));
         assert_eq!(after("s\np\n"), (Control::Running, false));
         assert_eq!(after("what\n"), (Control::Running, false));
+        assert_eq!(told("", false), (Control::Waiting, false), "a page may still start it");
     }
 
     #[test]

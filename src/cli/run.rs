@@ -30,7 +30,8 @@ Examples:
 
 Progress goes to stderr, the summary to stdout. With --json the last line of stdout is one object.
 At a terminal the operator's page is served at http://127.0.0.1:8780/, and stays up when the run is over;
---ui tui shows the run in the terminal instead, --ui none does neither.")]
+--ui tui shows the run in the terminal instead, --ui none does neither.
+With a face the idle task waits for orders by hand until its operator ends it, which is its good end (exit code 0).")]
 pub(super) struct RunArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
@@ -154,12 +155,22 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let around =
         Around { behind: behind_run, recorder: recorder.clone(), keep, ..Around::default() };
     let done = actors::run_with(&scenario, options, around);
-    if let (Some(written), Some(path)) = (recorder.finish(), &args.record) {
+    let written = recorder.finish();
+    // A terminal is put back as it was before anything is printed on it.
+    let face = if face.has_terminal() {
+        face.linger(&behind)?;
+        Face::None
+    } else {
+        face
+    };
+    if let (Some(written), Some(path)) = (written, &args.record) {
         complain(&record::told(path, &written));
     }
+    // Who interrupts the program wants to leave it.
+    let leaves = matches!(&done, Ok(summary) if summary.ended_by == EndedBy::Interrupt);
     let code = told(done, &scenario, args, output)?;
     output.flush()?;
-    if !args.json {
+    if !args.json && !leaves {
         face.linger(&behind)?;
     }
     Ok(code)

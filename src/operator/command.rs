@@ -75,9 +75,62 @@ impl Command {
             Self::Answer { answer: Answer::Choice { option }, .. } => {
                 format!("answer {}", option.saturating_add(1))
             }
+            Self::Answer { answer: Answer::Stickers { stickers }, .. } => {
+                format!("the stickers are {stickers}")
+            }
             Self::Manual { effector, order } => format!("arm {effector}: {}", order.words()),
             other => other.word().to_owned(),
         }
+    }
+}
+
+/// What the operator said that counts for the run, as a recording has it: an input of the controller.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Said {
+    /// Go on: a resume, or a start.
+    Run,
+    /// Hold.
+    Pause,
+    /// End.
+    Terminate,
+    /// All arms trip.
+    EmergencyStop,
+    /// An answer.
+    Answer {
+        /// [`Question::number`].
+        question: u64,
+        /// What.
+        answer: Answer,
+    },
+    /// An order to an arm.
+    Order {
+        /// Index of the effector.
+        effector: usize,
+        /// How.
+        order: Manual,
+    },
+}
+
+impl Said {
+    /// For people.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let command = match self.clone() {
+            Self::Run => Command::Resume,
+            Self::Pause => Command::Pause,
+            Self::Terminate => Command::Terminate,
+            Self::EmergencyStop => Command::EmergencyStop,
+            Self::Answer { question, answer } => Command::Answer { question, answer },
+            Self::Order { effector, order } => Command::Manual { effector, order },
+        };
+        command.words()
+    }
+
+    /// The words of a recorded text; the text itself where it is of another version.
+    #[must_use]
+    pub fn told(text: &str) -> String {
+        serde_json::from_str::<Self>(text).map_or_else(|_| text.to_owned(), |said| said.words())
     }
 }
 
@@ -221,6 +274,24 @@ mod tests {
             )
             .is_err()
         );
+    }
+
+    #[test]
+    fn what_was_said_is_told_in_words() {
+        for (text, words) in [
+            (r#""pause""#, "pause"),
+            (
+                r#"{"order":{"effector":0,"order":{"order":"pose","name":"front"}}}"#,
+                "arm 0: go to front",
+            ),
+            (
+                r#"{"answer":{"question":1,"answer":{"answer":"declined"}}}"#,
+                "does not know the answer",
+            ),
+            ("of another version", "of another version"),
+        ] {
+            assert_eq!(Said::told(text), words);
+        }
     }
 
     #[test]

@@ -7,11 +7,13 @@
 //! - source: the UI process of Zieliński et al. (2007), p. 369; the original's operator panel
 
 mod command;
+mod remedy;
 mod snapshot;
 mod solids;
 mod stage;
 
-pub use command::{Answer, Command, Manual, Question, Step, Subject};
+pub use command::{Answer, Command, Manual, Question, Said, Step, Subject};
+pub use remedy::remedy;
 pub use snapshot::{
     ActorView, ArmView, CameraView, Class, ControlView, CubeView, HandView, LayerTurn, Mark,
     Message, Net, OutcomeView, PlanLine, Reading, Services, ServoTiming, Snapshot, State,

@@ -145,6 +145,8 @@ pub struct ArmView {
     pub synchronised: bool,
     /// Why it has stopped.
     pub fault: Option<String>,
+    /// What is to be done about that.
+    pub remedy: Option<String>,
 }
 
 /// Where the cube is believed to be, and how it looks.

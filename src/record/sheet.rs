@@ -60,14 +60,25 @@ pub struct About {
 pub struct Sheet {
     about: About,
     model: Model,
-    buffer: Vec<u8>,
-    messages: u64,
+    pen: Pen,
     joints: Vec<JointPositions>,
     openings: Vec<f64>,
-    topics: Vec<ArmTopics>,
+    arms: Vec<ArmTopics>,
+    cameras: Vec<CameraTopics>,
+    /// Names of the arms.
+    names: Vec<String>,
     belief: Option<Picture>,
     truth: String,
     cube: super::recorder::CubeKnown,
+    /// Memory that is used again: positions of joints, a picture's file.
+    positions: Vec<f64>,
+    jpeg: Vec<u8>,
+}
+
+/// Writes messages, and counts them.
+struct Pen {
+    buffer: Vec<u8>,
+    messages: u64,
 }
 
 struct ArmTopics {
@@ -75,7 +86,15 @@ struct ArmTopics {
     wrench: String,
     tool: String,
     frame: String,
-    joints: Vec<(String, urdf::JointKind)>,
+    /// Its joints that move: names, and where they stand in the model.
+    joints: Vec<String>,
+    moving: Vec<usize>,
+}
+
+struct CameraTopics {
+    image: String,
+    info: String,
+    frame: String,
 }
 
 type Done = Result<(), Unwritten>;
@@ -86,26 +105,36 @@ impl Sheet {
     pub fn new(about: About) -> Self {
         let cell = &about.cell;
         let model = Model::of(cell, None, true);
-        let topics = cell.arms.iter().enumerate().map(|(index, arm)| {
-            let own = |joint: &&urdf::Joint| joint.kind.drive().is_some_and(|d| d.by.0 == index);
-            let joints = model.joints.iter().filter(own).map(|j| (j.name.clone(), j.kind));
+        let arms = cell.arms.iter().enumerate().map(|(index, arm)| {
+            let own = |joint: &urdf::Joint| joint.kind.drive().is_some_and(|d| d.by.0 == index);
+            let moving: Vec<_> =
+                (0..model.joints.len()).filter(|&i| own(&model.joints[i])).collect();
             ArmTopics {
                 servo: format!("/{}/servo", arm.name),
                 wrench: format!("/{}/wrench", arm.name),
                 tool: format!("/{}/tool", arm.name),
                 frame: format!("{}_tool", arm.name),
-                joints: joints.collect(),
+                joints: moving.iter().map(|&i| model.joints[i].name.clone()).collect(),
+                moving,
             }
         });
+        let cameras = cell.cameras.iter().map(|camera| CameraTopics {
+            image: format!("/{}/image", camera.name),
+            info: format!("/{}/info", camera.name),
+            frame: format!("{}_optical", camera.name),
+        });
         Self {
-            topics: topics.collect(),
+            arms: arms.collect(),
+            cameras: cameras.collect(),
+            names: cell.arms.iter().map(|arm| arm.name.clone()).collect(),
             joints: cell.arms.iter().map(|arm| arm.start).collect(),
             openings: vec![0.0; cell.arms.len()],
-            buffer: Vec::with_capacity(1024),
-            messages: 0,
+            pen: Pen { buffer: Vec::with_capacity(1024), messages: 0 },
             belief: None,
             truth: String::new(),
             cube: super::recorder::CubeKnown::default(),
+            positions: Vec::new(),
+            jpeg: Vec::new(),
             model,
             about,
         }
@@ -114,7 +143,7 @@ impl Sheet {
     /// Messages written so far.
     #[must_use]
     pub fn messages(&self) -> u64 {
-        self.messages
+        self.pen.messages
     }
 
     /// In which period of 2 ms a servo period is.
@@ -137,19 +166,16 @@ impl Sheet {
         file.attach("scenario.toml", "application/toml", self.about.scenario.as_bytes())?;
         let start = self.about.start;
         let description = urdf::xml(&self.model);
-        self.put(file, "/robot_description", Kind::Text, start, |to| {
+        self.pen.put(file, "/robot_description", Kind::Text, start, |to| {
             standard::text(to, &description);
         })?;
-        let model = self.model.clone();
-        let fixed: Vec<_> = model.fixed().collect();
-        self.put(file, "/tf_static", Kind::Transforms, start, |to| {
-            standard::transforms(to, start, &fixed);
+        let fixed: Vec<_> = self.model.fixed().collect();
+        self.pen.put(file, "/tf_static", Kind::Transforms, start, |to| {
+            standard::transforms(to, start, fixed.into_iter());
         })?;
-        for camera in self.about.cell.cameras.clone() {
-            let (topic, frame) =
-                (format!("/{}/info", camera.name), format!("{}_optical", camera.name));
-            self.put(file, &topic, Kind::CameraInfo, start, |to| {
-                standard::camera_info(to, start, &frame, &camera.intrinsics);
+        for (camera, topics) in self.about.cell.cameras.iter().zip(&self.cameras) {
+            self.pen.put(file, &topics.info, Kind::CameraInfo, start, |to| {
+                standard::camera_info(to, start, &topics.frame, &camera.intrinsics);
             })?;
         }
         // A file that is cut off soon says at least whose it is.
@@ -162,15 +188,11 @@ impl Sheet {
     /// What the device says.
     pub fn tick<W: Write + Seek>(&mut self, record: &ServoRecord, file: &mut File<W>) -> Done {
         let arm = usize::from(record.arm);
-        if arm >= self.topics.len() {
-            return Ok(());
-        }
+        let Some(topics) = self.arms.get(arm) else { return Ok(()) };
         let time = self.about.start + record.period * self.about.length.nanos();
-        let topic = std::mem::take(&mut self.topics[arm].servo);
-        let done =
-            self.put(file, &topic, Kind::ServoTick, time, |to| tick::write(record, time, to));
-        self.topics[arm].servo = topic;
-        done?;
+        self.pen.put(file, &topics.servo, Kind::ServoTick, time, |to| {
+            tick::write(record, time, to);
+        })?;
         self.joints[arm] = record.state.joints;
         self.openings[arm] = record.state.jaw_opening;
         let period = self.about.length.tick(record.period);
@@ -190,24 +212,18 @@ impl Sheet {
         record: &ServoRecord,
         file: &mut File<W>,
     ) -> Done {
-        let topics = &self.topics[arm];
-        let names: Vec<String> = topics.joints.iter().map(|(name, _)| name.clone()).collect();
-        let positions: Vec<f64> = topics
-            .joints
-            .iter()
-            .filter_map(|(_, kind)| {
-                Some(match kind.drive()?.by.1 {
-                    urdf::Variable::Joint(index) => record.state.joints.0[index],
-                    urdf::Variable::HalfOpening => 0.5 * record.state.jaw_opening,
-                })
-            })
-            .collect();
-        let (topic, frame) = (topics.wrench.clone(), topics.frame.clone());
-        self.put(file, "/joint_states", Kind::JointState, time, |to| {
-            standard::joint_state(to, time, &names, &positions);
+        let topics = &self.arms[arm];
+        let drives = topics.moving.iter().filter_map(|&i| self.model.joints[i].kind.drive());
+        self.positions.clear();
+        self.positions.extend(drives.map(|drive| match drive.by.1 {
+            urdf::Variable::Joint(index) => record.state.joints.0[index],
+            urdf::Variable::HalfOpening => 0.5 * record.state.jaw_opening,
+        }));
+        self.pen.put(file, "/joint_states", Kind::JointState, time, |to| {
+            standard::joint_state(to, time, &topics.joints, &self.positions);
         })?;
-        self.put(file, &topic, Kind::Wrench, time, |to| {
-            standard::wrench(to, time, &frame, &record.state.wrench_in_tool);
+        self.pen.put(file, &topics.wrench, Kind::Wrench, time, |to| {
+            standard::wrench(to, time, &topics.frame, &record.state.wrench_in_tool);
         })
     }
 
@@ -218,26 +234,18 @@ impl Sheet {
         record: &ServoRecord,
         file: &mut File<W>,
     ) -> Done {
-        let model = std::mem::replace(
-            &mut self.model,
-            Model { name: String::new(), links: vec![], joints: vec![] },
-        );
-        let (joints, openings) = (self.joints.clone(), self.openings.clone());
-        let own = format!("{}_", self.about.cell.arms[arm].name);
-        let moving: Vec<_> = model
-            .moving(&joints, &openings)
-            .filter(|(_, child, _)| child.starts_with(&own))
-            .collect();
-        let done = self.put(file, "/tf", Kind::Transforms, time, |to| {
-            standard::transforms(to, time, &moving);
+        let topics = &self.arms[arm];
+        let moving = topics.moving.iter().map(|&i| {
+            let joint = &self.model.joints[i];
+            let pose = joint.place(&self.joints, &self.openings);
+            (joint.parent.as_str(), joint.child.as_str(), pose)
         });
-        drop(moving);
-        self.model = model;
-        done?;
+        self.pen.put(file, "/tf", Kind::Transforms, time, |to| {
+            standard::transforms(to, time, moving);
+        })?;
         let world_from_tool =
             self.about.cell.arms[arm].world_from_base * record.state.base_from_tool;
-        let topic = self.topics[arm].tool.clone();
-        self.put(file, &topic, Kind::Pose, time, |to| {
+        self.pen.put(file, &topics.tool, Kind::Pose, time, |to| {
             standard::pose(to, time, "world", &world_from_tool);
         })
     }
@@ -253,37 +261,37 @@ impl Sheet {
         file: &mut File<W>,
     ) -> Done {
         let time = self.about.start + (period as f64 * PERIOD * 1e9).round() as u64;
+        let pen = &mut self.pen;
         match entry {
-            Entry::Log(level, name, text) => self.put(file, "/rosout", Kind::Log, time, |to| {
+            Entry::Log(level, name, text) => pen.put(file, "/rosout", Kind::Log, time, |to| {
                 standard::log(to, time, *level, name, text);
             }),
-            Entry::Phase(name, outcome) => self.put(file, "/phase", Kind::TaskPhase, time, |to| {
+            Entry::Phase(name, outcome) => pen.put(file, "/phase", Kind::TaskPhase, time, |to| {
                 to.time(time);
                 to.string(name);
                 to.string(outcome);
             }),
             Entry::Sensed(sensed) => {
-                self.put(file, "/sensed", Kind::Sensed, time, |to| sensed.write(time, to))?;
+                pen.put(file, "/sensed", Kind::Sensed, time, |to| sensed.write(time, to))?;
                 let Ok(Found::Cube { world_from_cube, .. }) = &sensed.found else { return Ok(()) };
-                self.put(file, "/cube/seen", Kind::Pose, time, |to| {
+                pen.put(file, "/cube/seen", Kind::Pose, time, |to| {
                     standard::pose(to, time, "world", world_from_cube);
                 })
             }
             Entry::Picture(camera, image) => {
-                let Some(camera) = self.about.cell.cameras.get(*camera) else { return Ok(()) };
-                let (topic, frame) =
-                    (format!("/{}/image", camera.name), format!("{}_optical", camera.name));
-                let mut jpeg = Vec::with_capacity(64 * 1024);
-                let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut jpeg, JPEG);
+                let Some(topics) = self.cameras.get(*camera) else { return Ok(()) };
+                self.jpeg.clear();
+                let encoder =
+                    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut self.jpeg, JPEG);
                 if image.write_with_encoder(encoder).is_err() {
                     return Ok(());
                 }
-                self.put(file, &topic, Kind::Picture, time, |to| {
-                    standard::picture(to, time, &frame, &jpeg);
+                pen.put(file, &topics.image, Kind::Picture, time, |to| {
+                    standard::picture(to, time, &topics.frame, &self.jpeg);
                 })
             }
             Entry::Scene(scene) => self.scene(time, scene, file),
-            Entry::Operator(command) => self.put(file, "/operator", Kind::Operator, time, |to| {
+            Entry::Operator(command) => pen.put(file, "/operator", Kind::Operator, time, |to| {
                 to.time(time);
                 to.u64(period);
                 to.string(command);
@@ -296,8 +304,8 @@ impl Sheet {
     /// The cube where it is in the plant, and its colours when they change.
     fn scene<W: Write + Seek>(&mut self, time: u64, scene: &Scene, file: &mut File<W>) -> Done {
         let place = [("world", "cube", scene.cube.world_from_cube)];
-        self.put(file, "/tf", Kind::Transforms, time, |to| {
-            standard::transforms(to, time, &place);
+        self.pen.put(file, "/tf", Kind::Transforms, time, |to| {
+            standard::transforms(to, time, place.into_iter());
         })?;
         let truth = belief::letters(scene.cube.facelets.iter().map(|c| Some(*c)));
         if truth == self.truth {
@@ -308,17 +316,18 @@ impl Sheet {
     }
 
     fn belief<W: Write + Seek>(&mut self, time: u64, now: &Picture, file: &mut File<W>) -> Done {
-        let before = self.belief.replace(now.clone());
-        if before.as_ref() == Some(now) {
+        if self.belief.as_ref() == Some(now) {
             return Ok(());
         }
+        let before = self.belief.replace(now.clone());
         let text = belief::json(now);
-        self.put(file, "/belief", Kind::Text, time, |to| standard::text(to, &text))?;
+        self.pen.put(file, "/belief", Kind::Text, time, |to| standard::text(to, &text))?;
         if before.is_none_or(|before| before.plan != now.plan) && !now.plan.is_empty() {
-            self.put(file, "/plan", Kind::Plan, time, |to| belief::write_plan(now, time, to))?;
+            self.pen.put(file, "/plan", Kind::Plan, time, |to| {
+                belief::write_plan(now, time, to);
+            })?;
         }
-        let names: Vec<_> = self.about.cell.arms.iter().map(|arm| arm.name.clone()).collect();
-        let mut known = belief::known(now, &names);
+        let mut known = belief::known(now, &self.names);
         known.truth.clone_from(&self.truth);
         if known == self.cube {
             return Ok(());
@@ -329,8 +338,8 @@ impl Sheet {
 
     fn known<W: Write + Seek>(&mut self, time: u64, file: &mut File<W>) -> Done {
         self.cube.truth.clone_from(&self.truth);
-        let known = self.cube.clone();
-        self.put(file, "/cube", Kind::CubeState, time, |to| {
+        let known = &self.cube;
+        self.pen.put(file, "/cube", Kind::CubeState, time, |to| {
             to.time(time);
             to.string(&known.identified);
             to.f64_sequence(&known.confidences);
@@ -339,7 +348,9 @@ impl Sheet {
             to.string_sequence(&known.holders);
         })
     }
+}
 
+impl Pen {
     fn put<W: Write + Seek>(
         &mut self,
         file: &mut File<W>,

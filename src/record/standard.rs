@@ -23,7 +23,11 @@ pub fn joint_state(to: &mut Writer, stamp: u64, names: &[String], positions: &[f
 }
 
 /// `tf2_msgs/TFMessage` of parents, children, and `parent_from_child`.
-pub fn transforms(to: &mut Writer, stamp: u64, transforms: &[(&str, &str, Pose)]) {
+pub fn transforms<'a>(
+    to: &mut Writer,
+    stamp: u64,
+    transforms: impl ExactSizeIterator<Item = (&'a str, &'a str, Pose)>,
+) {
     to.u32(transforms.len() as u32);
     for (parent, child, pose) in transforms {
         to.header(stamp, parent);

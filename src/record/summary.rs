@@ -12,7 +12,7 @@ use std::fmt::Write;
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// What the scenario asks for was achieved: the cube is solved (`solve`), the layer is turned
-    /// (`face_turn`), the cube is in the gripper (`acquire`).
+    /// (`face_turn`), the cube is in the gripper (`acquire`), the arms were moved by hand until the operator ended it.
     Solved,
     /// The task came to its end without that.
     Failed,
@@ -171,10 +171,11 @@ impl Summary {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match (self.outcome, self.ended_by) {
-            (_, EndedBy::Interrupt) => 130,
             (_, EndedBy::System) => 4,
             (_, EndedBy::Fatal) => 3,
+            // Moving arms by hand ends when its operator ends it, by whatever key.
             (Outcome::Solved, _) => 0,
+            (_, EndedBy::Interrupt) => 130,
             (Outcome::Failed | Outcome::Aborted, _) => 1,
         }
     }
@@ -334,6 +335,9 @@ mod tests {
     fn the_exit_code_follows_verdict_and_class() {
         let mut s = summary();
         assert_eq!(s.exit_code(), 0);
+        s.ended_by = EndedBy::Interrupt;
+        assert_eq!(s.exit_code(), 0, "what only the operator ends ended well");
+        s.ended_by = EndedBy::Task;
         s.outcome = Outcome::Failed;
         assert_eq!(s.exit_code(), 1);
         s.outcome = Outcome::Aborted;

@@ -40,7 +40,7 @@ impl Watch {
     const AS_FAST: f64 = 0.9;
     /// Time in which regulators bring an axis to where it is to stand [s]: the wrist's roll, stopped from the speed of a
     /// turn, goes 3.4 rad of its motor beyond its set value.
-    const STANDING: f64 = 0.3;
+    const STANDING: f64 = 0.6;
     /// No motor can turn further in 2 ms [rad].
     const JUMP: f64 = 1.5;
 

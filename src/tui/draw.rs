@@ -46,14 +46,16 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
         Gauge::default().ratio(done.clamp(0.0, 1.0)).label(label).gauge_style(Color::Blue),
         bar,
     );
-    frame.render_widget(arm_table(s), arms);
+    frame.render_widget(arm_table(app), arms);
     let columns = [Constraint::Length(27), Constraint::Fill(3), Constraint::Fill(2)];
     let [net, plan, actors] = Layout::horizontal(columns).areas(middle);
     let colours: Vec<Option<usize>> = (0..54)
         .map(|i| Some(usize::from(s.net.facelets.get(i).copied().flatten()?.colour)))
         .collect();
     frame.render_widget(net_of(&colours, None).block(Block::bordered().title("cube as read")), net);
-    if s.services.manual {
+    if s.arms.iter().any(|arm| arm.fault.is_some()) {
+        frame.render_widget(stopped(s), plan);
+    } else if s.services.manual {
         frame.render_widget(by_hand(app), plan);
     } else {
         frame.render_widget(plan_of(s, plan.height), plan);
@@ -88,14 +90,16 @@ fn heading(app: &App) -> Line<'_> {
     ])
 }
 
-fn arm_table(s: &Snapshot) -> Table<'_> {
-    let rows = s.arms.iter().map(|arm| {
+fn arm_table(app: &App) -> Table<'_> {
+    let rows = app.snapshot.arms.iter().enumerate().map(|(i, arm)| {
+        let has_track = app.stage.arms.get(i).is_none_or(|stage| stage.has_track);
+        let track = if has_track { format!("{:.3} m", arm.joints[0]) } else { "-".to_owned() };
         let joints: Vec<String> =
             arm.joints[1..].iter().map(|q| format!("{:.1}", q.to_degrees())).collect();
         let force = |d: &[f64]| d.iter().map(|c| c * c).sum::<f64>().sqrt();
         let row = Row::new(vec![
             Cell::from(arm.name.clone()).bold(),
-            Cell::from(format!("{:.3} m", arm.joints[0])),
+            Cell::from(track),
             Cell::from(joints.join(" ")),
             Cell::from(format!("{:.1} mm", arm.opening * 1e3)),
             Cell::from(format!("{:.1} N", force(&arm.wrench[..3]))),
@@ -171,6 +175,17 @@ fn plan_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
         }
     });
     Paragraph::new(lines.collect::<Vec<_>>()).block(Block::bordered().title("plan"))
+}
+
+/// Which arm has stopped, why, and what is to be done.
+fn stopped(s: &Snapshot) -> Paragraph<'_> {
+    let mut lines = Vec::new();
+    for (arm, fault) in s.arms.iter().filter_map(|arm| Some((arm, arm.fault.as_ref()?))) {
+        lines.push(Line::from(format!("{} stopped: {fault}.", arm.name)).red().bold());
+        lines.extend(arm.remedy.as_deref().map(Line::from));
+        lines.push(Line::default());
+    }
+    Paragraph::new(lines).wrap(Wrap { trim: true }).block(Block::bordered().title("fault"))
 }
 
 fn by_hand(app: &App) -> Paragraph<'_> {
@@ -320,6 +335,7 @@ mod tests {
             following: 0.0004,
             synchronised: true,
             fault: None,
+            remedy: None,
         };
         let message = Message {
             number: 1,
@@ -383,6 +399,19 @@ mod tests {
         assert!(
             text.contains("failed") && text.contains("jam at face R") && text.contains("q leave")
         );
+    }
+
+    #[test]
+    fn an_arm_that_stopped_is_told_with_what_is_to_be_done() {
+        let mut faulty = snapshot();
+        faulty.arms[0].fault = Some("emergency stop".into());
+        faulty.arms[0].remedy =
+            Some(crate::operator::remedy(&crate::motion::ArmFault::EmergencyStop).to_owned());
+
+        let text = drawn(faulty, (120, 36));
+
+        assert!(text.contains("track stopped: emergency stop."), "{text}");
+        assert!(text.contains("start a new run"), "{text}");
     }
 
     #[test]

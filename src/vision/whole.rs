@@ -16,7 +16,7 @@ use super::assignment::assign;
 use super::classes::{Expected, Model, Points, coordinates, median};
 use super::colours::{CLIPPED, Light, Seen, fit_light, prototype_distances, to_linear};
 use super::likeliest::{CENTRES, Likeliest, likeliest};
-use crate::cube::{Cube, Face, Facelets, ImpossibleCube, Rotation24};
+use crate::cube::{Cube, Face, Facelets, ImpossibleCube, Rotation24, facelet_place};
 use std::sync::LazyLock;
 
 /// A whole cube, decided.
@@ -30,6 +30,12 @@ pub struct Decision {
     pub margins: [f64; 54],
     /// Facelets with a small margin, least certain first.
     pub doubtful: Vec<usize>,
+}
+
+/// Stickers by their places: "F1, R3".
+fn places(facelets: &[usize]) -> String {
+    let names: Vec<String> = facelets.iter().map(|&i| facelet_place(i).to_string()).collect();
+    names.join(", ")
 }
 
 /// No decision.
@@ -54,7 +60,7 @@ pub enum Undecided {
         overexposed: bool,
     },
     /// The facelets are clear, and they make no cube.
-    #[error("this cube cannot exist: {reason}; doubtful facelets: {doubtful:?}")]
+    #[error("this cube cannot exist: {reason}; stickers in doubt: {}", places(doubtful))]
     Impossible {
         /// What is wrong with the cube as it was read.
         reason: ImpossibleCube,

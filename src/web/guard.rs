@@ -6,7 +6,7 @@
 
 use axum::http::{HeaderMap, Uri, header};
 use std::io::Read;
-use std::net::SocketAddr;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 
 /// The rules of one server.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -49,14 +49,13 @@ impl Guard {
         Ok(Self { address, token: Some(format!("{token:032x}")) })
     }
 
-    /// What to type into a browser. For an unspecified address the name is the machine's to know.
+    /// What to type into a browser. Who listens everywhere is met at the address by which this machine goes to others.
     #[must_use]
     pub fn url(&self) -> String {
-        let host = if self.address.ip().is_unspecified() {
-            format!("<this machine>:{}", self.address.port())
-        } else {
-            self.address.to_string()
-        };
+        let mut host = self.address;
+        if host.ip().is_unspecified() {
+            host.set_ip(own_ip(host.is_ipv4()));
+        }
         match &self.token {
             Some(token) => format!("http://{host}/?{NAME}={token}"),
             None => format!("http://{host}/"),
@@ -101,6 +100,22 @@ impl Guard {
         let own = ["127.0.0.1", "localhost", "[::1]"].map(|name| format!("{name}:{port}"));
         own.iter().any(|own| own.eq_ignore_ascii_case(host)) || self.address.to_string() == host
     }
+}
+
+/// The address from which this machine would speak to others; the loopback where it speaks to nobody. Nothing is sent:
+/// the addresses asked for are those of documentation (RFC 5737, RFC 3849).
+fn own_ip(v4: bool) -> IpAddr {
+    let (own, others): (IpAddr, IpAddr) = if v4 {
+        (Ipv4Addr::UNSPECIFIED.into(), Ipv4Addr::new(192, 0, 2, 1).into())
+    } else {
+        (Ipv6Addr::UNSPECIFIED.into(), Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into())
+    };
+    let spoken = UdpSocket::bind((own, 0)).and_then(|socket| {
+        socket.connect((others, 9))?;
+        socket.local_addr()
+    });
+    let loopback: IpAddr = if v4 { Ipv4Addr::LOCALHOST.into() } else { Ipv6Addr::LOCALHOST.into() };
+    spoken.map(|at| at.ip()).ok().filter(|ip| !ip.is_unspecified()).unwrap_or(loopback)
 }
 
 /// Comparison whose time tells nothing of where the first difference is.
@@ -171,7 +186,21 @@ mod tests {
         assert_eq!(asked(&guard, &[host.clone(), (header::COOKIE, &cookie)], "/ws"), None);
         let foreign = [host, (header::ORIGIN, "http://evil.example"), (header::COOKIE, &cookie)];
         assert!(matches!(asked(&guard, &foreign, "/ws"), Some(Refused::Origin(_))));
-        assert!(guard.url().ends_with(&token));
+        assert_eq!(guard.url(), format!("http://192.0.2.7:8780/?token={token}"));
         assert_ne!(Guard::of("192.0.2.7:8780".parse().unwrap()).unwrap(), guard);
+    }
+
+    #[test]
+    fn who_listens_everywhere_is_told_an_address_that_can_be_typed() {
+        for everywhere in ["0.0.0.0:8780", "[::]:8780"] {
+            let guard = Guard::of(everywhere.parse().unwrap()).unwrap();
+            let url = guard.url();
+            let (host, token) =
+                url.strip_prefix("http://").unwrap().split_once("/?token=").unwrap();
+
+            let address: SocketAddr = host.parse().unwrap();
+            assert!(!address.ip().is_unspecified() && address.port() == 8780, "{url}");
+            assert_eq!(Some(token), guard.token());
+        }
     }
 }

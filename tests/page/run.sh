@@ -1,19 +1,31 @@
 #!/bin/sh
 # The operator's page in a real browser, on live runs: every button, a question, a corrected sticker, pictures per second,
 # and screenshots at desktop and phone widths. Usage: tests/page/run.sh [folder for the screenshots]
-# Needs node, npm and chromium (Debian: apt-get install chromium nodejs npm); says so and passes where one is missing.
+# Needs node, npm and chromium. In CI, as root, Debian's are installed; elsewhere it says what is missing, and passes.
+#   ONLY=mission,question   some parts only      LEAST_RATE=10   pictures a second of the 3-D view
+#   RUBIK_ROBOT, CHROMIUM   other programs       KEEP=1          keeps the recordings
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 root=$(cd "$here/../.." && pwd)
 work=${TMPDIR:-/tmp}/rubik-robot-page
 pictures=${1:-$work/pictures}
-skip() { echo "SKIPPED: the page was not tried in a browser: $1" >&2; exit 0; }
+skip() { printf '\n*** SKIPPED: the page was NOT tried in a browser: %s\n\n' "$1" >&2; exit 0; }
+chromium_of() { echo "${CHROMIUM:-$(command -v chromium || command -v chromium-browser || true)}"; }
 
-command -v node >/dev/null || skip "there is no node"
-command -v npm >/dev/null || skip "there is no npm"
-chromium=${CHROMIUM:-$(command -v chromium || command -v chromium-browser || true)}
-[ -n "$chromium" ] || skip "there is no chromium"
+missing=
+[ -n "$(chromium_of)" ] || missing="$missing chromium"
+command -v node >/dev/null || missing="$missing nodejs"
+command -v npm >/dev/null || missing="$missing npm"
+if [ -n "$missing" ]; then
+    [ "${CI:-}" = true ] && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null ||
+        skip "there is no$missing (Debian: apt-get install$missing)"
+    echo "installs$missing" >&2
+    # shellcheck disable=SC2086  # words
+    { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing; } \
+        >/dev/null || skip "apt-get cannot install$missing"
+fi
 mkdir -p "$work" "$pictures"
+pictures=$(cd "$pictures" && pwd)
 if [ ! -d "$work/node_modules/playwright-core" ]; then
     npm install --silent --no-audit --no-fund --prefix "$work" playwright-core@1 >/dev/null 2>&1 || skip "npm cannot fetch playwright-core"
 fi
@@ -22,4 +34,4 @@ if [ -z "${RUBIK_ROBOT:-}" ]; then
     RUBIK_ROBOT=${CARGO_TARGET_DIR:-$root/target}/release/rubik-robot
 fi
 cd "$root"
-exec node "$here/page.mjs" "$work/node_modules/playwright-core/index.mjs" "$chromium" "$RUBIK_ROBOT" "$pictures"
+exec node "$here/page.mjs" "$work/node_modules/playwright-core/index.mjs" "$(chromium_of)" "$RUBIK_ROBOT" "$pictures"

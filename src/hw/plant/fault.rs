@@ -323,6 +323,11 @@ impl Faults {
         }
     }
 
+    /// Numbers of the faults that have begun, in the order in which they were given.
+    pub(super) fn begun(&self) -> impl Iterator<Item = usize> {
+        (0..self.armed.len()).filter(|&i| self.armed[i].began.is_some())
+    }
+
     /// What has begun and ended since the last call.
     pub(super) fn upsets(&mut self) -> impl Iterator<Item = Upset> {
         self.upsets.drain(..)

@@ -264,6 +264,11 @@ impl Plant {
         self.powered.get(arm).is_some_and(|on| *on)
     }
 
+    /// Numbers of the faults that have begun, in the order of [`PlantConfig::faults`].
+    pub fn begun_faults(&self) -> impl Iterator<Item = usize> {
+        self.faults.begun()
+    }
+
     /// Which faults of others begin and end since the last call.
     pub fn upsets(&mut self) -> impl Iterator<Item = Upset> {
         self.faults.upsets()

@@ -101,6 +101,9 @@ fn head(html: &mut String, story: &Story, title: &str) {
         {
             fact("jams, slips, drops", format!("{jams}, {slips}, {drops}"));
         }
+        if summary.recoveries > 0 {
+            fact("read and planned anew", summary.recoveries.to_string());
+        }
         if let Some(angle) = summary.turned_deg {
             fact("layer turned by", format!("{angle:.1}\u{b0}"));
         }
@@ -168,11 +171,27 @@ fn timeline(html: &mut String, story: &Story) {
         }
     }
     if !story.operator.is_empty() {
-        let pieces = story
-            .operator
-            .iter()
-            .map(|(t, word)| (*t, t + 0.004 * end, escaped(word), "op".to_owned()));
+        let pieces =
+            story.operator.iter().map(|(t, word)| (*t, *t, escaped(word), "op".to_owned()));
         rows.push(Row { name: "operator".to_owned(), pieces: pieces.collect() });
+    }
+    let rank = |level: u8, who: &str| match (who, level) {
+        ("plant", _) => "injected faults: the truth, which no part of the controller heard",
+        (_, ..=30) => "warnings",
+        _ => "errors",
+    };
+    let truth = rank(0, "plant");
+    for name in [truth, "warnings", "errors"] {
+        let told = story.messages.iter().filter(|(_, level, who, _)| rank(*level, who) == name);
+        let pieces: Vec<_> = told
+            .map(|(t, _, who, what)| {
+                let class = if name == "warnings" { "wa" } else { "er" };
+                (*t, *t, escaped(&format!("{who}: {what}")), class.to_owned())
+            })
+            .collect();
+        if !pieces.is_empty() {
+            rows.push(Row { name: name.to_owned(), pieces });
+        }
     }
     let _ = write!(html, "<section><h2>What happened when</h2>{}", svg::timeline(&rows, end));
     if let Some(summary) = story.summary.as_ref().filter(|s| !s.phases.is_empty()) {

@@ -1,5 +1,6 @@
 //! What a report tells, gathered from a recording in one pass.
 
+use crate::operator::Said;
 use crate::record::cdr::{Malformed, Reader};
 use crate::record::reading::{End, Label, Message, Piece, Reading, Unreadable};
 use crate::record::sensed::{Found, Sensed};
@@ -156,7 +157,7 @@ impl Story {
             "/operator" => {
                 let mut from = stamped(data)?;
                 from.u64()?;
-                self.operator.push((time, from.string()?.to_owned()));
+                self.operator.push((time, Said::told(from.string()?)));
             }
             "/sensed" => self.sensed(time, &Sensed::read(data)?),
             "/tf" => self.transforms(time, data)?,

@@ -159,10 +159,15 @@ pub(super) fn timeline(rows: &[Row], end: f64) -> String {
         let _ = write!(svg, "<text class=name x={LEFT} y={:.1}>{}</text>", y - 4.0, line.name);
         for (begin, until, words, class) in &line.pieces {
             let (a, b) = (x(*begin, end), x(*until, end));
-            let width = (b - a).max(0.5);
+            // What has no length is a mark.
+            let (width, when) = if until > begin {
+                ((b - a).max(0.5), format!("{begin:.1} to {until:.1} s"))
+            } else {
+                (3.0, format!("{begin:.2} s"))
+            };
             let _ = write!(
                 svg,
-                "<g><title>{words}: {begin:.1} to {until:.1} s</title><rect class=\"piece {class}\" x={a:.1} y={y:.1} width={width:.1} height={row} rx=2 />"
+                "<g><title>{words}: {when}</title><rect class=\"piece {class}\" x={a:.1} y={y:.1} width={width:.1} height={row} rx=2 />"
             );
             // About 6.3 px a letter.
             if words.len() as f64 * 6.3 < width - 8.0 {

@@ -316,6 +316,14 @@ impl Model {
     }
 }
 
+impl Joint {
+    /// `parent_from_child` where the arms stand so. `joints` and `openings` [m] have an entry for each arm of the cell.
+    #[must_use]
+    pub fn place(&self, joints: &[JointPositions], openings: &[f64]) -> Pose {
+        self.kind.displacement(joints, openings).map_or(self.origin, |moved| self.origin * moved)
+    }
+}
+
 impl JointKind {
     /// What moves the joint, if anything does.
     #[must_use]

@@ -42,6 +42,8 @@ const link = new Link({
   },
   seat(fresh) {
     met = true;
+    // Whoever fell asleep while commanding goes on commanding, if nobody has taken over meanwhile.
+    if (seat.own && !fresh.taken) link.say({ seat: "take" });
     seat = fresh;
     show();
   },
@@ -89,7 +91,7 @@ function show() {
   $("terminate").hidden = control === "ended";
   $("quit").hidden = control !== "ended";
   $("quit").disabled = !own;
-  $("speed-label").hidden = !s.services.speed || s.services.manual;
+  $("speed-label").hidden = !s.services.speed;
   $("speed").disabled = !own;
   if (document.activeElement !== $("speed")) {
     const known = [...$("speed").options].some((o) => Number(o.value) === s.speed);
@@ -108,6 +110,7 @@ function show() {
   document.querySelector("main").classList.toggle("by-hand", byHand);
   for (const button of document.querySelectorAll("#manual button")) if (button.id !== "synchronise") button.disabled = !own;
   if (byHand) manual.show(s);
+  document.querySelector("main").classList.toggle("blind", !s.cameras.length);
   scene.show(s);
   curves.show(s);
   net.show(s.net);
@@ -116,6 +119,8 @@ function show() {
   panels.showPhases(s.phases, control === "ended");
   panels.showStep(s.step, control);
   panels.showOutcome(s.outcome);
+  panels.showFaults(s.arms);
+  panels.showLatest(control === "ended");
   panels.showCameras(s.cameras);
   panels.showQuestion(s.question, s.time, own, (command) => link.say(command));
 }

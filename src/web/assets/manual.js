@@ -16,6 +16,9 @@ const MODES = {
 };
 const TOOL = ["x", "y", "z", "about x", "about y", "about z"];
 
+/** A number for people, without a zero below zero. */
+const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
+
 export class Manual {
   constructor(send) {
     this.send = send;
@@ -99,10 +102,10 @@ export class Manual {
     if (!arm || !this.values) return;
     for (const [axis, output] of this.values) {
       let text = "";
-      if (this.mode === "motor") text = `${arm.motors[axis].toFixed(2)} rad`;
+      if (this.mode === "motor") text = `${fixed(arm.motors[axis], 2)} rad`;
       else if (!arm.synchronised) text = "unknown";
-      else if (this.mode === "joint") text = axis ? `${deg(arm.joints[axis]).toFixed(2)}°` : `${(arm.joints[0] * 100).toFixed(2)} cm`;
-      else if (axis < 3) text = `${(arm.frames[6].translation[axis] * 1e3).toFixed(1)} mm`;
+      else if (this.mode === "joint") text = axis ? `${fixed(deg(arm.joints[axis]), 2)}°` : `${fixed(arm.joints[0] * 100, 2)} cm`;
+      else if (axis < 3) text = `${fixed(arm.frames[6].translation[axis] * 1e3, 1)} mm`;
       if (output.textContent !== text) output.textContent = text;
     }
     this.jaws.textContent = `${(arm.opening * 1e3).toFixed(1)} mm`;

@@ -80,10 +80,29 @@ export function showOutcome(outcome) {
   box.replaceChildren(el("strong", { textContent: outcome.verdict }), el("p", { textContent: outcome.reason }), list);
 }
 
+/** Which arm has stopped, why, and what is to be done. */
+let faultsShown = "";
+export function showFaults(arms) {
+  const stopped = arms.filter((arm) => arm.fault);
+  const key = JSON.stringify(stopped.map((arm) => [arm.name, arm.fault]));
+  if (key === faultsShown) return;
+  faultsShown = key;
+  $("faults").hidden = !stopped.length;
+  const same = stopped.length > 1 && stopped.every((arm) => arm.fault === stopped[0].fault);
+  const rows = same ? [{ ...stopped[0], name: stopped.map((arm) => arm.name).join(" and ") }] : stopped;
+  $("faults").replaceChildren(...rows.map((arm) => el("p", {},
+    el("b", { textContent: `${arm.name} stopped: ${arm.fault}. ` }), arm.remedy ?? "")));
+}
+
 // ---- console ----
 const RANK = { info: 0, warning: 1, non_fatal: 2, fatal: 3, system: 3 };
 const NAMES = { info: "info", warning: "warning", non_fatal: "non-fatal", fatal: "fatal", system: "system" };
 let messages = [];
+let latest = false;
+/** The latest message above information, until the outcome says it all. */
+export function showLatest(over) {
+  $("latest").hidden = !latest || over;
+}
 
 export function tell(fresh) {
   if (!fresh.length || (messages.length && fresh[0].number <= messages.at(-1).number)) {
@@ -101,6 +120,9 @@ export function tell(fresh) {
     known.add(source);
   }
   append(fresh);
+  const grave = messages.findLast((m) => RANK[m.class] > 0);
+  latest = !!grave;
+  if (grave) [$("latest").textContent, $("latest").className] = [`${grave.time.toFixed(1)} s: ${grave.text}`, grave.class];
 }
 
 function wanted(message) {
@@ -136,6 +158,7 @@ export function setCameras(cameras) {
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", `Camera ${camera.name}: no picture yet`);
     const words = el("span", { textContent: "no picture yet" });
+    canvas.className = "dark";
     views[i] = { canvas, words, frame: 0, busy: false, image: null };
     return el("figure", {}, canvas, el("figcaption", {}, el("b", { textContent: camera.name.replaceAll("_", " ") }), words));
   }));
@@ -166,6 +189,7 @@ export function showCameras(cameras) {
 
 function paint(view, image, camera) {
   const { canvas } = view;
+  canvas.className = "";
   const show = Math.min(1, 640 / image.width);
   [canvas.width, canvas.height] = [Math.round(image.width * show), Math.round(image.height * show)];
   canvas.style.aspectRatio = `${image.width} / ${image.height}`;
@@ -227,13 +251,21 @@ export function showQuestion(question, time, commands, send) {
       ok.onclick = () => answer({ answer: "stickers", stickers: editor.stickers() });
       buttons.push(el("button", { id: "question-decline", textContent: "I do not know", onclick: () => answer({ answer: "declined" }) }), ok);
     }
-    $("question-buttons").replaceChildren(...buttons);
+    // A dialog lies over the page, with its button to take over.
+    const take = el("button", { id: "question-take", textContent: "Take over", className: "main", hidden: true, onclick: () => send({ seat: "take" }) });
+    $("question-buttons").replaceChildren(take, ...buttons);
+    box.classList.remove("watching");
     if (!box.open) box.showModal();
     $("question-net").querySelector("[tabindex='0'].tile")?.focus();
   }
   const left = Math.max(0, question.seconds - (time - open.since));
-  const who = commands ? "" : " Only the page that commands can answer; take over below.";
+  const who = commands ? "" : " Another page commands: only that one can answer.";
   const how = question.subject.subject === "stickers" ? " Choose a colour, then the stickers; or arrow keys and W R G Y O B." : "";
   $("question-note").textContent = `${left.toFixed(0)} s left; ${question.otherwise}.${how}${who}`;
+  if (box.classList.contains("watching") === commands) {
+    box.classList.toggle("watching", !commands);
+    $("question-take").hidden = commands;
+    for (const button of $("question-buttons").querySelectorAll(":scope > :not(#question-take)")) button.hidden = !commands;
+  }
 }
 $("question").addEventListener("cancel", (event) => event.preventDefault());

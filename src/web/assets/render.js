@@ -3,15 +3,19 @@
 const VERTEX = `#version 300 es
 in vec3 position;
 in vec3 normal;
-uniform mat4 model;
+in mat4 model;
+in vec3 scale;
+in vec4 paint;
+uniform mat4 press;
 uniform mat4 view;
-uniform vec3 scale;
 out vec3 at;
 out vec3 facing;
+out vec4 colour;
 void main() {
-  vec4 world = model * vec4(position * scale, 1.0);
+  vec4 world = press * model * vec4(position * scale, 1.0);
   at = world.xyz;
   facing = mat3(model) * (normal / max(scale, vec3(1e-6)));
+  colour = paint;
   gl_Position = view * world;
 }`;
 
@@ -19,7 +23,7 @@ const FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 at;
 in vec3 facing;
-uniform vec4 colour;
+in vec4 colour;
 uniform vec3 eye;
 uniform vec3 haze;
 uniform int kind;
@@ -41,7 +45,7 @@ void main() {
     pixel = vec4(mix(base, haze, smoothstep(2.5, 7.0, length(at.xy - vec2(0.6, 0.6)))), 1.0);
     return;
   }
-  if (kind == 2) { pixel = colour; return; }
+  if (kind == 2) { pixel = vec4(0.0, 0.0, 0.0, 0.22); return; }
   vec3 n = normalize(facing);
   vec3 sun = normalize(vec3(0.35, -0.55, 0.85));
   vec3 to_eye = normalize(eye - at);
@@ -88,6 +92,13 @@ function cylinder(parts = 24) {
   }
   return new Float32Array(out.flat());
 }
+
+const UNMOVED = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+// Everything pressed flat along the light.
+const PRESSED = [1, 0, 0, 0, 0, 1, 0, 0, -0.35 / 0.85, 0.55 / 0.85, 0, 0, 0, 0, 0.002, 1];
+const FLOOR = { matrix: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.6, 0.6, -0.012, 1], scale: [24, 24, 0.02] };
+// Floats of one solid: matrix, scale, colour.
+const SOLID = 23;
 
 /** Column-major matrix of a pose: { translation, rotation: [x, y, z, w] }. */
 export function matrix(pose) {
@@ -156,21 +167,30 @@ export class Renderer {
     gl.linkProgram(program);
     gl.useProgram(program);
     this.at = {};
-    for (const name of ["model", "view", "scale", "colour", "eye", "haze", "kind"])
-      this.at[name] = gl.getUniformLocation(program, name);
+    for (const name of ["press", "view", "eye", "haze", "kind"]) this.at[name] = gl.getUniformLocation(program, name);
+    const attributes = (buffer, each, stride, parts) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      for (const [slot, size, offset] of parts) {
+        gl.enableVertexAttribArray(slot);
+        gl.vertexAttribPointer(slot, size, gl.FLOAT, false, stride * 4, offset * 4);
+        gl.vertexAttribDivisor(slot, each);
+      }
+    };
+    const slot = (name) => gl.getAttribLocation(program, name);
+    // A shape, and a buffer of all solids of that shape: they are drawn at once.
     const mesh = (data) => {
       const vao = gl.createVertexArray();
       gl.bindVertexArray(vao);
-      gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+      const shape = gl.createBuffer();
+      gl.bindBuffer(gl.ARRAY_BUFFER, shape);
       gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
-      for (const [name, offset] of [["position", 0], ["normal", 12]]) {
-        const slot = gl.getAttribLocation(program, name);
-        gl.enableVertexAttribArray(slot);
-        gl.vertexAttribPointer(slot, 3, gl.FLOAT, false, 24, offset);
-      }
-      return { vao, count: data.length / 6 };
+      attributes(shape, 0, 6, [[slot("position"), 3, 0], [slot("normal"), 3, 3]]);
+      const solids = gl.createBuffer();
+      const model = slot("model");
+      attributes(solids, 1, SOLID, [...[0, 1, 2, 3].map((i) => [model + i, 4, i * 4]), [slot("scale"), 3, 16], [slot("paint"), 4, 19]]);
+      return { vao, solids, count: data.length / 6 };
     };
-    this.meshes = { box: mesh(box()), cylinder: mesh(cylinder()) };
+    this.meshes = { box: mesh(box()), cylinder: mesh(cylinder()), floor: mesh(box()) };
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.CULL_FACE);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
@@ -179,7 +199,9 @@ export class Renderer {
   /** Draws solids { mesh, matrix, scale, colour: [r, g, b] 0..1, shadow } as seen from `eye` towards `target`. */
   draw(solids, eye, target, floor, haze, detail) {
     const { gl, at, canvas } = this;
-    const ratio = Math.min(window.devicePixelRatio || 1, detail.ratio);
+    const own = window.devicePixelRatio || 1;
+    // Without smooth edges, pixels that the browser draws together make them.
+    const ratio = detail.fine && this.software ? 2 * own : Math.min(own, detail.ratio);
     const [w, h] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
     if (!w || !h) return;
     if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
@@ -192,37 +214,57 @@ export class Renderer {
     gl.uniformMatrix4fv(at.view, false, view);
     gl.uniform3fv(at.eye, eye);
     gl.uniform3fv(at.haze, haze);
-    const one = (solid, model, colour) => {
-      const mesh = this.meshes[solid.mesh];
+    // Of each shape: those with a shadow, those without, those that shine through.
+    const parts = Object.keys(this.meshes).map((name) => {
+      const own = name === "floor" ? [{ ...FLOOR, colour: floor }] : solids.filter((solid) => solid.mesh === name);
+      const rank = (solid) => (solid.alpha ? 2 : solid.shadow ? 0 : 1);
+      const data = new Float32Array(own.length * SOLID);
+      let [filled, ends] = [0, []];
+      for (const part of [0, 1, 2]) {
+        for (const solid of own) {
+          if (rank(solid) !== part) continue;
+          data.set(solid.matrix, filled * SOLID);
+          data.set(solid.scale, filled * SOLID + 16);
+          data.set([...solid.colour, solid.alpha || 1], filled * SOLID + 19);
+          filled += 1;
+        }
+        ends.push(filled);
+      }
+      return { name, data, ends };
+    });
+    const some = (part, from, to) => {
+      if (to <= from) return;
+      const mesh = this.meshes[part.name];
       gl.bindVertexArray(mesh.vao);
-      gl.uniformMatrix4fv(at.model, false, model);
-      gl.uniform3fv(at.scale, solid.scale);
-      gl.uniform4fv(at.colour, colour);
-      gl.drawArrays(gl.TRIANGLES, 0, mesh.count);
+      gl.bindBuffer(gl.ARRAY_BUFFER, mesh.solids);
+      gl.bufferData(gl.ARRAY_BUFFER, part.data.subarray(from * SOLID, to * SOLID), gl.STREAM_DRAW);
+      gl.drawArraysInstanced(gl.TRIANGLES, 0, mesh.count, to - from);
     };
+    const [boxes, cylinders, ground] = parts;
+    gl.uniformMatrix4fv(at.press, false, UNMOVED);
     gl.uniform1i(at.kind, 0);
-    for (const solid of solids) if (!solid.alpha) one(solid, solid.matrix, [...solid.colour, 1]);
+    for (const part of [boxes, cylinders]) some(part, 0, part.ends[1]);
     // The floor comes after what stands on it: hidden pixels cost nothing.
     gl.uniform1i(at.kind, 1);
-    const flat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.6, 0.6, -0.012, 1];
-    one({ mesh: "box", scale: [24, 24, 0.02] }, flat, [...floor, 1]);
+    some(ground, 0, 1);
     gl.enable(gl.BLEND);
     if (detail.shadows) {
-      // Everything pressed flat along the light, each pixel darkened once.
+      // Each pixel is darkened once.
       gl.uniform1i(at.kind, 2);
+      gl.uniformMatrix4fv(at.press, false, PRESSED);
       gl.enable(gl.STENCIL_TEST);
       gl.disable(gl.CULL_FACE);
       gl.depthMask(false);
       gl.stencilFunc(gl.EQUAL, 0, 255);
       gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
-      const press = [1, 0, 0, 0, 0, 1, 0, 0, -0.35 / 0.85, 0.55 / 0.85, 0, 0, 0, 0, 0.002, 1];
-      for (const solid of solids) if (solid.shadow) one(solid, multiply(press, solid.matrix), [0, 0, 0, 0.22]);
+      for (const part of [boxes, cylinders]) some(part, 0, part.ends[0]);
       gl.depthMask(true);
       gl.enable(gl.CULL_FACE);
       gl.disable(gl.STENCIL_TEST);
+      gl.uniformMatrix4fv(at.press, false, UNMOVED);
     }
     gl.uniform1i(at.kind, 0);
-    for (const solid of solids) if (solid.alpha) one(solid, solid.matrix, [...solid.colour, solid.alpha]);
+    for (const part of [boxes, cylinders]) some(part, part.ends[1], part.ends[2]);
     gl.disable(gl.BLEND);
   }
 }

@@ -66,7 +66,7 @@ export class Scene {
     this.stage = stage;
     const zone = stage.hand_zone?.translation;
     this.zone = zone;
-    this.now = this.before = undefined;
+    this.now = this.before = this.seen = undefined;
   }
 
   /** The whole cell: between the bases and the tools of all arms. */
@@ -81,11 +81,26 @@ export class Scene {
 
   show(snapshot) {
     const first = !this.now;
-    this.before = this.now ?? snapshot;
-    if (this.before.arms.length !== snapshot.arms.length) this.before = snapshot;
+    const moves = first || this.moved(snapshot);
+    if (moves) {
+      this.before = this.now ?? snapshot;
+      if (this.before.arms.length !== snapshot.arms.length) this.before = snapshot;
+      this.since = performance.now();
+    }
     this.now = snapshot;
-    this.since = performance.now();
     if (first) this.aim();
+  }
+
+  /** Whether anything looks otherwise than in the snapshot that was shown last: encoders and cameras never rest. */
+  moved(snapshot) {
+    const { cube, hand, arms } = snapshot;
+    const poses = [cube.world_from_cube, hand?.world_from_cube].flatMap((p) => (p ? [...p.translation, ...p.rotation] : [9]));
+    const numbers = [...arms.flatMap((arm) => [...arm.joints, arm.opening * 4]), ...poses, cube.turned?.angle ?? 9];
+    const words = cube.facelets + arms.map((arm) => !!arm.fault);
+    const same = this.seen?.words === words && this.seen.numbers.length === numbers.length
+      && numbers.every((v, i) => Math.abs(v - this.seen.numbers[i]) < 4e-4);
+    if (!same) this.seen = { words, numbers };
+    return !same;
   }
 
   look(name) {
@@ -169,11 +184,14 @@ export class Scene {
   draw() {
     if (!this.stage || !this.now || !this.renderer) return;
     const begun = performance.now();
+    // A processor that draws has other work, too: twenty pictures a second are as many as there are snapshots.
+    if (this.renderer.software && begun - (this.frames.at(-1) ?? 0) < 44) return;
     // What stands still is not drawn again.
+    const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     const size = `${this.canvas.clientWidth} ${this.canvas.clientHeight}`;
-    const still = begun - this.since > 150 && !this.goal && this.drawn === JSON.stringify([this.view, size, this.now.number]);
+    const still = begun - this.since > 150 && !this.goal && this.drawn === JSON.stringify([this.view, size, this.since, dark]);
     if (still) return;
-    this.drawn = begun - this.since > 90 ? JSON.stringify([this.view, size, this.now.number]) : "";
+    this.drawn = begun - this.since > 90 && !this.goal ? JSON.stringify([this.view, size, this.since, dark]) : "";
     const t = Math.max(0, Math.min(1, (begun - this.since) / 60));
     const pose = (path) => {
       const [a, b] = [path(this.before), path(this.now)];
@@ -198,11 +216,20 @@ export class Scene {
       target[1] + away * Math.cos(height) * Math.sin(azimuth),
       Math.max(0.03, target[2] + away * Math.sin(height)),
     ];
-    const style = getComputedStyle(this.canvas);
-    const colour = (name) => rgb(style.getPropertyValue(name).trim() || "#888888");
-    this.renderer.draw(solids, eye, target, colour("--floor"), colour("--haze"), this.detail());
+    const { floor, haze } = this.colours(dark);
+    this.renderer.draw(solids, eye, target, floor, haze, this.detail());
     this.frames.push(begun);
     while (this.frames[0] < begun - 2000) this.frames.shift();
+  }
+
+  /** Colours of the page, asked for again when it becomes light or dark. */
+  colours(dark) {
+    if (this.shades?.dark !== dark) {
+      const style = getComputedStyle(this.canvas);
+      const colour = (name) => rgb(style.getPropertyValue(name).trim() || "#888888");
+      this.shades = { dark, floor: colour("--floor"), haze: colour("--haze") };
+    }
+    return this.shades;
   }
 
   /** How finely to draw: where the machine draws slowly, pixels are fewer and shadows go. */
@@ -212,12 +239,13 @@ export class Scene {
     this.judged ??= now;
     if (now - this.judged > 2500 && this.frames.length > 3) {
       this.judged = now;
-      const rate = this.rate();
-      if (rate < 14 && this.level < 2) this.level += 1;
+      if (this.rate() < 12) this.level = Math.min(3, this.level + 1);
+      // What was slow for a moment need not stay coarse: one level finer is tried when there is room.
+      else if (this.rate() > 18 && this.level > 1 && now - (this.tried ?? 0) > 20000) [this.level, this.tried] = [this.level - 1, now];
     }
     // The last picture before everything stands still is a good one.
-    if (this.drawn) return { ratio: 2, shadows: true };
-    return [{ ratio: 2, shadows: true }, { ratio: 1, shadows: true }, { ratio: 0.7, shadows: false }][this.level];
+    if (this.drawn) return { ratio: 2, shadows: true, fine: true };
+    return [{ ratio: 2, shadows: true }, { ratio: 1, shadows: true }, { ratio: 1, shadows: false }, { ratio: 0.75, shadows: false }][this.level];
   }
 
   /** Frames per second over the last two seconds. */
