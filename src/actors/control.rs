@@ -171,9 +171,9 @@ mod tests {
         let took = run(&mut pacer, 100.0, 1.0);
         assert!((0.09..0.5).contains(&took), "{took}");
         tempo.set(0.0);
-        for attended in [Attended::Asked, Attended::ByHand] {
+        for (attended, from) in [(Attended::Asked, 101.0), (Attended::ByHand, 101.1)] {
             tempo.attend(attended);
-            let took = run(&mut pacer, 101.0, 0.1);
+            let took = run(&mut pacer, from, 0.1);
             assert!((0.09..0.5).contains(&took), "{took}");
         }
         tempo.set(100.0);
