@@ -169,8 +169,13 @@ impl Patch {
             .count() as f64;
         let held = lattice.count() as f64;
         let support = ((held + 0.6 * even - 4.5) / 4.5).clamp(0.0, 1.0);
-        // Six that agree in place, size and form are a face under a hand; they say no more than that.
-        let exact = held >= 6.0 && lattice.residual < 0.03 && lattice.unevenness < 0.12;
+        // Six that agree in place, size and form are a face under a hand; they say no more than that. Two rows or two
+        // columns do not say on which side the third one is.
+        let lies = |along: fn(usize) -> usize| {
+            (0..3).all(|k| (0..9).any(|i| along(i) == k && lattice.tiles[i].is_some()))
+        };
+        let spans = lies(|i| i / 3) && lies(|i| i % 3);
+        let exact = held >= 6.0 && spans && lattice.residual < 0.03 && lattice.unevenness < 0.12;
         let support = if exact { support.max(0.48) } else { support };
         let fit = (-(lattice.residual / 0.10).powi(2)).exp();
         let regular = (-(lattice.unevenness / 0.5).powi(2)).exp();
