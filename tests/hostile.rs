@@ -23,55 +23,17 @@ use rubik_robot::record::journal::Journal;
 use rubik_robot::record::reading::Reading;
 use rubik_robot::record::{recover, report};
 use rubik_robot::scenario::{self, Override};
-use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+
+mod memory;
 
 /// Memory that an input may take beside itself [bytes].
 const MEMORY: usize = 256 << 20;
 /// Time that an input may take.
 const TIME: Duration = Duration::from_secs(10);
-
-/// The system's allocator with a count of what is held, and of the most that was.
-struct Counting;
-
-static HELD: AtomicUsize = AtomicUsize::new(0);
-static MOST: AtomicUsize = AtomicUsize::new(0);
-
-fn took(bytes: usize) {
-    let held = HELD.fetch_add(bytes, Ordering::Relaxed) + bytes;
-    MOST.fetch_max(held, Ordering::Relaxed);
-}
-
-#[allow(unsafe_code, reason = "an allocator cannot be written without; it hands everything on")]
-// SAFETY: every call goes to the system's allocator as it came.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        took(layout.size());
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        took(layout.size());
-        unsafe { System.alloc_zeroed(layout) }
-    }
-    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
-        HELD.fetch_sub(layout.size(), Ordering::Relaxed);
-        unsafe { System.dealloc(at, layout) }
-    }
-    unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        took(size);
-        HELD.fetch_sub(layout.size(), Ordering::Relaxed);
-        unsafe { System.realloc(at, layout, size) }
-    }
-}
-
-#[global_allocator]
-static COUNTING: Counting = Counting;
-
-/// One input at a time in the process: what is counted is its own.
-static ALONE: Mutex<()> = Mutex::new(());
 
 /// When the present input must be done, in milliseconds since the first; 0 while there is none.
 static DUE: AtomicU64 = AtomicU64::new(0);
@@ -101,15 +63,12 @@ fn watch() -> Instant {
 
 /// Gives an input to a reader under all limits.
 fn give(name: &str, input: &[u8], read: &dyn Fn(&[u8])) {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = memory::alone();
     let begun = watch();
     *NOW.lock().unwrap_or_else(PoisonError::into_inner) = Some((name.to_owned(), input.to_vec()));
-    let before = HELD.load(Ordering::Relaxed);
-    MOST.store(before, Ordering::Relaxed);
     DUE.store((begun.elapsed() + TIME).as_millis() as u64, Ordering::SeqCst);
-    read(input);
+    let taken = memory::most_held(|| read(input));
     DUE.store(0, Ordering::SeqCst);
-    let taken = MOST.load(Ordering::Relaxed).saturating_sub(before);
     assert!(taken < MEMORY, "{name}: {taken} bytes of memory for {} bytes", input.len());
 }
 

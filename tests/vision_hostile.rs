@@ -13,10 +13,9 @@ use rubik_robot::cli::vision::decode;
 use rubik_robot::vision::homography::apply;
 use rubik_robot::vision::paper::{Filters, Stages};
 use rubik_robot::vision::{DetectorSettings, Lens, Method, Rect, detect, locate_in};
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+
+mod memory;
 
 /// Memory that bytes may take which promise a small picture, or none [bytes].
 const SMALL: usize = 64 << 20;
@@ -25,53 +24,12 @@ const LARGE: usize = 700 << 20;
 /// Time that a picture of less than a million pixels may take, on a machine with other work.
 const TIME: Duration = Duration::from_secs(5);
 
-/// The system's allocator with a count of what is held, and of the most that was.
-struct Counting;
-
-static HELD: AtomicUsize = AtomicUsize::new(0);
-static MOST: AtomicUsize = AtomicUsize::new(0);
-
-fn took(bytes: usize) {
-    let held = HELD.fetch_add(bytes, Ordering::Relaxed) + bytes;
-    MOST.fetch_max(held, Ordering::Relaxed);
-}
-
-#[allow(unsafe_code, reason = "an allocator cannot be written without; it hands everything on")]
-// SAFETY: every call goes to the system's allocator as it came.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        took(layout.size());
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        took(layout.size());
-        unsafe { System.alloc_zeroed(layout) }
-    }
-    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
-        HELD.fetch_sub(layout.size(), Ordering::Relaxed);
-        unsafe { System.dealloc(at, layout) }
-    }
-    unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        took(size);
-        HELD.fetch_sub(layout.size(), Ordering::Relaxed);
-        unsafe { System.realloc(at, layout, size) }
-    }
-}
-
-#[global_allocator]
-static COUNTING: Counting = Counting;
-
-/// One picture at a time in the process: what is counted is its own.
-static ALONE: Mutex<()> = Mutex::new(());
-
 /// Runs a reader under its limits.
 fn limited(what: &str, memory: usize, read: impl FnOnce()) {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let before = HELD.load(Ordering::Relaxed);
-    MOST.store(before, Ordering::Relaxed);
+    let _alone = memory::alone();
     let begun = Instant::now();
-    read();
-    let (time, taken) = (begun.elapsed(), MOST.load(Ordering::Relaxed).saturating_sub(before));
+    let taken = memory::most_held(read);
+    let time = begun.elapsed();
     assert!(taken < memory, "{what}: {taken} bytes of memory");
     assert!(time < TIME, "{what}: {time:?}");
 }
