@@ -1,7 +1,6 @@
 //! The solver's modes as the command line offers them: a cube in, an answer out.
 
 use super::complain;
-use super::plan::best_within;
 use super::progress::{Bar, tell};
 use crate::cube::{Cube, Turn};
 use crate::solver::korf::{self, Korf};
@@ -11,7 +10,8 @@ use crate::solver::table::{InTurn, TableSpec, Workers};
 use crate::solver::tables::Bytes;
 use crate::solver::{self, Budget, Tables, Watch};
 use crate::tables::{Store, Threads, Unusable};
-use crate::tasks::cube::plan::{Effort, NoPlan, Planner, taken};
+use crate::tasks::cube::hold::{Grip, Hand};
+use crate::tasks::cube::plan::{Effort, NoPlan, Plan, Planner, taken};
 use crate::{actors, scenario};
 use clap::ValueEnum;
 use std::path::Path;
@@ -195,6 +195,35 @@ impl Engine {
             best_within(planner, cube, start, &self.tables, effort, time).map_err(said)?;
         Ok(solver::Solution { turns: plan.turns, nodes, proven: false })
     }
+}
+
+/// Least effort of a budget in time.
+const FIRST: Effort = Effort { nodes: 50_000, candidates: 25 };
+
+/// The best plan with all the effort at once, or doubling it from little until the time would be over; and the nodes of
+/// the last search.
+pub(super) fn best_within(
+    planner: &Planner,
+    cube: &Cube,
+    start: (Hand, Grip),
+    tables: &Tables,
+    most: Effort,
+    time: Option<Duration>,
+) -> Result<(Plan, u64), NoPlan> {
+    let begun = Instant::now();
+    let mut effort = if time.is_some() { FIRST } else { most };
+    let mut plan = planner.best(cube, start, tables, effort)?;
+    if let Some(time) = time {
+        // The next try takes about twice as long as all before it.
+        while begun.elapsed() * 3 <= time {
+            effort = Effort { nodes: effort.nodes * 2, candidates: effort.candidates * 2 };
+            let better = planner.best(cube, start, tables, effort)?;
+            if better.cost < plan.cost {
+                plan = better;
+            }
+        }
+    }
+    Ok((plan, effort.nodes))
 }
 
 /// The planner of the built-in cell.

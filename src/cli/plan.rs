@@ -1,13 +1,13 @@
 //! `rubik-robot plan`: what two arms do with a cube, without moving them.
 
-use super::engine::default_tables;
+use super::engine::{best_within, default_tables};
 use super::output::Output;
 use super::solve::{Refusal, read};
 use super::{WRONG, complain};
 use crate::cube::{Cube, format_turns};
 use crate::solver::{self, Budget, Tables};
 use crate::tables::{Store, Threads};
-use crate::tasks::cube::hold::{Grip, Hand, Step};
+use crate::tasks::cube::hold::Step;
 use crate::tasks::cube::plan::{Effort, NoPlan, Plan, Planner, Rule, taken};
 use crate::{actors, scenario};
 use clap::{Args, ValueEnum};
@@ -124,9 +124,6 @@ struct Work {
     time: Duration,
 }
 
-/// Least effort of a budget in time.
-const FIRST: Effort = Effort { nodes: 50_000, candidates: 25 };
-
 /// Plans, with all the effort at once, or doubling it until the time would be over.
 fn work(
     planner: &Planner,
@@ -143,32 +140,6 @@ fn work(
     let original = planner.by_rule(Rule::Original);
     let baseline = original.looks(taken()).and_then(|(_, start)| original.of(&[shortest], start));
     Ok(Work { rule: planner.rule(), plan, looks, baseline, time: begun.elapsed() })
-}
-
-/// The best plan with all the effort at once, or doubling it from little until the time would be over; and the nodes of
-/// the last search.
-pub(super) fn best_within(
-    planner: &Planner,
-    cube: &Cube,
-    start: (Hand, Grip),
-    tables: &Tables,
-    most: Effort,
-    time: Option<Duration>,
-) -> Result<(Plan, u64), NoPlan> {
-    let begun = Instant::now();
-    let mut effort = if time.is_some() { FIRST } else { most };
-    let mut plan = planner.best(cube, start, tables, effort)?;
-    if let Some(time) = time {
-        // The next try takes about twice as long as all before it.
-        while begun.elapsed() * 3 <= time {
-            effort = Effort { nodes: effort.nodes * 2, candidates: effort.candidates * 2 };
-            let better = planner.best(cube, start, tables, effort)?;
-            if better.cost < plan.cost {
-                plan = better;
-            }
-        }
-    }
-    Ok((plan, effort.nodes))
 }
 
 /// Grasps that serve to hand the cube over, not to turn.

@@ -398,7 +398,8 @@ impl ArmServo {
     /// Set values are to stand, but were fast: they are brought to a stand.
     fn brake_if_fast(&mut self) {
         let fast = Self::SUDDEN * self.config.period.seconds();
-        if self.steps.iter().any(|step| step.abs() > fast) {
+        let already = self.homing_step.is_some() || self.braking.is_some();
+        if !already && self.steps.iter().any(|step| step.abs() > fast) {
             self.braking = Some(self.steps);
         }
     }
@@ -425,16 +426,15 @@ impl ArmServo {
     }
 
     fn advance(&mut self, period: u64, wrench: &Wrench) {
+        if self.running.is_none() {
+            // Nobody goes on with a motion that may have ended at speed.
+            self.brake_if_fast();
+        }
         if self.homing_step.is_some() || self.braking.is_some() {
             self.advance_blindly();
             return;
         }
-        let Some(path) = self.running else {
-            // Nobody goes on with a motion that may have ended at speed.
-            self.brake_if_fast();
-            self.advance_blindly();
-            return;
-        };
+        let Some(path) = self.running else { return };
         let (model, seconds) = (&self.config.model, self.config.period.seconds());
         let next = path
             .at((period, seconds), &self.set, model, &self.flange_from_tool, &mut self.law, wrench)
@@ -452,9 +452,6 @@ impl ArmServo {
 
     /// Motors alone: homing, or the last of a motion that was broken off.
     fn advance_blindly(&mut self) {
-        if self.homing_step.is_none() && self.braking.is_none() {
-            return;
-        }
         let mut motors = self.set.motors;
         if let Some(step) = self.homing_step {
             match motors.0.get_mut(step.axis) {

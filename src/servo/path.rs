@@ -1,6 +1,6 @@
 //! The course of a macrostep: set values of each of its periods, linearly between start and end.
 
-use super::tff::ForceLaw;
+use super::tff::{FALLS, ForceLaw};
 use crate::kinematics::ArmModel;
 use crate::motion::Direction;
 use crate::motion::{AXES, Frame, JointPositions, Motion, MotorPositions, MoveRefused};
@@ -134,9 +134,6 @@ enum Kind {
 }
 
 impl Path {
-    /// Time in which a speed falls off when an arm only yields [s].
-    const LAG: f64 = 0.024;
-
     /// The course from `from` in periods `begin..=end`.
     #[must_use]
     pub fn new(motion: &Motion, from: &SetValues, begin: u64, end: u64) -> Self {
@@ -214,7 +211,7 @@ impl Path {
     }
 
     /// Position-force control goes on until period `end` without a velocity and towards no force. What it has of speed
-    /// falls off over `Path::LAG`: set values that stop dead trip the power stages.
+    /// falls off as that of any motion that is broken off: set values that stop dead trip the power stages.
     pub fn yields(&mut self, end: u64) {
         self.end = end;
         if let Kind::Task { directions, .. } = &mut self.kind {
@@ -225,7 +222,7 @@ impl Path {
                     Direction::Guarded { admittance, inertia, .. }
                     | Direction::Contact { admittance, inertia, .. } => (admittance, inertia),
                 };
-                let inertia = f64::max(inertia, Self::LAG / admittance.max(1e-9));
+                let inertia = f64::max(inertia, FALLS / admittance.max(1e-9));
                 Direction::Contact { wanted: 0.0, admittance, inertia }
             });
         }

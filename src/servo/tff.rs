@@ -83,12 +83,14 @@ pub fn displacement(
     }))
 }
 
+/// Time in which a speed falls to 1/e where set values would else stop dead, which trips power stages [s].
+pub(super) const FALLS: f64 = 0.024;
+
 /// A velocity that is to fall off suddenly falls off within some hundredths of a second: a motion that is broken off
 /// must not stop its motors dead, which trips their power stages. What generators end by themselves ends slower.
 fn stopped_softly(direction: usize, velocity: f64, last: f64, seconds: f64) -> f64 {
-    // m/s along, rad/s about an axis; and the time in which the rest falls to 1/e [s].
+    // m/s along, rad/s about an axis.
     const SUDDEN: [f64; 2] = [0.1, 0.2];
-    const FALLS: f64 = 0.024;
     let excess = last - velocity;
     let slows = velocity.abs() < last.abs();
     if slows && excess.abs() > SUDDEN[usize::from(direction >= 3)] {
