@@ -318,6 +318,29 @@ fn a_motion_that_runs_into_a_limit_is_broken_off_there() {
 }
 
 #[test]
+fn a_hold_brings_a_fast_motion_to_a_stand_within_some_hundredths_of_a_second() {
+    let mut arm = Ideal::new();
+    let model = arm.config.model.clone();
+    let mut states = arm.run(task(Frame::Base, &[(5, unguarded(0.8))]), 200);
+    let motors = |state: &ArmState| model.motors(&state.desired_joints).0;
+    let speed = |a: &ArmState, b: &ArmState| {
+        let pairs = motors(a).into_iter().zip(motors(b));
+        pairs.map(|(a, b)| (b - a).abs() / PERIOD).fold(0.0, f64::max)
+    };
+    let fast = speed(&states[198], &states[199]);
+    assert!(fast > 60.0, "{fast} rad/s");
+
+    states.push(arm.step(Some(go(Motion::Hold, 500))));
+    states.extend((0..100).map(|_| arm.step(None)));
+
+    let slowest = states[199..].windows(2).map(|pair| speed(&pair[0], &pair[1]));
+    let changes = states[198..].windows(3).map(|w| speed(&w[0], &w[1]) - speed(&w[1], &w[2]));
+    assert!(changes.fold(0.0, f64::max) < 0.15 * fast, "it was stopped dead");
+    assert!(slowest.last().is_some_and(|last| last < 0.1), "it goes on");
+    assert!(states.iter().all(|state| state.fault.is_none() && state.refused.is_none()));
+}
+
+#[test]
 fn too_fast_on_the_way_is_broken_off() {
     let mut arm = Ideal::new();
 

@@ -273,3 +273,18 @@ fn several_threads_find_what_one_finds() {
         }
     }
 }
+
+#[test]
+fn a_damaged_large_table_is_told_and_the_cube_is_solved_without_it() {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("damaged-tables");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("phase1-large.table"), "no table at all").unwrap();
+    let mut command = command(&["solve", "--mode", "first", "--json", &facelets(3)]);
+
+    let out = command.env("RUBIK_ROBOT_TABLES", &folder).output().unwrap();
+
+    let told = text(&out.stderr);
+    assert!(told.contains("phase1-large") && told.contains("15 bytes instead of"), "{told}");
+    assert_eq!(out.status.code(), Some(0));
+    assert!(solved(&lines(&out)[0]).is_solved());
+}

@@ -603,6 +603,9 @@ async fn perform(
             });
             let wall = driver::spawn_wall(core, world, observe, build::wall(scenario, options))
                 .map_err(|e| not_created("servo thread", &e.to_string()))?;
+            if scenario.bridge.kind.is_hardware() && wall.warnings.is_empty() {
+                driver::step_back();
+            }
             for warning in &wall.warnings {
                 tracing::warn!("not real time: {warning}; `rubik-robot doctor` says what helps");
             }

@@ -112,7 +112,9 @@ impl Grasp {
             self.still_since = self.steps;
         }
         let standing = f64::from(self.steps - self.still_since) * step > STILL;
-        let squeezing = self.set <= arm.jaw_opening - SQUEEZE + 1e-9;
+        // Jaws that meet nothing need not close to the end of their stroke to know it.
+        let floor = least_width - SQUEEZE;
+        let squeezing = self.set <= floor.max(arm.jaw_opening - SQUEEZE) + 1e-9;
         if standing && squeezing {
             return Next::Done(if arm.jaw_opening >= least_width {
                 Outcome::Grasped(arm.jaw_opening)
@@ -123,12 +125,65 @@ impl Grasp {
         if f64::from(self.steps) * step > 15.0 {
             return Next::Done(Outcome::TimedOut(15.0));
         }
-        self.set =
-            (self.set - self.compliance.jaw_close_speed * step).max(arm.jaw_opening - SQUEEZE);
+        let lowest = floor.max(arm.jaw_opening - SQUEEZE);
+        self.set = (self.set - self.compliance.jaw_close_speed * step).max(lowest);
         self.command(JawCommand { opening: self.set, force_limit: force, stops })
     }
 
     fn command(&self, jaw: JawCommand) -> Next {
         Next::Go(self.compliance.task(self.compliance.yielding(&self.selector), Some(jaw)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::{Motion, MoveCommand};
+
+    const LEAST: f64 = 0.055;
+
+    /// Closes jaws that follow their set value down to `stop` [m]; the outcome and the lowest set value.
+    fn close(stop: f64) -> (Outcome, f64) {
+        let compliance = Compliance {
+            jaw_close_speed: 0.012,
+            jaw_open_speed: 0.03,
+            linear_admittance: 0.001,
+            linear_inertia: 20.0,
+            angular_admittance: 0.05,
+            angular_inertia: 0.5,
+            macrostep: 8,
+            force_limit: 40.0,
+            torque_limit: 5.0,
+        };
+        let mut grasp = Grasp::new(30.0, LEAST, [true; 6], Depth::One, compliance);
+        let mut arm = ArmState { jaw_opening: 0.07, ..ArmState::default() };
+        let mut lowest = f64::INFINITY;
+        for period in (0..20_000).step_by(8) {
+            match grasp.next(&Inputs { arm: &arm, target: None, period, pace: 1.0 }) {
+                Next::Done(outcome) => return (outcome, lowest),
+                Next::Go(MoveCommand { motion: Motion::Task { .. }, jaw: Some(jaw), .. }) => {
+                    lowest = lowest.min(jaw.opening);
+                    arm.jaw_opening = jaw.opening.max(stop);
+                }
+                Next::Go(other) => panic!("{other:?}"),
+            }
+        }
+        panic!("it never ends")
+    }
+
+    #[test]
+    fn jaws_that_meet_nothing_need_not_close_beyond_their_stroke() {
+        let (outcome, lowest) = close(0.0);
+
+        assert!(matches!(outcome, Outcome::Empty(_)), "{outcome:?}");
+        assert!(lowest >= LEAST - SQUEEZE - 1e-12, "{lowest}");
+    }
+
+    #[test]
+    fn jaws_that_meet_a_cube_squeeze_it() {
+        let (outcome, lowest) = close(0.0568);
+
+        assert_eq!(outcome, Outcome::Grasped(0.0568));
+        assert!((lowest - (0.0568 - SQUEEZE)).abs() < 1e-4, "{lowest}");
     }
 }

@@ -17,14 +17,17 @@ pub struct Watch {
     /// How far the set value has gone since the counter last changed [rad].
     wanted: [f64; AXES],
     last_counts: [i64; AXES],
+    /// How far the counters went in the last readings [rad], and which of these is replaced next.
+    moves: [[f64; AXES]; Self::READINGS],
+    oldest: usize,
     /// Length of a period [s], and what follows from it.
     seconds: f64,
     fade: f64,
     jump: f64,
     /// Periods for which the remembered speed does not fall off yet.
     holds: [u32; AXES],
-    /// Periods that lie between the last reading and the next.
-    periods: u64,
+    /// Periods that were missed while these readings came in.
+    missed: [u64; Self::READINGS],
 }
 
 impl Watch {
@@ -41,8 +44,14 @@ impl Watch {
     /// Time in which regulators bring an axis to where it is to stand [s]: the wrist's roll, stopped from the speed of a
     /// turn, goes 3.4 rad of its motor beyond its set value.
     const STANDING: f64 = 0.6;
-    /// No motor can turn further in 2 ms [rad].
-    const JUMP: f64 = 1.5;
+    /// Readings that are judged together for a jump. One alone says little: what came late in one period, or was carried
+    /// on too far, the next ones make up for.
+    const READINGS: usize = 4;
+    /// What no motor gains within them over the speed that it was told [rad].
+    const JUMP: f64 = 1.0;
+    /// How much faster than told a motor may be, and by how much time the first and the last reading may be off [s].
+    const FASTER: f64 = 1.3;
+    const OFF: f64 = 0.002;
 
     /// At rest.
     #[must_use]
@@ -60,9 +69,11 @@ impl Watch {
             } else {
                 libm::pow(Self::FADE, period.ratio())
             },
-            jump: Self::JUMP * period.ratio(),
+            jump: Self::JUMP * period.ratio().max(1.0),
             holds: [0; AXES],
-            periods: 1,
+            moves: [[0.0; AXES]; Self::READINGS],
+            oldest: 0,
+            missed: [0; Self::READINGS],
         }
     }
 
@@ -72,11 +83,13 @@ impl Watch {
         self.frozen = [0; AXES];
         self.wanted = [0.0; AXES];
         self.last_counts = counts;
+        self.moves = [[0.0; AXES]; Self::READINGS];
     }
 
     /// So many periods were missed before the next reading.
     pub fn skipped(&mut self, missed: u64) {
-        self.periods = self.periods.saturating_add(missed);
+        let next = &mut self.missed[self.oldest];
+        *next = next.saturating_add(missed);
     }
 
     /// A counter was set to zero: its jump is none of the axis.
@@ -84,6 +97,7 @@ impl Watch {
         self.last_counts[axis] = count;
         self.frozen[axis] = 0;
         self.wanted[axis] = 0.0;
+        self.moves.iter_mut().for_each(|moves| moves[axis] = 0.0);
     }
 
     /// The first fault of this reading; `set` was wanted of the last period, `steps` is how far the set
@@ -98,6 +112,8 @@ impl Watch {
         increments: &[f64; AXES],
     ) -> Option<ArmFault> {
         let mut fault = None;
+        let missed: u64 = self.missed.iter().sum();
+        let lasted = (Self::READINGS as u64 + missed) as f64 * self.seconds + Self::OFF;
         for axis in (first_axis..AXES).rev() {
             let moved = reading.counts[axis] - self.last_counts[axis];
             let speed = steps[axis].abs() / self.seconds;
@@ -117,8 +133,11 @@ impl Watch {
             let allowed = self.following_error + self.following_lag * self.speed[axis];
             let by = moved as f64 * std::f64::consts::TAU / increments[axis];
             let wanted = self.wanted[axis];
+            self.moves[self.oldest][axis] = by;
+            let gone: f64 = self.moves.iter().map(|moves| moves[axis]).sum();
+            let possible = self.jump + Self::FASTER * self.speed[axis] * lasted;
             // Not within also catches what is not a number. The cause is told before its effect.
-            if by.abs() > self.jump * self.periods as f64 {
+            if gone.abs() > possible {
                 fault = Some(ArmFault::EncoderJump { axis, by });
             } else if self.frozen[axis] > Self::FROZEN || wanted.abs() > Self::WANTED {
                 fault = Some(ArmFault::EncoderFrozen { axis, wanted });
@@ -127,7 +146,8 @@ impl Watch {
             }
         }
         self.last_counts = reading.counts;
-        self.periods = 1;
+        self.oldest = (self.oldest + 1) % Self::READINGS;
+        self.missed[self.oldest] = 0;
         let first = |bits: u8| (bits != 0).then(|| bits.trailing_zeros() as usize);
         if let Some(axis) = first(reading.limit_switches) {
             let motor = measured.0.get(axis).copied().unwrap_or_default();

@@ -55,6 +55,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn who_asks_for_one_gets_the_shortest() {
+        let budget = Budget { nodes: 200_000, max_length: 20 };
+        let all = candidates(&Cube::scrambled(5), &TABLES, &budget, 10);
+
+        let one = candidates(&Cube::scrambled(5), &TABLES, &budget, 1);
+
+        assert_eq!(one.len(), 1);
+        assert_eq!(one[0].len(), all[0].len());
+    }
+
+    #[test]
     fn candidates_are_distinct_and_each_solves() {
         let cube = Cube::scrambled(5);
 

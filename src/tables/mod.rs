@@ -264,6 +264,38 @@ mod tests {
     }
 
     #[test]
+    fn a_table_is_removed_with_what_its_builders_left_but_not_its_lock() {
+        let folder = Folder::new("remove");
+        let store = folder.store();
+        obtain(&store, &SPEC);
+        let rest = PathBuf::from(format!("{}.1234.tmp", store.path(&SPEC).display()));
+        fs::write(&rest, "torn").unwrap();
+        let other = folder.0.join("another.table.1234.tmp");
+        fs::write(&other, "not its own").unwrap();
+
+        assert!(store.remove(&SPEC).unwrap());
+
+        assert!(!store.path(&SPEC).exists() && !rest.exists() && other.exists());
+        assert!(store.lock_path(&SPEC).exists(), "two could hold one each");
+    }
+
+    #[test]
+    fn a_table_is_not_removed_under_the_hands_of_its_builder() {
+        let folder = Folder::new("hands");
+        let store = folder.store();
+        obtain(&store, &SPEC);
+        let lock = store.lock(&SPEC, &|_, _| ()).unwrap();
+        std::thread::scope(|scope| {
+            let remover = scope.spawn(|| store.remove(&SPEC));
+            std::thread::sleep(std::time::Duration::from_millis(50));
+            assert!(!remover.is_finished() && store.path(&SPEC).exists());
+            drop(lock);
+            assert!(remover.join().unwrap().unwrap());
+        });
+        assert!(!store.path(&SPEC).exists());
+    }
+
+    #[test]
     fn what_is_broken_is_told_apart_and_built_again() {
         let folder = Folder::new("broken");
         let store = folder.store();

@@ -144,6 +144,8 @@ impl BridgePort {
     /// for a period and then goes twice as far would make its regulator brake fully in between, which trips a power
     /// stage at speed.
     const GOES_ON: u64 = 10;
+    /// Steps over which their mean is taken, about: what was read late and then early tells nothing of the speed.
+    const STEPS: i64 = 3;
 
     /// At the beginning of period `period`: copies the latest readings, those of the period before; late ones are
     /// carried on by the counters' last steps.
@@ -157,7 +159,10 @@ impl BridgePort {
             let periods = (latest.period - self.seen.period) as i64;
             let pairs = latest.readings.iter().zip(&self.seen.readings);
             for (steps, (now, before)) in self.steps.iter_mut().zip(pairs) {
-                *steps = std::array::from_fn(|i| (counter(now, i) - counter(before, i)) / periods);
+                for (i, mean) in steps.iter_mut().enumerate() {
+                    let step = (counter(now, i) - counter(before, i)) / periods;
+                    *mean += (step - *mean) / Self::STEPS;
+                }
             }
             self.seen = latest;
         }

@@ -19,7 +19,7 @@ mod wall;
 pub use self::core::{Core, Switches};
 pub use bridge::{Bridge, BridgeLost, BridgePort};
 pub use link::{ServoEnd, ServoLink, Unsent, link, link_at};
-pub use realtime::{Clock, RealTime};
+pub use realtime::{Clock, RealTime, step_back};
 pub use record::{NoRecords, RecordSink, ServoRecord};
 pub use stats::{Histogram, Timing};
 pub use virtual_time::run_virtual;

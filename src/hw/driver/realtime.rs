@@ -47,6 +47,14 @@ impl RealTime {
     }
 }
 
+/// The calling thread, and those that it starts, step back behind ordinary ones: bytes of serial lines pass through
+/// ordinary threads of the kernel, which pictures and plans must not hold up.
+pub fn step_back() {
+    const NICE: i32 = 10;
+    // SAFETY: no memory of ours is passed; process 0 is the calling thread. Failing is no worse than before.
+    unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, NICE) };
+}
+
 /// Keeps the calling thread on one core.
 fn pin(core: usize) -> std::io::Result<()> {
     if core >= libc::CPU_SETSIZE as usize {

@@ -1,6 +1,7 @@
 //! Cameras of the emulator: frames over a local socket, one thread a camera.
 
 use crate::hw::camera::FrameSource;
+use crate::hw::driver::step_back;
 use crate::hw::socket_camera::{Header, REQUEST, decode_request};
 use std::io::{Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -32,6 +33,7 @@ impl CameraServer {
         let stop = Arc::new(AtomicBool::new(false));
         let ends = Arc::clone(&stop);
         let thread = std::thread::Builder::new().name("camera".into()).spawn(move || {
+            step_back();
             while !ends.load(Ordering::Acquire) {
                 match listener.accept() {
                     Ok((stream, _)) => {

@@ -387,3 +387,37 @@ fn status(reading: &ArmReading, axis: usize) -> Status {
         count: count as i32,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where the world's periods come to lie beside orders that arrive at `arrival` of each 2 ms [ns].
+    fn settled(arrival: u64, begin: u64) -> i64 {
+        let mut next = begin;
+        for k in 0..4000 {
+            let at = k * PERIOD_NANOS + arrival;
+            next = next.saturating_add_signed(shift(at, next)) + PERIOD_NANOS;
+        }
+        let off = next as i64 - (4000 * PERIOD_NANOS + arrival) as i64;
+        let period = PERIOD_NANOS as i64;
+        (off + period / 2).rem_euclid(period) - period / 2
+    }
+
+    #[test]
+    fn the_worlds_periods_come_to_begin_soon_after_the_orders() {
+        for begin in [0, 300_000, 900_000, 1_700_000] {
+            let off = settled(700_000, begin);
+            assert!((off - AFTER).abs() < 10_000, "{off} ns after orders, begun at {begin}");
+        }
+    }
+
+    #[test]
+    fn one_late_order_hardly_moves_them() {
+        let begun = 10 * PERIOD_NANOS;
+        let usual = begun - AFTER as u64;
+
+        assert_eq!(shift(usual, begun), 0);
+        assert!(shift(usual + 900_000, begun).abs() <= AFTER / 8);
+    }
+}

@@ -90,6 +90,7 @@ impl Arm {
     ) -> Result<(), PortFault> {
         for index in usize::from(!self.has_track)..=AXES {
             let axis = &mut self.axes[index];
+            axis.pass(1.0);
             let order = axis.order(&axis_drive(drive, index, &[None; AXES])).encode();
             let controller = &mut self.controllers[index];
             let answer = order.iter().filter_map(|byte| controller.hear(*byte, 1.0)).last();

@@ -111,9 +111,10 @@ pub struct Axis {
     status: Status,
     /// Counter of that answer, carried on since, and how far it goes in a period.
     count: i32,
-    step: i32,
-    /// Periods since that answer.
-    since: u32,
+    step: f64,
+    /// Periods by the clock since that answer, and those of them since the order before the last.
+    since: f64,
+    passed: f64,
     /// Answers taken, as far as they settle the start.
     settled: u32,
     misses: u32,
@@ -136,9 +137,11 @@ pub struct Axis {
 }
 
 /// Steps of a counter up to this say nothing of the time [increments].
-const NOISE: u32 = 8;
+const NOISE: f64 = 8.0;
 /// Periods for which a counter goes on as before.
-const GOES_ON: u32 = 8;
+const GOES_ON: f64 = 10.0;
+/// Answers nearer together than this say nothing of the speed [periods].
+const APART: f64 = 0.5;
 /// Answers that settle a start.
 const SETTLING: u32 = 4;
 
@@ -150,8 +153,9 @@ impl Axis {
             rules,
             status: Status::default(),
             count: 0,
-            step: 0,
-            since: 0,
+            step: 0.0,
+            since: 0.0,
+            passed: 0.0,
             settled: 0,
             misses: 0,
             impossible: 0,
@@ -198,14 +202,26 @@ impl Axis {
         }
     }
 
+    /// So many periods have passed by the clock since the order before: the counter goes on as before, for a while. A
+    /// machine that was kept from running has not stopped the motors.
+    pub fn pass(&mut self, periods: f64) {
+        self.passed = periods;
+        self.since += periods;
+        self.count = self.expected(self.since);
+    }
+
+    fn expected(&self, since: f64) -> i32 {
+        self.status.count.wrapping_add((self.step * since.clamp(0.0, GOES_ON)).round() as i32)
+    }
+
     /// Whether what came while an answer was owed is that one rather than the last order's: the axis seems to stand
-    /// where it was expected a period ago.
+    /// where it was expected then.
     #[must_use]
     pub fn is_late(&self, answer: &[u8; STATUS]) -> bool {
         let Some(told) = Status::decode(answer) else { return false };
         let off = |count: i32| told.count.wrapping_sub(count).unsigned_abs();
-        self.step.unsigned_abs() > NOISE
-            && off(self.count) < off(self.count.wrapping_add(self.step))
+        self.step.abs() > NOISE
+            && off(self.expected(self.since - self.passed)) < off(self.expected(self.since))
     }
 
     /// Judges what came in answer to the last order.
@@ -215,7 +231,6 @@ impl Axis {
     pub fn take(&mut self, answer: Option<&[u8; STATUS]>) -> Result<Answer, AxisFault> {
         let Some(bytes) = answer else {
             self.misses += 1;
-            self.carry_on();
             if self.misses >= self.rules.misses {
                 return Err(AxisFault::Silent(self.misses));
             }
@@ -225,14 +240,11 @@ impl Axis {
         self.misses = 0;
         let told = Status::decode(bytes);
         let settled = self.settled >= SETTLING;
-        let possible = told.filter(|now| {
-            !settled
-                || now.count.wrapping_sub(self.count).unsigned_abs()
-                    <= self.rules.jump.unsigned_abs()
-        });
+        let most = f64::from(self.rules.jump) * self.since.max(1.0);
+        let possible = told
+            .filter(|now| !settled || f64::from(now.count.wrapping_sub(self.count)).abs() <= most);
         let Some(now) = possible else {
             self.impossible += 1;
-            self.carry_on();
             self.count_try()?;
             // A controller that was reset counts from zero and says that it is not synchronised.
             let reset = told.is_some_and(|now| !now.synchronised) && self.was_synchronised;
@@ -251,19 +263,14 @@ impl Axis {
         };
         self.impossible = 0;
         self.settled = self.settled.saturating_add(1);
-        let periods = self.since as i32 + 1;
-        self.step = if settled { now.count.wrapping_sub(self.status.count) / periods } else { 0 };
-        (self.status, self.count, self.since) = (now, now.count, 0);
+        if !settled {
+            self.step = 0.0;
+        } else if self.since > APART {
+            self.step = f64::from(now.count.wrapping_sub(self.status.count)) / self.since;
+        }
+        (self.status, self.count, self.since) = (now, now.count, 0.0);
         self.confirm();
         self.see_flags(&now)
-    }
-
-    /// A period without an answer that counts: the counter goes on as before, for a few periods.
-    pub fn carry_on(&mut self) {
-        self.since += 1;
-        if self.since <= GOES_ON {
-            self.count = self.count.wrapping_add(self.step);
-        }
     }
 
     fn confirm(&mut self) {
@@ -373,12 +380,17 @@ mod tests {
         Status { count, synchronised: true, ..Status::default() }
     }
 
+    fn after_a_period(axis: &mut Axis, answer: Option<&[u8; STATUS]>) -> Result<Answer, AxisFault> {
+        axis.pass(1.0);
+        axis.take(answer)
+    }
+
     /// An axis that runs and stands at 5000.
     fn running() -> Axis {
         let mut axis = Axis::new(Rules::default());
         for _ in 0..6 {
             axis.order(&ON);
-            assert_eq!(axis.take(Some(&at(5000).encode())), Ok(Answer::Taken));
+            assert_eq!(after_a_period(&mut axis, Some(&at(5000).encode())), Ok(Answer::Taken));
         }
         axis
     }
@@ -388,9 +400,9 @@ mod tests {
         let mut axis = Axis::new(Rules::default());
 
         assert_eq!(axis.order(&ON), Order::Set(Parameter::Mode(Mode::Pwm)));
-        assert_eq!(axis.take(None), Ok(Answer::Missed(1)));
+        assert_eq!(after_a_period(&mut axis, None), Ok(Answer::Missed(1)));
         assert_eq!(axis.order(&ON), Order::Set(Parameter::Mode(Mode::Pwm)), "it was not answered");
-        axis.take(Some(&at(7).encode())).unwrap();
+        after_a_period(&mut axis, Some(&at(7).encode())).unwrap();
         assert_eq!(axis.order(&ON), Order::Pwm { width: 100, outputs: 0, synchronise: false });
         let off = AxisDrive { enabled: false, ..ON };
         assert_eq!(axis.order(&off), Order::Set(Parameter::Mode(Mode::Manual)));
@@ -402,7 +414,7 @@ mod tests {
         let limited = AxisDrive { max_current: Some(54), ..ON };
 
         assert_eq!(axis.order(&limited), Order::Set(Parameter::MaxCurrent(54)));
-        axis.take(Some(&at(5000).encode())).unwrap();
+        after_a_period(&mut axis, Some(&at(5000).encode())).unwrap();
         assert!(matches!(axis.order(&limited), Order::Pwm { .. }));
     }
 
@@ -411,13 +423,13 @@ mod tests {
         let mut axis = running();
         let miss = |axis: &mut Axis| {
             axis.order(&ON);
-            axis.take(None)
+            after_a_period(axis, None)
         };
 
         assert_eq!(miss(&mut axis), Ok(Answer::Missed(1)));
         assert_eq!(miss(&mut axis), Ok(Answer::Missed(2)));
         axis.order(&ON);
-        axis.take(Some(&at(5001).encode())).unwrap();
+        after_a_period(&mut axis, Some(&at(5001).encode())).unwrap();
         assert_eq!(miss(&mut axis), Ok(Answer::Missed(1)));
         assert_eq!(miss(&mut axis), Ok(Answer::Missed(2)));
         assert_eq!(miss(&mut axis), Err(AxisFault::Silent(3)));
@@ -428,27 +440,44 @@ mod tests {
         let mut axis = Axis::new(Rules::default());
         let at = |count| Status { count, ..Status::default() }.encode();
         for k in 0..20 {
-            axis.take(Some(&at(300 * k))).unwrap();
+            after_a_period(&mut axis, Some(&at(300 * k))).unwrap();
         }
-        axis.take(None).unwrap();
+        after_a_period(&mut axis, None).unwrap();
+        axis.pass(1.0);
 
         assert!(axis.is_late(&at(300 * 20 + 5)));
         assert!(!axis.is_late(&at(300 * 21 - 5)));
     }
 
     #[test]
+    fn a_motor_goes_on_while_this_machine_is_kept_from_running() {
+        let mut axis = Axis::new(Rules::default());
+        let at = |count| Status { count, ..Status::default() }.encode();
+        for k in 0..20 {
+            after_a_period(&mut axis, Some(&at(300 * k))).unwrap();
+        }
+
+        axis.pass(8.0);
+        assert_eq!(axis.count(), 300 * 27);
+        assert_eq!(axis.take(Some(&at(300 * 23))), Ok(Answer::Taken), "it was braked meanwhile");
+        axis.pass(1.0);
+        assert_eq!(axis.count(), 300 * 23 + 150, "4 steps in 8 periods");
+        assert!(matches!(axis.take(Some(&at(300 * 40))), Ok(Answer::Impossible(1))));
+    }
+
+    #[test]
     fn a_counter_goes_on_while_answers_are_missed() {
         let mut axis = running();
-        axis.take(Some(&at(5100).encode())).unwrap();
-        axis.take(Some(&at(5200).encode())).unwrap();
+        after_a_period(&mut axis, Some(&at(5100).encode())).unwrap();
+        after_a_period(&mut axis, Some(&at(5200).encode())).unwrap();
 
-        axis.take(None).unwrap();
+        after_a_period(&mut axis, None).unwrap();
         assert_eq!(axis.count(), 5300);
-        axis.take(Some(b"$1234567")).unwrap();
+        after_a_period(&mut axis, Some(b"$1234567")).unwrap();
         assert_eq!(axis.count(), 5400);
-        axis.take(Some(&at(5503).encode())).unwrap();
+        after_a_period(&mut axis, Some(&at(5503).encode())).unwrap();
         assert_eq!(axis.count(), 5503);
-        axis.take(None).unwrap();
+        after_a_period(&mut axis, None).unwrap();
         assert_eq!(axis.count(), 5604, "101 a period");
     }
 
@@ -457,16 +486,23 @@ mod tests {
         let mut axis = running();
         let jumped = at(5000 + 1001).encode();
 
-        assert_eq!(axis.take(Some(&jumped)), Ok(Answer::Impossible(1)));
+        assert_eq!(after_a_period(&mut axis, Some(&jumped)), Ok(Answer::Impossible(1)));
         assert_eq!(axis.count(), 5000);
-        assert_eq!(axis.take(Some(&at(5100).encode())), Ok(Answer::Taken));
-        assert_eq!(axis.take(Some(b"$1234567")), Ok(Answer::Impossible(1)));
-        assert_eq!(axis.take(Some(&jumped)), Ok(Answer::Taken), "801 further is possible");
+        assert_eq!(after_a_period(&mut axis, Some(&at(5100).encode())), Ok(Answer::Taken));
+        assert_eq!(after_a_period(&mut axis, Some(b"$1234567")), Ok(Answer::Impossible(1)));
+        assert_eq!(
+            after_a_period(&mut axis, Some(&jumped)),
+            Ok(Answer::Taken),
+            "801 further is possible"
+        );
         for _ in 0..2 {
-            assert!(matches!(axis.take(Some(&at(0).encode())), Ok(Answer::Impossible(_))));
+            assert!(matches!(
+                after_a_period(&mut axis, Some(&at(0).encode())),
+                Ok(Answer::Impossible(_))
+            ));
         }
         assert!(matches!(
-            axis.take(Some(&at(0).encode())),
+            after_a_period(&mut axis, Some(&at(0).encode())),
             Err(AxisFault::Impossible { times: 3, count: 0, before: 6001 })
         ));
     }
@@ -476,11 +512,11 @@ mod tests {
         let mut axis = running();
         let hit = Status { upper: true, over_current: true, ..at(5000) };
 
-        axis.take(Some(&hit.encode())).unwrap();
+        after_a_period(&mut axis, Some(&hit.encode())).unwrap();
         assert!(!axis.at_limit() && !axis.over_current());
-        axis.take(Some(&at(5000).encode())).unwrap();
-        axis.take(Some(&hit.encode())).unwrap();
-        axis.take(Some(&hit.encode())).unwrap();
+        after_a_period(&mut axis, Some(&at(5000).encode())).unwrap();
+        after_a_period(&mut axis, Some(&hit.encode())).unwrap();
+        after_a_period(&mut axis, Some(&hit.encode())).unwrap();
         assert!(axis.at_limit() && axis.over_current());
     }
 
@@ -488,14 +524,14 @@ mod tests {
     fn a_controller_that_was_reset_is_found_out() {
         let mut axis = running();
         let near = Status { synchronised: false, ..at(4900) };
-        assert_eq!(axis.take(Some(&near.encode())), Ok(Answer::Taken));
-        assert_eq!(axis.take(Some(&near.encode())), Err(AxisFault::Reset));
+        assert_eq!(after_a_period(&mut axis, Some(&near.encode())), Ok(Answer::Taken));
+        assert_eq!(after_a_period(&mut axis, Some(&near.encode())), Err(AxisFault::Reset));
 
         let mut axis = running();
         let far = Status { synchronised: false, ..at(0) }.encode();
-        axis.take(Some(&far)).unwrap();
-        axis.take(Some(&far)).unwrap();
-        assert_eq!(axis.take(Some(&far)), Err(AxisFault::Reset));
+        after_a_period(&mut axis, Some(&far)).unwrap();
+        after_a_period(&mut axis, Some(&far)).unwrap();
+        assert_eq!(after_a_period(&mut axis, Some(&far)), Err(AxisFault::Reset));
     }
 
     #[test]
@@ -503,10 +539,13 @@ mod tests {
         let mut axis = Axis::new(Rules::default());
         for answer in [None, Some(b"$1234567")] {
             axis.order(&ON);
-            axis.take(answer).unwrap();
+            after_a_period(&mut axis, answer).unwrap();
         }
         axis.order(&ON);
-        assert_eq!(axis.take(None), Err(AxisFault::Untaken(Parameter::Mode(Mode::Pwm))));
+        assert_eq!(
+            after_a_period(&mut axis, None),
+            Err(AxisFault::Untaken(Parameter::Mode(Mode::Pwm)))
+        );
     }
 
     #[test]
@@ -516,13 +555,13 @@ mod tests {
         let lost = Status { synchronised: false, ..at(5010) };
 
         assert_eq!(axis.order(&homing), Order::Pwm { width: 100, outputs: 0, synchronise: true });
-        assert_eq!(axis.take(Some(&lost.encode())), Ok(Answer::Taken));
+        assert_eq!(after_a_period(&mut axis, Some(&lost.encode())), Ok(Answer::Taken));
         assert!(!axis.synchronised());
         axis.order(&homing);
-        assert_eq!(axis.take(Some(&at(3).encode())), Ok(Answer::Taken));
+        assert_eq!(after_a_period(&mut axis, Some(&at(3).encode())), Ok(Answer::Taken));
         assert!(axis.synchronised());
         assert_eq!(axis.count(), 3);
         axis.order(&ON);
-        assert_eq!(axis.take(Some(&at(4).encode())), Ok(Answer::Taken));
+        assert_eq!(after_a_period(&mut axis, Some(&at(4).encode())), Ok(Answer::Taken));
     }
 }

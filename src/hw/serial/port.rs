@@ -53,6 +53,8 @@ pub struct SerialPort {
     patience: Duration,
     fault: Option<PortFault>,
     begun: bool,
+    /// When the last orders went out.
+    asked: Option<Instant>,
     /// Periods in a row in which no line at all answered.
     all_missed: u32,
 }
@@ -94,6 +96,7 @@ impl SerialPort {
             patience: Self::PATIENCE,
             fault: None,
             begun: false,
+            asked: None,
             all_missed: 0,
         }
     }
@@ -107,9 +110,12 @@ impl SerialPort {
     /// Sends an order for every axis and gathers the answers.
     fn talk(&mut self, drives: &[ArmDrive]) {
         let begun = Instant::now();
+        let passed = self.asked.map_or(1.0, |last| (begun - last).as_secs_f64() / PERIOD);
+        self.asked = Some(begun);
         for (arm, drive) in self.arms.iter_mut().zip(drives) {
             for index in 0..=AXES {
                 let Some(line) = arm.lines[index] else { continue };
+                arm.axes[index].pass(passed);
                 let order = arm.axes[index].order(&axis_drive(drive, index, &arm.max_currents));
                 self.lines.send(line, &order.encode());
             }
@@ -168,8 +174,7 @@ impl SerialPort {
     fn wait_for_all(&mut self, period: u64) -> Result<(), PortFault> {
         self.all_missed += 1;
         if self.all_missed < ALL_MISSED {
-            for (effector, arm) in self.arms.iter_mut().enumerate() {
-                arm.axes.iter_mut().for_each(Axis::carry_on);
+            for effector in 0..self.arms.len() {
                 self.notes.tell(period, effector, What::MissedAll);
             }
             return Ok(());
