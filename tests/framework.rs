@@ -90,7 +90,7 @@ fn rig(coordination: Coordination) -> Rig {
         Core::new(vec![servo], vec![end], Arc::clone(&switches), records, &mut plant).unwrap();
     let scene = Arc::new(Mutex::new(plant.scene()));
     let seen = Arc::clone(&scene);
-    let clock = Clock::new(tokio::time::Instant::now());
+    let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
     tokio::spawn(async move {
         let publish = |_, plant: &mut Plant| *seen.lock().unwrap() = plant.scene();
         driver::run_virtual(&mut core, &mut plant, u64::MAX, publish).await
@@ -98,7 +98,7 @@ fn rig(coordination: Coordination) -> Rig {
 
     let (control, will) = watch::channel(Control::Running);
     let (ui, notices) = ui::mailbox();
-    let edp = edp::spawn(&arm.name, link, clock, tape.clone());
+    let edp = edp::spawn(&arm.name, link, clock.clone(), tape.clone());
     let parts = ecp::Parts {
         edp: edp.clone(),
         tracker: None,

@@ -141,7 +141,7 @@ fn a_killed_emulator_ends_the_run_at_once_with_exit_code_3_and_names_the_lines()
     let run = summary(&out);
     assert_eq!(run["ended_by"], "fatal");
     let reason = run["reason"].as_str().unwrap();
-    for wanted in ["postument", "/dev/pts/", "no answer for 20 periods", "period"] {
+    for wanted in ["postument", "/dev/pts/", "no answer for 3 periods", "period"] {
         assert!(reason.contains(wanted), "{reason}");
     }
     // Told at once, too, and not only in the summary.
@@ -158,6 +158,22 @@ fn a_line_pulled_out_ends_the_run_with_exit_code_3_and_names_it() {
     assert_eq!(out.status.code(), Some(3), "{}", stderr(&out));
     let reason = summary(&out)["reason"].as_str().unwrap().to_owned();
     assert!(reason.contains("postument, axis 4 (/dev/pts/"), "{reason}");
+}
+
+#[test]
+fn a_layer_is_turned_by_the_lines_protocol_though_answers_are_missed_and_spoilt() {
+    let out = program()
+        .args(["run", "scenarios/face_turn.toml", "--json", "--set", "bridge.kind=wire"])
+        .args(["--set", "plant.lines.missed=0.002", "--set", "plant.lines.corrupt=0.002"])
+        .args(["--set", "plant.lines.lost=0.01"])
+        .output()
+        .unwrap();
+
+    assert_eq!(out.status.code(), Some(0), "{}", stderr(&out));
+    let run = summary(&out);
+    assert_eq!(run["outcome"], "solved", "{run}");
+    let turned = run["turned_deg"].as_f64().unwrap();
+    assert!((turned - 90.0).abs() < 3.0, "{run}");
 }
 
 #[test]

@@ -1,38 +1,70 @@
-//! Servo periods and the runtime's time: period `p` begins at `origin + p * 2 ms`.
+//! Servo periods and the runtime's time: period `p` begins at `origin + p * 2 ms`, and later by what the servo missed:
+//! it numbers its periods without gaps.
 
+use crate::hw::driver::Switches;
 use crate::motion::PERIOD;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::Instant;
 
 /// The clock of a run.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Clock {
     origin: Instant,
+    switches: Arc<Switches>,
 }
 
 impl Clock {
-    /// Period 0 begins at `origin`.
+    /// Period 0 begins at `origin`; the servo tells by its switches what it missed.
     #[must_use]
-    pub fn new(origin: Instant) -> Self {
-        Self { origin }
+    pub fn new(origin: Instant, switches: Arc<Switches>) -> Self {
+        Self { origin, switches }
     }
 
-    /// When a period begins.
+    /// When a period begins, as far as is known now.
     #[must_use]
     pub fn instant(&self, period: u64) -> Instant {
-        self.origin
-            + Duration::from_secs_f64(PERIOD)
-                .saturating_mul(u32::try_from(period).unwrap_or(u32::MAX))
+        let periods = u32::try_from(period).unwrap_or(u32::MAX);
+        self.origin + self.missed() + Duration::from_secs_f64(PERIOD).saturating_mul(periods)
     }
 
     /// The period that it is now.
     #[must_use]
     pub fn period(&self) -> u64 {
-        (self.origin.elapsed().as_micros() / Duration::from_secs_f64(PERIOD).as_micros()) as u64
+        let served = self.origin.elapsed().saturating_sub(self.missed());
+        (served.as_micros() / Duration::from_secs_f64(PERIOD).as_micros()) as u64
     }
 
     /// Sleeps until a period begins.
     pub async fn until(&self, period: u64) {
-        tokio::time::sleep_until(self.instant(period)).await;
+        // More may be missed meanwhile.
+        while Instant::now() < self.instant(period) {
+            tokio::time::sleep_until(self.instant(period)).await;
+        }
+    }
+
+    fn missed(&self) -> Duration {
+        Duration::from_nanos(self.switches.punctual.missed_nanos())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn what_the_servo_missed_is_no_period() {
+        let switches = Arc::new(Switches::default());
+        let clock = Clock::new(Instant::now(), Arc::clone(&switches));
+        clock.until(100).await;
+        assert_eq!(clock.period(), 100);
+
+        switches.punctual.miss(40, 2_000_000);
+
+        assert_eq!(clock.period(), 60);
+        let begun = Instant::now();
+        clock.until(110).await;
+        assert_eq!(clock.period(), 110);
+        assert_eq!(begun.elapsed(), Duration::from_millis(100));
     }
 }

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 /// Priority of its thread: above those of a run on the same machine, since a robot never waits for its controller.
-const PRIORITY: i32 = 88;
+const PRIORITY: i32 = 85;
 
 /// What an emulation came to.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,15 +1,21 @@
-//! SIGINT and SIGTERM as the operator's terminate: the run ends at its next macrostep and still sums up.
+//! Signals as the operator's terminate: the run ends at its next macrostep and still sums up. A terminal that goes away
+//! is one of them.
 //!
-//! A thread waits for the signals; the runtime's paused time knows nothing of it. A second signal ends the process
-//! at once, in case the first one cannot be obeyed.
+//! A thread waits for the signals; the runtime's paused time knows nothing of it. A second signal switches the drives off
+//! and ends the process, in case the first one cannot be obeyed.
 
 use super::control::Control;
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::iterator::{Handle, Signals};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 use tokio::sync::watch;
 
+/// What ends a run; whoever drives arms must not die of any of them.
+pub(super) const SIGNALS: [i32; 4] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT];
+/// Long enough for the bridge to switch the drives off.
+const SWITCHES_OFF: Duration = Duration::from_millis(100);
 /// Exit code of a process that was interrupted.
 const INTERRUPTED: i32 = 130;
 
@@ -21,15 +27,20 @@ pub(super) struct Interrupt {
 }
 
 impl Interrupt {
-    /// Terminates the run by `control` when a signal comes.
-    pub(super) fn listen(control: Arc<watch::Sender<Control>>) -> std::io::Result<Self> {
-        let mut signals = Signals::new([SIGINT, SIGTERM])?;
+    /// Terminates the run by `control` when a signal comes, and by its `emergency` stop when another one does.
+    pub(super) fn listen(
+        control: Arc<watch::Sender<Control>>,
+        emergency: Arc<AtomicBool>,
+    ) -> std::io::Result<Self> {
+        let mut signals = Signals::new(SIGNALS)?;
         let handle = signals.handle();
         let came = Arc::new(AtomicBool::new(false));
         let noted = Arc::clone(&came);
         std::thread::spawn(move || {
             for _ in signals.forever() {
                 if noted.swap(true, Ordering::SeqCst) {
+                    emergency.store(true, Ordering::Release);
+                    std::thread::sleep(SWITCHES_OFF);
                     signal_hook::low_level::exit(INTERRUPTED);
                 }
                 control.send_replace(Control::Terminated);

@@ -22,13 +22,13 @@ use super::world::{Cameras, World};
 use super::{ecp, edp};
 use crate::cube::{Facelets, format_turns};
 use crate::desk::Behind;
-use crate::error::{Error, Fatal, System};
+use crate::error::{Error, Fatal, NonFatal, System};
 use crate::generators::Behaviour;
 use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches, WallEnd};
 use crate::hw::note::{self, Note};
 use crate::hw::plant::saved::{Saved, Unfit};
 use crate::hw::plant::{Plant, Verdict};
-use crate::motion::{ArmState, PERIOD, Synchronisation};
+use crate::motion::{ArmState, MoveRefused, PERIOD, Synchronisation};
 use crate::operator::OutcomeView;
 use crate::reach::guard::Guard;
 use crate::reach::{MeetingTable, ReachSettings};
@@ -150,16 +150,16 @@ pub fn run_with(
     let begun = Instant::now();
     let initial = if options.wait { Control::Waiting } else { Control::Running };
     let control = Arc::new(watch::channel(initial).0);
-    let interrupt = options
-        .interruptible
-        .then(|| Interrupt::listen(Arc::clone(&control)))
-        .transpose()
-        .map_err(|e| not_created("interrupt", &e.to_string()))?;
     let attended = behind.is_some() || playback.as_ref().is_some_and(|(_, attended)| *attended);
     let playback = playback.map(|(playback, _)| playback);
     let tape = Tape::default();
     let keep = (recorder.clone(), tape.clone());
     let (ui, helm, words) = create_ui(scenario, options, &control, behind, keep)?;
+    let interrupt = options
+        .interruptible
+        .then(|| Interrupt::listen(Arc::clone(&control), Arc::clone(&ui.emergency)))
+        .transpose()
+        .map_err(|e| not_created("interrupt", &e.to_string()))?;
     let plan = Plan::of(scenario)?;
     let goal = build::goal(&scenario.controller, plan.angle);
     let mut noted = None;
@@ -548,7 +548,7 @@ async fn perform(
         }
         seeing.lock().unwrap_or_else(PoisonError::into_inner).look(tick, turned);
     };
-    let clock = Clock::new(tokio::time::Instant::now());
+    let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
     let limit = u64::from(scenario.real_time.missed_limit);
     let synchronised: Vec<bool>;
     let driver = match scenario.pace {
@@ -647,12 +647,13 @@ async fn perform(
         .zip(links)
         .enumerate()
         .map(|(i, (arm, link))| {
-            edp::spawn_under(&arm.name, link, clock, tape.clone(), &care(troubles.edps.get(i)))
+            let care = care(troubles.edps.get(i));
+            edp::spawn_under(&arm.name, link, clock.clone(), tape.clone(), &care)
         })
         .collect();
     if let Some(guard) = Guard::of(&config.cell) {
         let states = edps.iter().map(edp::EdpHandle::watch).collect();
-        let watching = watch_over(guard, states, Arc::clone(&switches), ui.clone(), clock);
+        let watching = watch_over(guard, states, Arc::clone(&switches), ui.clone(), clock.clone());
         alarm.spawn("guard", watching);
     }
     // By hand, the operator decides when an arm is synchronised.
@@ -661,7 +662,7 @@ async fn perform(
         let (edp, arm) = (&edps[i], &config.cell.arms[i]);
         let now = clock.period() as f64 * PERIOD;
         ui.tell(ui::Notice::Phase(now, format!("synchronise {}", arm.name)));
-        if let Err(error) = edp.synchronise().await {
+        if let Err(error) = home(edp, control.subscribe(), &switches, &clock).await {
             switches.stop.store(true, Ordering::Release);
             return Err(error);
         }
@@ -678,7 +679,7 @@ async fn perform(
             (VspKind::Force, _) => {
                 let states = edps.iter().map(edp::EdpHandle::watch).collect();
                 sensors.forces =
-                    Some(vsp::spawn_forces(&alarm, states, clock, periods(wanted.period)));
+                    Some(vsp::spawn_forces(&alarm, states, clock.clone(), periods(wanted.period)));
             }
             (kind, Some(camera)) => {
                 let source = cameras[camera].take().ok_or_else(|| {
@@ -696,7 +697,7 @@ async fn perform(
                     localisation: Effort(config.vision.localisation),
                     face: Effort(config.vision.face),
                     frame_periods: periods(wanted.period),
-                    clock,
+                    clock: clock.clone(),
                     work,
                     tape: tape.clone(),
                     show: ui.board().map(|board| (board.clone(), camera)),
@@ -770,7 +771,7 @@ async fn perform(
         ui: ui.clone(),
         operator: words,
         tempo,
-        clock,
+        clock: clock.clone(),
         work,
         tape: tape.clone(),
         journal: journal.journal,
@@ -781,13 +782,13 @@ async fn perform(
     let mut whereabouts = String::new();
     let (ending, log) = match &mut kernel {
         Kernel::Idle(idle) => {
-            (survived(mp.run(idle).instrument(span), clock, &ui).await, MissionLog::default())
+            (survived(mp.run(idle).instrument(span), &clock, &ui).await, MissionLog::default())
         }
         Kernel::Panel(panel) => {
-            (survived(mp.run(panel).instrument(span), clock, &ui).await, MissionLog::default())
+            (survived(mp.run(panel).instrument(span), &clock, &ui).await, MissionLog::default())
         }
         Kernel::Cube(mission) => {
-            let ending = survived(mp.run(mission.as_mut()).instrument(span), clock, &ui).await;
+            let ending = survived(mp.run(mission.as_mut()).instrument(span), &clock, &ui).await;
             whereabouts = mission.whereabouts();
             (ending, mission.log.clone())
         }
@@ -839,10 +840,30 @@ async fn perform(
     Ok(Done { ending, task: log, truth, ended, whereabouts, by_hand, hash: tape.hash() })
 }
 
+/// Synchronises an arm, unless the operator terminates the run before it is done: then it is brought to a stand.
+async fn home(
+    edp: &edp::EdpHandle,
+    mut control: watch::Receiver<Control>,
+    switches: &Switches,
+    clock: &Clock,
+) -> Result<(), Error> {
+    /// Periods in which an arm comes to a stand.
+    const BRAKES: u64 = 100;
+    tokio::select! {
+        done = edp.synchronise() => done.map(drop),
+        _ = control.wait_for(|will| *will == Control::Terminated) => {
+            switches.hold.store(true, Ordering::Release);
+            clock.until(clock.period() + BRAKES).await;
+            let cause = NonFatal::Refused(MoveRefused::BrokenOff);
+            Err(Error::NonFatal { actor: "supervisor".into(), place: "synchronise", cause })
+        }
+    }
+}
+
 /// How MP's work ended, even when it ended in a panic.
 async fn survived(
     work: impl Future<Output = mp::Ending>,
-    clock: Clock,
+    clock: &Clock,
     ui: &ui::UiHandle,
 ) -> mp::Ending {
     match Caught(Box::pin(work)).await {

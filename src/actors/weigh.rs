@@ -6,6 +6,7 @@
 
 use super::control::Control;
 use super::disturbance::Troubles;
+use super::interrupt::SIGNALS;
 use super::supervisor::{Plan, not_created};
 use super::world::World;
 use crate::error::{Error, Fatal, NonFatal};
@@ -20,6 +21,7 @@ use crate::servo::weigh::{Sample, Weighed, weigh};
 use crate::servo::{ArmServo, ServoCommand, ServoConfig};
 use crate::spatial::Wrench;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::watch;
 
 /// Mean speed of the fastest joint [rad/s].
@@ -71,7 +73,12 @@ pub fn weigh_tool(
         .zip(&config.effectors)
         .map(|(arm, effector)| ServoConfig::new(arm, effector.gains.clone()))
         .collect();
-    let mut scale = Scale::new(configs, world, scenario.pace)?;
+    let interrupted = Arc::new(AtomicBool::new(false));
+    for signal in SIGNALS {
+        signal_hook::flag::register(signal, Arc::clone(&interrupted))
+            .map_err(|e| not_created("interrupt", &e.to_string()))?;
+    }
+    let mut scale = Scale::new(configs, world, scenario.pace, interrupted)?;
     scale.synchronise(arm)?;
     let model = &config.cell.arms[arm].model;
     let start = scale.state(arm).joints;
@@ -110,11 +117,18 @@ struct Scale {
     period: u64,
     /// When the next period begins, by the wall clock.
     next: Option<u64>,
+    /// A signal came: the arm stops, and the bridge switches its drives off where it goes.
+    interrupted: Arc<AtomicBool>,
     _rights: Option<RealTime>,
 }
 
 impl Scale {
-    fn new(configs: Vec<ServoConfig>, mut world: World, pace: Pace) -> Result<Self, Error> {
+    fn new(
+        configs: Vec<ServoConfig>,
+        mut world: World,
+        pace: Pace,
+        interrupted: Arc<AtomicBool>,
+    ) -> Result<Self, Error> {
         let (links, ends): (Vec<_>, Vec<_>) = configs.iter().map(|_| driver::link()).unzip();
         let switches = Arc::new(Switches::default());
         let wall = pace == Pace::RealTime;
@@ -122,7 +136,7 @@ impl Scale {
         let core = Core::new(configs, ends, switches, Box::new(NoRecords), &mut world)
             .map_err(|e| not_created("servo", &e.to_string()))?;
         let next = wall.then(|| Clock.now() + PERIOD_NANOS);
-        let mut this = Self { core, world, links, period: 0, next, _rights: rights };
+        let mut this = Self { core, world, links, period: 0, next, interrupted, _rights: rights };
         this.step()?;
         Ok(this)
     }
@@ -135,6 +149,9 @@ impl Scale {
         if let Some(next) = &mut self.next {
             Clock.wait_until(*next, 0);
             *next = (*next + PERIOD_NANOS).max(Clock.now());
+        }
+        if self.interrupted.load(Ordering::Acquire) {
+            return Err(refuse(MoveRefused::BrokenOff));
         }
         self.period += 1;
         self.core

@@ -335,6 +335,19 @@ impl Port for World {
         self.disturb(period, drives, readings)
     }
 
+    fn each_counts(&self) -> bool {
+        match &self.kind {
+            Kind::Bridge(port) => port.each_counts(),
+            Kind::Plant { .. } | Kind::Recording(_) => true,
+        }
+    }
+
+    fn insist(&mut self) {
+        if let Kind::Bridge(port) = &mut self.kind {
+            port.insist();
+        }
+    }
+
     fn held_up(&mut self) -> HeldUp {
         std::mem::take(&mut self.held_up)
     }

@@ -244,7 +244,7 @@ fn devices() -> Vec<Finding> {
         names.sort();
         names
     };
-    let serial = named(&["ttyUSB", "ttyACM", "ttyMXUSB", "ttyMX", "ttyMUE"]);
+    let serial = named(&["ttyUSB", "ttyACM", "ttyM"]);
     let denied: Vec<&String> = serial
         .iter()
         .filter(|name| {
@@ -282,7 +282,28 @@ fn devices() -> Vec<Finding> {
         fix: (!ports)
             .then(|| "run the bridge of bridge.kind = \"isa\" with CAP_SYS_RAWIO".to_owned()),
     };
-    vec![lines, isa]
+    let mut findings = vec![lines, isa];
+    findings.extend(slow_adapters(&serial));
+    findings
+}
+
+/// FTDI adapters that keep answers back: by 16 ms as the driver has them at first.
+fn slow_adapters(serial: &[String]) -> Option<Finding> {
+    let timer = |name: &&String| {
+        let path = format!("/sys/class/tty/{name}/device/latency_timer");
+        let text = fs::read_to_string(path).ok()?;
+        text.trim().parse::<u32>().ok().filter(|&milliseconds| milliseconds > 1)
+    };
+    let slow: Vec<&String> = serial.iter().filter(|name| timer(name).is_some()).collect();
+    let first = slow.first()?;
+    Some(Finding {
+        name: "serial adapters",
+        weight: Weight::Note,
+        fact: format!("{} of them keep answers back for more than 1 ms", slow.len()),
+        fix: Some(format!(
+            "echo 1 | sudo tee /sys/class/tty/{first}/device/latency_timer   (each; or install packaging/udev)"
+        )),
+    })
 }
 
 /// A port without arms.

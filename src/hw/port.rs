@@ -18,6 +18,16 @@ pub trait Port: Send {
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault>;
 
+    /// Whether the drives of each period count. Real motors take the newest only: those that were left waiting while the
+    /// bridge's thread was kept from running are old.
+    fn each_counts(&self) -> bool {
+        true
+    }
+
+    /// Called once a period from an exchange that failed until the run ends: a controller that could not be switched off
+    /// then may hear of it later.
+    fn insist(&mut self) {}
+
     /// By how much the last exchange held up whoever called it, beyond its time; asked by the virtual driver only, to
     /// which nothing else can happen.
     fn held_up(&mut self) -> HeldUp {

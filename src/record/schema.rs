@@ -187,6 +187,8 @@ uint8 power_faults
 uint8 sync_switches
 uint8 encoder_zeros
 uint8 synchronised
+# Axes of which nothing was read: their counters are carried on.
+uint8 guessed
 float64[6] wrench_on_sensor
 # Ordered by the EDP in this period, as JSON; empty when nothing was.
 string command

@@ -72,6 +72,7 @@ pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
         reading.sync_switches,
         reading.encoder_zeros,
         reading.synchronised,
+        reading.guessed,
     ] {
         to.u8(bits);
     }
@@ -135,6 +136,7 @@ impl Tick {
             &mut reading.sync_switches,
             &mut reading.encoder_zeros,
             &mut reading.synchronised,
+            &mut reading.guessed,
         ] {
             *bits = from.u8()?;
         }
@@ -217,6 +219,7 @@ impl Tick {
             .or_else(|| one("sync_switches", &a.sync_switches, &b.sync_switches))
             .or_else(|| one("encoder_zeros", &a.encoder_zeros, &b.encoder_zeros))
             .or_else(|| one("synchronised", &a.synchronised, &b.synchronised))
+            .or_else(|| one("guessed", &a.guessed, &b.guessed))
             .or_else(|| {
                 let (a, b) = (wrench(&a.wrench_on_sensor), wrench(&b.wrench_on_sensor));
                 each("wrench_on_sensor", &a, &b, |x, y| bits(*x) == bits(*y))

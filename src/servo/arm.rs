@@ -98,7 +98,8 @@ impl ArmServo {
             regulators: config
                 .gains
                 .axes
-                .map(|g| Regulator::new(g.for_period(config.period), config.gains.pwm_limit)),
+                .map(|g| Regulator::new(g.for_period(config.period), config.gains.pwm_limit))
+                .map(|r| r.slowed(config.gains.pwm_slew * config.period.ratio())),
             strides: config.model.increments.map(|i| Stride::new(i, config.period)),
             last_counts: first.counts,
             last_joints: set.joints,

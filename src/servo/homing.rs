@@ -20,6 +20,8 @@ const ORDER: [usize; AXES + 1] = [2, 3, 4, 5, 6, JAW, 0, 1];
 const RAMP: f64 = 10.0;
 /// Periods of 2 ms of standing on the switch, and after the zero.
 const STANDS: (u32, u32) = (250, 25);
+/// Way of the motor after which an axis must have left the limit switch that it began on [rad].
+const LEAVES: f64 = 20.0;
 /// Periods that a switch must be read alike.
 const DEBOUNCE: u32 = 2;
 /// From the switch's edge there must be a zero within this [rad]: a revolution and what the ramp takes.
@@ -116,7 +118,8 @@ impl Homing {
                 0.0
             }
             Phase::Coarse => {
-                let at_limit = reading.limit_switches & bit != 0;
+                // One that begins on a limit switch may leave it.
+                let at_limit = reading.limit_switches & bit != 0 && self.travelled.abs() > LEAVES;
                 if at_limit || self.travelled.abs() > LONGEST {
                     let travelled = self.travelled.abs();
                     return Err(ArmFault::SwitchExpected { axis, travelled });
@@ -170,7 +173,8 @@ impl Homing {
         self.speed += (goal - self.speed).clamp(-change, change);
         let step = self.speed * self.seconds;
         self.travelled += step;
-        let synchronise = if matches!(self.phase, Phase::Zero) { bit } else { 0 };
+        // Told before the switch lets go: the controller takes the first zero behind it, however near that lies.
+        let synchronise = if matches!(self.phase, Phase::Leave | Phase::Zero) { bit } else { 0 };
         Ok(Some(HomingStep { axis, step, synchronise, zeroed }))
     }
 
@@ -241,7 +245,8 @@ mod tests {
                 let before = (self.at / TAU).floor();
                 self.at += step.step;
                 self.log.push(step.step / PERIOD);
-                if step.synchronise != 0 && self.has_zero && (self.at / TAU).floor() != before {
+                let zero = self.has_zero && (self.at / TAU).floor() != before;
+                if step.synchronise != 0 && zero && !(self.cam.0..self.cam.1).contains(&self.at) {
                     self.synchronised |= step.synchronise;
                 }
             }
@@ -261,6 +266,24 @@ mod tests {
             let jerk = axis.log.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
             assert!(jerk < 1.51, "speeds are ramped: {jerk}");
         }
+    }
+
+    #[test]
+    fn an_axis_that_begins_on_its_limit_switch_leaves_it() {
+        let mut axis = Axis::new(101.0);
+
+        axis.home().unwrap();
+
+        assert!((0.0..0.2).contains(&axis.at), "{}", axis.at);
+    }
+
+    #[test]
+    fn a_zero_right_behind_the_switch_is_the_one() {
+        let mut axis = Axis { cam: (-30.0, -0.02), ..Axis::new(20.0) };
+
+        axis.home().unwrap();
+
+        assert!((0.0..0.2).contains(&axis.at), "{}", axis.at);
     }
 
     #[test]

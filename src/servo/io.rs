@@ -59,6 +59,8 @@ pub struct ArmReading {
     pub encoder_zeros: u8,
     /// Bit i: the counter of axis i is zero at the synchronisation position.
     pub synchronised: u8,
+    /// Bit i: nothing was read of axis i; its counter is carried on as it went before, the rest is what it last showed.
+    pub guessed: u8,
     /// What the surroundings and the weight of the tool exert on the sensor, in the sensor's frame.
     /// Components are NaN when the sensor is silent.
     pub wrench_on_sensor: Wrench,
@@ -76,6 +78,7 @@ impl Default for ArmReading {
             sync_switches: 0,
             encoder_zeros: 0,
             synchronised: u8::MAX,
+            guessed: 0,
             wrench_on_sensor: Wrench::default(),
         }
     }

@@ -60,6 +60,8 @@ pub struct ServoGains {
     pub jaw: RegulatorGains,
     /// Largest pulse width, of 255.
     pub pwm_limit: f64,
+    /// Most change of an arm motor's pulse width in 2 ms, of 255.
+    pub pwm_slew: f64,
     /// Allowed difference of set and measured motor position at rest [rad].
     pub following_error: f64,
     /// Further allowance per speed of the set value [s].
@@ -86,6 +88,7 @@ impl ServoGains {
 pub struct Regulator {
     gains: RegulatorGains,
     limit: f64,
+    slew: f64,
     /// Error of the last step [increments].
     last_error: f64,
     /// Summed error of the last step [increments].
@@ -102,11 +105,18 @@ impl Regulator {
         Self {
             gains,
             limit: pwm_limit,
+            slew: f64::INFINITY,
             last_error: 0.0,
             last_sum: 0.0,
             last_output: 0.0,
             older_output: 0.0,
         }
+    }
+
+    /// With a limit of how much the pulse width changes in a period: a current that rises slowly is seen before it trips.
+    #[must_use]
+    pub fn slowed(self, slew: f64) -> Self {
+        Self { slew, ..self }
     }
 
     /// Pulse width for a period, from the wanted and the measured step [increments].
@@ -116,8 +126,9 @@ impl Regulator {
         let sum = self.last_sum + k1 * error - k2 * self.last_error;
         let output = (1.0 + a) * self.last_output - a * self.older_output
             + ratio * (b0 * sum - b1 * self.last_sum);
-        // The clamp on the remembered output is what keeps the incremental form from winding up.
-        let output = output.clamp(-self.limit, self.limit);
+        // The clamps on the remembered output are what keeps the incremental form from winding up.
+        let slow = output.clamp(self.last_output - self.slew, self.last_output + self.slew);
+        let output = slow.clamp(-self.limit, self.limit);
         if !output.is_finite() {
             self.reset();
             return 0;
@@ -131,7 +142,7 @@ impl Regulator {
 
     /// Forgets the past: the axis stands where it should.
     pub fn reset(&mut self) {
-        *self = Self::new(self.gains, self.limit);
+        *self = Self::new(self.gains, self.limit).slowed(self.slew);
     }
 }
 
@@ -174,7 +185,7 @@ mod tests {
         set: impl Fn(f64) -> f64,
         seconds: f64,
     ) -> (f64, f64) {
-        let mut regulator = Regulator::new(gains, 190.0);
+        let mut regulator = Regulator::new(gains, 190.0).slowed(25.0);
         let mut motor = Motor { position: 0.0, speed: 0.0, friction };
         let (mut last_set, mut last_count, mut worst) = (0.0, 0, 0.0f64);
         for period in 1..=(seconds / 0.002) as u32 {
@@ -218,6 +229,18 @@ mod tests {
         let outputs: Vec<i16> = (0..30).map(|_| regulator.step(0.0, 1600.0)).collect();
 
         assert!(outputs.contains(&-190), "{outputs:?}");
+    }
+
+    #[test]
+    fn the_output_changes_by_no_more_than_its_slew() {
+        let mut regulator = Regulator::new(gains().axes[1], 190.0).slowed(25.0);
+        let wanted = |k: i32| if k % 40 < 20 { 400.0 } else { -400.0 };
+
+        let outputs: Vec<i16> = (0..200).map(|k| regulator.step(wanted(k), 0.0)).collect();
+
+        let steps = outputs.windows(2).map(|w| (w[1] - w[0]).abs());
+        assert_eq!(steps.max(), Some(25), "{outputs:?}");
+        assert!(outputs.contains(&190) && outputs.contains(&-190));
     }
 
     #[test]

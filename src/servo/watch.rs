@@ -17,17 +17,16 @@ pub struct Watch {
     /// How far the set value has gone since the counter last changed [rad].
     wanted: [f64; AXES],
     last_counts: [i64; AXES],
-    /// How far the counters went in the last readings [rad], and which of these is replaced next.
-    moves: [[f64; AXES]; Self::READINGS],
-    oldest: usize,
+    /// Switches that were pressed already: an axis on one may leave it.
+    last_switches: u8,
     /// Length of a period [s], and what follows from it.
     seconds: f64,
     fade: f64,
     jump: f64,
     /// Periods for which the remembered speed does not fall off yet.
     holds: [u32; AXES],
-    /// Periods that were missed while these readings came in.
-    missed: [u64; Self::READINGS],
+    /// Periods since the counter was last read.
+    periods: [u64; AXES],
 }
 
 impl Watch {
@@ -44,12 +43,9 @@ impl Watch {
     /// Time in which regulators bring an axis to where it is to stand [s]: the wrist's roll, stopped from the speed of a
     /// turn, goes 3.4 rad of its motor beyond its set value.
     const STANDING: f64 = 0.6;
-    /// Readings that are judged together for a jump. One alone says little: what came late in one period, or was carried
-    /// on too far, the next ones make up for.
-    const READINGS: usize = 4;
-    /// What no motor gains within them over the speed that it was told [rad].
+    /// What no motor gains between two readings over the speed that it was told [rad].
     const JUMP: f64 = 1.0;
-    /// How much faster than told a motor may be, and by how much time the first and the last reading may be off [s].
+    /// How much faster than told a motor may be, and by how much time two readings may be further apart than told [s].
     const FASTER: f64 = 1.3;
     const OFF: f64 = 0.002;
 
@@ -63,6 +59,7 @@ impl Watch {
             frozen: [0; AXES],
             wanted: [0.0; AXES],
             last_counts: counts,
+            last_switches: u8::MAX,
             seconds: period.seconds(),
             fade: if period == Length::default() {
                 Self::FADE
@@ -71,9 +68,7 @@ impl Watch {
             },
             jump: Self::JUMP * period.ratio().max(1.0),
             holds: [0; AXES],
-            moves: [[0.0; AXES]; Self::READINGS],
-            oldest: 0,
-            missed: [0; Self::READINGS],
+            periods: [0; AXES],
         }
     }
 
@@ -83,13 +78,14 @@ impl Watch {
         self.frozen = [0; AXES];
         self.wanted = [0.0; AXES];
         self.last_counts = counts;
-        self.moves = [[0.0; AXES]; Self::READINGS];
+        self.periods = [0; AXES];
     }
 
     /// So many periods were missed before the next reading.
     pub fn skipped(&mut self, missed: u64) {
-        let next = &mut self.missed[self.oldest];
-        *next = next.saturating_add(missed);
+        for periods in &mut self.periods {
+            *periods = periods.saturating_add(missed);
+        }
     }
 
     /// A counter was set to zero: its jump is none of the axis.
@@ -97,7 +93,6 @@ impl Watch {
         self.last_counts[axis] = count;
         self.frozen[axis] = 0;
         self.wanted[axis] = 0.0;
-        self.moves.iter_mut().for_each(|moves| moves[axis] = 0.0);
     }
 
     /// The first fault of this reading; `set` was wanted of the last period, `steps` is how far the set
@@ -112,10 +107,7 @@ impl Watch {
         increments: &[f64; AXES],
     ) -> Option<ArmFault> {
         let mut fault = None;
-        let missed: u64 = self.missed.iter().sum();
-        let lasted = (Self::READINGS as u64 + missed) as f64 * self.seconds + Self::OFF;
         for axis in (first_axis..AXES).rev() {
-            let moved = reading.counts[axis] - self.last_counts[axis];
             let speed = steps[axis].abs() / self.seconds;
             if speed >= Self::AS_FAST * self.speed[axis] {
                 self.speed[axis] = self.speed[axis].max(speed);
@@ -125,19 +117,28 @@ impl Watch {
             } else {
                 self.speed[axis] = (self.speed[axis] * self.fade).max(speed);
             }
+            self.wanted[axis] += steps[axis];
+            self.periods[axis] += 1;
+            // What was not read is not judged.
+            if reading.guessed >> axis & 1 == 1 {
+                continue;
+            }
+            let moved = reading.counts[axis] - self.last_counts[axis];
+            self.last_counts[axis] = reading.counts[axis];
             let still = moved == 0 && speed > Self::MUST_MOVE;
             self.frozen[axis] = if still { self.frozen[axis] + 1 } else { 0 };
-            self.wanted[axis] = if moved == 0 { self.wanted[axis] + steps[axis] } else { 0.0 };
-
+            if moved != 0 {
+                self.wanted[axis] = 0.0;
+            }
             let error = set.0[axis] - measured.0[axis];
             let allowed = self.following_error + self.following_lag * self.speed[axis];
             let by = moved as f64 * std::f64::consts::TAU / increments[axis];
             let wanted = self.wanted[axis];
-            self.moves[self.oldest][axis] = by;
-            let gone: f64 = self.moves.iter().map(|moves| moves[axis]).sum();
+            let lasted = self.periods[axis] as f64 * self.seconds + Self::OFF;
+            self.periods[axis] = 0;
             let possible = self.jump + Self::FASTER * self.speed[axis] * lasted;
             // Not within also catches what is not a number. The cause is told before its effect.
-            if gone.abs() > possible {
+            if by.abs() > possible {
                 fault = Some(ArmFault::EncoderJump { axis, by });
             } else if self.frozen[axis] > Self::FROZEN || wanted.abs() > Self::WANTED {
                 fault = Some(ArmFault::EncoderFrozen { axis, wanted });
@@ -145,11 +146,10 @@ impl Watch {
                 fault = Some(ArmFault::Following { axis, error });
             }
         }
-        self.last_counts = reading.counts;
-        self.oldest = (self.oldest + 1) % Self::READINGS;
-        self.missed[self.oldest] = 0;
         let first = |bits: u8| (bits != 0).then(|| bits.trailing_zeros() as usize);
-        if let Some(axis) = first(reading.limit_switches) {
+        let pressed = reading.limit_switches & !self.last_switches;
+        self.last_switches = reading.limit_switches;
+        if let Some(axis) = first(pressed) {
             let motor = measured.0.get(axis).copied().unwrap_or_default();
             fault = Some(ArmFault::LimitSwitch { axis, motor });
         }

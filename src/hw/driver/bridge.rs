@@ -25,6 +25,17 @@ struct Drives {
     drives: [ArmDrive; MOST],
 }
 
+impl Drives {
+    /// These in place of `earlier` ones that nobody carried out; what may not be left out of those stays.
+    fn instead_of(mut self, earlier: &Self) -> Self {
+        for (drive, earlier) in self.drives.iter_mut().zip(&earlier.drives) {
+            drive.enabled &= earlier.enabled;
+            drive.synchronise |= earlier.synchronise;
+        }
+        self
+    }
+}
+
 #[derive(Debug, Clone, Copy, Default)]
 struct Readings {
     period: u64,
@@ -35,6 +46,8 @@ struct Readings {
 #[derive(Debug)]
 pub struct Bridge<P> {
     thread: JoinHandle<(P, Option<PortFault>)>,
+    /// The run is over: nobody insists any more.
+    over: Arc<AtomicBool>,
 }
 
 /// The servo's side of the bridge: it never waits.
@@ -77,22 +90,33 @@ impl<P: Port + 'static> Bridge<P> {
         let (mut outgoing, readings) = triple_buffer::triple_buffer(&start);
         let broken = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&broken);
+        let over = Arc::new(AtomicBool::new(false));
+        let ends = Arc::clone(&over);
+        let give_up = move |mut port: P, fault: PortFault| {
+            flag.store(true, Ordering::Release);
+            while !ends.load(Ordering::Acquire) {
+                port.insist();
+                std::thread::park_timeout(Duration::from_nanos(length));
+            }
+            (port, Some(fault))
+        };
         let work = move || {
             // What is denied here was denied to the servo too, which reports it.
             let _rights = RealTime::acquire(priority, None);
             let mut latest = start;
             let mut heard = Instant::now();
             loop {
-                let Ok(Drives { period, drives }) = incoming.pop() else {
+                let Ok(mut next) = incoming.pop() else {
                     let gone = incoming.is_abandoned();
                     if gone || heard.elapsed() > SILENCE {
                         // Nobody drives the arms any more: brakes on.
                         let drives = [ArmDrive::OFF; MOST];
                         let readings = &mut latest.readings[..arms];
                         let off = port.exchange(latest.period + 1, &drives[..arms], readings);
-                        if gone || off.is_err() {
-                            flag.store(true, Ordering::Release);
-                            return (port, off.err());
+                        match off {
+                            Err(fault) => return give_up(port, fault),
+                            Ok(()) if gone => return (port, None),
+                            Ok(()) => {}
                         }
                         heard = Instant::now();
                     }
@@ -100,11 +124,16 @@ impl<P: Port + 'static> Bridge<P> {
                     continue;
                 };
                 heard = Instant::now();
+                while !port.each_counts()
+                    && let Ok(newer) = incoming.pop()
+                {
+                    next = newer.instead_of(&next);
+                }
+                let Drives { period, drives } = next;
                 if let Err(fault) =
                     port.exchange(period, &drives[..arms], &mut latest.readings[..arms])
                 {
-                    flag.store(true, Ordering::Release);
-                    return (port, Some(fault));
+                    return give_up(port, fault);
                 }
                 latest.period = period;
                 outgoing.write(latest);
@@ -124,13 +153,17 @@ impl<P: Port + 'static> Bridge<P> {
             steps: [[0; AXES + 1]; MOST],
             length,
         };
-        Ok((Self { thread }, port))
+        Ok((Self { thread, over }, port))
     }
+}
 
+impl<P> Bridge<P> {
     /// Waits for the thread, which ends when the servo's side is dropped or the port fails; returns the port
     /// and its fault. `None` when the thread panicked.
     #[must_use]
     pub fn join(self) -> Option<(P, Option<PortFault>)> {
+        self.over.store(true, Ordering::Release);
+        self.thread.thread().unpark();
         self.thread.join().ok()
     }
 }
@@ -173,6 +206,9 @@ impl BridgePort {
                 *count += behind * step;
             }
             reading.jaw_count += behind * steps[AXES];
+            if behind > 0 {
+                reading.guessed = u8::MAX;
+            }
         }
         self.late_in_a_row = if fresh { 0 } else { self.late_in_a_row + 1 };
         self.late += u64::from(!fresh);

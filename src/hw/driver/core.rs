@@ -33,6 +33,7 @@ pub struct Punctual {
     late: AtomicU64,
     work: AtomicU64,
     missed: AtomicU64,
+    missed_nanos: AtomicU64,
 }
 
 impl Punctual {
@@ -42,9 +43,15 @@ impl Punctual {
         self.work.fetch_max(work, Ordering::Relaxed);
     }
 
-    /// Grid points passed without a period.
-    pub(super) fn miss(&self, points: u64) {
+    /// Grid points passed without a period of this length [ns].
+    pub(crate) fn miss(&self, points: u64, length: u64) {
         self.missed.fetch_add(points, Ordering::Relaxed);
+        self.missed_nanos.fetch_add(points * length, Ordering::Relaxed);
+    }
+
+    /// By how much the servo's periods lag behind the clock for all that was missed [ns].
+    pub fn missed_nanos(&self) -> u64 {
+        self.missed_nanos.load(Ordering::Relaxed)
     }
 
     /// The largest lateness and work since the last call [ns], and all missed grid points.

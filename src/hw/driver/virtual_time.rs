@@ -43,7 +43,7 @@ pub async fn run_virtual<P: Port>(
         if missed > 0 {
             skipped += missed;
             core.skipped(periods);
-            core.switches().punctual.miss(missed);
+            core.switches().punctual.miss(missed, length);
             if missed >= missed_limit {
                 core.stop(period, missed);
             }

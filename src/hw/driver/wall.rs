@@ -40,11 +40,10 @@ impl Default for WallOptions {
     }
 }
 
-/// A running wall driver.
+/// A running wall driver. Where it is dropped both threads are stopped and waited for: no way out leaves drives on.
 #[derive(Debug)]
 pub struct Wall<P> {
-    servo: JoinHandle<Timing>,
-    bridge: Bridge<P>,
+    threads: Option<(JoinHandle<Timing>, Bridge<P>)>,
     switches: Arc<Switches>,
     /// Real-time rights that were denied.
     pub warnings: Vec<String>,
@@ -84,7 +83,7 @@ pub fn spawn_wall<P: Port + 'static>(
         if denied { Timing::default() } else { run(&mut core, &mut side, &options) }
     })?;
     match told.recv() {
-        Ok((false, warnings)) => Ok(Wall { servo, bridge, switches, warnings }),
+        Ok((false, warnings)) => Ok(Wall { threads: Some((servo, bridge)), switches, warnings }),
         Ok((true, warnings)) => {
             Err(io::Error::new(io::ErrorKind::PermissionDenied, warnings.join("; ")))
         }
@@ -92,24 +91,35 @@ pub fn spawn_wall<P: Port + 'static>(
     }
 }
 
-impl<P: Port + 'static> Wall<P> {
+impl<P> Wall<P> {
     /// Whether the servo has ended by itself: the bridge was lost.
     #[must_use]
     pub fn has_ended(&self) -> bool {
-        self.servo.is_finished()
+        self.threads.as_ref().is_none_or(|(servo, _)| servo.is_finished())
     }
 
     /// Stops both threads and waits for them.
     #[must_use]
-    pub fn stop(self) -> WallEnd<P> {
+    pub fn stop(mut self) -> WallEnd<P> {
+        self.end().unwrap_or(WallEnd { port: None, fault: None, timing: Timing::default() })
+    }
+
+    fn end(&mut self) -> Option<WallEnd<P>> {
+        let (servo, bridge) = self.threads.take()?;
         self.switches.stop.store(true, Ordering::Release);
         // A panic of a thread was reported by its own message; what it measured is lost.
-        let timing = self.servo.join().unwrap_or_default();
-        let (port, fault) = match self.bridge.join() {
+        let timing = servo.join().unwrap_or_default();
+        let (port, fault) = match bridge.join() {
             Some((port, fault)) => (Some(port), fault),
             None => (None, None),
         };
-        WallEnd { port, fault, timing }
+        Some(WallEnd { port, fault, timing })
+    }
+}
+
+impl<P> Drop for Wall<P> {
+    fn drop(&mut self) {
+        self.end();
     }
 }
 
@@ -145,7 +155,7 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
             let missed = (done - next) / length + 1;
             timing.missed += missed;
             core.skipped(missed);
-            core.switches().punctual.miss(missed);
+            core.switches().punctual.miss(missed, length);
             timing.missed_in_a_row = timing.missed_in_a_row.max(missed);
             next += missed * length;
             last = None;

@@ -22,8 +22,8 @@ pub struct AxisController {
     length: usize,
     /// Latched: what the axis shows at the period's end, its counter from where the plant counts.
     status: Status,
-    /// Counter at the period's beginning.
-    before: i32,
+    /// Counter at the period's beginning; `None` before the first one.
+    before: Option<i32>,
     /// Counter at the last reset; `None` while the plant's own zero holds.
     reset_at: Option<i32>,
 }
@@ -40,7 +40,7 @@ impl Default for AxisController {
             pending: [0; ORDER],
             length: 0,
             status: Status::default(),
-            before: 0,
+            before: None,
             reset_at: None,
         }
     }
@@ -91,7 +91,8 @@ impl AxisController {
     #[must_use]
     pub fn answer(&self, share: f64) -> Status {
         let mut status = self.status;
-        let way = f64::from(status.count.wrapping_sub(self.before));
+        let before = self.before.unwrap_or(status.count);
+        let way = f64::from(status.count.wrapping_sub(before));
         status.count = status.count.wrapping_sub(((1.0 - share) * way).round() as i32);
         status.error = self.mode == Mode::Error;
         if let Some(zero) = self.reset_at {
@@ -103,13 +104,14 @@ impl AxisController {
 
     /// The end of a plant's period: what the axis shows now.
     pub fn latch(&mut self, status: Status) {
+        // At the first zero behind the switch the plant's counter jumps.
+        let jumps = self.synchronise && status.sync_zero && !status.sync_switch;
         // A new synchronisation makes up for a reset.
-        if self.synchronise && status.sync_zero {
+        if jumps {
             self.reset_at = None;
         }
-        // At a zero the plant's counter jumps.
-        let jumps = self.synchronise && status.sync_zero;
-        self.before = if jumps { status.count } else { self.status.count };
+        let last = self.before.map(|_| self.status.count).filter(|_| !jumps);
+        self.before = Some(last.unwrap_or(status.count));
         self.status = status;
         self.silent = self.silent.saturating_add(1);
         if self.silent > SILENCE && self.mode == Mode::Pwm {
@@ -121,8 +123,12 @@ impl AxisController {
     /// A reset in mid-run: counter at zero, power off, nothing remembered.
     pub fn reset(&mut self) {
         let status = self.status;
-        *self =
-            Self { status, before: status.count, reset_at: Some(status.count), ..Self::default() };
+        *self = Self {
+            status,
+            before: Some(status.count),
+            reset_at: Some(status.count),
+            ..Self::default()
+        };
     }
 
     /// Whether its power stage follows.
@@ -166,6 +172,17 @@ mod tests {
     }
 
     const PWM: Order = Order::Pwm { width: 77, outputs: 1, synchronise: false };
+
+    #[test]
+    fn before_the_first_period_ends_a_counter_stands_where_it_is() {
+        let mut controller = AxisController::default();
+
+        controller.latch(Status { count: 500_000, ..Status::default() });
+        assert_eq!(controller.answer(0.3).count, 500_000);
+
+        controller.latch(Status { count: 500_100, ..Status::default() });
+        assert_eq!(controller.answer(0.3).count, 500_030);
+    }
 
     #[test]
     fn it_follows_orders_in_its_mode_and_brakes_by_itself() {

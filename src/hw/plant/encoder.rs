@@ -46,7 +46,9 @@ impl Encoder {
         if synchronise && !self.told {
             self.synchronised = false;
         }
-        if synchronise && zero && !self.synchronised {
+        // The controller waits for the first zero behind the switch.
+        let switch = motor < EDGE;
+        if synchronise && zero && !switch && !self.synchronised {
             // The latch of the counter is exact, however far the motor went since.
             self.origin = count(self.increments, turn.max(self.turn) * TAU);
             self.synchronised = true;
@@ -55,7 +57,7 @@ impl Encoder {
         Report {
             count: count(self.increments, motor) - self.origin,
             zero,
-            switch: motor < EDGE,
+            switch,
             synchronised: self.synchronised,
         }
     }

@@ -7,7 +7,7 @@
 
 use super::frame::{ORDER, STATUS};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fs::{Mode, OFlags};
+use rustix::fs::{FlockOperation, Mode, OFlags};
 use rustix::io::{Errno, read, write};
 use rustix::termios::{
     ControlModes, OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr,
@@ -36,6 +36,9 @@ impl Line {
         let fail = |what: &str, errno: Errno| format!("{path}: {what}: {errno}");
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let fd = rustix::fs::open(path, flags, Mode::empty()).map_err(|e| fail("open", e))?;
+        // Two programs on one line would drive the axis in turn.
+        rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive)
+            .map_err(|_| format!("{path}: another program has it open"))?;
         set_up(&fd, baud, two_stop_bits).map_err(|e| fail("not a serial line", e))?;
         tcflush(&fd, QueueSelector::IOFlush).map_err(|e| fail("flush", e))?;
         Ok(Self { path: path.to_owned(), fd })
@@ -199,6 +202,12 @@ impl Lines {
     /// The line's answer was that of an earlier order: this order's is still to come.
     pub fn owe(&mut self, line: usize) {
         self.answers[line].late = true;
+    }
+
+    /// Whether a line is gone: nothing will ever come from it again.
+    #[must_use]
+    pub fn is_dead(&self, line: usize) -> bool {
+        self.answers[line].dead
     }
 
     /// The answer of a line, if it is complete.

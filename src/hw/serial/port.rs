@@ -3,7 +3,7 @@
 //! - in: the drives of a period; out: the readings that the controllers give in answer, within the period
 //! - all lines are served at once; what has not answered by the deadline is missed, and reads as it did before
 //! - a line that must be given up is a fault of the whole bridge: every controller of every arm is put into its error
-//!   mode, power off and brakes on, since a cube may join the arms
+//!   mode, power off and brakes on, since a cube may join the arms, and told so in every period until the run ends
 //! - when the bridge ends, every controller is put into its manual mode
 
 use super::axis::{Answer, Axis, AxisDrive, AxisFault, Rules};
@@ -18,11 +18,6 @@ use std::time::{Duration, Instant};
 
 /// Exchanges before the first readings are given out: those that settle a start, and as many for lines that miss some.
 const FIRST: u32 = 8;
-/// How often the error mode is sent to a controller that may not hear.
-const INSIST: u32 = 3;
-/// The error mode is not sent faster than controllers can take it.
-const PAUSE: Duration = Duration::from_micros(500);
-
 /// An arm's lines and its force sensor.
 pub struct SerialArm {
     /// Name of the effector, for messages.
@@ -62,6 +57,8 @@ pub struct SerialPort {
 /// So many periods without an answer on any line are a fault. All lines at once are late rather than dead: this
 /// machine was kept from running, or whatever all of them hang on was.
 const ALL_MISSED: u32 = 20;
+/// The same of lines that are all gone.
+const ALL_GONE: u32 = 3;
 
 impl SerialPort {
     /// Time that an exchange may take: 0.5 ms of a period are left for the servo.
@@ -173,7 +170,10 @@ impl SerialPort {
 
     fn wait_for_all(&mut self, period: u64) -> Result<(), PortFault> {
         self.all_missed += 1;
-        if self.all_missed < ALL_MISSED {
+        // Lines that are gone are not late.
+        let gone = (0..self.lines.len()).all(|line| self.lines.is_dead(line));
+        let most = if gone { ALL_GONE } else { ALL_MISSED };
+        if self.all_missed < most {
             for effector in 0..self.arms.len() {
                 self.notes.tell(period, effector, What::MissedAll);
             }
@@ -181,7 +181,7 @@ impl SerialPort {
         }
         let (at, names) = (period as f64 * PERIOD, self.arms.iter().map(|arm| arm.name.as_str()));
         let reason = format!(
-            "{}, all axes ({} to {}): no answer for {ALL_MISSED} periods, in period {period} ({at:.3} s)",
+            "{}, all axes ({} to {}): no answer for {most} periods, in period {period} ({at:.3} s)",
             names.collect::<Vec<_>>().join(" and "),
             self.lines.path(0),
             self.lines.path(self.lines.len() - 1),
@@ -260,10 +260,7 @@ impl Port for SerialPort {
             self.begin()
         };
         if let Err(fault) = done {
-            for _ in 0..INSIST {
-                self.tell_all(Mode::Error);
-                std::thread::sleep(PAUSE);
-            }
+            self.tell_all(Mode::Error);
             self.fault = Some(fault.clone());
             return Err(fault);
         }
@@ -276,6 +273,16 @@ impl Port for SerialPort {
             reading.wrench_on_sensor = arm.force.read(period, effector, &mut self.notes);
         }
         Ok(())
+    }
+
+    fn each_counts(&self) -> bool {
+        false
+    }
+
+    fn insist(&mut self) {
+        if self.fault.is_some() {
+            self.tell_all(Mode::Error);
+        }
     }
 }
 
@@ -291,6 +298,7 @@ pub(crate) fn hand_over(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut 
         reading.encoder_zeros |= bit(axis.sync_zero());
         reading.synchronised &= !bit(!axis.synchronised());
         reading.limit_switches |= bit(axis.at_limit());
+        reading.guessed |= bit(axis.is_guessed());
         if index == AXES {
             reading.jaw_count = axis.count();
         } else {
@@ -301,9 +309,7 @@ pub(crate) fn hand_over(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut 
 
 impl Drop for SerialPort {
     fn drop(&mut self) {
-        if self.fault.is_none() {
-            self.tell_all(Mode::Manual);
-        }
+        self.tell_all(if self.fault.is_none() { Mode::Manual } else { Mode::Error });
     }
 }
 
