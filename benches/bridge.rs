@@ -101,7 +101,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         times.record(Clock.now() - begun);
         next = (next + PERIOD_NANOS).max(Clock.now());
         while let Ok(note) = noted.pop() {
-            missed += u64::from(matches!(note.what, What::Missed { .. }));
+            missed += match note.what {
+                What::Missed { .. } => 1,
+                What::MissedAll => 7 + u64::from(arms[note.effector].model.has_track),
+                _ => 0,
+            };
         }
     }
     stop.store(true, Ordering::Release);

@@ -1,5 +1,5 @@
-//! What the servo's thread does once it runs: no allocation, and no system call but the sleep and the wake-up of
-//! the bridge. Each proof has a positive control: the same thread with a sink that does the forbidden thing.
+//! What the servo's thread does once it runs: no allocation, no wait for a lock, and no system call but the sleep and the
+//! wake-up of the bridge. Each proof has a positive control: the same thread with a sink that does the forbidden thing.
 //!
 //! The thread is watched from within, by the record sink that it calls in each period: the allocator counts for
 //! threads that are marked, and a seccomp filter turns each system call that is not on its list into a signal.
@@ -13,8 +13,8 @@ use rubik_robot::motion::{Direction, Frame, Motion, MoveCommand};
 use rubik_robot::servo::ServoCommand;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 mod servo_rig;
@@ -25,6 +25,8 @@ thread_local! {
 }
 static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
 static CALLS: AtomicU64 = AtomicU64::new(0);
+/// A lock that somebody else holds half of the time.
+static LOCK: Mutex<()> = Mutex::new(());
 
 /// The system's allocator, counting what marked threads ask of it.
 struct Counting;
@@ -63,6 +65,7 @@ enum Sin {
     None,
     Allocates,
     AsksTheSystem,
+    WaitsForALock,
 }
 
 /// Marks the thread in the first period, and notes in each what it has asked for since.
@@ -79,12 +82,13 @@ impl RecordSink for Watch {
             MARKED.set(true);
             filter_system_calls();
         }
-        if record.period.is_multiple_of(100) {
+        if record.period.is_multiple_of(10) {
             match self.sin {
                 Sin::None => {}
                 Sin::Allocates => drop(std::hint::black_box(Box::new(record.period))),
                 // SAFETY: it only answers.
                 Sin::AsksTheSystem => drop(unsafe { libc::getppid() }),
+                Sin::WaitsForALock => drop(LOCK.lock()),
             }
         }
         self.seen[0].store(ALLOCATIONS.load(Ordering::Relaxed), Ordering::Relaxed);
@@ -102,7 +106,6 @@ extern "C" fn forbidden(_: libc::c_int) {
 fn filter_system_calls() {
     let allowed = [
         libc::SYS_clock_nanosleep,
-        libc::SYS_futex,
         libc::SYS_clock_gettime,
         libc::SYS_rt_sigreturn,
         libc::SYS_exit,
@@ -117,19 +120,25 @@ fn filter_system_calls() {
     ];
     let statement =
         |code: u32, jt: u8, jf: u8, k: u32| libc::sock_filter { code: code as u16, jt, jf, k };
-    let mut program =
-        vec![statement(libc::BPF_LD | libc::BPF_W | libc::BPF_ABS, 0, 0, 0 /* its number */)];
+    // A futex may wake another thread, never wait for one: that is what a contended lock does.
+    let load = libc::BPF_LD | libc::BPF_W | libc::BPF_ABS;
+    let equal = libc::BPF_JMP | libc::BPF_JEQ | libc::BPF_K;
+    let end = libc::BPF_RET | libc::BPF_K;
+    let mut program = vec![
+        statement(load, 0, 0, 0 /* the call's number */),
+        statement(equal, 0, 5, libc::SYS_futex as u32),
+        statement(load, 0, 0, 24 /* its second argument */),
+        statement(libc::BPF_ALU | libc::BPF_AND | libc::BPF_K, 0, 0, 0x7f),
+        statement(equal, 0, 1, libc::FUTEX_WAKE as u32),
+        statement(end, 0, 0, libc::SECCOMP_RET_ALLOW),
+        statement(end, 0, 0, libc::SECCOMP_RET_TRAP),
+    ];
     for (i, call) in allowed.iter().enumerate() {
         let to_allow = (allowed.len() - i) as u8;
-        program.push(statement(
-            libc::BPF_JMP | libc::BPF_JEQ | libc::BPF_K,
-            to_allow,
-            0,
-            *call as u32,
-        ));
+        program.push(statement(equal, to_allow, 0, *call as u32));
     }
-    program.push(statement(libc::BPF_RET | libc::BPF_K, 0, 0, libc::SECCOMP_RET_TRAP));
-    program.push(statement(libc::BPF_RET | libc::BPF_K, 0, 0, libc::SECCOMP_RET_ALLOW));
+    program.push(statement(end, 0, 0, libc::SECCOMP_RET_TRAP));
+    program.push(statement(end, 0, 0, libc::SECCOMP_RET_ALLOW));
     let program =
         libc::sock_fprog { len: program.len() as u16, filter: program.leak().as_mut_ptr() };
     // SAFETY: the program outlives the calls; the handler only adds to a number.
@@ -170,6 +179,16 @@ fn run(sin: Sin) -> [u64; 3] {
     directions[2] = Direction::Guarded { velocity: 0.005, admittance: 1e-3, inertia: 20.0 };
     let motion = Motion::Task { frame: Frame::Tool, directions };
     let command = MoveCommand { motion, periods: 50, jaw: None };
+    let holds = Arc::new(AtomicBool::new(sin == Sin::WaitsForALock));
+    let on = Arc::clone(&holds);
+    let holder = std::thread::spawn(move || {
+        while on.load(Ordering::Acquire) {
+            let held = LOCK.lock();
+            std::thread::sleep(Duration::from_millis(5));
+            drop(held);
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    });
     for _ in 0..10 {
         for link in &mut links {
             let _ = link.send(ServoCommand::Move { command, start: 0 });
@@ -177,6 +196,8 @@ fn run(sin: Sin) -> [u64; 3] {
         switches.beats.fetch_add(1, Ordering::Relaxed);
         std::thread::sleep(Duration::from_millis(80));
     }
+    holds.store(false, Ordering::Release);
+    holder.join().unwrap();
     let _ = wall.stop();
     seen.each_ref().map(|n| n.load(Ordering::Relaxed))
 }
@@ -195,5 +216,9 @@ fn a_period_allocates_nothing_and_calls_the_system_only_to_sleep() {
 
     let [allocations, calls, _] = run(Sin::AsksTheSystem);
     assert_eq!(allocations, 0);
-    assert!(calls >= 2, "the filter bites: {calls}");
+    assert!(calls >= 20, "the filter bites: {calls}");
+
+    let [allocations, calls, _] = run(Sin::WaitsForALock);
+    assert_eq!(allocations, 0);
+    assert!(calls >= 2, "a lock that is held is no wake-up: {calls}");
 }
