@@ -69,6 +69,9 @@ pub enum NonFatal {
     /// A command was not carried out.
     #[error(transparent)]
     Refused(#[from] MoveRefused),
+    /// The operator ended it.
+    #[error("the run was terminated before the arms were ready")]
+    Terminated,
     /// A sensor has nothing to say.
     #[error("no reading: {0}")]
     NoReading(String),

@@ -161,6 +161,35 @@ fn a_line_pulled_out_ends_the_run_with_exit_code_3_and_names_it() {
 }
 
 #[test]
+fn an_arm_that_looks_for_its_switch_can_be_terminated() {
+    let folder = std::env::temp_dir().join(format!("rubik-robot-{}-homing", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let home = folder.join("home.toml");
+    let text = IDLE.replace("real-time", "virtual").replace("serial", "plant");
+    std::fs::write(&home, format!("{text}start_synchronised = false\n")).unwrap();
+    let run = program()
+        .args(["run", "--json", "--speed", "2"])
+        .arg(&home)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(Duration::from_millis(1500));
+
+    // A terminal that goes away: it must not take the drives' last orders for its own.
+    let begun = Instant::now();
+    let id = run.id().to_string();
+    assert!(Command::new("kill").args(["-HUP", &id]).status().unwrap().success());
+    let out = run.wait_with_output().unwrap();
+    std::fs::remove_dir_all(&folder).unwrap();
+
+    assert!(begun.elapsed() < Duration::from_secs(5), "homing takes a minute and a half");
+    let run = summary(&out);
+    assert_eq!(run["ended_by"], "operator", "{run}");
+    assert!(run["reason"].as_str().unwrap().contains("terminated"), "{run}");
+}
+
+#[test]
 fn a_layer_is_turned_by_the_lines_protocol_though_answers_are_missed_and_spoilt() {
     let out = program()
         .args(["run", "scenarios/face_turn.toml", "--json", "--set", "bridge.kind=wire"])

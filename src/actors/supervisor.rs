@@ -28,7 +28,7 @@ use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches
 use crate::hw::note::{self, Note};
 use crate::hw::plant::saved::{Saved, Unfit};
 use crate::hw::plant::{Plant, Verdict};
-use crate::motion::{ArmState, MoveRefused, PERIOD, Synchronisation};
+use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::operator::OutcomeView;
 use crate::reach::guard::Guard;
 use crate::reach::{MeetingTable, ReachSettings};
@@ -854,7 +854,7 @@ async fn home(
         _ = control.wait_for(|will| *will == Control::Terminated) => {
             switches.hold.store(true, Ordering::Release);
             clock.until(clock.period() + BRAKES).await;
-            let cause = NonFatal::Refused(MoveRefused::BrokenOff);
+            let cause = NonFatal::Terminated;
             Err(Error::NonFatal { actor: "supervisor".into(), place: "synchronise", cause })
         }
     }

@@ -5,7 +5,7 @@ use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain, record};
 use crate::actors::{self, Around, Keep, RunOptions};
 use crate::desk::desk;
-use crate::error::Error;
+use crate::error::{Error, NonFatal};
 use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
 use crate::scenario::keys::{Pace, Task};
@@ -220,6 +220,7 @@ fn told(
         Err(error) => {
             complain(&error.to_string());
             let ended_by = match error {
+                Error::NonFatal { cause: NonFatal::Terminated, .. } => EndedBy::Operator,
                 Error::NonFatal { .. } => EndedBy::Task,
                 Error::Fatal { .. } => EndedBy::Fatal,
                 Error::System { .. } => EndedBy::System,
