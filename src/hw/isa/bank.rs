@@ -19,6 +19,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// An axis of a card.
 #[derive(Debug, Clone, Copy)]
+#[allow(clippy::struct_excessive_bools, reason = "flags of a card, as the hardware has them")]
 pub struct CardAxis {
     /// How it is read.
     pub kind: AxisKind,
@@ -45,6 +46,7 @@ pub struct CardAxis {
 
 /// The state of a card.
 #[derive(Debug, Clone)]
+#[allow(clippy::struct_excessive_bools, reason = "flags of a card, as the hardware has them")]
 pub struct Card {
     /// Its axes; the jaw's is the last.
     pub axes: [CardAxis; AXES + 1],

@@ -144,9 +144,9 @@ impl<R: Registers> Arm<R> {
         self.tell_all(|_| command::RESET_MANUAL);
         self.tell_all(|_| command::RESET_ALARM);
         let mut known = [false; AXES + 1];
-        for axis in self.first()..=JAW {
+        for (axis, known) in known.iter_mut().enumerate().skip(self.first()) {
             self.choose(axis);
-            known[axis] = self.status(axis).synchronised;
+            *known = self.status(axis).synchronised;
         }
         // What does not know where it is counts from here.
         self.tell_all(
