@@ -2,7 +2,9 @@
 //!
 //! The file belongs to a machine, not to a scenario: `rubik-robot emulate` writes one, a workshop writes its own.
 
-use super::force::{ForceSource, FtController, NetFt, NoSensor};
+use super::force::{ForceSource, FtController, NetFt, NoSensor, Words};
+use super::isa::IsaArm;
+use super::isa::registers::{AxisKind, REVOLUTION};
 use super::note::Notes;
 use super::port::Port;
 use super::serial::axis::Rules;
@@ -38,34 +40,142 @@ pub struct EffectorDevices {
     pub counts_per_newton: f64,
     /// As above [1/Nm].
     pub counts_per_newton_metre: f64,
-    /// Limits of the motor currents of axes 0..=6 [A]; none are set where they are left out.
+    /// First I/O port of the parallel interface (PCI-1751) by which an `ft_controller` tells its readings, as `lspci -v`
+    /// has it; without one they come by the line.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ft_parallel: Option<u16>,
+    /// Limits of the motor currents of axes 0..=6 [A]. Where they are left out, an ISA card gets the original's, and a
+    /// serial controller keeps its own.
     pub max_currents: Vec<f64>,
     /// Its ISA card. For bridge.kind = "isa".
     #[serde(skip_serializing_if = "Option::is_none")]
     pub isa: Option<IsaDevice>,
 }
 
-/// An ISA card.
+/// An ISA card. What is left out is as the original had it, by whether the arm has a track; the rest of its two cards'
+/// differences, as far as they are known, must be told: see `resolvers`, `sync_active_high`, `power_axis`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct IsaDevice {
     /// Added to every port of the card.
     pub offset: u16,
     /// Pointer of the first axis: 0xc0 of the track's card, 0xc1 of the postument's.
-    pub first_pointer: u8,
-    /// Axes with resolvers instead of encoders.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub first_pointer: Option<u8>,
+    /// Divisor that makes interrupts come every 2 ms: 4 of the track's card, 8 of the postument's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub divisor: Option<u8>,
+    /// Axes with resolvers instead of encoders: 0 to 5 of the track in 2008. The arm's profile must have 682 increments
+    /// for each.
     pub resolvers: Vec<usize>,
+    /// Axes whose synchronisation switch is active high at its encoder card; in the 2008 sources 1 to 5 of the postument.
+    pub sync_active_high: Vec<usize>,
+    /// Axis that tells of the power of all: 6; in the 2008 sources 2 of the postument.
+    pub power_axis: usize,
     /// Units of motor current per ampere, the jaw's last.
     pub units_per_ampere: Vec<f64>,
     /// Device of the card's interrupt, as `/dev/uio0`; without one the card is not watched.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub uio: Option<String>,
 }
 
 impl Default for IsaDevice {
     fn default() -> Self {
-        // 13.7 units an ampere, and 25.3 per 100 mA of the jaw: notes of the 2008 sources.
-        let units_per_ampere = vec![13.7, 13.7, 13.7, 13.7, 13.7, 13.7, 13.7, 253.0];
-        Self { offset: 0, first_pointer: 0xc1, resolvers: Vec::new(), units_per_ampere, uio: None }
+        Self {
+            offset: 0,
+            first_pointer: None,
+            divisor: None,
+            resolvers: Vec::new(),
+            sync_active_high: Vec::new(),
+            power_axis: AXES - 1,
+            units_per_ampere: Vec::new(),
+            uio: None,
+        }
+    }
+}
+
+/// What the original's two cards were set to.
+struct Original {
+    first_pointer: u8,
+    divisor: u8,
+    /// Limits of the currents [units], the jaw's last.
+    max_currents: [u8; AXES + 1],
+    /// The jaw's units per ampere: 25.3 and 34.7 per 100 mA.
+    jaw_units: f64,
+}
+
+/// Units of current per ampere: known of the tool roll's axis, assumed of the others.
+const UNITS_PER_AMPERE: f64 = 13.7;
+
+impl Original {
+    const TRACK: Self = Self {
+        first_pointer: 0xc0,
+        divisor: 4,
+        max_currents: [0x30, 0x30, 0x30, 0x30, 0x30, 0x30, 0x10, 0x27],
+        jaw_units: 253.0,
+    };
+    const POSTUMENT: Self = Self {
+        first_pointer: 0xc1,
+        divisor: 8,
+        max_currents: [0, 0xff, 0xff, 0xff, 0xff, 0xff, 0x10, 0x20],
+        jaw_units: 347.0,
+    };
+}
+
+impl IsaDevice {
+    /// This card as that of an arm, without its registers and its sensor. Limits of motor currents as in
+    /// [`EffectorDevices::max_currents`].
+    ///
+    /// # Errors
+    /// What does not fit.
+    pub fn arm(&self, arm: &Arm, max_currents: &[f64]) -> Result<IsaArm<()>, String> {
+        let has_track = arm.model.has_track;
+        let original = if has_track { Original::TRACK } else { Original::POSTUMENT };
+        let mut units_per_ampere = [UNITS_PER_AMPERE; AXES + 1];
+        units_per_ampere[AXES] = original.jaw_units;
+        if !self.units_per_ampere.is_empty() {
+            let units = self.units_per_ampere.as_slice();
+            units_per_ampere =
+                units.try_into().map_err(|_| "units_per_ampere wants 8 numbers".to_owned())?;
+        }
+        if !units_per_ampere.iter().all(|units| *units > 0.0) {
+            return Err("units_per_ampere wants numbers above 0".to_owned());
+        }
+        for axis in &self.resolvers {
+            let increments = arm.model.increments.get(*axis).copied();
+            if increments != Some(REVOLUTION as f64) {
+                let has = increments.map_or("no such axis".to_owned(), |n| format!("{n}"));
+                return Err(format!(
+                    "resolvers: axis {axis} counts {REVOLUTION} a revolution, the arm's profile has {has}"
+                ));
+            }
+        }
+        let first = usize::from(!has_track);
+        if !(first..=AXES).contains(&self.power_axis) {
+            return Err(format!("power_axis: there is no axis {}", self.power_axis));
+        }
+        let mut limits = original.max_currents;
+        for (axis, amperes) in max_currents.iter().enumerate().take(AXES) {
+            limits[axis] = (amperes * units_per_ampere[axis]).round().clamp(0.0, 255.0) as u8;
+        }
+        Ok(IsaArm {
+            name: arm.name.clone(),
+            registers: (),
+            first_pointer: self.first_pointer.unwrap_or(original.first_pointer),
+            divisor: self.divisor.unwrap_or(original.divisor),
+            has_track,
+            kinds: std::array::from_fn(|i| {
+                if self.resolvers.contains(&i) {
+                    AxisKind::Resolver
+                } else {
+                    AxisKind::Encoder { sync_high: self.sync_active_high.contains(&i) }
+                }
+            }),
+            power_axis: self.power_axis,
+            units_per_ampere,
+            max_currents: limits,
+            force: Box::new(NoSensor),
+        })
     }
 }
 
@@ -77,6 +187,7 @@ impl Default for EffectorDevices {
             force: "none".to_owned(),
             counts_per_newton: 1e6,
             counts_per_newton_metre: 1e6,
+            ft_parallel: None,
             max_currents: Vec::new(),
             isa: None,
         }
@@ -164,33 +275,18 @@ impl Devices {
     /// The first card that cannot be used.
     #[cfg(feature = "isa")]
     pub fn isa(&self, arms: &[Arm], notes: Notes) -> Result<Box<dyn Port>, NoDevice> {
-        use super::isa::registers::AxisKind;
-        use super::isa::{IsaArm, IsaPort, PortIo};
+        use super::isa::{IsaPort, PortIo};
         let arms = arms
             .iter()
             .map(|arm| {
                 let devices = self.of_effector(&arm.name)?;
                 let fail = |why: &str| NoDevice(format!("effector \"{}\", isa: {why}", arm.name));
                 let card = devices.isa.as_ref().ok_or_else(|| fail("no card is named"))?;
-                let units: Result<[f64; AXES + 1], _> = card.units_per_ampere.as_slice().try_into();
-                Ok(IsaArm {
-                    name: arm.name.clone(),
-                    registers: PortIo::open(card.offset, card.uio.as_deref())
-                        .map_err(|e| fail(&e))?,
-                    first_pointer: card.first_pointer,
-                    has_track: arm.model.has_track,
-                    kinds: std::array::from_fn(|i| {
-                        if card.resolvers.contains(&i) {
-                            AxisKind::Resolver
-                        } else {
-                            AxisKind::Encoder
-                        }
-                    }),
-                    units_per_ampere: units
-                        .map_err(|_| fail("units_per_ampere wants 8 numbers"))?,
-                    max_currents: std::array::from_fn(|i| devices.max_currents.get(i).copied()),
-                    force: devices.sensor(arm.sensor.range)?,
-                })
+                let parts = card.arm(arm, &devices.max_currents).map_err(|e| fail(&e))?;
+                let registers =
+                    PortIo::open(card.offset, card.uio.as_deref()).map_err(|e| fail(&e))?;
+                let force = devices.sensor(arm.sensor.range)?;
+                Ok(IsaArm { force, ..parts.with(registers) })
             })
             .collect::<Result<Vec<_>, NoDevice>>()?;
         Ok(Box::new(IsaPort::new(arms, notes)))
@@ -202,10 +298,13 @@ impl Devices {
     /// Always.
     #[cfg(not(feature = "isa"))]
     pub fn isa(&self, _: &[Arm], _: Notes) -> Result<Box<dyn Port>, NoDevice> {
-        let how = "this program was built without port instructions: cargo build --release --features isa";
-        Err(NoDevice(how.to_owned()))
+        Err(NoDevice(NO_PORTS.to_owned()))
     }
 }
+
+#[cfg(not(feature = "isa"))]
+const NO_PORTS: &str =
+    "this program was built without port instructions: cargo build --release --features isa";
 
 impl EffectorDevices {
     fn lines(&self, has_track: bool) -> Result<[Option<Line>; AXES + 1], NoDevice> {
@@ -250,11 +349,25 @@ impl EffectorDevices {
                 Ok(Box::new(sensor.map_err(|e| fail(e.to_string()))?))
             }
             Some(("ft_controller", path)) => {
-                Ok(Box::new(FtController::open(path, None, range).map_err(fail)?))
+                let words = self.ft_parallel.map(words).transpose().map_err(fail)?;
+                Ok(Box::new(FtController::open(path, words, range).map_err(fail)?))
             }
             _ => Err(fail("wanted net_ft:ADDRESS:PORT, ft_controller:DEVICE or none".into())),
         }
     }
+}
+
+/// The parallel interface at these ports.
+#[cfg(feature = "isa")]
+fn words(base: u16) -> Result<Box<dyn Words>, String> {
+    use super::force::Pci1751;
+    let ports = super::isa::PortIo::board(base, Pci1751::<super::isa::PortIo>::PORTS)?;
+    Ok(Box::new(Pci1751::new(ports)))
+}
+
+#[cfg(not(feature = "isa"))]
+fn words(_: u16) -> Result<Box<dyn Words>, String> {
+    Err(format!("ft_parallel: {NO_PORTS}"))
 }
 
 #[cfg(test)]
@@ -295,5 +408,38 @@ mod tests {
         assert!(refused("net_ft:somewhere").contains("49152"));
         assert!(refused("ft_controller:/dev/nosuch").contains("/dev/nosuch"));
         assert_eq!(refused("none"), "");
+    }
+
+    #[test]
+    fn a_card_is_the_original_arms_unless_it_is_told() {
+        let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
+        let [track, postument] = &scenario.controller.cell.arms[..] else { panic!("two arms") };
+        let card = IsaDevice::default();
+
+        let of_track = card.arm(track, &[]).unwrap();
+        assert_eq!((of_track.first_pointer, of_track.divisor), (0xc0, 4));
+        assert_eq!(of_track.max_currents, [0x30, 0x30, 0x30, 0x30, 0x30, 0x30, 0x10, 0x27]);
+        let of_postument = card.arm(postument, &[0.0, 2.0]).unwrap();
+        assert_eq!((of_postument.first_pointer, of_postument.divisor), (0xc1, 8));
+        assert_eq!(of_postument.max_currents[1..], [27, 0xff, 0xff, 0xff, 0xff, 0x10, 0x20]);
+        assert_eq!(of_postument.kinds[5], AxisKind::Encoder { sync_high: false });
+
+        let of_2008: IsaDevice =
+            toml::from_str("divisor = 16\nsync_active_high = [1, 2, 3, 4, 5]\npower_axis = 2")
+                .unwrap();
+        let of_2008 = of_2008.arm(postument, &[]).unwrap();
+        assert_eq!((of_2008.divisor, of_2008.power_axis), (16, 2));
+        assert_eq!(of_2008.kinds[5], AxisKind::Encoder { sync_high: true });
+        assert_eq!(of_2008.kinds[6], AxisKind::Encoder { sync_high: false });
+
+        let refused = |card: IsaDevice| card.arm(track, &[]).err().unwrap_or_default();
+        let resolvers = refused(IsaDevice { resolvers: vec![2], ..IsaDevice::default() });
+        assert!(
+            resolvers.contains("axis 2 counts 682") && resolvers.contains("4000"),
+            "{resolvers}"
+        );
+        let units = refused(IsaDevice { units_per_ampere: vec![1.0], ..IsaDevice::default() });
+        assert!(units.contains("8 numbers"), "{units}");
+        assert!(refused(IsaDevice { power_axis: 8, ..IsaDevice::default() }).contains("axis 8"));
     }
 }

@@ -113,6 +113,15 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     }
 
     let length = Length::of_seconds(root.real_time.period);
+    if root.bridge.kind.is_hardware() && length != Length::default() {
+        let reason = format!(
+            "`real_time.period_ms`: the controllers behind a bridge of kind \"{}\" go by periods of 2 ms, not of {} ms",
+            root.bridge.kind.word(),
+            length.seconds() * 1e3
+        );
+        let advice = "leave it at 2; only the simulated plant takes others".to_owned();
+        help(reader, "real_time.period_ms", reason, Some(advice));
+    }
     let macrostep = u64::from(root.control.macrostep_periods) * 2_000_000;
     if macrostep % length.nanos() != 0 || macrostep < 2 * length.nanos() {
         let reason = format!(
@@ -675,6 +684,27 @@ mod tests {
             "{told}"
         );
         assert!(told.contains("--pace real-time"), "{told}");
+    }
+
+    #[test]
+    fn hardware_has_periods_of_2_ms() {
+        let told = |kind: &str, period: &str| {
+            let text = format!(
+                "pace = \"real-time\"\n[bridge]\nkind = \"{kind}\"\n[real_time]\nperiod_ms = {period}\n"
+            );
+            faults(&text, &[])
+        };
+
+        for kind in ["serial", "isa"] {
+            let told = told(kind, "1");
+            let wanted = format!(
+                "t.toml:5:13: `real_time.period_ms`: the controllers behind a bridge of kind \"{kind}\""
+            );
+            assert!(told.contains(&wanted) && told.contains("not of 1 ms"), "{told}");
+        }
+        assert_eq!(told("serial", "2"), "");
+        assert_eq!(told("isa", "2.0"), "");
+        assert_eq!(told("plant", "1"), "");
     }
 
     #[test]

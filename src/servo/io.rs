@@ -64,6 +64,12 @@ pub struct ArmReading {
     /// What the surroundings and the weight of the tool exert on the sensor, in the sensor's frame.
     /// Components are NaN when the sensor is silent.
     pub wrench_on_sensor: Wrench,
+    /// Binary inputs of the parallel interface; 0 where the bridge has none. Not recorded.
+    #[serde(default)]
+    pub inputs: u16,
+    /// Its analog inputs, in its own units; likewise.
+    #[serde(default)]
+    pub analog_inputs: [u8; 8],
 }
 
 impl Default for ArmReading {
@@ -80,6 +86,8 @@ impl Default for ArmReading {
             synchronised: u8::MAX,
             guessed: 0,
             wrench_on_sensor: Wrench::default(),
+            inputs: 0,
+            analog_inputs: [0; 8],
         }
     }
 }

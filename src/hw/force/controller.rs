@@ -23,6 +23,10 @@ const WORDS: usize = 7;
 /// Sets it up: no echo of lines, binary and resolved output of all six components, no averaging, single readings.
 const SET_UP: [&[u8]; 7] =
     [b"CL 0\r", b"CF 1\r", b"CD B\r", b"CD R\r", b"CV 3F\r", b"SA 0\r", b"SM 1\r"];
+/// From here on it answers by the parallel interface. The original then told it everything once more.
+const PARALLEL: &[u8] = b"CP P\r";
+/// Words of its answers that are taken in a period of the set-up: one a character.
+const CHARACTERS: usize = 8;
 /// Asks for one record.
 const ONE: &[u8] = &[0x14];
 /// Its word that a line of its set-up was carried out.
@@ -60,8 +64,8 @@ fn wrench_of(counts: &[i16; 6]) -> Wrench {
 
 /// The parallel interface: 16-bit words as they come, one for each of the board's interrupts.
 pub trait Words: Send {
-    /// The next word, if one has come.
-    fn take(&mut self) -> Option<u16>;
+    /// The next word, if one has come. One that is `due` may be waited for a little: so many words are a record.
+    fn take(&mut self, due: bool) -> Option<u16>;
 }
 
 /// Where the set-up stands.
@@ -114,9 +118,7 @@ impl FtController {
 
     /// One more line of the set-up, when the last one was answered or is overdue.
     fn set_up(&mut self, step: usize) {
-        let mut answer = [0; 64];
-        let heard = self.line.read(&mut answer).unwrap_or(0);
-        let answered = answer[..heard].contains(&PROMPT);
+        let answered = self.is_answered();
         if let Some(periods) = self.waiting
             && !answered
             && periods < PATIENCE_SET_UP
@@ -124,7 +126,11 @@ impl FtController {
             self.waiting = Some(periods + 1);
             return;
         }
-        if let Some(line) = SET_UP.get(step) {
+        let line = match &self.words {
+            Some(_) => SET_UP.iter().chain([&PARALLEL]).chain(&SET_UP).nth(step),
+            None => SET_UP.get(step),
+        };
+        if let Some(line) = line {
             // A line that takes nothing shows in the answer that does not come.
             let _ = self.line.write(line);
             (self.stage, self.waiting) = (Stage::SettingUp(step + 1), Some(0));
@@ -133,11 +139,24 @@ impl FtController {
         }
     }
 
+    fn is_answered(&mut self) -> bool {
+        let mut answer = [0; 64];
+        let heard = self.line.read(&mut answer).unwrap_or(0);
+        let mut answered = answer[..heard].contains(&PROMPT);
+        if let Some(words) = &mut self.words {
+            for taken in 0..CHARACTERS {
+                let Some(word) = words.take(taken > 0) else { break };
+                answered |= word.to_be_bytes()[1] == PROMPT;
+            }
+        }
+        answered
+    }
+
     /// A record, if one is complete.
     fn record(&mut self) -> Option<(u8, Wrench)> {
         if let Some(words) = &mut self.words {
             while self.length < 2 * WORDS
-                && let Some(word) = words.take()
+                && let Some(word) = words.take(self.length > 0)
             {
                 // The status's low byte is the line's; the components follow as on the line.
                 let [high, low] = word.to_be_bytes();
@@ -163,7 +182,7 @@ impl FtController {
     fn ask(&mut self) {
         let _ = self.line.drain();
         if let Some(words) = &mut self.words {
-            while words.take().is_some() {}
+            while words.take(false).is_some() {}
         }
         self.length = 0;
         let _ = self.line.write(ONE);
@@ -206,6 +225,8 @@ impl ForceSource for FtController {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Pci1751;
+    use super::super::parallel::tests::Board;
     use super::*;
     use crate::hw::emulator::pty::Pty;
     use proptest::prelude::*;
@@ -265,39 +286,43 @@ mod tests {
         assert_eq!(wrench, push, "it came back by itself");
     }
 
-    struct Queue(std::sync::mpsc::Receiver<u16>);
-
-    impl Words for Queue {
-        fn take(&mut self) -> Option<u16> {
-            self.0.try_recv().ok()
-        }
-    }
-
     #[test]
     fn seven_words_of_the_parallel_interface_are_a_record() {
         let pty = Pty::open().unwrap();
-        let (words, queue) = std::sync::mpsc::channel();
-        let mut sensor =
-            FtController::open(pty.path(), Some(Box::new(Queue(queue))), RANGE).unwrap();
+        let board = Board::default();
+        let words = Pci1751::new(board.clone());
+        let mut sensor = FtController::open(pty.path(), Some(Box::new(words)), RANGE).unwrap();
         let mut bytes = [0; 64];
         let mut wrench = Wrench::default();
+        let (mut parallel, mut line) = (false, Vec::new());
+        let mut told = Vec::new();
 
-        for period in 0..100 {
+        for period in 0..200 {
             let n = pty.read(&mut bytes);
             for byte in &bytes[..n] {
                 match *byte {
-                    b'\r' => assert!(pty.write(b">")),
-                    0x14 => {
-                        for word in [0u16, 20, 40, (-60i16) as u16, 1000, 0, 500] {
-                            words.send(word).unwrap();
+                    b'\r' => {
+                        let text = String::from_utf8(std::mem::take(&mut line)).unwrap();
+                        parallel |= text == "CP P";
+                        told.push(text);
+                        if parallel {
+                            board.give(&b"ok\r\n>".map(u16::from));
+                        } else {
+                            assert!(pty.write(b">"));
                         }
                     }
-                    _ => {}
+                    // A controller that was not told of the interface answers on the line.
+                    0x14 if parallel => board.give(&[0u16, 20, 40, (-60i16) as u16, 1000, 0, 500]),
+                    0x14 => assert!(pty.write(&encode_record(0, &Wrench::default()))),
+                    byte => line.push(byte),
                 }
             }
             wrench = sensor.read(period, 0, &mut Notes::none());
         }
 
         assert_eq!(wrench, Wrench::from_directions([1.0, 2.0, -3.0, 1.0, 0.0, 0.5]));
+        let switch = told.iter().position(|line| line == "CP P").unwrap();
+        assert_eq!(told[..switch], told[switch + 1..], "settings are told again: {told:?}");
+        assert_eq!(told.len(), 15);
     }
 }

@@ -1,7 +1,8 @@
 //! Force sensors in the wrists, as the bridge reads them once a period.
 //!
 //! - [`NetFt`]: an ATI Net F/T box, which streams datagrams (RDT)
-//! - [`FtController`]: the stand-alone controller of the original's sensors, on a serial line
+//! - [`FtController`]: the stand-alone controller of the original's sensors, on a serial line, and [`Pci1751`], the
+//!   parallel interface by which it can tell its readings
 //! - [`Intake`]: what all have in common: the last reading holds for a while, one that leaves the range is dropped, and
 //!   a sensor that stays silent reads as no number, upon which the servo leaves force control
 //!
@@ -10,10 +11,12 @@
 mod controller;
 mod intake;
 mod net_ft;
+mod parallel;
 
-pub use controller::{FtController, RECORD as FT_RECORD, decode_record, encode_record};
+pub use controller::{FtController, RECORD as FT_RECORD, Words, decode_record, encode_record};
 pub use intake::{Intake, Taken};
 pub use net_ft::{NetFt, RDT_RECORD, RDT_REQUEST, RdtRecord, Sequence, request, start_request};
+pub use parallel::Pci1751;
 
 use super::note::Notes;
 use crate::spatial::Wrench;

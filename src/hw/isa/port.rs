@@ -1,9 +1,13 @@
 //! The bridge to arms behind ISA cards.
 //!
 //! - in: the drives of a period; out: what the cards show in the same period
-//! - on any hard error of an axis all motors of its arm are stopped in the same period, before the servo knows of it
+//! - an axis takes one word an interrupt: a command goes out in place of a pulse width, one a period
+//! - on any hard error of an axis, and without power, all motors of its arm are stopped in the same period, before the
+//!   servo knows of it
 //! - the card's interrupt is its sign of life: 10 ms without one are passed over, 20 ms are told, 30 ms are a fault
+//! - when the bridge ends, motion by hand is allowed again
 
+use super::counter::Counter;
 use super::registers::{
     AxisKind, AxisStatus, HARDWARE_ERROR, Registers, command, counter, error_word, port,
     pulse_word, resolver,
@@ -13,13 +17,14 @@ use crate::hw::note::{Notes, What};
 use crate::hw::port::{Port, PortFault};
 use crate::motion::{AXES, Depth, PERIOD};
 use crate::servo::io::{ArmDrive, ArmReading, JAW};
+use std::collections::VecDeque;
 
 /// Periods without an interrupt that make one miss: the original's 10 ms.
 const MISS: u32 = 5;
 /// Misses after which the arm is given up.
 const LOST: u32 = 3;
-/// Counts of a resolver's revolution.
-const REVOLUTION: i64 = 682;
+/// Pauses between the interrupts' divisor and their start: the original's 10 ms.
+const SETTLES: u32 = 5;
 
 /// An arm's card and its force sensor.
 pub struct IsaArm<R> {
@@ -29,32 +34,58 @@ pub struct IsaArm<R> {
     pub registers: R,
     /// Pointer of its first axis: 0xc0 of the track's card, 0xc1 of the postument's.
     pub first_pointer: u8,
+    /// Divisor that makes its interrupts come every 2 ms.
+    pub divisor: u8,
     /// Whether it has an axis 0; without one the first pointer is axis 1's.
     pub has_track: bool,
     /// How each axis is read; the jaw's last.
     pub kinds: [AxisKind; AXES + 1],
+    /// Axis that tells of the power of all; it must have an encoder, or nothing is told.
+    pub power_axis: usize,
     /// Units of current per ampere, the jaw's last.
     pub units_per_ampere: [f64; AXES + 1],
-    /// Limits of the motor currents of axes 0..=6 [A].
-    pub max_currents: [Option<f64>; AXES],
+    /// Limits of the motor currents in those units; the jaw's, the last, holds until something is gripped.
+    pub max_currents: [u8; AXES + 1],
     /// Its force sensor.
     pub force: Box<dyn ForceSource>,
 }
 
-/// A resolver's revolutions, or an encoder's counter, as one number from the zero of synchronisation.
-#[derive(Debug, Clone, Copy, Default)]
-struct Counter {
-    count: i64,
-    angle: Option<i64>,
-    synchronised: bool,
-    synchronising: bool,
+impl IsaArm<()> {
+    /// The same, behind these registers.
+    pub fn with<R>(self, registers: R) -> IsaArm<R> {
+        IsaArm {
+            name: self.name,
+            registers,
+            first_pointer: self.first_pointer,
+            divisor: self.divisor,
+            has_track: self.has_track,
+            kinds: self.kinds,
+            power_axis: self.power_axis,
+            units_per_ampere: self.units_per_ampere,
+            max_currents: self.max_currents,
+            force: self.force,
+        }
+    }
+}
+
+struct Axis {
+    counter: Counter,
+    /// What it is still to be told.
+    commands: VecDeque<u16>,
+    /// In the last period it was told a command.
+    commanded: bool,
+    /// It was asked to synchronise in the last period.
+    asked: bool,
 }
 
 struct Arm<R> {
     parts: IsaArm<R>,
-    counters: [Counter; AXES + 1],
+    axes: [Axis; AXES + 1],
     enabled: bool,
+    /// What the axes show does not let any motor go on.
+    hard: bool,
     jaw_limit: u8,
+    outputs: Option<u16>,
     /// Periods since the last interrupt.
     quiet: u32,
 }
@@ -66,14 +97,26 @@ pub struct IsaPort<R: Registers> {
 }
 
 impl<R: Registers> IsaPort<R> {
-    /// Sets the cards up: current limits, no motion by hand, interrupts every 2 ms.
+    /// Sets the cards up: interrupts every 2 ms, current limits, no motion by hand. Takes about 30 ms a card.
     #[must_use]
     pub fn new(arms: Vec<IsaArm<R>>, notes: Notes) -> Self {
         let arms = arms
             .into_iter()
             .map(|parts| {
-                let counters = [Counter::default(); AXES + 1];
-                let mut arm = Arm { parts, counters, enabled: false, jaw_limit: 0, quiet: 0 };
+                let mut arm = Arm {
+                    axes: parts.kinds.map(|kind| Axis {
+                        counter: Counter::new(kind),
+                        commands: VecDeque::with_capacity(8),
+                        commanded: false,
+                        asked: false,
+                    }),
+                    enabled: false,
+                    hard: false,
+                    jaw_limit: parts.max_currents[JAW],
+                    outputs: None,
+                    quiet: 0,
+                    parts,
+                };
                 arm.set_up();
                 arm
             })
@@ -83,29 +126,53 @@ impl<R: Registers> IsaPort<R> {
 }
 
 impl<R: Registers> Arm<R> {
+    /// The original's order.
     fn set_up(&mut self) {
-        for axis in self.first()..=JAW {
-            self.choose(axis);
-            if axis < AXES
-                && let Some(limit) = self.parts.max_currents[axis]
-            {
-                let units = self.units(axis, limit);
-                self.tell(command::SET_MAX_CURRENT | u16::from(units));
-            }
-            self.tell(command::PROHIBIT_MANUAL);
-            self.tell(command::STOP_MOTOR);
+        self.acknowledge();
+        self.tell(command::SET_INTERRUPT_DIVISOR | u16::from(self.parts.divisor));
+        for _ in 0..SETTLES {
+            self.parts.registers.pause();
         }
-        self.parts.registers.write8(port::AXIS, port::INTERRUPTS);
-        self.tell(command::SET_INTERRUPT_DIVISOR | 8);
         self.tell(command::START_INTERRUPTS);
+        self.parts.registers.pause();
+        self.tell_all(|_| command::RESET_MANUAL);
+        self.tell_all(|_| command::PROHIBIT_MANUAL);
+        let limits = self.parts.max_currents;
+        self.tell_all(|axis| command::SET_MAX_CURRENT | u16::from(limits[axis]));
+        self.tell_all(|_| command::MICROCONTROLLER_MODE);
+        self.tell_all(|_| command::STOP_MOTOR);
+        self.tell_all(|_| command::RESET_MANUAL);
+        self.tell_all(|_| command::RESET_ALARM);
+        let mut known = [false; AXES + 1];
+        for (axis, known) in known.iter_mut().enumerate().skip(self.first()) {
+            self.choose(axis);
+            *known = self.status(axis).synchronised;
+        }
+        // What does not know where it is counts from here.
+        self.tell_all(
+            |axis| {
+                if known[axis] { command::STOP_MOTOR } else { command::RESET_POSITION }
+            },
+        );
+    }
+
+    /// Power off, and the cabinet's buttons serve again. What was told just before may keep the first word from being
+    /// taken, hence the second.
+    fn end(&mut self) {
+        for word in [
+            command::STOP_MOTOR,
+            command::MICROCONTROLLER_MODE,
+            command::STOP_MOTOR,
+            command::RESET_MANUAL,
+            command::RESET_ALARM,
+            command::ALLOW_MANUAL,
+        ] {
+            self.tell_all(|_| word);
+        }
     }
 
     fn first(&self) -> usize {
         usize::from(!self.parts.has_track)
-    }
-
-    fn units(&self, axis: usize, amperes: f64) -> u8 {
-        (amperes * self.parts.units_per_ampere[axis]).round().clamp(0.0, 255.0) as u8
     }
 
     fn choose(&mut self, axis: usize) {
@@ -117,93 +184,150 @@ impl<R: Registers> Arm<R> {
         self.parts.registers.write16(port::COMMAND, word);
     }
 
+    /// Tells every axis a word, and gives it the time to take it.
+    fn tell_all(&mut self, word: impl Fn(usize) -> u16) {
+        for axis in self.first()..=JAW {
+            self.choose(axis);
+            self.tell(word(axis));
+        }
+        self.parts.registers.pause();
+        self.acknowledge();
+    }
+
+    /// Clears the cause of the interrupt: else no further one comes. The generator stays chosen.
+    fn acknowledge(&mut self) {
+        self.parts.registers.write8(port::AXIS, port::INTERRUPTS);
+        self.parts.registers.read16(port::COMMAND);
+        self.parts.registers.read16(port::OUTPUTS);
+    }
+
+    /// Status of the chosen axis, which is this one.
+    fn status(&mut self, axis: usize) -> AxisStatus {
+        AxisStatus::decode(self.parts.registers.read16(port::COMMAND), self.parts.kinds[axis])
+    }
+
     /// What every axis shows.
-    fn read(&mut self, reading: &mut ArmReading) -> [AxisStatus; AXES + 1] {
+    fn read(&mut self, reading: &mut ArmReading) {
+        self.acknowledge();
         *reading =
             ArmReading { wrench_on_sensor: reading.wrench_on_sensor, ..ArmReading::default() };
         let mut statuses = [AxisStatus::default(); AXES + 1];
         for (axis, slot) in statuses.iter_mut().enumerate().skip(self.first()) {
             self.choose(axis);
             let kind = self.parts.kinds[axis];
-            let word = self.parts.registers.read16(port::COMMAND);
+            let registers = &mut self.parts.registers;
+            let word = registers.read16(port::COMMAND);
+            let reply = registers.read16(port::OUTPUTS);
+            let low = registers.read16(port::POSITION_LOW);
+            let high = registers.read16(port::POSITION_HIGH);
             let status = AxisStatus::decode(word, kind);
-            let low = self.parts.registers.read16(port::POSITION_LOW);
-            let high = self.parts.registers.read16(port::POSITION_HIGH);
-            let reply = self.parts.registers.read16(port::OUTPUTS);
-            let counted = &mut self.counters[axis];
-            match kind {
-                AxisKind::Resolver => counted.turn(resolver(low)),
-                AxisKind::Encoder => {
-                    counted.count = i64::from(counter(low, high));
-                    counted.synchronised = status.synchronised;
-                }
-            }
-            let units = match kind {
-                AxisKind::Resolver => word & 0xff,
-                AxisKind::Encoder => reply >> 8,
+            let (position, units) = match kind {
+                AxisKind::Resolver => (resolver(low, high), word & 0xff),
+                AxisKind::Encoder { .. } => (Some(i64::from(counter(low, high))), reply >> 8),
             };
-            let was_synchronising = counted.synchronising;
-            if was_synchronising && status.zero {
-                if kind == AxisKind::Resolver {
-                    (counted.count, counted.synchronised) = (0, true);
+            let Axis { counter, commands, .. } = &mut self.axes[axis];
+            if counter.take(position, status) {
+                commands.push_back(command::FINISH_SYNCHRO);
+                if counter.is_off() {
+                    commands.push_back(command::RESET_POSITION);
                 }
-                counted.synchronising = false;
-                self.tell(command::RESET_POSITION);
-                self.tell(command::FINISH_SYNCHRO);
+                // Of encoder axes, without a reason in the sources: some do not move otherwise.
+                if kind != AxisKind::Resolver {
+                    commands.push_back(command::MICROCONTROLLER_MODE);
+                }
             }
-            let counted = self.counters[axis];
             let bit = |is: bool| u8::from(is) << axis;
             reading.currents[axis] = f64::from(units) / self.parts.units_per_ampere[axis];
             reading.limit_switches |= bit(status.upper || status.lower);
             reading.over_currents |= bit(status.over_current);
             reading.sync_switches |= bit(status.sync_switch);
             reading.encoder_zeros |= bit(status.zero);
-            reading.synchronised &= !bit(!counted.synchronised);
+            reading.synchronised &= !bit(!counter.is_synchronised(status));
             match reading.counts.get_mut(axis) {
-                Some(slot) => *slot = counted.count,
-                None => reading.jaw_count = counted.count,
+                Some(slot) => *slot = counter.count(),
+                None => reading.jaw_count = counter.count(),
             }
             *slot = status;
         }
-        // The last encoder axis of the arm proper tells of the power of all.
-        let teller = AXES - 1;
-        if self.parts.kinds[teller] == AxisKind::Encoder && !statuses[teller].power {
+        self.read_inputs(reading);
+        let teller = self.parts.power_axis;
+        let off =
+            matches!(self.parts.kinds[teller], AxisKind::Encoder { .. }) && !statuses[teller].power;
+        if off {
             reading.power_faults = u8::MAX;
         }
-        statuses
+        self.hard = off || error_word(statuses) & HARDWARE_ERROR != 0;
+    }
+
+    fn read_inputs(&mut self, reading: &mut ArmReading) {
+        let registers = &mut self.parts.registers;
+        registers.write8(port::AXIS, port::IO_PACKET);
+        reading.inputs = registers.read16(port::INPUTS);
+        for (pair, at) in
+            reading.analog_inputs.chunks_exact_mut(2).zip((port::COMMAND..).step_by(2))
+        {
+            pair.copy_from_slice(&registers.read16(at).to_le_bytes());
+        }
     }
 
     /// What every axis is told.
-    fn write(&mut self, drive: &ArmDrive, stopped: bool) {
+    fn write(&mut self, drive: &ArmDrive) {
+        let switched = drive.enabled != self.enabled;
+        // A switch that is being left again must not stop the motor that leaves it: the servo decides, once it has
+        // switched the drives on anew. And stopping waits for no command.
+        let stops = self.enabled && (self.hard || !drive.enabled);
         for axis in self.first()..=JAW {
+            self.queue(axis, drive, switched);
             self.choose(axis);
-            let asked = drive.synchronise >> axis & 1 == 1;
-            let counted = &mut self.counters[axis];
-            if asked && !counted.synchronising && !counted.synchronised {
-                counted.synchronising = true;
-                self.tell(command::START_SYNCHRO);
-            } else if !asked && counted.synchronising {
-                counted.synchronising = false;
-                self.tell(command::FINISH_SYNCHRO);
-            }
-            if drive.enabled && !self.enabled {
-                self.tell(command::RESET_ALARM);
-            }
-            if axis == JAW {
-                let limit = self.units(JAW, drive.jaw_current_limit);
-                if limit != self.jaw_limit {
-                    self.jaw_limit = limit;
-                    self.tell(command::SET_MAX_CURRENT | u16::from(limit));
+            let waiting = if stops { None } else { self.axes[axis].commands.pop_front() };
+            self.axes[axis].commanded = waiting.is_some();
+            if let Some(word) = waiting {
+                let counter = &mut self.axes[axis].counter;
+                match word {
+                    command::START_SYNCHRO => counter.await_zero(),
+                    command::FINISH_SYNCHRO => counter.stop_waiting(),
+                    command::RESET_POSITION => counter.was_reset(),
+                    _ => {}
                 }
+                self.tell(word);
+            } else {
+                let width = if axis == JAW { drive.jaw_pwm } else { drive.pwm[axis] };
+                self.tell(pulse_word(if drive.enabled && !stops { width } else { 0 }));
             }
-            let width = if axis == JAW { drive.jaw_pwm } else { drive.pwm[axis] };
-            let on = drive.enabled && !stopped;
-            self.tell(pulse_word(if on { width } else { 0 }));
         }
-        self.parts.registers.write8(port::AXIS, port::IO_PACKET);
         let outputs = u16::from(drive.stops == Depth::Two);
-        self.parts.registers.write16(port::OUTPUTS, outputs);
+        if self.outputs != Some(outputs) {
+            self.outputs = Some(outputs);
+            self.parts.registers.write8(port::AXIS, port::IO_PACKET);
+            self.parts.registers.write16(port::OUTPUTS, outputs);
+        }
         self.enabled = drive.enabled;
+    }
+
+    /// Commands that an axis's drive makes necessary.
+    fn queue(&mut self, axis: usize, drive: &ArmDrive, switched: bool) {
+        let slot = &mut self.axes[axis];
+        // Whatever the servo has stopped for is told to it anew when it lasts; else it could not begin again.
+        if switched {
+            slot.commands.push_back(command::RESET_ALARM);
+        }
+        let asked = drive.synchronise >> axis & 1 == 1;
+        if asked && !slot.asked {
+            slot.counter.forget();
+            slot.commands.push_back(command::START_SYNCHRO);
+        } else if !asked && slot.asked && !slot.counter.is_found() {
+            slot.commands.push_back(command::FINISH_SYNCHRO);
+        }
+        slot.asked = asked;
+        // A limit that changes in every period leaves every other one to the pulse width.
+        if axis == JAW && drive.enabled && slot.commands.is_empty() && !slot.commanded {
+            let units = drive.jaw_current_limit * self.parts.units_per_ampere[JAW];
+            let limit = units.round().clamp(0.0, 255.0) as u8;
+            if limit != self.jaw_limit {
+                self.jaw_limit = limit;
+                slot.commands.push_back(command::SET_MAX_CURRENT | u16::from(limit));
+            }
+        }
     }
 
     /// Whether the card gives signs of life.
@@ -232,18 +356,6 @@ impl<R: Registers> Arm<R> {
     }
 }
 
-impl Counter {
-    /// Takes the angle within a revolution; a bad reading leaves it as it was.
-    fn turn(&mut self, angle: Option<u16>) {
-        let Some(angle) = angle.map(i64::from) else { return };
-        if let Some(before) = self.angle {
-            let half = REVOLUTION / 2;
-            self.count += (angle - before + half).rem_euclid(REVOLUTION) - half;
-        }
-        self.angle = Some(angle);
-    }
-}
-
 impl<R: Registers> Port for IsaPort<R> {
     fn exchange(
         &mut self,
@@ -252,247 +364,27 @@ impl<R: Registers> Port for IsaPort<R> {
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
         let mut lost = Ok(());
-        for (effector, (arm, (drive, reading))) in
-            self.arms.iter_mut().zip(drives.iter().zip(readings)).enumerate()
-        {
-            let statuses = arm.read(reading);
-            let hard = error_word(statuses) & HARDWARE_ERROR != 0;
-            // A switch that is being left again must not stop the motor that leaves it: the servo decides, once it
-            // has switched the drives on anew.
-            arm.write(drive, hard && arm.enabled);
+        for (effector, (arm, reading)) in self.arms.iter_mut().zip(readings).enumerate() {
+            arm.read(reading);
             reading.wrench_on_sensor = arm.parts.force.read(period, effector, &mut self.notes);
             lost = lost.and(arm.watch(period, effector, &mut self.notes));
         }
-        if lost.is_err() {
-            self.stop();
+        for (arm, drive) in self.arms.iter_mut().zip(drives) {
+            // A cube may join the arms: all stop for one.
+            arm.write(if lost.is_ok() { drive } else { &ArmDrive::OFF });
         }
         lost
     }
 }
 
-impl<R: Registers> IsaPort<R> {
-    /// Power off.
-    fn stop(&mut self) {
-        for arm in &mut self.arms {
-            arm.write(&ArmDrive::OFF, true);
-        }
-    }
-}
-
 impl<R: Registers> Drop for IsaPort<R> {
     fn drop(&mut self) {
-        self.stop();
+        self.arms.iter_mut().for_each(Arm::end);
     }
 }
 
 impl<R: Registers> std::fmt::Debug for IsaPort<R> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("IsaPort").field("arms", &self.arms.len()).finish_non_exhaustive()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::registers::width_of;
-    use super::*;
-    use crate::hw::force::NoSensor;
-    use crate::hw::note::notes;
-    use std::sync::{Arc, Mutex};
-
-    /// A card: each exchange that is over moves its axes by a hundredth of the pulse width.
-    #[derive(Default)]
-    struct Card {
-        chosen: u8,
-        counts: [i64; 8],
-        widths: [i16; 8],
-        statuses: [AxisStatus; 8],
-        resolvers: bool,
-        currents: [u16; 8],
-        outputs: u16,
-        told: Vec<(u8, u16)>,
-        alive: bool,
-    }
-
-    #[derive(Clone, Default)]
-    struct Bank(Arc<Mutex<Card>>);
-
-    impl Bank {
-        fn card(&self) -> std::sync::MutexGuard<'_, Card> {
-            self.0.lock().unwrap()
-        }
-
-        fn kind(&self) -> AxisKind {
-            if self.card().resolvers { AxisKind::Resolver } else { AxisKind::Encoder }
-        }
-    }
-
-    impl Registers for Bank {
-        fn write8(&mut self, at: u16, value: u8) {
-            assert_eq!(at, port::AXIS);
-            self.card().chosen = value;
-        }
-
-        fn write16(&mut self, at: u16, value: u16) {
-            let mut card = self.card();
-            let chosen = card.chosen;
-            match (at, chosen) {
-                (port::OUTPUTS, port::IO_PACKET) => card.outputs = value,
-                (port::COMMAND, 0xc1..=0xc7) => match width_of(value) {
-                    Some(width) => card.widths[usize::from(chosen - 0xc0)] = width,
-                    None => card.told.push((chosen - 0xc0, value)),
-                },
-                (port::COMMAND, port::INTERRUPTS) => {}
-                _ => panic!("nothing is there: {at:#x} at {chosen:#x}"),
-            }
-        }
-
-        fn read16(&mut self, at: u16) -> u16 {
-            let kind = self.kind();
-            let card = self.card();
-            let axis = usize::from(card.chosen - 0xc0);
-            match (at, kind) {
-                (port::COMMAND, AxisKind::Encoder) => card.statuses[axis].encode(kind),
-                (port::COMMAND, AxisKind::Resolver) => {
-                    card.statuses[axis].encode(kind) | card.currents[axis]
-                }
-                (port::POSITION_LOW, AxisKind::Resolver) => {
-                    !(card.counts[axis].rem_euclid(REVOLUTION) as u16)
-                }
-                (port::POSITION_LOW, AxisKind::Encoder) => !(card.counts[axis] as u16),
-                (port::POSITION_HIGH, _) => !((card.counts[axis] >> 16) as u16),
-                (port::OUTPUTS, _) => card.currents[axis] << 8,
-                _ => panic!("nothing is there: {at:#x}"),
-            }
-        }
-
-        fn interrupted(&mut self) -> bool {
-            let mut card = self.card();
-            for i in 0..8 {
-                card.counts[i] += i64::from(card.widths[i]) / 10;
-            }
-            card.alive
-        }
-    }
-
-    fn arm(resolvers: bool) -> (Bank, IsaPort<Bank>, rtrb::Consumer<crate::hw::note::Note>) {
-        let bank = Bank::default();
-        {
-            let mut card = bank.card();
-            card.alive = true;
-            card.resolvers = resolvers;
-            for status in &mut card.statuses {
-                (status.synchronised, status.power) = (!resolvers, !resolvers);
-            }
-        }
-        let parts = IsaArm {
-            name: "postument".to_owned(),
-            registers: bank.clone(),
-            first_pointer: 0xc1,
-            has_track: false,
-            kinds: [if resolvers { AxisKind::Resolver } else { AxisKind::Encoder }; AXES + 1],
-            units_per_ampere: [13.7; AXES + 1],
-            max_currents: [Some(10.0); AXES],
-            force: Box::new(NoSensor),
-        };
-        let (to, from) = notes();
-        (bank, IsaPort::new(vec![parts], to), from)
-    }
-
-    fn on(pwm: i16) -> ArmDrive {
-        ArmDrive {
-            enabled: true,
-            pwm: [pwm; AXES],
-            jaw_pwm: -pwm,
-            stops: Depth::Two,
-            ..ArmDrive::OFF
-        }
-    }
-
-    fn go(port: &mut IsaPort<Bank>, periods: u64, drive: ArmDrive) -> ArmReading {
-        let mut readings = [ArmReading::default()];
-        for period in 0..periods {
-            port.exchange(period, &[drive], &mut readings).unwrap();
-        }
-        readings[0]
-    }
-
-    #[test]
-    fn pulse_widths_move_counters_of_encoders_both_ways() {
-        let (bank, mut port, _) = arm(false);
-        bank.card().currents = [27; 8];
-
-        let reading = go(&mut port, 101, on(200));
-
-        assert_eq!(reading.counts[1..], [2000; 6], "axis 1 is the first pointer's");
-        assert_eq!(reading.jaw_count, -2000);
-        assert!((reading.currents[3] - 27.0 / 13.7).abs() < 1e-12);
-        assert_eq!(reading.synchronised, u8::MAX);
-        assert_eq!(bank.card().outputs, 1, "the palm's stops");
-        assert!(bank.card().told.contains(&(1, command::SET_MAX_CURRENT | 0x89)));
-    }
-
-    #[test]
-    fn resolvers_are_counted_over_their_revolutions() {
-        let (_bank, mut port, _) = arm(true);
-
-        assert_eq!(go(&mut port, 101, on(250)).counts[2], 2500);
-        assert_eq!(go(&mut port, 301, on(-250)).counts[2], 2500 + 25 - 7500);
-    }
-
-    #[test]
-    fn a_hard_error_stops_every_motor_in_its_period() {
-        let (bank, mut port, _) = arm(false);
-        go(&mut port, 10, on(100));
-        bank.card().statuses[4].over_current = true;
-
-        let reading = go(&mut port, 1, on(100));
-
-        assert_eq!(reading.over_currents, 1 << 4);
-        assert_eq!(bank.card().widths, [0; 8]);
-    }
-
-    #[test]
-    fn an_axis_is_synchronised_at_its_zero() {
-        let (bank, mut port, _) = arm(true);
-        go(&mut port, 10, on(100));
-        let homing = ArmDrive { synchronise: 1 << 2, ..on(100) };
-        assert_eq!(go(&mut port, 5, homing).synchronised & 1 << 2, 0);
-        assert!(bank.card().told.contains(&(2, command::START_SYNCHRO)));
-        bank.card().statuses[2].zero = true;
-
-        let reading = go(&mut port, 1, homing);
-
-        assert_eq!((reading.counts[2], reading.synchronised & 1 << 2), (0, 1 << 2));
-        assert!(bank.card().told.contains(&(2, command::RESET_POSITION)));
-    }
-
-    #[test]
-    fn a_card_without_interrupts_is_told_after_20_ms_and_given_up_after_30() {
-        let (bank, mut port, mut told) = arm(false);
-        go(&mut port, 10, on(100));
-        bank.card().alive = false;
-        let mut readings = [ArmReading::default()];
-        let mut ended = None;
-
-        for period in 10..100 {
-            if let Err(fault) = port.exchange(period, &[on(100)], &mut readings) {
-                ended = Some((period, fault.reason));
-                break;
-            }
-        }
-
-        let (period, reason) = ended.unwrap();
-        assert_eq!(period, 10 + 14);
-        assert!(reason.contains("postument") && reason.contains("30 ms"), "{reason}");
-        assert_eq!(told.pop().unwrap().what, What::NoInterrupt);
-        assert_eq!(bank.card().widths, [0; 8]);
-    }
-
-    #[test]
-    fn lost_power_is_told_of_every_axis() {
-        let (bank, mut port, _) = arm(false);
-        bank.card().statuses[6].power = false;
-
-        assert_eq!(go(&mut port, 1, on(0)).power_faults, u8::MAX);
     }
 }

@@ -18,6 +18,9 @@ pub mod port {
     pub const POSITION_LOW: u16 = 0x224;
     /// High word of the counter, inverted.
     pub const POSITION_HIGH: u16 = 0x226;
+    /// The I/O packet's 16 binary inputs; its 8 analog ones are the bytes of the four words from [`COMMAND`] on, the
+    /// low byte first.
+    pub const INPUTS: u16 = 0x228;
     /// Pointer of the I/O packet.
     pub const IO_PACKET: u8 = 0xc8;
     /// Pointer of the interrupt generator.
@@ -28,6 +31,8 @@ pub mod port {
 pub mod command {
     /// The counter becomes zero.
     pub const RESET_POSITION: u16 = 0x0400;
+    /// Ends a motion by hand.
+    pub const RESET_MANUAL: u16 = 0x0800;
     /// Forgets an alarm: over-current, a limit switch.
     pub const RESET_ALARM: u16 = 0x0c00;
     /// Motion by hand is forbidden.
@@ -38,25 +43,33 @@ pub mod command {
     pub const START_SYNCHRO: u16 = 0x1800;
     /// No more.
     pub const FINISH_SYNCHRO: u16 = 0x1c00;
-    /// Divisor of the interrupt's frequency in the low byte: 8 is 2 ms.
+    /// Divisor of the interrupt's frequency in the low byte: 2 ms are 8 on the postument's card, 4 on the track's.
     pub const SET_INTERRUPT_DIVISOR: u16 = 0x2000;
     /// Limit of the current in the low byte.
     pub const SET_MAX_CURRENT: u16 = 0x2400;
     /// Interrupts begin.
     pub const START_INTERRUPTS: u16 = 0x5000;
+    /// The axis obeys the words of this table.
+    pub const MICROCONTROLLER_MODE: u16 = 0x4c00;
     /// Motor off.
     pub const STOP_MOTOR: u16 = 0x0200;
     /// Pulse width backwards; forwards is [`STOP_MOTOR`] with a magnitude.
     pub const BACKWARDS: u16 = 0x0300;
 }
 
+/// Counts of a resolver's revolution.
+pub const REVOLUTION: i64 = 682;
+
 /// How the status word of an axis is to be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxisKind {
-    /// A resolver: 682 counts a revolution, bad readings marked.
+    /// A resolver: [`REVOLUTION`] counts, bad readings marked.
     Resolver,
     /// An encoder.
-    Encoder,
+    Encoder {
+        /// Its synchronisation switch is active high.
+        sync_high: bool,
+    },
 }
 
 /// What a status word says. Inverted bits are turned right.
@@ -92,8 +105,8 @@ impl AxisStatus {
                 lower: !set(0x4000),
                 ..common
             },
-            AxisKind::Encoder => Self {
-                sync_switch: !set(0x4000),
+            AxisKind::Encoder { sync_high } => Self {
+                sync_switch: set(0x4000) == sync_high,
                 upper: !set(0x1000),
                 lower: !set(0x2000),
                 synchronised: set(0x0040),
@@ -115,8 +128,8 @@ impl AxisStatus {
                         | bit(!self.upper, 0x2000)
                         | bit(!self.lower, 0x4000)
                 }
-                AxisKind::Encoder => {
-                    bit(!self.sync_switch, 0x4000)
+                AxisKind::Encoder { sync_high } => {
+                    bit(self.sync_switch == sync_high, 0x4000)
                         | bit(!self.upper, 0x1000)
                         | bit(!self.lower, 0x2000)
                         | bit(self.synchronised, 0x0040)
@@ -168,15 +181,19 @@ pub fn counter(low: u16, high: u16) -> i32 {
     (u32::from(!high) << 16 | u32::from(!low)) as i32
 }
 
-/// The angle of a resolver within its revolution; `None` for a bad reading.
+/// The counter of a resolver axis from its two inverted words: whole revolutions in the high one, signed, and the
+/// angle within one in the low one (the interrupt handler of the track's sources); `None` for a bad reading.
 #[must_use]
-pub fn resolver(low: u16) -> Option<u16> {
+pub fn resolver(low: u16, high: u16) -> Option<i64> {
     let word = !low;
-    (word & 0x0800 == 0).then_some(word & 0x07ff)
+    let revolutions = i64::from(!high as i16);
+    (word & 0x0800 == 0).then(|| revolutions * REVOLUTION + i64::from(word & 0x07ff))
 }
 
 /// Registers of a card, however they are reached.
 pub trait Registers: Send {
+    /// Reads a byte.
+    fn read8(&mut self, port: u16) -> u8;
     /// Writes a byte.
     fn write8(&mut self, port: u16, value: u8);
     /// Writes a word.
@@ -185,6 +202,8 @@ pub trait Registers: Send {
     fn read16(&mut self, port: u16) -> u16;
     /// Whether the card has raised its interrupt since it was asked last.
     fn interrupted(&mut self) -> bool;
+    /// Lets the 2 ms pass that a card needs to take some of its commands; for its set-up and its end only.
+    fn pause(&mut self);
 }
 
 #[cfg(test)]
@@ -194,8 +213,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn status_words_come_back(bits in any::<[bool; 7]>(), resolver in any::<bool>()) {
-            let kind = if resolver { AxisKind::Resolver } else { AxisKind::Encoder };
+        fn status_words_come_back(bits in any::<[bool; 7]>(), resolver in any::<bool>(), sync_high in any::<bool>()) {
+            let kind = if resolver { AxisKind::Resolver } else { AxisKind::Encoder { sync_high } };
             let status = AxisStatus {
                 zero: bits[0], over_current: bits[1], sync_switch: bits[2], upper: bits[3], lower: bits[4],
                 synchronised: bits[5] && !resolver, power: bits[6] && !resolver,
@@ -220,8 +239,12 @@ mod tests {
         // All limit switches of a resolver axis open, the switch of synchronisation closed.
         let status = AxisStatus::decode(0xe000, AxisKind::Resolver);
         assert_eq!(status, AxisStatus { sync_switch: true, ..AxisStatus::default() });
-        assert_eq!(resolver(!0x0123), Some(0x0123));
-        assert_eq!(resolver(!0x0923), None);
+        let [low, high] = [false, true].map(|sync_high| AxisKind::Encoder { sync_high });
+        assert!(AxisStatus::decode(0x3000, low).sync_switch);
+        assert!(!AxisStatus::decode(0x3000, high).sync_switch);
+        assert_eq!(resolver(!0x0123, !2), Some(2 * 682 + 0x0123));
+        assert_eq!(resolver(!681, 0), Some(-1), "the revolution below zero");
+        assert_eq!(resolver(!0x0923, !2), None);
     }
 
     #[test]

@@ -1,0 +1,184 @@
+//! The parallel interface of the force controller: a PCI-1751 board, of which one word at a time is taken.
+//!
+//! - in: 16 bits in two input ports, announced by the strobe, which the board keeps as its interrupt flag
+//! - out: "input buffer full", held for 10 us, upon which the controller gives the next word
+//! - source: the sensor's part of the original's sources (its registers, their set-up, the hand-shake). There each word
+//!   was an interrupt; here the flag is looked at once a period, and within a record until the next word has come
+
+use super::Words;
+use crate::hw::isa::Registers;
+use std::time::{Duration, Instant};
+
+/// Ports of the board, from its first one on.
+mod at {
+    pub(super) const LOW: u16 = 1;
+    pub(super) const CONTROL: u16 = 2;
+    pub(super) const SET_UP: [u16; 2] = [3, 7];
+    pub(super) const HIGH: u16 = 5;
+    pub(super) const INTERRUPT: u16 = 32;
+}
+
+/// Input ports as inputs, the rest as outputs.
+const DIRECTIONS: u8 = 0x03;
+/// The strobe's edge sets the flag.
+const BY_STROBE: u8 = 0x10;
+/// The flag; writing it clears it.
+const FLAG: u8 = 0x80;
+/// Lines of the hand-shake: nothing for the controller in the output buffer; the input buffer is full.
+const OUTPUT_EMPTY: u8 = 0x10;
+const INPUT_FULL: u8 = 0x20;
+/// How long that is held.
+const HOLDS: Duration = Duration::from_micros(10);
+/// The next word of a record is waited for this long: seven leave more than a millisecond of a period.
+const PATIENCE: Duration = Duration::from_micros(100);
+
+/// The board.
+#[derive(Debug)]
+pub struct Pci1751<R> {
+    ports: R,
+}
+
+impl<R: Registers> Pci1751<R> {
+    /// How many ports it has.
+    pub const PORTS: u16 = at::INTERRUPT + 1;
+
+    /// Sets the board up.
+    #[must_use]
+    pub fn new(mut ports: R) -> Self {
+        for port in at::SET_UP {
+            ports.write8(port, DIRECTIONS);
+        }
+        ports.write8(at::INTERRUPT, BY_STROBE);
+        let mut this = Self { ports };
+        this.control(OUTPUT_EMPTY, INPUT_FULL);
+        this
+    }
+
+    fn control(&mut self, set: u8, clear: u8) {
+        let lines = self.ports.read8(at::CONTROL);
+        self.ports.write8(at::CONTROL, (lines | set) & !clear);
+    }
+
+    fn announced(&mut self) -> bool {
+        self.ports.read8(at::INTERRUPT) & FLAG != 0
+    }
+}
+
+impl<R: Registers> Words for Pci1751<R> {
+    fn take(&mut self, due: bool) -> Option<u16> {
+        let begun = Instant::now();
+        while !self.announced() {
+            if !due || begun.elapsed() > PATIENCE {
+                return None;
+            }
+            std::hint::spin_loop();
+        }
+        let interrupt = self.ports.read8(at::INTERRUPT);
+        self.ports.write8(at::INTERRUPT, interrupt | FLAG);
+        self.control(INPUT_FULL, 0);
+        let word = u16::from_le_bytes([self.ports.read8(at::LOW), self.ports.read8(at::HIGH)]);
+        let full = Instant::now();
+        while full.elapsed() < HOLDS {
+            std::hint::spin_loop();
+        }
+        self.control(0, INPUT_FULL);
+        Some(word)
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use std::collections::VecDeque;
+    use std::sync::{Arc, Mutex};
+
+    /// A board with a controller behind it, which gives a word when the last one was taken.
+    struct State {
+        ports: [u8; Pci1751::<Board>::PORTS as usize],
+        waiting: VecDeque<u16>,
+        full: bool,
+    }
+
+    #[derive(Clone)]
+    pub(in super::super) struct Board(Arc<Mutex<State>>);
+
+    impl Default for Board {
+        fn default() -> Self {
+            let ports = [0; Pci1751::<Self>::PORTS as usize];
+            Self(Arc::new(Mutex::new(State { ports, waiting: VecDeque::new(), full: false })))
+        }
+    }
+
+    impl Board {
+        pub(in super::super) fn give(&self, words: &[u16]) {
+            let mut state = self.0.lock().unwrap();
+            state.waiting.extend(words);
+            state.next();
+        }
+    }
+
+    impl State {
+        fn next(&mut self) {
+            let set_up =
+                self.ports[3] == 0x03 && self.ports[7] == 0x03 && self.ports[32] & 0x10 != 0;
+            if set_up
+                && !self.full
+                && self.ports[32] & FLAG == 0
+                && let Some(word) = self.waiting.front()
+            {
+                [self.ports[1], self.ports[5]] = word.to_le_bytes();
+                self.ports[32] |= FLAG;
+            }
+        }
+    }
+
+    impl Registers for Board {
+        fn read8(&mut self, port: u16) -> u8 {
+            self.0.lock().unwrap().ports[usize::from(port)]
+        }
+        fn write8(&mut self, port: u16, value: u8) {
+            let mut state = self.0.lock().unwrap();
+            match port {
+                // The flag is cleared by writing it.
+                32 => {
+                    let left = state.ports[32] & FLAG & !value;
+                    state.ports[32] = value & !FLAG | left;
+                }
+                1 | 5 => panic!("an input is written"),
+                _ => state.ports[usize::from(port)] = value,
+            }
+            if port == 2 {
+                let full = value & INPUT_FULL != 0;
+                if state.full && !full {
+                    state.waiting.pop_front();
+                }
+                state.full = full;
+                state.next();
+            }
+        }
+        fn read16(&mut self, _: u16) -> u16 {
+            panic!("the board has bytes")
+        }
+        fn write16(&mut self, _: u16, _: u16) {
+            panic!("the board has bytes")
+        }
+        fn interrupted(&mut self) -> bool {
+            false
+        }
+        fn pause(&mut self) {}
+    }
+
+    #[test]
+    fn words_are_taken_one_by_one_and_each_is_acknowledged() {
+        let board = Board::default();
+        let mut words = Pci1751::new(board.clone());
+        assert_eq!(words.take(false), None);
+        assert_eq!(words.take(true), None, "it does not wait for ever");
+
+        board.give(&[0x1234, 0xfffe]);
+
+        assert_eq!(words.take(false), Some(0x1234));
+        assert_eq!(words.take(true), Some(0xfffe));
+        assert_eq!(words.take(false), None);
+    }
+}
