@@ -357,6 +357,10 @@ impl<R: Registers> Arm<R> {
 }
 
 impl<R: Registers> Port for IsaPort<R> {
+    fn each_counts(&self) -> bool {
+        false
+    }
+
     fn exchange(
         &mut self,
         period: u64,
