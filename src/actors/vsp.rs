@@ -282,6 +282,8 @@ impl Vsp {
         if self.playback.is_none() {
             self.judge(period, frame.as_ref(), found.as_ref().err());
         }
+        // What is seen is as old as the light of the picture, not as the wish for it.
+        let exposed = frame.as_ref().map_or(period, |frame| frame.period);
         self.shown((period, &asked), frame, KEPT_PERIODS, &|| match &found {
             Ok(seen) => Found::Cube(seen.world_from_cube, seen.speed),
             Err(reason) => Found::Nothing(reason.clone()),
@@ -289,8 +291,11 @@ impl Vsp {
         match found {
             Ok(seen) => {
                 self.tape.message(&self.name, "look", &sensing);
-                let target =
-                    Target { world_from_cube: seen.world_from_cube, speed: seen.speed, period };
+                let target = Target {
+                    world_from_cube: seen.world_from_cube,
+                    speed: seen.speed,
+                    period: exposed,
+                };
                 self.tape.message(&self.name, "watch", &target);
                 self.target.send_replace(Some(target));
             }

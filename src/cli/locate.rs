@@ -26,6 +26,7 @@ Answers, one line a picture:
                      is read in the picture, z into the cube
   covariance         6x6 of a small error of camera_from_cube in the camera's axes: x, y, z [m], then the rotation
                      about the cube's centre [rad]; of noise and model, not of the optics given
+  confidence         how certain it is that a cube was seen, 0 to 1
   other              the second pose that fits, where one face alone leaves two
   faces              those that were used, dominant one first
   reason             in place of all these when there is no pose
@@ -99,13 +100,28 @@ pub(super) fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A pose of a face that is less certain is none: its rows may be another thing's.
+const LEAST_CONFIDENCE: f64 = 0.45;
+/// Edges of a cube that are farther from their places than this on average are not its edges [px].
+const RESIDUAL: f64 = 2.0;
+
 /// The cube in one picture, or why not.
 fn find(image: &image::RgbImage, lens: &Lens, edge: f64) -> Result<CubeLocation> {
-    let faces = detect(image, None, &DetectorSettings::default())?;
+    let settings =
+        DetectorSettings { least_confidence: LEAST_CONFIDENCE, ..DetectorSettings::default() };
+    let faces = detect(image, None, &settings)?;
     let Some(location) = locate_in(image, &faces, lens, edge, None) else {
         bail!("a face was found, but no pose of a cube fits it with these optics")
     };
+    if location.residual_px > RESIDUAL {
+        bail!("a face was found, but its edges are {:.1} px from a cube's", location.residual_px);
+    }
     Ok(location)
+}
+
+/// How certain the surest of the faces used is that it is one, 0..=1.
+fn confidence(location: &CubeLocation) -> f64 {
+    location.faces.iter().map(|f| f.confidence).fold(0.0, f64::max)
 }
 
 /// Answers for every picture, and whether all have a pose.
@@ -157,6 +173,7 @@ fn answer(name: &str, location: &CubeLocation) -> Value {
         "camera_from_face": rows(&location.camera_from_face()),
         "covariance": covariance,
         "residual_px": location.residual_px,
+        "confidence": confidence(location),
         "other": location.other.as_ref().map(rows),
         "faces": faces,
     })
@@ -167,7 +184,7 @@ fn words(location: &CubeLocation) -> String {
     let spread = |i: usize| location.covariance[(i, i)].max(0.0).sqrt();
     let turn = (3..6).map(spread).fold(0.0, f64::max).to_degrees();
     format!(
-        "cube at x {:.2}, y {:.2}, z {:.2} mm (s.d. {:.2}, {:.2}, {:.2} mm, {turn:.2} deg), {} face{}, residual {:.2} px{}",
+        "cube at x {:.2}, y {:.2}, z {:.2} mm (s.d. {:.2}, {:.2}, {:.2} mm, {turn:.2} deg), {} face{}, confidence {:.2}, residual {:.2} px{}",
         at.x,
         at.y,
         at.z,
@@ -176,6 +193,7 @@ fn words(location: &CubeLocation) -> String {
         spread(2) * 1e3,
         location.used.len(),
         if location.used.len() == 1 { "" } else { "s" },
+        confidence(location),
         location.residual_px,
         if location.other.is_some() { ", another orientation fits, too" } else { "" },
     )

@@ -155,6 +155,11 @@ pub(super) fn decide_face_with(
         // A tile that resembles no colour is not certain, however lonely the best guess is.
         confidences[i] = (-(d[best] / 30.0)).exp() / weight;
     }
+    // A picture in black and white says nothing of colours; that of a white face has noise.
+    let grey = |c: &[f64; 3]| c[0].max(c[1]).max(c[2]) - c[0].min(c[1]).min(c[2]) < 0.5;
+    if rgb.iter().all(grey) {
+        confidences = [0.0; 9];
+    }
     (colours, confidences)
 }
 
@@ -396,6 +401,13 @@ mod tests {
         [255.0, 88.0, 0.0],
         [0.0, 70.0, 173.0],
     ];
+
+    #[test]
+    fn a_black_and_white_picture_says_nothing_of_colours() {
+        let grey = std::array::from_fn(|i| [30.0 + 20.0 * i as f64; 3]);
+
+        assert_eq!(decide_face(&grey).1, [0.0; 9]);
+    }
 
     #[test]
     fn a_face_is_read_by_itself_in_dim_and_in_warm_light() {

@@ -4,8 +4,9 @@
 //! - out: [`FaceSighting`]s, best first, or a [`Refusal`]
 //! - source: own work on the paper's scheme (segmentation, filters, neighbours; Zieliński et al. 2007, p. 373)
 
+use super::classes::median;
 use super::homography::{self, GRID, OUTLINE, Point, apply};
-use super::lattice::{self, Lattice};
+use super::lattice::{self, Lattice, Onward};
 pub(super) use super::patch::Patch;
 use super::patch::TileSample;
 use super::segment::{Edges, Tile, TileLimits};
@@ -49,6 +50,9 @@ impl Default for DetectorSettings {
         }
     }
 }
+
+/// Greatest confidence in what may be a face as well as something else.
+const PERHAPS: f64 = 0.6;
 
 /// Limits of a tile's shape: generous, because the lattice decides.
 pub(super) const SHAPE: TileLimits =
@@ -117,15 +121,18 @@ impl Patch {
 
     /// The faces of the patch in image coordinates.
     fn faces(&self, settings: &DetectorSettings) -> Result<Vec<FaceSighting>, Refusal> {
-        let tiles = match settings.method {
-            Method::Edges => self.candidates().0,
-            Method::Paper2007 => paper::tiles(&self.rgb, self.width, self.height),
+        let (tiles, edges) = match settings.method {
+            Method::Edges => {
+                let (tiles, edges, threshold) = self.candidates();
+                (tiles, Some((edges, threshold)))
+            }
+            Method::Paper2007 => (paper::tiles(&self.rgb, self.width, self.height), None),
         };
         let lattices = lattice::vote(&tiles, settings.least_tiles);
         let (larger, lattices): (Vec<_>, Vec<_>) =
             lattices.into_iter().partition(Lattice::is_larger);
         let mut faces: Vec<FaceSighting> =
-            lattices.iter().map(|l| self.sighting(l, &tiles)).collect();
+            lattices.iter().map(|l| self.sighting(l, &tiles, edges.as_ref())).collect();
         faces.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
         let best = faces.first().map(|f| f.confidence);
         faces.retain(|f| f.confidence >= settings.least_confidence);
@@ -149,7 +156,12 @@ impl Patch {
     }
 
     /// A lattice as a face: places in the image, colours, confidence.
-    fn sighting(&self, lattice: &Lattice, tiles: &[Tile]) -> FaceSighting {
+    fn sighting(
+        &self,
+        lattice: &Lattice,
+        tiles: &[Tile],
+        edges: Option<&(Edges, u8)>,
+    ) -> FaceSighting {
         let samples: [TileSample; 9] =
             std::array::from_fn(|i| self.sample(&lattice.homography, GRID[i], lattice.sticker));
         let rgb = samples.map(|s| s.rgb);
@@ -163,9 +175,15 @@ impl Patch {
                 *confidence *= 0.5;
             }
         }
-        // A cell without a region of its own may still be a tile: then its inside is even.
+        // A cell without a region of its own may still be a tile: then its inside is even, and it ends where a tile does.
+        // What goes on evenly is what the cube lies on.
+        let ends = |i: usize| {
+            edges.is_none_or(|(edges, threshold)| {
+                edges.bound(&lattice.homography, GRID[i], *threshold)
+            })
+        };
         let even = (0..9)
-            .filter(|&i| lattice.tiles[i].is_none() && samples[i].spread < 0.08)
+            .filter(|&i| lattice.tiles[i].is_none() && samples[i].spread < 0.08 && ends(i))
             .count() as f64;
         let held = lattice.count() as f64;
         let support = ((held + 0.6 * even - 4.5) / 4.5).clamp(0.0, 1.0);
@@ -178,7 +196,14 @@ impl Patch {
         let exact = held >= 6.0 && spans && lattice.residual < 0.03 && lattice.unevenness < 0.12;
         let support = if exact { support.max(0.48) } else { support };
         let fit = (-(lattice.residual / 0.10).powi(2)).exp();
-        let regular = (-(lattice.unevenness / 0.5).powi(2)).exp();
+        let h = &lattice.homography;
+        let stripes = 1.0 - (self.patchwork(h, &rgb) / 0.2).min(1.0) * (1.0 - PERHAPS);
+        let uneven = (lattice.unevenness / 0.5).powi(2);
+        let pitch = homography::smallest_pitch(&GRID.map(|g| apply(h, g)));
+        let fullness = lattice.tiles.iter().flatten().map(|&t| tiles[t].fullness).sum::<f64>();
+        // Edges take about a pixel from each side of a tile.
+        let doubt = form(lattice.sticker + 2.0 / pitch, fullness / held) * variety(hues(&rgb));
+        let most = if lattice.onward == Onward::Ends { 1.0 } else { PERHAPS };
         FaceSighting {
             corners: OUTLINE.map(|c| self.to_image(apply(&lattice.homography, c))),
             centres: std::array::from_fn(|i| {
@@ -192,25 +217,69 @@ impl Patch {
             rgb,
             colours,
             confidences,
-            confidence: support * fit * regular * variety(&rgb),
+            confidence: {
+                // What may be a face is reported, but nobody is told that it is one for sure.
+                let found = support * fit * doubt * (-uneven).exp();
+                found.min((stripes * found).max(PERHAPS)).min(most)
+            },
         }
+    }
+
+    /// How much more the colour of the four lines of gaps between a face's tiles differs from line to line than along a
+    /// line, over how much it differs from the tiles', at most 1. A cube's body has one colour, and where there is none it
+    /// is the tiles beside that show, three of each line; stripes of a cloth have a colour each.
+    fn patchwork(&self, h: &Matrix3<f64>, rgb: &[[f64; 3]; 9]) -> f64 {
+        let mean = |line: f64, cell: f64, across: bool| {
+            let places = [-0.2, -0.1, 0.0, 0.1, 0.2].map(|k| cell + k);
+            let at = |t: f64| apply(h, if across { (t, line) } else { (line, t) });
+            let pixels: Vec<[f64; 3]> =
+                places.into_iter().filter_map(|t| self.pixel(at(t))).collect();
+            let n = pixels.len().max(1) as f64;
+            std::array::from_fn(|c| pixels.iter().map(|p| p[c]).sum::<f64>() / n)
+        };
+        let lines = [(-0.5, true), (0.5, true), (-0.5, false), (0.5, false)];
+        let gaps = lines.map(|(line, across)| [-1.0, 0.0, 1.0].map(|t| mean(line, t, across)));
+        let middle = |of: &[[f64; 3]]| -> [f64; 3] {
+            std::array::from_fn(|c| median(of.iter().map(|p| p[c]).collect()))
+        };
+        let apart =
+            |a: &[f64; 3], b: &[f64; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f64::max);
+        let gap = middle(gaps.as_flattened());
+        let own = gaps.map(|line| middle(&line));
+        let between = own.iter().map(|line| apart(line, &gap)).sum::<f64>() / 4.0;
+        let along =
+            gaps.iter().zip(&own).flat_map(|(line, own)| line.iter().map(|g| apart(g, own)));
+        let along = along.sum::<f64>() / 12.0;
+        ((between - along).max(0.0) / apart(&gap, &middle(rgb)).max(1.0)).min(1.0)
     }
 }
 
-/// What the colours say for a cube, 0..=1: nine greys alike are a floor, a keyboard, a window more often than a
-/// face that is all white.
-fn variety(rgb: &[[f64; 3]; 9]) -> f64 {
-    let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
-    let saturation = most(&mut rgb.iter().map(|c| {
-        let (high, low) = (c[0].max(c[1]).max(c[2]), c[0].min(c[1]).min(c[2]));
-        (high - low) / high.max(1.0)
-    }));
-    let spread = most(&mut (0..3).map(|k| {
-        let level = |c: &[f64; 3]| c[k];
-        let high = rgb.iter().map(level).fold(0.0, f64::max);
-        high - rgb.iter().map(level).fold(255.0, f64::min)
-    }));
-    0.6 + 0.4 * (saturation / 0.4).max(spread / 100.0).min(1.0)
+/// Largest difference of two tiles in the shares of red, green and blue in their light.
+fn hues(rgb: &[[f64; 3]; 9]) -> f64 {
+    let shares = rgb.map(|c| {
+        let linear = c.map(|v| colours::to_linear(v) + 0.002);
+        let sum: f64 = linear.iter().sum();
+        linear.map(|v| v / sum)
+    });
+    (0..3)
+        .map(|k| {
+            let level = |s: &[f64; 3]| s[k];
+            shares.iter().map(level).fold(0.0, f64::max)
+                - shares.iter().map(level).fold(1.0, f64::min)
+        })
+        .fold(0.0, f64::max)
+}
+
+/// What the colours say for a cube, 0..=1: nine tiles of one hue are a window, drawers, a floor more often than a face
+/// that is solved.
+fn variety(hues: f64) -> f64 {
+    PERHAPS + (1.0 - PERHAPS) * ((hues - 0.1) / 0.1).clamp(0.0, 1.0)
+}
+
+/// What the tiles' form says for a cube, 0..=1: their share of the pitch, and their mean fullness. Stickers leave little of
+/// the face free, as edges see it at least 0.7 of the pitch; discs have a fullness of 1.047.
+fn form(share: f64, fullness: f64) -> f64 {
+    ((share - 0.5) / 0.2).clamp(0.0, 1.0) * ((1.045 - fullness) / 0.015).clamp(0.0, 1.0)
 }
 
 /// Adds tiles, each once: of two at one place the larger stays unless it is ragged.

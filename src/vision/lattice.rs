@@ -30,6 +30,21 @@ pub struct Lattice {
     pub beyond: usize,
     /// How many of the 16 lie where there are any tiles at all: near the picture's border not all can be held.
     pub around: usize,
+    /// How the lattice goes on beyond the nine.
+    pub onward: Onward,
+}
+
+/// How a lattice goes on beyond its nine cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Onward {
+    /// It ends.
+    #[default]
+    Ends,
+    /// Where it goes on another face begins, which may lie in the same plane: so do two faces of a cube that are seen from
+    /// afar at equal angles, and six rows of three.
+    Perhaps,
+    /// It goes on, and that is no other face.
+    Larger,
 }
 
 /// From this many cells around the nine on, the lattice is larger than 3x3: a floor, a keyboard, a cube of 4x4.
@@ -54,7 +69,7 @@ impl Lattice {
     /// Whether the nine cells are a part of a larger lattice, so that they are no face of a 3x3 cube.
     #[must_use]
     pub fn is_larger(&self) -> bool {
-        self.beyond >= LARGER_AT_BORDER && 16 * self.beyond >= LARGER * self.around
+        self.onward == Onward::Larger || larger(self.beyond, self.around)
     }
 
     /// The same lattice read so that columns run to the right and rows down the picture.
@@ -78,6 +93,11 @@ impl Lattice {
         }
         self
     }
+}
+
+/// Whether so many tiles of the cells around nine are too many.
+fn larger(beyond: usize, around: usize) -> bool {
+    beyond >= LARGER_AT_BORDER && 16 * beyond >= LARGER * around
 }
 
 /// Most lattices that are grown in one picture: bounds the time in textured pictures.
@@ -116,8 +136,14 @@ pub fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
         found.push(best);
     }
     let mut kept = distinct(found, tiles.len());
-    for lattice in &mut kept {
-        (lattice.beyond, lattice.around) = beyond(tiles, lattice);
+    for i in 0..kept.len() {
+        let onward = onward(tiles, &kept, i);
+        let lattice = &mut kept[i];
+        let uneven;
+        (lattice.beyond, uneven, lattice.around) = beyond(tiles, lattice);
+        // What goes on unevenly goes on perhaps: plaid, a shelf; by chance the faces beside.
+        let perhaps = onward == Onward::Ends && larger(uneven, lattice.around);
+        lattice.onward = if perhaps { Onward::Perhaps } else { onward };
     }
     kept
 }
@@ -158,8 +184,8 @@ impl std::ops::Deref for Places<'_> {
     }
 }
 
-/// Cells around the nine that hold a tile of the same size and form as the nine, and cells that could.
-fn beyond(tiles: &Places, lattice: &Lattice) -> (usize, usize) {
+/// Cells around the nine that hold a tile of the same size and form as the nine, or of another size, and cells that could.
+fn beyond(tiles: &Places, lattice: &Lattice) -> (usize, usize, usize) {
     let h = &lattice.homography;
     let rows = || tiles.iter().map(|t| t.centre.1);
     let (top, bottom) =
@@ -174,23 +200,71 @@ fn beyond(tiles: &Places, lattice: &Lattice) -> (usize, usize) {
     let around = (0..25).map(|i| (f64::from(i % 5) - 2.0, f64::from(i / 5) - 2.0));
     let around: Vec<Point> = around.filter(|g| g.0.abs().max(g.1.abs()) > 1.5).collect();
     let could = around.iter().filter(|&&g| among(apply(h, g))).count();
-    let held = around
-        .into_iter()
-        .filter(|&g| {
-            let w = h[(2, 0)] * g.0 + h[(2, 1)] * g.1 + h[(2, 2)];
-            if w < 0.2 {
-                return false;
-            }
-            let (place, pitch) = (apply(h, g), cell_area(h, g).abs().sqrt());
-            tiles.near(place, 0.15 * pitch).any(|t| {
-                shape_in_cell(h, g, &tiles[t]).is_some_and(|[a, b, skew]| {
-                    let alike = |side: f64| (0.75..1.33).contains(&(side / lattice.sticker));
-                    alike(a) && alike(b) && skew.abs() < 0.25
-                })
-            })
+    let held = |sizes| {
+        let cells = around.iter().filter(|&&g| at_cell(tiles, lattice, g, 0.15, sizes).is_some());
+        cells.count()
+    };
+    (held(ALIKE), held((0.5, 2.0)), could)
+}
+
+/// Sides of tiles of one face, one over another.
+const ALIKE: (f64, f64) = (0.75, 1.33);
+
+/// The tile that holds a cell around the nine: within `reach` pitches, its sides within `sizes` of theirs.
+fn at_cell(
+    tiles: &Places,
+    lattice: &Lattice,
+    g: Point,
+    reach: f64,
+    sizes: (f64, f64),
+) -> Option<usize> {
+    let h = &lattice.homography;
+    let w = h[(2, 0)] * g.0 + h[(2, 1)] * g.1 + h[(2, 2)];
+    if w < 0.2 {
+        return None;
+    }
+    let (place, pitch) = (apply(h, g), cell_area(h, g).abs().sqrt());
+    tiles.near(place, reach * pitch).find(|&t| {
+        shape_in_cell(h, g, &tiles[t]).is_some_and(|[a, b, skew]| {
+            let alike = |side: f64| (sizes.0..sizes.1).contains(&(side / lattice.sticker));
+            alike(a) && alike(b) && skew.abs() < 0.25
         })
-        .count();
-    (held, could)
+    })
+}
+
+/// Whether a lattice goes on beyond a side of its nine. A row of three there may be the first of a cube's next face, which
+/// then is a lattice of its own, and bends away: its further rows do not lie where the first face's plane would have them.
+fn onward(tiles: &Places, kept: &[Lattice], of: usize) -> Onward {
+    let lattice = &kept[of];
+    let mut onward = Onward::Ends;
+    for (x, y) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
+        let row = |far: f64| -> Vec<usize> {
+            let reach = 0.15 * (far - 1.0).min(2.0);
+            let cells = [-1.0, 0.0, 1.0].map(|k| (far * x + k * y, far * y + k * x));
+            cells.into_iter().filter_map(|g| at_cell(tiles, lattice, g, reach, ALIKE)).collect()
+        };
+        let first = row(2.0);
+        if first.len() < 2 {
+            continue;
+        }
+        let face = kept.iter().enumerate().any(|(i, other)| {
+            let whole = (0..3).all(|k| {
+                (0..3).any(|j| other.tiles[3 * k + j].is_some())
+                    && (0..3).any(|j| other.tiles[3 * j + k].is_some())
+            });
+            i != of
+                && whole
+                && first.iter().filter(|&&t| other.tiles.contains(&Some(t))).count() >= 2
+        });
+        let further = [3.0, 4.0, 5.0].iter().take_while(|&&far| row(far).len() >= 2).count();
+        match (face, further) {
+            (true, 0) => {}
+            (true, 1 | 2) => onward = Onward::Perhaps,
+            (false, 0) if first.len() < 3 => onward = Onward::Perhaps,
+            _ => return Onward::Larger,
+        }
+    }
+    onward
 }
 
 /// Keeps the best of the lattices that share tiles or places.
@@ -590,6 +664,7 @@ fn settle_without(
             sticker,
             beyond,
             around,
+            onward: Onward::Ends,
         });
     }
     None

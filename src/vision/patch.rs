@@ -70,7 +70,7 @@ impl Patch {
     }
 
     /// The pixel nearest to a point; `None` outside.
-    fn pixel(&self, p: Point) -> Option<[f64; 3]> {
+    pub(super) fn pixel(&self, p: Point) -> Option<[f64; 3]> {
         let (x, y) = (p.0.round(), p.1.round());
         if !(x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64) {
             return None;

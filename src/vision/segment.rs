@@ -9,6 +9,9 @@
 //! - source: run lengths and union-find as in Bruce, Balch, Veloso, "Fast and inexpensive color image
 //!   segmentation for interactive robots" (2000); the compactness measure is own work
 
+use super::homography::{Point, apply};
+use nalgebra::Matrix3;
+
 /// A region that may be a tile of the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tile {
@@ -111,6 +114,31 @@ impl Edges {
             runs_below(line, threshold, |start, end| runs.push(start, end, y));
         }
         runs.tiles(limits)
+    }
+
+    /// Whether edges of this strength run along all four sides of the cell at `g` of a lattice.
+    pub(super) fn bound(&self, h: &Matrix3<f64>, g: Point, threshold: u8) -> bool {
+        let strength = |p: Point| {
+            let (x, y) = apply(h, p);
+            let (x, y) = (x.round(), y.round());
+            if x < 0.0 || y < 0.0 || x >= self.width as f64 || y >= self.height as f64 {
+                return 0;
+            }
+            self.strength[y as usize * self.width + x as usize]
+        };
+        [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)].into_iter().all(|(nx, ny)| {
+            let marked = (-2..=2)
+                .filter(|k| {
+                    let along = 0.14 * f64::from(*k);
+                    (0..7).any(|j| {
+                        let out = 0.36 + 0.04 * f64::from(j);
+                        let p = (g.0 + nx * out - ny * along, g.1 + ny * out + nx * along);
+                        strength(p) >= threshold
+                    })
+                })
+                .count();
+            marked >= 4
+        })
     }
 }
 

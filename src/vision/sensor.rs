@@ -8,15 +8,15 @@
 //! - source: own work
 
 use super::detect::{Patch, SHAPE, centres_of, window_around};
-use super::homography::{self, GRID, OUTLINE, Point, apply, distance, polygon};
+use super::homography::{self, GRID, OUTLINE, Point, distance, polygon};
 use super::pose::{refine, residuals};
 use super::refine::refine_in;
-use super::segment::{Edges, Tile};
+use super::segment::Tile;
 use super::undistort::Lens;
 use super::{DetectorSettings, FaceSighting, Refusal, colours, detect};
 use crate::spatial::Pose;
 use image::RgbImage;
-use nalgebra::{Matrix3, Point3, Translation3};
+use nalgebra::{Point3, Translation3};
 
 /// A face read at a predicted place.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,7 +90,7 @@ pub fn read_face(
     let samples: [_; 9] = std::array::from_fn(|i| patch.sample(&h, GRID[i], face.sticker));
     let occluded: [bool; 9] = std::array::from_fn(|i| {
         let even = samples[i].spread < 0.10 && samples[i].inside > 0.95;
-        !even || !(face.seen[i] || bounded(&edges, &h, GRID[i], threshold))
+        !even || !(face.seen[i] || edges.bound(&h, GRID[i], threshold))
     });
     let rgb = samples.map(|s| s.rgb);
     let (colours, mut confidences) = colours::decide_face(&rgb);
@@ -286,31 +286,6 @@ fn spans(seen: &[bool; 9]) -> bool {
     let rows = (0..3).filter(|r| (0..3).filter(|c| seen[3 * r + c]).count() >= 2).count();
     let columns = (0..3).filter(|c| (0..3).filter(|r| seen[3 * r + c]).count() >= 2).count();
     rows >= 2 && columns >= 2
-}
-
-/// Whether all four sides of a cell show an edge.
-fn bounded(edges: &Edges, h: &Matrix3<f64>, g: Point, threshold: u8) -> bool {
-    let strength = |p: Point| {
-        let (x, y) = apply(h, p);
-        let (x, y) = (x.round(), y.round());
-        if x < 0.0 || y < 0.0 || x >= edges.width as f64 || y >= edges.height as f64 {
-            return 0;
-        }
-        edges.strength[y as usize * edges.width + x as usize]
-    };
-    [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)].into_iter().all(|(nx, ny)| {
-        let marked = (-2..=2)
-            .filter(|k| {
-                let along = 0.14 * f64::from(*k);
-                (0..7).any(|j| {
-                    let out = 0.36 + 0.04 * f64::from(j);
-                    let p = (g.0 + nx * out - ny * along, g.1 + ny * out + nx * along);
-                    strength(p) >= threshold
-                })
-            })
-            .count();
-        marked >= 4
-    })
 }
 
 #[cfg(test)]

@@ -71,7 +71,10 @@ pub enum Undecided {
     },
 }
 
-/// Facelets with a smaller margin are doubtful.
+/// A cube with a facelet of a smaller margin is not certain enough to be solved: another look, or somebody, must tell.
+pub const LEAST_MARGIN: f64 = 0.5;
+
+/// Facelets with a smaller margin are named.
 const DOUBTFUL: f64 = 0.9;
 
 /// The facelets that are in question must look like their own colours rather than like those of the likeliest cube by so

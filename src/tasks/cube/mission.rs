@@ -711,13 +711,9 @@ impl Mission {
 
     /// Asks the operator, if somebody is there and there is something to start from.
     fn ask(&mut self, doubt: Doubt) -> Result<(), String> {
-        let Some(seconds) = self.patience else { return self.unanswered(doubt) };
+        let Some(seconds) = self.patience else { return self.give_back(doubt.reason) };
         self.questions += 1;
-        let otherwise = if doubt.possible {
-            "without an answer the likeliest colours are taken"
-        } else {
-            "without an answer the cube is handed back as it is"
-        };
+        let otherwise = "without an answer the cube is handed back as it is";
         let question = Question {
             number: self.questions,
             text: format!("{}. What are the colours?", doubt.reason),
@@ -761,19 +757,7 @@ impl Mission {
         }
         // Who did not answer now is not asked again.
         self.patience = None;
-        self.unanswered(doubt)
-    }
-
-    /// Nobody knows better: the likeliest cube, if there is one.
-    fn unanswered(&mut self, doubt: Doubt) -> Result<(), String> {
-        match doubt.read {
-            Some(read) if doubt.possible => {
-                self.given = Some(read);
-                self.queue.push_front(Job::Plan);
-                Ok(())
-            }
-            _ => self.give_back(doubt.reason),
-        }
+        self.give_back(doubt.reason)
     }
 
     /// Turns a job into an action, or into smaller jobs and `None`.
@@ -1168,7 +1152,6 @@ impl Mission {
         let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
         Ok(Action::Think(Thought {
             rgb,
-            particular: self.rounds < LOOK_ROUNDS || self.patience.is_some(),
             given: self.given,
             start: (holder, Grip { hold: held.hold, half_roll: held.half_roll }),
             strategy: self.settings.strategy.clone(),

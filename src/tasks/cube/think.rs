@@ -14,6 +14,7 @@ use crate::solver::tables::Bytes;
 use crate::solver::{self, Budget, Solution, Tables};
 use crate::tasks::Effort;
 use crate::vision::colours::{self, Decision, Undecided};
+use crate::vision::whole::LEAST_MARGIN;
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 
@@ -51,8 +52,6 @@ const KORF_LENGTH: u8 = 16;
 pub struct Thought {
     /// Measured colours, by facelet of the cube frame at acquisition.
     pub rgb: [[f64; 3]; 54],
-    /// Whether stickers that are not certain should be looked at again, rather than decided by the whole cube.
-    pub particular: bool,
     /// The cube's colours as the operator gave them: nothing is left to decide.
     pub given: Option<Facelets>,
     /// Who holds the cube, and how, in the same frame.
@@ -94,9 +93,6 @@ pub struct Doubt {
     /// Whether the likeliest colours make a cube that can exist.
     pub possible: bool,
 }
-
-/// A facelet with less margin than this is looked at again.
-const LEAST_MARGIN: f64 = 0.05;
 
 /// A plan.
 #[derive(Debug, Clone)]
@@ -142,7 +138,7 @@ fn reason(thought: &Thought) -> Result<(Answer, f64), NoAnswer> {
         return named(thought, *given.colours(), [1.0; 54]).map_err(NoAnswer::Unplanned);
     }
     let decision = colours::decide_cube(&thought.rgb).map_err(undecided)?;
-    if let Some(doubt) = doubt(&decision).filter(|_| thought.particular) {
+    if let Some(doubt) = doubt(&decision) {
         return Err(NoAnswer::Unread(Box::new(doubt)));
     }
     named(thought, decision.colours, decision.margins).map_err(NoAnswer::Unplanned)
@@ -250,5 +246,17 @@ mod tests {
 
         assert_eq!(or_two_phase(exact, || unreachable!()), (short, 50));
         assert_eq!(or_two_phase(given_up, two_phase), (long, 107));
+    }
+
+    #[test]
+    fn a_cube_with_a_nearly_undecided_sticker_is_doubted_by_its_name() {
+        let colours = *Facelets::solved().colours();
+        let mut decision =
+            Decision { colours, facelets: colours, margins: [1.0; 54], doubtful: Vec::new() };
+        assert_eq!(doubt(&decision), None);
+
+        decision.margins[7] = 0.45;
+
+        assert_eq!(doubt(&decision).unwrap().doubtful, [7]);
     }
 }
