@@ -231,7 +231,7 @@ fn a_signal_ends_a_run_whose_terminal_is_gone() {
     std::thread::sleep(Duration::from_millis(500));
 
     let pid = session.child.id().to_string();
-    assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+    assert!(Command::new("kill").args(["-HUP", &pid]).status().unwrap().success());
 
     let begun = Instant::now();
     while session.child.try_wait().unwrap().is_none() {

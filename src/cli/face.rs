@@ -6,6 +6,7 @@ use crate::tui;
 use crate::web::Server;
 use anyhow::{Context, anyhow};
 use clap::{Args, ValueEnum};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use std::io::{IsTerminal, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -158,7 +159,7 @@ pub(super) struct Terminal {
 impl Terminal {
     fn open(desk: Desk) -> std::io::Result<Self> {
         let leave = Arc::new(AtomicBool::new(false));
-        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        for signal in [SIGINT, SIGTERM, SIGHUP, SIGQUIT] {
             signal_hook::flag::register(signal, Arc::clone(&leave))?;
         }
         let leaves = Arc::clone(&leave);
