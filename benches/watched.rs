@@ -1,16 +1,18 @@
 //! Whether a page and a recorder at a real-time run change how punctual the servo is: the program itself, both arms at
-//! 500 Hz, alone and with each of them.
+//! 500 Hz while the stand-alone camera looks for the cube 25 times a second, alone and with each of them.
 //!
 //! Rounds take turns, so that what passes on the machine hits all kinds alike; a round begins with another kind than the one
 //! before. Figures are medians over the rounds of what the servo's own histograms tell. The page is a client that reads
 //! every snapshot, as a browser does that runs elsewhere; a browser on the same cores is a load of its own.
 //!
 //! - `-- --rounds=N` (8), `-- --seconds=S` (4), `-- --json`: one line for a program
+//! - `-- --scenario=FILE` (`scenarios/acquire.toml`); `scenarios/endless.toml` has no cameras
 
-use futures_util::{SinkExt, StreamExt};
+use futures_util::StreamExt;
+use rustix::process::{Pid, Signal, kill_process};
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio_tungstenite::connect_async;
 use tokio_tungstenite::tungstenite::Message;
 
@@ -21,7 +23,14 @@ struct Kind {
     name: &'static str,
     page: bool,
     recorder: bool,
-    rounds: Vec<Round>,
+    /// In their order; `None` where one failed.
+    rounds: Vec<Option<Round>>,
+}
+
+impl Kind {
+    fn told(&self) -> impl Iterator<Item = &Round> {
+        self.rounds.iter().flatten()
+    }
 }
 
 /// What the servo told at the end [us].
@@ -65,10 +74,11 @@ fn main() {
     for round in 0..rounds {
         for i in 0..kinds.len() {
             let kind = &mut kinds[(round + i) % 4];
-            match run(kind, seconds, &file) {
-                Ok(told) => kind.rounds.push(told),
-                Err(why) => eprintln!("{}: a round is left out: {why}", kind.name),
+            let told = run(kind, seconds, &file);
+            if let Err(why) = &told {
+                eprintln!("{}: a round is left out: {why}", kind.name);
             }
+            kind.rounds.push(told.ok());
         }
     }
     // It was a file of this bench alone; perhaps no round made it.
@@ -76,11 +86,16 @@ fn main() {
     report(&kinds, seconds);
 }
 
-/// One run, and what its servo told of itself.
+/// The scenario of all rounds.
+fn scenario() -> String {
+    let named = std::env::args().find_map(|arg| Some(arg.strip_prefix("--scenario=")?.to_owned()));
+    named.unwrap_or_else(|| "scenarios/acquire.toml".to_owned())
+}
+
+/// One run, interrupted after so many seconds, and what its servo told of itself.
 fn run(kind: &Kind, seconds: f64, file: &std::path::Path) -> Result<Round, String> {
-    let time = format!("idle.time_s={seconds}");
     let mut command = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
-    command.args(["run", "scenarios/endless.toml", "--json", "--set", &time]);
+    command.args(["run", &scenario(), "--json", "--pace", "real-time"]);
     command.args(if kind.page {
         ["--ui", "web", "--listen", "127.0.0.1:0"].as_slice()
     } else {
@@ -97,13 +112,23 @@ fn run(kind: &Kind, seconds: f64, file: &std::path::Path) -> Result<Round, Strin
         .stderr(Stdio::piped())
         .spawn()
         .map_err(told)?;
+    let pid = Pid::from_child(&child);
     let mut lines = BufReader::new(child.stderr.take().ok_or("no stderr")?).lines();
     let mut round = Round::default();
-    let mut watched = None;
+    let (mut watched, mut begun) = (None, false);
     for line in lines.by_ref().map_while(Result::ok) {
         if let Some((_, url)) = line.split_once("the operator's page: ") {
             let address = url.replace("http://", "ws://") + "ws";
-            watched = Some(std::thread::spawn(move || watch(&address, seconds)));
+            watched = Some(std::thread::spawn(move || watch(&address)));
+        }
+        // The first phase begins with the servo: "     0.00 s  acquire".
+        if !begun && line.trim_start().starts_with("0.0") {
+            begun = true;
+            std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_secs_f64(seconds));
+                // A run that has ended by itself hears nothing.
+                let _ = kill_process(pid, Signal::INT);
+            });
         }
         let Some((_, words)) = line.split_once("servo: ") else { continue };
         match words.split_once(": ") {
@@ -121,33 +146,22 @@ fn run(kind: &Kind, seconds: f64, file: &std::path::Path) -> Result<Round, Strin
     if round.wake_up.p99 > 0.0 { Ok(round) } else { Err("the servo told nothing".to_owned()) }
 }
 
-/// Reads all that a page gets, for so long, and ends the run; how many snapshots came.
-fn watch(address: &str, seconds: f64) -> Result<f64, String> {
+/// Reads all that a page gets until the run ends; how many snapshots came.
+fn watch(address: &str) -> Result<f64, String> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     runtime.map_err(|e| e.to_string())?.block_on(async {
         let (mut page, _) = connect_async(address).await.map_err(|e| e.to_string())?;
-        let (mut count, mut begun) = (0.0, None);
+        let mut count = 0.0;
         while let Some(Ok(message)) = page.next().await {
             let Message::Text(text) = message else { continue };
             // A browser parses them.
             let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
-            if value["snapshot"]["time"].as_f64().is_some_and(|time| time > 0.0) {
-                count += 1.0;
-                begun.get_or_insert_with(Instant::now);
-            }
-            if begun
-                .is_some_and(|begun: Instant| begun.elapsed() > Duration::from_secs_f64(seconds))
-            {
-                let end = Message::text(r#"{"command":"terminate"}"#);
-                page.send(end).await.map_err(|e| e.to_string())?;
-                begun = None;
-                count = -count;
-            }
-            if count < 0.0 && value["snapshot"]["control"] == "ended" {
+            count += f64::from(value["snapshot"]["time"].as_f64().is_some_and(|time| time > 0.0));
+            if value["snapshot"]["control"] == "ended" {
                 break;
             }
         }
-        Ok(f64::abs(count))
+        Ok(count)
     })
 }
 
@@ -172,7 +186,8 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 
 /// Median over the rounds of one value against that of the run alone in the same round.
 fn ratio(kind: &Kind, alone: &Kind, of: impl Fn(&Round) -> f64) -> f64 {
-    median(kind.rounds.iter().zip(&alone.rounds).map(|(with, without)| of(with) / of(without)))
+    let pairs = kind.rounds.iter().zip(&alone.rounds);
+    median(pairs.filter_map(|(with, without)| Some(of(with.as_ref()?) / of(without.as_ref()?))))
 }
 
 fn report(kinds: &[Kind; 4], seconds: f64) {
@@ -182,12 +197,12 @@ fn report(kinds: &[Kind; 4], seconds: f64) {
             .iter()
             .flat_map(|kind| {
                 let name = kind.name.replace(' ', "_");
-                let of = |f: fn(&Round) -> f64| Some(median(kind.rounds.iter().map(f)));
+                let of = |f: fn(&Round) -> f64| Some(median(kind.told().map(f)));
                 [
                     (format!("{name}_wake_up_p99_us"), of(|r| r.wake_up.p99)),
                     (format!("{name}_jitter_p99_us"), of(|r| r.jitter.p99)),
                     (format!("{name}_work_p99_us"), of(|r| r.work.p99)),
-                    (format!("{name}_missed"), Some(kind.rounds.iter().map(|r| r.missed).sum())),
+                    (format!("{name}_missed"), Some(kind.told().map(|r| r.missed).sum())),
                     (
                         format!("{name}_wake_up_p99_ratio"),
                         Some(ratio(kind, alone, |r| r.wake_up.p99)),
@@ -201,8 +216,9 @@ fn report(kinds: &[Kind; 4], seconds: f64) {
         return;
     }
     println!(
-        "watched: both arms at 500 Hz, {} rounds of {seconds} s each, medians over the rounds, us",
-        alone.rounds.len()
+        "watched: {}, both arms at 500 Hz, {} rounds of {seconds} s each, medians over the rounds, us",
+        scenario(),
+        alone.told().count()
     );
     println!(
         "{:18} {:>9} {:>9} {:>10} {:>11} {:>9} {:>9} {:>7} {:>9} {:>9}",
@@ -218,7 +234,7 @@ fn report(kinds: &[Kind; 4], seconds: f64) {
         "snap./s"
     );
     for kind in kinds {
-        let of = |f: fn(&Round) -> f64| median(kind.rounds.iter().map(f));
+        let of = |f: fn(&Round) -> f64| median(kind.told().map(f));
         println!(
             "{:18} {:9.1} {:9.1} {:10.1} {:11.1} {:9.1} {:9.1} {:7.0} {:9.2} {:9.1}",
             kind.name,
@@ -228,7 +244,7 @@ fn report(kinds: &[Kind; 4], seconds: f64) {
             of(|r| r.jitter.p99),
             of(|r| r.work.p50),
             of(|r| r.work.p99),
-            kind.rounds.iter().map(|r| r.missed).sum::<f64>(),
+            kind.told().map(|r| r.missed).sum::<f64>(),
             ratio(kind, alone, |r| r.wake_up.p99),
             of(|r| r.snapshots),
         );

@@ -199,6 +199,24 @@ fn arms_are_moved_by_hand_in_the_idle_task_and_the_record_shows_it() {
         page.say(set(json!({ "order": "joint", "axis": 1, "by": 9.0 }))).await;
         page.until(|m| m.get("messages").filter(|m| m.to_string().contains("not done")).cloned())
             .await;
+        // This arm has no track: that is told, and the arm obeys afterwards.
+        let before = at(&page.sees(|_| true).await, 1);
+        page.say(set(json!({ "order": "motor", "axis": 0, "by": 2.0 }))).await;
+        page.until(|m| m.get("messages").filter(|m| m.to_string().contains("no axis 0")).cloned())
+            .await;
+        page.say(set(json!({ "order": "joint", "axis": 1, "by": 0.05 }))).await;
+        page.sees(|s| (at(s, 1) - before - 0.05).abs() < 2e-3).await;
+        // What is pressed during a pause does not wait for its end.
+        page.say(json!({ "command": "pause" })).await;
+        let held = page.sees(|s| s["control"] == "paused").await;
+        page.say(set(json!({ "order": "joint", "axis": 1, "by": 0.1 }))).await;
+        let told =
+            |m: &Value| m.get("messages").filter(|m| m.to_string().contains("is paused")).cloned();
+        page.until(told).await;
+        page.say(json!({ "command": "resume" })).await;
+        let resumed = page.sees(|s| s["control"] == "running").await["time"].as_f64().unwrap();
+        let later = page.sees(|s| s["time"].as_f64().unwrap() > resumed + 1.0).await;
+        assert!((at(&later, 1) - at(&held, 1)).abs() < 2e-3, "it did not move");
         page.say(json!({ "command": "terminate" })).await;
         let end = page.sees(|s| s["control"] == "ended").await;
         assert_eq!(end["outcome"]["good"], true, "nobody but the operator ends this");
@@ -274,7 +292,11 @@ fn a_run_that_was_paused_and_answered_ends_well_and_verifies() {
         page.sees(|s| s["time"].as_f64().unwrap() > paused + 0.8).await;
         page.say(json!({ "command": "resume" })).await;
 
-        let question = page.sees(|s| s["question"]["number"] == 1).await["question"].clone();
+        let asked = page.sees(|s| s["question"]["number"] == 1).await;
+        let question = asked["question"].clone();
+        let [until, now] = [&question["until"], &asked["time"]].map(|t| t.as_f64().unwrap());
+        let seconds = question["seconds"].as_f64().unwrap();
+        assert!((until - now - seconds).abs() < 2.0, "{now}: {question}");
         let mut read: Vec<char> = question["subject"]["read"].as_str().unwrap().chars().collect();
         let count = |read: &[char], letter| read.iter().filter(|&&l| l == letter).count();
         let of = |n| "URFDLB".chars().find(|&l| count(&read, l) == n).unwrap();
@@ -318,17 +340,34 @@ fn a_run_that_was_paused_and_answered_ends_well_and_verifies() {
 fn who_listens_everywhere_prints_an_address_that_opens() {
     let server = Server::start(desk().0, "0.0.0.0:0".parse().unwrap()).unwrap();
     let (host, path) = server.url.strip_prefix("http://").unwrap().split_once('/').unwrap();
-    let ask = |path: &str| {
+    let ask = |path: &str, cookie: &str| {
         let mut stream = TcpStream::connect(host).unwrap();
-        write!(stream, "GET /{path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n")
+        write!(stream, "GET /{path} HTTP/1.1\r\nHost: {host}\r\n{cookie}Connection: close\r\n\r\n")
             .unwrap();
         let mut answer = String::new();
         stream.read_to_string(&mut answer).unwrap();
         answer
     };
 
-    assert!(ask(path).starts_with("HTTP/1.1 200"), "{}", server.url);
-    assert!(ask("").starts_with("HTTP/1.1 403"), "without the token");
+    let page = ask(path, "");
+    assert!(page.starts_with("HTTP/1.1 200"), "{}", server.url);
+    assert!(ask("", "").starts_with("HTTP/1.1 403"), "without the token");
+    // A browser asks for the rest without the query, and with the cookie that it got.
+    let given = page.lines().find_map(|line| line.strip_prefix("set-cookie: ")).unwrap();
+    let cookie = format!("Cookie: {}\r\n", given.split(';').next().unwrap());
+    for asset in ["main.js", "style.css", "icon.svg"] {
+        assert!(page.contains(asset));
+        assert!(ask(asset, &cookie).starts_with("HTTP/1.1 200"), "{asset}");
+        assert!(ask(asset, "").starts_with("HTTP/1.1 403"), "{asset} without the cookie");
+    }
+    runtime().block_on(async {
+        let mut request = format!("ws://{host}/ws").into_client_request().unwrap();
+        let pair = given.split(';').next().unwrap();
+        request.headers_mut().insert("Cookie", pair.parse().unwrap());
+        connect_async(request).await.unwrap();
+        assert!(connect_async(format!("ws://{host}/ws")).await.is_err(), "a socket without it");
+    });
+    assert!(!ask("?token=0", "").contains("set-cookie"), "a guess gets nothing");
 }
 
 /// A page attached and a page not: the same run to the bit.

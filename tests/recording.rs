@@ -66,8 +66,17 @@ fn verify(path: &Path, more: &[&str]) -> (Option<i32>, serde_json::Value, String
 
 /// A copy of a recording in which one message is another; `false` when the change did not find its message.
 fn tampered(from: &Path, to: &Path, mut change: impl FnMut(&mut Message) -> bool) -> bool {
-    let mut writer = mcap::Writer::new(std::fs::File::create(to).unwrap()).unwrap();
     let mut done = false;
+    rewritten(from, to, |message| {
+        done = done || change(message);
+        true
+    });
+    done
+}
+
+/// A copy of a recording with those messages that are kept.
+fn rewritten(from: &Path, to: &Path, mut keeps: impl FnMut(&mut Message) -> bool) {
+    let mut writer = mcap::Writer::new(std::fs::File::create(to).unwrap()).unwrap();
     for piece in open(from).unwrap() {
         match piece {
             Piece::Metadata(name, metadata) => {
@@ -80,7 +89,9 @@ fn tampered(from: &Path, to: &Path, mut change: impl FnMut(&mut Message) -> bool
                 writer.attach(&attachment).unwrap();
             }
             Piece::Message(mut message) => {
-                done = done || change(&mut message);
+                if !keeps(&mut message) {
+                    continue;
+                }
                 let c = &message.channel;
                 let schema = writer.add_schema(&c.kind, &c.encoding, &c.schema).unwrap();
                 let id = writer.add_channel(schema, &c.topic, "cdr", &c.metadata).unwrap();
@@ -96,7 +107,6 @@ fn tampered(from: &Path, to: &Path, mut change: impl FnMut(&mut Message) -> bool
         }
     }
     writer.finish().unwrap();
-    done
 }
 
 #[test]
@@ -135,6 +145,172 @@ fn a_recording_holds_every_period_and_changes_nothing() {
     assert_eq!(label.options().len(), 1);
     let summary: serde_json::Value = serde_json::from_str(label.of("summary", "json")).unwrap();
     assert_eq!(summary["hash"], with["hash"]);
+    let all: usize = counts.values().sum();
+    assert_eq!(label.of("recording", "messages"), all.to_string());
+    assert_eq!(label.of("recording", "lost"), "0");
+}
+
+/// A device that takes its time.
+struct Slow(std::fs::File);
+
+impl std::io::Write for Slow {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.0.flush()
+    }
+}
+
+impl std::io::Seek for Slow {
+    fn seek(&mut self, to: std::io::SeekFrom) -> std::io::Result<u64> {
+        self.0.seek(to)
+    }
+}
+
+#[test]
+fn what_a_recorder_loses_is_told_in_its_file_and_in_the_report() {
+    use rubik_robot::record::recorder::{Entry, Patience, Recorder};
+    use rubik_robot::record::sheet::About;
+
+    let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/idle.toml");
+    let scenario = rubik_robot::scenario::load(&scenario, &[]).unwrap();
+    let about = About {
+        cell: scenario.controller.cell.clone(),
+        scenario: "task = \"idle\"".to_owned(),
+        options: Vec::new(),
+        facts: [("version".to_owned(), "0".to_owned())].into(),
+        start: 0,
+        length: rubik_robot::servo::period::Length::default(),
+    };
+    let path = place("slow.mcap");
+    let device = Slow(std::fs::File::create(&path).unwrap());
+    let recorder = Recorder::begin(device, about, Patience::Never).unwrap();
+    for period in 0..100_000 {
+        recorder.note(period, || Entry::Log(20, "test".into(), "a word".into()));
+    }
+    let written = recorder.finish().unwrap();
+
+    assert!(written.lost > 0 && written.failure.is_none(), "{written:?}");
+    let mut label = Label::default();
+    for piece in open(&path).unwrap() {
+        label.take(&piece);
+    }
+    assert_eq!(label.of("recording", "lost"), written.lost.to_string());
+    assert_eq!(label.of("recording", "messages"), written.messages.to_string());
+    let html = reported(&path);
+    let told = format!("did not keep up: {} messages", written.lost);
+    assert!(html.contains(&told), "{told}");
+}
+
+#[test]
+fn periods_that_are_not_in_the_recording_are_told_and_blamed_on_nobody() {
+    let (path, _) = recorded(
+        "gap_of.mcap",
+        "scenarios/idle.toml",
+        &[&IDLE[..], &["--pace", "real-time"]].concat(),
+    );
+    let (code, verdict, stderr) = verify(&path, &[]);
+    assert_eq!(
+        (code, &verdict["ended"]),
+        (Some(0), &serde_json::Value::Null),
+        "{verdict} {stderr}"
+    );
+
+    let gap = place("gap.mcap");
+    let lost = 100..=110;
+    rewritten(&path, &gap, |message| {
+        !message.channel.topic.ends_with("/servo")
+            || !lost.contains(&Tick::read(&message.data).unwrap().period)
+    });
+    let (code, verdict, stderr) = verify(&gap, &[]);
+    assert_eq!((code, &verdict["same"]), (Some(0), &true.into()), "{verdict} {stderr}");
+    let ended = verdict["ended"].as_str().unwrap();
+    assert!(
+        ended.contains("periods 100 to 110") && ended.contains("not in the recording"),
+        "{ended}"
+    );
+    let arms = open(&path).unwrap().fold(Label::default(), |mut label, piece| {
+        label.take(&piece);
+        label
+    });
+    let arms = arms.fact("arms").split(' ').count() as u64;
+    assert_eq!(verdict["compared"], 99 * arms);
+    assert!(verdict["not_compared"].as_u64().unwrap() > 100 * arms, "{verdict}");
+    assert!(reported(&gap).contains("11 of "), "the report tells it, too");
+
+    // Nor is it a matter of the clock that a file is cut off.
+    let cut = place("gap_cut.mcap");
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let (code, verdict, stderr) = verify(&cut, &[]);
+    assert_eq!(code, Some(0), "{verdict} {stderr}");
+    assert!(verdict["cut"].is_string(), "{verdict}");
+}
+
+#[test]
+fn what_compares_nothing_is_not_called_the_same() {
+    for (name, pace) in [("none.mcap", "virtual"), ("none_wall.mcap", "real-time")] {
+        let (path, _) =
+            recorded(name, "scenarios/idle.toml", &[&IDLE[..], &["--pace", pace]].concat());
+        let none = place(&format!("cut_{name}"));
+        // The scenario stands there, and no servo period.
+        let bytes = std::fs::read(&path).unwrap();
+        let cut = (1..bytes.len() / 1024).map(|k| &bytes[..1024 * k]).find(|bytes| {
+            let pieces = messages(Reading::new(*bytes));
+            pieces.iter().any(|message| message.channel.topic == "/tf_static")
+        });
+        std::fs::write(&none, cut.unwrap()).unwrap();
+
+        let (code, verdict, stderr) = verify(&none, &[]);
+
+        assert_eq!(code, Some(2), "{verdict} {stderr}");
+        assert!(stderr.contains("nothing was compared: the recording is cut off"), "{stderr}");
+    }
+}
+
+/// A fault that an arm's own servo does not come to is not excused as a stop from outside.
+#[test]
+fn only_a_stop_from_outside_ends_a_comparison() {
+    let set = ["--pace", "real-time"];
+    let (path, _) = recorded("fault_of.mcap", "scenarios/idle.toml", &[&IDLE[..], &set].concat());
+    let marked = |fault: &'static [u8], to: &Path| {
+        let found = tampered(&path, to, |message| {
+            let is = message.channel.topic.ends_with("/servo");
+            if !is || Tick::read(&message.data).unwrap().period != 200 {
+                return false;
+            }
+            // An empty text is its length, 1, and its end. What follows stays aligned.
+            assert_eq!(fault.len() % 8, 0);
+            let mut text = (fault.len() as u32 + 1).to_le_bytes().to_vec();
+            text.extend_from_slice(fault);
+            text.push(0);
+            let places = message.data.windows(5).enumerate();
+            let empty: Vec<_> =
+                places.filter(|(_, w)| *w == [1, 0, 0, 0, 0]).map(|(at, _)| at).collect();
+            let changed = empty.into_iter().rev().find_map(|at| {
+                let mut data = message.data.clone();
+                data.splice(at..at + 5, text.iter().copied());
+                let tick = Tick::read(&data).ok()?;
+                (tick.fault.as_bytes() == fault).then_some(data)
+            });
+            message.data = changed.unwrap();
+            true
+        });
+        assert!(found);
+        verify(to, &[])
+    };
+
+    let (code, verdict, stderr) = marked(b"emergency stop  ", &place("fault_outside.mcap"));
+    assert_eq!(code, Some(0), "{verdict} {stderr}");
+    assert!(verdict["ended"].as_str().unwrap().contains("stopped from outside"), "{verdict}");
+
+    let (code, verdict, stderr) =
+        marked(b"axis 1: over-current, 9.0 A     ", &place("fault_inner.mcap"));
+    assert_eq!(code, Some(1), "{verdict} {stderr}");
+    assert_eq!(verdict["first_difference"]["period"], 200, "{verdict}");
 }
 
 #[test]
@@ -205,6 +381,7 @@ fn a_true_recording_verifies_and_a_changed_one_is_told_where() {
     let (code, verdict, stderr) = verify(&cut, &[]);
     assert_eq!(code, Some(0), "{verdict} {stderr}");
     assert!((ticks / 3..ticks).contains(&verdict["compared"].as_u64().unwrap()), "{verdict}");
+    assert!(verdict["cut"].is_string() && verdict["ended"].is_null(), "{verdict}");
 
     // Another drive than the controller's.
     let other = place("turn_drive.mcap");
@@ -339,6 +516,51 @@ fn a_recording_is_shown_paused_and_sought() {
 
     assert!(desk.command(Command::Quit));
     thread.join().unwrap();
+}
+
+#[test]
+fn the_show_of_a_cut_recording_ends_with_why() {
+    use rubik_robot::actors::show::Show;
+    use rubik_robot::desk::desk;
+    use rubik_robot::operator::{Command, ControlView};
+    use std::sync::atomic::AtomicBool;
+
+    let (path, _) = recorded("show_cut.mcap", "scenarios/idle.toml", &IDLE);
+    let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/idle.toml");
+    let scenario = rubik_robot::scenario::load(&scenario, &[]).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let show = Show::read(&bytes[..bytes.len() / 2], &scenario, "cut.mcap").unwrap();
+    let (desk, behind) = desk();
+    assert!(desk.command(Command::Speed { factor: 0.0 }));
+
+    show.run(&behind, 0.0, false, &AtomicBool::new(false));
+
+    let last = desk.snapshots.borrow();
+    assert_eq!(last.control, ControlView::Ended);
+    let outcome = last.outcome.as_ref().unwrap();
+    assert_eq!((outcome.verdict.as_str(), outcome.good), ("cut off", false));
+    assert!(outcome.reason.contains("the recording is cut off after 0."), "{}", outcome.reason);
+}
+
+#[test]
+fn a_replay_keeps_the_time_of_a_servo_with_another_period() {
+    use rubik_robot::actors::show::Show;
+    use rubik_robot::desk::desk;
+    use rubik_robot::scenario::Override;
+    use std::sync::atomic::AtomicBool;
+
+    let period = "real_time.period_ms=1";
+    let more = [&IDLE[..], &["--set", period]].concat();
+    let (path, _) = recorded("millisecond.mcap", "scenarios/idle.toml", &more);
+    let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/idle.toml");
+    let scenario = rubik_robot::scenario::load(&scenario, &[Override::parse(period).unwrap()]);
+    let show = Show::read(std::fs::File::open(&path).unwrap(), &scenario.unwrap(), "").unwrap();
+    let (desk, behind) = desk();
+
+    show.run(&behind, 0.0, false, &AtomicBool::new(false));
+
+    let time = desk.snapshots.borrow().time;
+    assert!((0.9..1.1).contains(&time), "{time}");
 }
 
 /// The report of a recording.

@@ -211,6 +211,7 @@ pub(super) fn wall(scenario: &Scenario, options: RunOptions) -> WallOptions {
 /// What the operator may tell each arm by hand.
 pub(super) fn panel(config: &ControllerConfig) -> Panel {
     let bench = |arm: &crate::cell::Arm| Bench {
+        has_track: arm.model.has_track,
         poses: super::present::poses(arm),
         opening: arm.gripper.opening,
         grip: config.control.grip,

@@ -361,11 +361,11 @@ impl Mp {
         if self.parts.operator.is_none() {
             return Ok(None);
         }
+        let until = self.now() + question.seconds;
         if let Some(board) = self.parts.ui.board() {
-            board.latest().question = Some(question.clone());
+            board.latest().question = Some(Question { until, ..question.clone() });
         }
         self.parts.tempo.attend(Attended::Asked);
-        let until = self.now() + question.seconds;
         let mut answer = Ok(None);
         while self.now() < until {
             match self.word().await {

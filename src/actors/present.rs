@@ -15,6 +15,7 @@ use crate::operator::{
 };
 use crate::scenario::Scenario;
 use crate::scenario::keys::Pace;
+use crate::servo::period::Length;
 use crate::spatial::Pose;
 use crate::tasks::Picture;
 use nalgebra::{Point3, UnitQuaternion};
@@ -36,6 +37,8 @@ pub struct Presenter {
     cell: Cell,
     vsps: Vec<(String, Option<usize>)>,
     virtual_pace: bool,
+    /// Arms count their own periods, sensors those of 2 ms.
+    length: Length,
     begun: bool,
     number: u64,
     phases: Vec<(String, f64)>,
@@ -68,6 +71,7 @@ impl Presenter {
             board,
             vsps: config.vsps.iter().map(|v| (v.name.clone(), v.camera)).collect(),
             virtual_pace: scenario.pace == Pace::Virtual,
+            length: Length::of_seconds(scenario.real_time.period),
             begun: false,
             number: 0,
             phases: Vec::new(),
@@ -140,14 +144,20 @@ impl Presenter {
     }
 
     fn time(&self) -> f64 {
-        time_of(&self.board.latest())
+        self.time_of(&self.board.latest())
+    }
+
+    /// Time of the run [s].
+    fn time_of(&self, latest: &Latest) -> f64 {
+        let periods = latest.arms.iter().map(|arm| arm.state.period).max().unwrap_or(0);
+        periods as f64 * self.length.seconds()
     }
 
     /// Publishes pictures and snapshot.
     pub fn publish(&mut self, behind: &Behind, control: Control, speed: f64) {
         let board = self.board.clone();
         let mut latest = board.latest();
-        let time = time_of(&latest);
+        let time = self.time_of(&latest);
         let new = self.take_pictures(&mut latest);
         let arms: Vec<ArmLatest> = latest.arms.clone();
         for arm in &mut latest.arms {
@@ -394,10 +404,6 @@ fn edp(state: &crate::motion::ArmState, over: bool) -> (State, String) {
     }
 }
 
-fn time_of(latest: &Latest) -> f64 {
-    latest.arms.iter().map(|arm| arm.state.period).max().unwrap_or(0) as f64 * PERIOD
-}
-
 /// Angle of a rotation about z.
 fn roll(rotation: &UnitQuaternion<f64>) -> f64 {
     let angle = 2.0 * rotation.k.atan2(rotation.w);
@@ -534,6 +540,7 @@ fn stage(scenario: &Scenario) -> Stage {
 mod tests {
     use super::*;
     use crate::motion::ArmState;
+    use crate::scenario::Override;
     use crate::tasks::Turning;
     use std::path::Path;
 
@@ -585,6 +592,20 @@ mod tests {
         assert_eq!(turned.face, Face::R.index());
         assert!((turned.angle - 0.3).abs() < 1e-9, "{}", turned.angle);
         assert_eq!(snapshot.cube.facelets, "-".repeat(54));
+    }
+
+    #[test]
+    fn time_is_that_of_the_arms_whatever_their_period() {
+        let set = [Override::parse("real_time.period_ms=1").unwrap()];
+        let scenario = crate::scenario::read(Path::new("t.toml"), "", &set).unwrap();
+        let board = Board::default();
+        let (mut presenter, _) = Presenter::new(&scenario, board.clone());
+        stand(&board, &presenter);
+        let (_, behind) = crate::desk::desk();
+
+        presenter.publish(&behind, Control::Running, 0.0);
+
+        assert_eq!(behind.snapshots.borrow().time, 0.5, "500 periods of 1 ms");
     }
 
     #[test]

@@ -11,15 +11,16 @@ use super::ui::Notice;
 use crate::cell::Cell;
 use crate::desk::{Behind, desk};
 use crate::hw::driver::{NoRecords, RecordSink, ServoRecord};
-use crate::motion::{AXES, ArmFault, ArmState, JointPositions, PERIOD, Synchronisation};
-use crate::operator::{Class, Command, ControlView, Said, Services, Snapshot};
-use crate::record::reading::{Label, Message, Piece, Reading, Unreadable};
+use crate::motion::{AXES, ArmFault, ArmState, JointPositions, Synchronisation};
+use crate::operator::{Class, Command, ControlView, OutcomeView, Said, Services, Snapshot};
+use crate::record::reading::{End, Label, Message, Piece, Reading, Unreadable};
 use crate::record::sensed::{self, Sensed};
 use crate::record::summary::Summary;
 use crate::record::tick::Tick;
 use crate::record::{belief, cdr};
 use crate::scenario::Scenario;
 use crate::servo::ServoCommand;
+use crate::servo::period::Length;
 use crate::tasks::Picture;
 use std::io::Read;
 use std::sync::Arc;
@@ -28,8 +29,8 @@ use std::time::{Duration, Instant};
 
 /// Time between two snapshots.
 const REFRESH: Duration = Duration::from_millis(50);
-/// Servo periods of 2 ms between two states of an arm that are kept; what is largest in between is kept with them.
-const STATES: u64 = 20;
+/// Periods of 2 ms between two states of an arm that are kept; what is largest in between is kept with them.
+const STATES: u32 = 20;
 /// As fast as it goes, in times of real time.
 const FASTEST: f64 = 200.0;
 
@@ -39,7 +40,8 @@ pub struct Show {
     title: String,
     events: Vec<(f64, What)>,
     end: f64,
-    summary: Option<Summary>,
+    /// How it ended.
+    outcome: OutcomeView,
 }
 
 /// What happens.
@@ -63,12 +65,13 @@ impl Show {
             title: title.to_owned(),
             events: Vec::new(),
             end: 0.0,
-            summary: None,
+            outcome: cut_off(""),
         };
         let mut label = Label::default();
-        let mut loading = Loading::new(&scenario.controller.cell);
+        let mut loading = Loading::new(scenario);
         let mut start = None;
-        for piece in Reading::new(from) {
+        let mut reading = Reading::new(from);
+        for piece in reading.by_ref() {
             label.take(&piece);
             let Piece::Message(message) = piece else { continue };
             let start = *start.get_or_insert(message.time);
@@ -77,7 +80,14 @@ impl Show {
             show.take(time, &message, &mut loading)
                 .map_err(|why| Unreadable::Message { topic: message.channel.topic.clone(), why })?;
         }
-        show.summary = serde_json::from_str(label.of("summary", "json")).ok();
+        let summary: Option<Summary> = serde_json::from_str(label.of("summary", "json")).ok();
+        show.outcome = match (summary, reading.end()) {
+            (Some(summary), _) => outcome(&summary),
+            (None, Some(End::Cut(why))) => {
+                cut_off(&format!("the recording is cut off after {:.1} s: {why}", show.end))
+            }
+            (None, _) => cut_off("the recording does not say how the run ended"),
+        };
         show.events.sort_by(|a, b| a.0.total_cmp(&b.0));
         Ok(show)
     }
@@ -202,18 +212,32 @@ impl Show {
     }
 }
 
+/// A run whose end nobody knows.
+fn cut_off(reason: &str) -> OutcomeView {
+    OutcomeView {
+        verdict: "cut off".to_owned(),
+        good: false,
+        reason: reason.to_owned(),
+        figures: Vec::new(),
+    }
+}
+
 /// What is carried from tick to tick while a recording is read.
 struct Loading {
     cell: Cell,
+    /// Servo periods between two states.
+    states: u64,
     arms: Vec<(ArmState, f64)>,
     /// The camera that looked last, and where its sight stands.
     looked: Option<(usize, usize)>,
 }
 
 impl Loading {
-    fn new(cell: &Cell) -> Self {
+    fn new(scenario: &Scenario) -> Self {
+        let cell = scenario.controller.cell.clone();
         let arms = cell.arms.iter().map(|_| (ArmState::default(), 0.0)).collect();
-        Self { cell: cell.clone(), arms, looked: None }
+        let states = Length::of_seconds(scenario.real_time.period).count(STATES).into();
+        Self { cell, states, arms, looked: None }
     }
 
     /// A state now and then, with the largest force in between.
@@ -227,7 +251,7 @@ impl Loading {
         if force >= *most {
             (*most, state.wrench_in_tool) = (force, tick.wrench_in_tool);
         }
-        if tick.period % STATES != 1 {
+        if tick.period % self.states != 1 % self.states {
             return None;
         }
         *most = 0.0;
@@ -314,9 +338,7 @@ impl<'a> Stand<'a> {
         }
         if time >= self.show.end && !self.over {
             self.over = true;
-            if let Some(summary) = &self.show.summary {
-                self.presenter.notice(&Notice::Over(outcome(summary)));
-            }
+            self.presenter.notice(&Notice::Over(self.show.outcome.clone()));
         }
         let control = if paused { Control::Paused } else { Control::Running };
         self.presenter.publish(&self.inner, control, speed);
@@ -364,11 +386,5 @@ impl Show {
             What::Operator(words) => Some((*time, format!("operator: {words}"))),
             What::Arm(..) | What::Belief(_) | What::Sight(..) => None,
         })
-    }
-
-    /// How long it is [s]; in periods of 2 ms when divided by their length.
-    #[must_use]
-    pub fn seconds(&self) -> f64 {
-        (self.end / PERIOD).round() * PERIOD
     }
 }

@@ -160,40 +160,6 @@ pub fn run_with(
         .then(|| Interrupt::listen(Arc::clone(&control), Arc::clone(&ui.emergency)))
         .transpose()
         .map_err(|e| not_created("interrupt", &e.to_string()))?;
-    let plan = Plan::of(scenario)?;
-    let goal = build::goal(&scenario.controller, plan.angle);
-    let mut noted = None;
-    let troubles = Troubles {
-        emergency: Arc::clone(&ui.emergency),
-        disk: recorder.full().unwrap_or_default(),
-        ..Troubles::new(scenario.controller.cell.cameras.len())
-    };
-    let (world, cameras) = if let Some(playback) = &playback {
-        World::of_recording(scenario, playback.clone(), &control)
-    } else if scenario.bridge.kind.is_hardware() {
-        let (world, cameras, notes) = World::of_hardware(scenario, &control)?;
-        noted = notes;
-        (world, cameras)
-    } else {
-        let mut plant = plan.plant(scenario)?;
-        if let (Some(path), true) = (&files.world, files.resume) {
-            let failed = |why: Unfit| not_created("plant", &format!("{}: {why}", path.display()));
-            if let Some(saved) = Saved::read(path).map_err(failed)? {
-                plant = plant.restored(saved, scenario.seed).map_err(failed)?;
-            } else {
-                tracing::warn!("{}: not there, so nothing had begun", path.display());
-            }
-        }
-        let (world, cameras) = World::of_plant(scenario, plant, &control, &troubles)?;
-        (world.keeping(files.world.as_deref(), scenario.seed), cameras)
-    };
-    let journal = Logbook::of(&files)?;
-    // From here on the controller: the world has its truth.
-    let scenario = &*super::calibrate::believed(scenario);
-    let mut builder = tokio::runtime::Builder::new_current_thread();
-    builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
-    let runtime = builder.build().map_err(|e| not_created("runtime", &e.to_string()))?;
-    let teller = noted.map(|noted| Teller::start(noted, &scenario.controller));
     let desk = Attendance {
         ui: ui.handle.clone(),
         emergency: Arc::clone(&ui.emergency),
@@ -202,15 +168,16 @@ pub fn run_with(
         recorder: recorder.clone(),
         playback,
         tape,
-        journal,
+        journal: Logbook::default(),
         judge,
-        troubles,
+        troubles: Troubles {
+            emergency: Arc::clone(&ui.emergency),
+            disk: recorder.full().unwrap_or_default(),
+            ..Troubles::new(scenario.controller.cell.cameras.len())
+        },
     };
-    let done =
-        runtime.block_on(perform(scenario, options, &control, (world, cameras), goal, plan, desk));
-    drop(teller);
-    drop(runtime);
-    let done = match done {
+    // Whatever goes wrong from here on, the faces are told.
+    let (goal, done) = match carried_out(scenario, options, &control, &files, desk) {
         Ok(done) => done,
         Err(error) => {
             ui.over(broken_off(&error));
@@ -230,6 +197,49 @@ pub fn run_with(
     recorder.note(period, || Entry::Phase("end".to_owned(), word));
     recorder.note(period, || Entry::Facts("summary", vec![("json".into(), summary.json())]));
     Ok(summary)
+}
+
+/// Creates the world and the controller, and lets them run to their end.
+fn carried_out(
+    scenario: &Scenario,
+    options: RunOptions,
+    control: &Arc<watch::Sender<Control>>,
+    files: &Keep,
+    mut desk: Attendance,
+) -> Result<(Option<Goal>, Done), Error> {
+    let plan = Plan::of(scenario)?;
+    let goal = build::goal(&scenario.controller, plan.angle);
+    let mut noted = None;
+    let (world, cameras) = if let Some(playback) = &desk.playback {
+        World::of_recording(scenario, playback.clone(), control)
+    } else if scenario.bridge.kind.is_hardware() {
+        let (world, cameras, notes) = World::of_hardware(scenario, control)?;
+        noted = notes;
+        (world, cameras)
+    } else {
+        let mut plant = plan.plant(scenario)?;
+        if let (Some(path), true) = (&files.world, files.resume) {
+            let failed = |why: Unfit| not_created("plant", &format!("{}: {why}", path.display()));
+            if let Some(saved) = Saved::read(path).map_err(failed)? {
+                plant = plant.restored(saved, scenario.seed).map_err(failed)?;
+            } else {
+                tracing::warn!("{}: not there, so nothing had begun", path.display());
+            }
+        }
+        let (world, cameras) = World::of_plant(scenario, plant, control, &desk.troubles)?;
+        (world.keeping(files.world.as_deref(), scenario.seed), cameras)
+    };
+    desk.journal = Logbook::of(files)?;
+    // From here on the controller: the world has its truth.
+    let scenario = &*super::calibrate::believed(scenario);
+    let mut builder = tokio::runtime::Builder::new_current_thread();
+    builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
+    let runtime = builder.build().map_err(|e| not_created("runtime", &e.to_string()))?;
+    let teller = noted.map(|noted| Teller::start(noted, &scenario.controller));
+    let done =
+        runtime.block_on(perform(scenario, options, control, (world, cameras), goal, plan, desk));
+    drop(teller);
+    done.map(|done| (goal, done))
 }
 
 /// The operator's side of a run.

@@ -263,6 +263,11 @@ fn obey(command: &Command, helm: &Helm) -> Result<bool, &'static str> {
             let word = Word::Answer(*question, answer.clone());
             helm.words.try_send(word).map_err(|_| "nobody waits for an answer")?;
         }
+        // A word that waited would be carried out at once when the run goes on, when nobody expects it any more.
+        Command::Manual { .. } if now == Control::Paused => {
+            return Err("the run is paused: resume it first");
+        }
+        Command::Manual { .. } if now == Control::Waiting => return Err("the run has not begun"),
         Command::Manual { effector, order } => {
             let word = Word::Order(*effector, order.clone());
             helm.words.try_send(word).map_err(|_| "the arms are busy")?;
@@ -351,6 +356,23 @@ mod tests {
         obey(&Command::Pause, &helm).unwrap();
         assert!(obey(&Command::Start, &helm).is_err());
         assert_eq!(*helm.control.borrow(), Control::Paused);
+    }
+
+    #[test]
+    fn an_order_by_hand_is_refused_during_a_pause_and_does_not_wait_for_its_end() {
+        let (words, mut heard) = mpsc::channel(4);
+        let (control, _will) = watch::channel(Control::Running);
+        let helm = Helm { control: Arc::new(control), words, tempo: Tempo::default() };
+        let jog = Command::Manual { effector: 0, order: crate::operator::Manual::Bias };
+
+        for (before, why) in [(Control::Paused, "paused"), (Control::Waiting, "not begun")] {
+            helm.control.send_replace(before);
+            assert!(obey(&jog, &helm).unwrap_err().contains(why));
+        }
+        helm.control.send_replace(Control::Running);
+        assert!(heard.try_recv().is_err(), "nothing waited");
+        obey(&jog, &helm).unwrap();
+        assert!(heard.try_recv().is_ok());
     }
 
     #[test]

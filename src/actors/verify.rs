@@ -8,7 +8,7 @@ use super::supervisor::{Around, RunOptions, not_created, run_with};
 use crate::error::Error;
 use crate::hw::driver::ServoRecord;
 use crate::record::playback::{Divergence, Playback};
-use crate::record::reading::Unreadable;
+use crate::record::reading::{Label, Unreadable};
 use crate::record::tick::{Difference, Tick};
 use crate::scenario::Scenario;
 use crate::scenario::keys::Pace;
@@ -17,7 +17,7 @@ use crate::servo::{ArmServo, ServoConfig};
 use std::path::Path;
 
 /// What came of a verification.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Verified {
     /// Servo ticks that are the same.
     pub compared: u64,
@@ -27,8 +27,10 @@ pub struct Verified {
     pub divergence: Option<Divergence>,
     /// All actors ran again, or the servos only.
     pub whole_controller: bool,
-    /// Why the comparison ended before the recording, if it did.
+    /// Why the comparison ended before the run did, if so.
     pub ended: Option<String>,
+    /// Why the recording itself ends before the run did, if so.
+    pub cut: Option<String>,
 }
 
 impl std::fmt::Display for Verified {
@@ -40,8 +42,14 @@ impl std::fmt::Display for Verified {
                 write!(f, "differs after {} servo ticks of {what}: {first}", self.compared)?;
             }
         }
-        match &self.ended {
-            Some(why) => write!(f, "; {why}"),
+        if let Some(why) = &self.ended {
+            write!(f, "; {why}")?;
+        }
+        if self.rest > 0 && self.divergence.is_none() {
+            write!(f, "; {} ticks behind that were not compared", self.rest)?;
+        }
+        match &self.cut {
+            Some(why) => write!(f, "; the recording is cut off ({why})"),
             None => Ok(()),
         }
     }
@@ -56,6 +64,9 @@ pub enum Unverified {
     /// The run.
     #[error(transparent)]
     Run(#[from] Error),
+    /// There is nothing in it to be compared.
+    #[error("nothing was compared: {0}")]
+    Nothing(String),
 }
 
 /// Verifies a recording of `scenario`; `attended`: an operator was there.
@@ -64,10 +75,25 @@ pub enum Unverified {
 /// [`Unverified`].
 pub fn verify(path: &Path, scenario: &Scenario, attended: bool) -> Result<Verified, Unverified> {
     let arms = scenario.controller.cell.arms.iter().map(|arm| arm.name.clone()).collect();
-    let (playback, _) = Playback::open(path, arms)?;
-    if scenario.pace == Pace::RealTime {
-        return Ok(servos(&playback, scenario)?);
+    let (playback, label) = Playback::open(path, arms)?;
+    let mut verified = match scenario.pace {
+        Pace::RealTime => servos(&playback, scenario, &label)?,
+        Pace::Virtual => controller(&playback, scenario, attended),
+    };
+    // Known only now that it was read to its end.
+    verified.cut = playback.cut();
+    if verified.compared == 0 && verified.divergence.is_none() {
+        let whys =
+            [verified.cut.map(|why| format!("the recording is cut off ({why})")), verified.ended];
+        let why = whys.into_iter().flatten().next();
+        let why = why.unwrap_or_else(|| "the recording holds no whole servo period".to_owned());
+        return Err(Unverified::Nothing(why));
     }
+    Ok(verified)
+}
+
+/// The whole controller, on the virtual clock.
+fn controller(playback: &Playback, scenario: &Scenario, attended: bool) -> Verified {
     let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
     let around = Around { playback: Some((playback.clone(), attended)), ..Around::default() };
     let summary = run_with(scenario, options, around);
@@ -81,34 +107,57 @@ pub fn verify(path: &Path, scenario: &Scenario, attended: bool) -> Result<Verifi
         };
         divergence = Some(Divergence { period: last, who: "mp".to_owned(), what });
     }
-    let cut = playback.is_cut() && divergence.is_none();
     let ended = match summary {
-        _ if cut => Some("the recording is cut off there".to_owned()),
-        Err(error) if divergence.is_none() => Some(error.to_string()),
+        // Where the recording is cut off there is nothing to be read, which is no news.
+        Err(error) if divergence.is_none() && playback.cut().is_none() => Some(error.to_string()),
         _ => None,
     };
-    Ok(Verified { compared, rest, divergence, whole_controller: true, ended })
+    Verified { compared, rest, divergence, whole_controller: true, ended, cut: None }
 }
 
+/// How the faults begin that come from outside the servo's own inputs, by [`ArmFault`](crate::motion::ArmFault)'s words.
+const OUTSIDE: [&str; 4] = [
+    "emergency stop",
+    "no heart beat of the actors",
+    "the servo missed",
+    "no reading from the bridge",
+];
+
 /// The servos alone, fed with recorded readings and orders.
-fn servos(playback: &Playback, scenario: &Scenario) -> Result<Verified, Error> {
+fn servos(playback: &Playback, scenario: &Scenario, label: &Label) -> Result<Verified, Error> {
     let config = &scenario.controller;
     let length = Length::of_seconds(scenario.real_time.period);
     let configs = config.cell.arms.iter().zip(&config.effectors).map(|(arm, effector)| {
         ServoConfig { period: length, ..ServoConfig::new(arm, effector.gains.clone()) }
     });
-    let mut servos: Vec<(ServoConfig, Option<ArmServo>)> = configs.map(|c| (c, None)).collect();
-    let mut verified =
-        Verified { compared: 0, rest: 0, divergence: None, whole_controller: false, ended: None };
+    let mut servos: Vec<(ServoConfig, Option<ArmServo>, u64)> =
+        configs.map(|c| (c, None, 0)).collect();
+    let mut verified = Verified::default();
     while let Some(recorded) = playback.tick() {
         let index = usize::from(recorded.arm);
-        let Some((config, servo)) = servos.get_mut(index) else {
+        // One arm's fault makes the other one stand by, in the same period if it comes later in it.
+        let faulty = |(i, (_, servo, _)): (usize, &(_, Option<ArmServo>, _))| {
+            i != index && servo.as_ref().is_some_and(|servo| servo.fault().is_some())
+        };
+        let stopped = servos.iter().enumerate().any(faulty);
+        let Some((config, servo, last)) = servos.get_mut(index) else {
             return Err(not_created("servo", "the recording has more arms than its scenario"));
         };
+        let who = &scenario.controller.cell.arms[index].name;
+        if recorded.period != *last + 1 {
+            let (from, to) = (*last + 1, recorded.period.saturating_sub(1));
+            verified.ended = Some(format!(
+                "periods {from} to {to} of {who} are not in the recording, and what comes after them depends on them"
+            ));
+            verified.rest = 1;
+            break;
+        }
+        *last = recorded.period;
         let order = recorded.order().map_err(|text| not_created("servo", &text))?;
         // The servo is created from readings that were taken before the first period; they are the same, but for the
         // force sensor's noise, which counts for nothing before the first order.
         let servo = servo.get_or_insert_with(|| ArmServo::new(config.clone(), &recorded.reading));
+        servo.stand_by(recorded.period, stopped);
         let (drive, state) = servo.step(recorded.period, &recorded.reading, order.as_ref());
         let record = ServoRecord {
             period: recorded.period,
@@ -120,19 +169,57 @@ fn servos(playback: &Playback, scenario: &Scenario) -> Result<Verified, Error> {
         };
         let now = Tick::of(&record);
         if let Some(what) = recorded.difference(&now) {
-            if now.fault.is_empty() && !recorded.fault.is_empty() {
+            let outside = OUTSIDE.iter().any(|words| recorded.fault.starts_with(words));
+            if now.fault.is_empty() && outside {
                 verified.ended = Some(format!(
                     "from period {} on the arms were stopped from outside ({})",
                     recorded.period, recorded.fault
                 ));
+                verified.rest = 1;
             } else {
-                let who = scenario.controller.cell.arms[index].name.clone();
-                verified.divergence = Some(Divergence { period: recorded.period, who, what });
+                let divergence = Divergence { period: recorded.period, who: who.clone(), what };
+                verified.divergence = Some(divergence);
+                let missed = label.of("timing", "missed");
+                if !matches!(missed, "" | "0") {
+                    verified.ended = Some(format!(
+                        "the servo missed {missed} periods of this run, which the recording counts and does not place"
+                    ));
+                }
             }
             break;
         }
         verified.compared += 1;
     }
-    verified.rest = playback.rest();
+    verified.rest += playback.rest();
     Ok(verified)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::ArmFault;
+
+    #[test]
+    fn only_what_comes_from_outside_a_servo_excuses_a_fault_that_does_not_come_again() {
+        let outside = |fault: ArmFault| {
+            let text = fault.to_string();
+            OUTSIDE.iter().any(|words| text.starts_with(words))
+        };
+
+        for fault in [
+            ArmFault::EmergencyStop,
+            ArmFault::HeartBeat { seconds: 0.5 },
+            ArmFault::Missed { periods: 50 },
+            ArmFault::BridgeSilent { periods: 10 },
+        ] {
+            assert!(outside(fault), "{fault}");
+        }
+        for fault in [
+            ArmFault::OverCurrent { axis: 1, amperes: 9.0 },
+            ArmFault::Following { axis: 1, error: 0.1 },
+            ArmFault::EncoderFrozen { axis: 1, wanted: 0.1 },
+        ] {
+            assert!(!outside(fault), "{fault}");
+        }
+    }
 }

@@ -6,6 +6,7 @@ use crate::tui;
 use crate::web::Server;
 use anyhow::{Context, anyhow};
 use clap::{Args, ValueEnum};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use std::io::{IsTerminal, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -55,13 +56,7 @@ impl FaceArgs {
     pub(super) fn open(&self, word: FaceWord, desk: Desk) -> anyhow::Result<Face> {
         match word {
             FaceWord::None => Ok(Face::None),
-            FaceWord::Tui => {
-                let thread = std::thread::Builder::new()
-                    .name("tui".into())
-                    .spawn(move || tui::show(&desk))
-                    .context("the terminal's thread")?;
-                Ok(Face::Tui(thread))
-            }
+            FaceWord::Tui => Ok(Face::Tui(Terminal::open(desk).context("the terminal's thread")?)),
             FaceWord::Web => {
                 let served = self.serve(&desk);
                 let server = match served {
@@ -113,7 +108,7 @@ pub(super) enum Face {
     /// The page.
     Web(Server),
     /// The terminal.
-    Tui(std::thread::JoinHandle<std::io::Result<()>>),
+    Tui(Terminal),
 }
 
 impl Face {
@@ -122,14 +117,22 @@ impl Face {
         matches!(self, Self::Tui(_))
     }
 
+    /// Leaves at once.
+    pub(super) fn leave(self) -> anyhow::Result<()> {
+        match self {
+            Self::None | Self::Web(_) => Ok(()),
+            Self::Tui(terminal) => {
+                terminal.leave.store(true, Ordering::Release);
+                terminal.wait()
+            }
+        }
+    }
+
     /// Stays up when the run is over, until the operator leaves: by the page's button, by Ctrl-C, or by `q`.
     pub(super) fn linger(self, behind: &Behind) -> anyhow::Result<()> {
         match self {
             Self::None => Ok(()),
-            Self::Tui(thread) => match thread.join() {
-                Ok(shown) => Ok(shown.context("the terminal")?),
-                Err(_) => Err(anyhow!("the terminal's thread died")),
-            },
+            Self::Tui(terminal) => terminal.wait(),
             Self::Web(server) => {
                 let mut err = std::io::stderr().lock();
                 // Whoever closed stderr needs no word.
@@ -142,6 +145,57 @@ impl Face {
                 wait(behind)
             }
         }
+    }
+}
+
+/// The terminal's thread. It gives the terminal back when it leaves: by itself, when a signal ends the program, or when
+/// this is dropped.
+#[derive(Debug)]
+pub(super) struct Terminal {
+    leave: Arc<AtomicBool>,
+    thread: Option<std::thread::JoinHandle<std::io::Result<()>>>,
+}
+
+impl Terminal {
+    fn open(desk: Desk) -> std::io::Result<Self> {
+        let leave = Arc::new(AtomicBool::new(false));
+        for signal in [SIGINT, SIGTERM, SIGHUP, SIGQUIT] {
+            signal_hook::flag::register(signal, Arc::clone(&leave))?;
+        }
+        let leaves = Arc::clone(&leave);
+        let thread = std::thread::Builder::new()
+            .name("tui".into())
+            .spawn(move || tui::show(&desk, &leaves))?;
+        Ok(Self { leave, thread: Some(thread) })
+    }
+
+    /// Until it has left.
+    fn wait(mut self) -> anyhow::Result<()> {
+        match self.left() {
+            Some(Ok(shown)) => Ok(shown.context("the terminal")?),
+            Some(Err(_)) => Err(anyhow!("the terminal's thread died")),
+            None => Ok(()),
+        }
+    }
+
+    /// What its thread came to. One that is to leave and does not is left behind: its terminal is gone, and never answers.
+    fn left(&mut self) -> Option<std::thread::Result<std::io::Result<()>>> {
+        const LOOK: Duration = Duration::from_millis(20);
+        let thread = self.thread.take()?;
+        let mut patience = 50;
+        while !thread.is_finished() && patience > 0 {
+            std::thread::sleep(LOOK);
+            patience -= u32::from(self.leave.load(Ordering::Acquire));
+        }
+        thread.is_finished().then(|| thread.join())
+    }
+}
+
+impl Drop for Terminal {
+    fn drop(&mut self) {
+        self.leave.store(true, Ordering::Release);
+        // A panic has told of itself.
+        let _ = self.left();
     }
 }
 

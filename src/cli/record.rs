@@ -7,12 +7,13 @@ use crate::scenario::keys::Pace;
 use crate::scenario::{Override, Scenario};
 use crate::servo::period::Length;
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Begins a recording. `attended`: an operator is there to be asked.
+/// Begins a recording in a file. `attended`: an operator is there to be asked.
 pub(super) fn begin(
-    path: &Path,
+    file: File,
     scenario: &Scenario,
     overrides: &[Override],
     attended: bool,
@@ -21,7 +22,7 @@ pub(super) fn begin(
         Pace::Virtual => Patience::Waits,
         Pace::RealTime => Patience::Never,
     };
-    Recorder::create(path, about(scenario, overrides, attended)?, patience)
+    Recorder::begin(file, about(scenario, overrides, attended)?, patience)
 }
 
 /// What a recording of this scenario says of itself.

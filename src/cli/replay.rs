@@ -25,7 +25,8 @@ Examples:
 words of the operator; each order and each drive of each servo period must come out the same, to the bit. Of a run under
 the wall clock the servos run again, on the recorded readings and orders: when an actor's order reached its servo
 depended on threads, so the orders themselves are inputs there.
-Exit code 0 when all is the same, 1 when something differs, 2 when the recording cannot be used.")]
+Exit code 0 when all that was compared is the same, and it says when that is not all (a recording that is cut off or has
+gaps, an arm stopped from outside), 1 when something differs, 2 when the recording cannot be used or nothing was compared.")]
 pub(super) struct ReplayArgs {
     /// The recording
     recording: PathBuf,
@@ -108,10 +109,8 @@ fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     show.run(&behind, args.speed, true, &stop);
-    if face.has_terminal() {
-        // It leaves by itself, and puts the terminal back as it was.
-        face.linger(&behind)?;
-    }
+    // Whoever ended the show, by a key, on the page or by a signal, is done with it.
+    face.leave()?;
     Ok(0)
 }
 
@@ -131,6 +130,8 @@ fn json(verified: &Verified) -> String {
         "not_compared": verified.rest,
         "whole_controller": verified.whole_controller,
         "first_difference": first,
+        "ended": verified.ended,
+        "cut": verified.cut,
     })
     .to_string()
 }

@@ -10,7 +10,9 @@ use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
 use crate::scenario::keys::{Pace, Task};
 use crate::scenario::{Override, Scenario};
+use anyhow::Context;
 use clap::{Args, ValueEnum};
+use std::fs::File;
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
@@ -125,6 +127,15 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
             return Ok(WRONG);
         }
     };
+    // Before there is a face: what goes wrong here is told in the terminal as it is.
+    let file = match args.record.as_ref().map(|path| (path, File::create(path))) {
+        None => None,
+        Some((_, Ok(file))) => Some(file),
+        Some((path, Err(error))) => {
+            complain(&format!("--record: {}: {error}", path.display()));
+            return Ok(WRONG);
+        }
+    };
     let word = args.face.word(args.json);
     let (desk, behind) = desk();
     let face = args.face.open(word, desk)?;
@@ -138,17 +149,11 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         interruptible: true,
         speed: args.speed,
     };
-    let recorder = match &args.record {
+    let recorder = match file {
         None => Recorder::default(),
-        Some(path) => {
+        Some(file) => {
             let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(more).collect();
-            match record::begin(path, &scenario, &overrides, shown) {
-                Ok(recorder) => recorder,
-                Err(error) => {
-                    complain(&format!("--record: {}: {error}", path.display()));
-                    return Ok(WRONG);
-                }
-            }
+            record::begin(file, &scenario, &overrides, shown).context("--record")?
         }
     };
     let behind_run = shown.then(|| behind.clone());

@@ -202,6 +202,9 @@ pub struct Question {
     pub otherwise: String,
     /// Time for an answer [s].
     pub seconds: f64,
+    /// Time of the run at which that is over [s]; set by whoever asks it, 0 before.
+    #[serde(default)]
+    pub until: f64,
     /// What kind of answer is wanted.
     pub subject: Subject,
 }

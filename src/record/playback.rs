@@ -148,10 +148,13 @@ impl Playback {
         self.state().last
     }
 
-    /// Whether the recording is cut off; known at its end.
+    /// Why the recording ends in the middle, if it does; known at its end.
     #[must_use]
-    pub fn is_cut(&self) -> bool {
-        matches!(self.state().stream.end(), Some(End::Cut(_)))
+    pub fn cut(&self) -> Option<String> {
+        match self.state().stream.end() {
+            Some(End::Cut(why)) => Some(why.clone()),
+            Some(End::Whole) | None => None,
+        }
     }
 
     /// Whether the run and its recording are the same so far.

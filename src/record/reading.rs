@@ -266,7 +266,7 @@ impl<R: Read> Iterator for Reading<R> {
 /// What a recording says of itself.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Label {
-    /// Metadata by name: "`rubik_robot`", "options", "summary", "timing".
+    /// Metadata by name: "`rubik_robot`", "options", "summary", "timing", "recording".
     pub metadata: BTreeMap<String, BTreeMap<String, String>>,
     /// Text of the scenario.
     pub scenario: String,

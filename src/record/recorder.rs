@@ -41,6 +41,8 @@ pub enum Entry {
     Sensed(Sensed),
     /// A camera's picture.
     Picture(usize, RgbImage),
+    /// A face was read in so long, by the wall clock [s].
+    FaceTook(f64),
     /// What there is to be seen, in the plant.
     Scene(Box<Scene>),
     /// What the operator wanted, as JSON.
@@ -357,8 +359,14 @@ impl Clerk {
                 std::thread::sleep(NAP);
             }
         }
-        if let Some(file) = file
-            && let Err(why) = file.finish()
+        // Who reads the file later is to know what is not in it.
+        let lost = self.counts.lost.load(Ordering::Acquire).to_string();
+        let count = [("messages", self.sheet.messages().to_string()), ("lost", lost)];
+        let count = count.map(|(name, value)| (name.to_owned(), value)).into();
+        if let Some(mut file) = file
+            && let Err(why) = (file.metadata("recording", &count))
+                .and_then(|()| file.metadata("vision", &self.sheet.vision()))
+                .and_then(|()| file.finish())
         {
             self.fail(&why.to_string());
         }

@@ -12,8 +12,8 @@
 //! | `/belief` | `std_msgs/String`, JSON | when it changes: what the operator's page shows of the kernel |
 //! | `/rosout` | `rcl_interfaces/Log` | every message to the operator |
 //!
-//! Metadata `rubik_robot` holds version, build, seed, task; `options` what overruled the scenario, `summary` and `timing`
-//! come at the end. The scenario is attached as `scenario.toml`.
+//! Metadata `rubik_robot` holds version, build, seed, task; `options` what overruled the scenario; `summary`, `timing`,
+//! `vision` (how long it took) and `recording` (messages in it, and how many were lost) come at the end. The scenario is attached as `scenario.toml`.
 
 use super::belief;
 use super::cdr::Writer;
@@ -70,6 +70,8 @@ pub struct Sheet {
     belief: Option<Picture>,
     truth: String,
     cube: super::recorder::CubeKnown,
+    /// How long it took to read faces [s].
+    faces: Vec<f64>,
     /// Memory that is used again: positions of joints, a picture's file.
     positions: Vec<f64>,
     jpeg: Vec<u8>,
@@ -133,6 +135,7 @@ impl Sheet {
             belief: None,
             truth: String::new(),
             cube: super::recorder::CubeKnown::default(),
+            faces: Vec::new(),
             positions: Vec::new(),
             jpeg: Vec::new(),
             model,
@@ -144,6 +147,16 @@ impl Sheet {
     #[must_use]
     pub fn messages(&self) -> u64 {
         self.pen.messages
+    }
+
+    /// How long vision took, for the end.
+    #[must_use]
+    pub fn vision(&mut self) -> BTreeMap<String, String> {
+        self.faces.sort_by(f64::total_cmp);
+        let Some(median) = self.faces.get(self.faces.len() / 2) else { return BTreeMap::new() };
+        let facts =
+            [("faces", self.faces.len().to_string()), ("face_median_s", median.to_string())];
+        facts.map(|(name, value)| (name.to_owned(), value)).into()
     }
 
     /// In which period of 2 ms a servo period is.
@@ -289,6 +302,10 @@ impl Sheet {
                 pen.put(file, &topics.image, Kind::Picture, time, |to| {
                     standard::picture(to, time, &topics.frame, &self.jpeg);
                 })
+            }
+            Entry::FaceTook(seconds) => {
+                self.faces.push(*seconds);
+                Ok(())
             }
             Entry::Scene(scene) => self.scene(time, scene, file),
             Entry::Operator(command) => pen.put(file, "/operator", Kind::Operator, time, |to| {

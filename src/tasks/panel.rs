@@ -10,16 +10,26 @@ use crate::motion::{AXES, Depth, JawCommand, JointPositions};
 use crate::operator::{Manual, Step};
 use crate::spatial::Pose;
 use nalgebra::{UnitQuaternion, Vector3};
+use std::ops::Range;
 
 /// What an arm can be told by hand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bench {
+    /// Whether it has an axis 0.
+    pub has_track: bool,
     /// Poses that it can be sent to.
     pub poses: Vec<(String, JointPositions)>,
     /// Smallest and largest distance between the pads [m].
     pub opening: (f64, f64),
     /// Force with which its jaws close [N].
     pub grip: f64,
+}
+
+impl Bench {
+    /// Numbers of its joints and motors.
+    fn axes(&self) -> Range<usize> {
+        usize::from(!self.has_track)..AXES
+    }
 }
 
 /// The kernel.
@@ -58,18 +68,18 @@ impl Panel {
         let behaviour = match order {
             Manual::Synchronise => return Ok(Action::Manual { effector, order }),
             Manual::Motor(step) => {
-                within(step, FARTHEST.2, AXES)?;
+                within(step, FARTHEST.2, bench.axes())?;
                 return Ok(Action::Manual { effector, order });
             }
             Manual::Bias => return Ok(Action::Bias(std::array::from_fn(|i| i == effector))),
             Manual::Joint(step) => {
-                within(step, if step.axis == 0 { FARTHEST.0 } else { FARTHEST.1 }, AXES)?;
+                within(step, if step.axis == 0 { FARTHEST.0 } else { FARTHEST.1 }, bench.axes())?;
                 let mut target = state.desired_joints;
                 target.0[step.axis] += step.by;
                 Behaviour::Joints { target, speed: SPEED, seconds: 0.0 }
             }
             Manual::Tool(step) => {
-                within(step, if step.axis < 3 { FARTHEST.0 } else { FARTHEST.1 }, 6)?;
+                within(step, if step.axis < 3 { FARTHEST.0 } else { FARTHEST.1 }, 0..6)?;
                 let target = state.desired_base_from_tool * displacement(step);
                 Behaviour::Line { target, speed: SPEED }
             }
@@ -110,9 +120,9 @@ fn displacement(step: Step) -> Pose {
     }
 }
 
-fn within(step: Step, farthest: f64, axes: usize) -> Result<(), String> {
-    if step.axis >= axes {
-        return Err(format!("there is no axis {}", step.axis));
+fn within(step: Step, farthest: f64, axes: Range<usize>) -> Result<(), String> {
+    if !axes.contains(&step.axis) {
+        return Err(format!("this arm has no axis {}", step.axis));
     }
     if step.by.abs() <= farthest {
         return Ok(());
@@ -166,7 +176,7 @@ mod tests {
 
     fn panel() -> Panel {
         let poses = vec![("front".to_owned(), JointPositions([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))];
-        Panel::new(vec![Bench { poses, opening: (0.04, 0.09), grip: 40.0 }])
+        Panel::new(vec![Bench { has_track: false, poses, opening: (0.04, 0.09), grip: 40.0 }])
     }
 
     fn after(order: Manual) -> (Action<()>, Vec<String>) {
@@ -196,6 +206,8 @@ mod tests {
             Manual::Joint(Step { axis: 1, by: 3.0 }),
             Manual::Tool(Step { axis: 0, by: f64::NAN }),
             Manual::Motor(Step { axis: 1, by: 1e6 }),
+            Manual::Motor(Step { axis: 0, by: 2.0 }),
+            Manual::Joint(Step { axis: 0, by: 0.01 }),
             Manual::Jaw { opening: 0.2 },
             Manual::Pose { name: "moon".into() },
         ] {

@@ -8,7 +8,7 @@ use ratatui::crossterm::event::KeyCode;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Block, Cell, Clear, Gauge, Paragraph, Row, Table, Wrap};
+use ratatui::widgets::{Block, Borders, Cell, Clear, Gauge, Paragraph, Row, Table, Wrap};
 
 /// The six colours, 0..=5 = white, red, green, yellow, orange, blue.
 const COLOURS: [Color; 6] = [
@@ -24,36 +24,39 @@ const PLACES: [(usize, usize); 6] = [(3, 0), (6, 3), (3, 3), (3, 6), (0, 3), (9,
 const AXES: [&str; 7] = ["track", "joint 1", "joint 2", "joint 3", "joint 4", "joint 5", "joint 6"];
 const TOOL: [&str; 6] = ["x", "y", "z", "about x", "about y", "about z"];
 
+/// Below these columns and rows there is no room to waste: fewer lines about things, fewer digits, fewer messages.
+const NARROW: u16 = 120;
+const LOW: u16 = 30;
+
 /// Draws everything.
 pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
     let s = &*app.snapshot;
+    let area = frame.area();
+    let narrow = area.width < NARROW;
+    let keys = keys_of(app, usize::from(area.width));
     let rows = [
         Constraint::Length(1),
         Constraint::Length(1),
-        Constraint::Length(3 + s.arms.len() as u16),
+        Constraint::Length(s.arms.len() as u16 + if narrow { 1 } else { 3 }),
         Constraint::Min(8),
-        Constraint::Length(8),
-        Constraint::Length(1),
+        Constraint::Length(if area.height < LOW { 3 } else { 8 }),
+        Constraint::Length(keys.len() as u16),
     ];
-    let [head, bar, arms, middle, messages, keys] = Layout::vertical(rows).areas(frame.area());
+    let [head, bar, arms, middle, messages, foot] = Layout::vertical(rows).areas(area);
     frame.render_widget(heading(app), head);
-    let done = s.step.map_or(0.0, |step| (step + 1) as f64 / s.plan.len().max(1) as f64);
-    let label = match s.step {
-        Some(step) => format!("step {} of {}", step + 1, s.plan.len()),
-        None => "no plan yet".to_owned(),
-    };
+    let (done, label) = progress(s);
     frame.render_widget(
         Gauge::default().ratio(done.clamp(0.0, 1.0)).label(label).gauge_style(Color::Blue),
         bar,
     );
-    frame.render_widget(arm_table(app), arms);
-    let columns = [Constraint::Length(27), Constraint::Fill(3), Constraint::Fill(2)];
+    frame.render_widget(arm_table(app, narrow), arms);
+    let columns = [Constraint::Length(25), Constraint::Fill(3), Constraint::Min(26)];
     let [net, plan, actors] = Layout::horizontal(columns).areas(middle);
     let colours: Vec<Option<usize>> = (0..54)
         .map(|i| Some(usize::from(s.net.facelets.get(i).copied().flatten()?.colour)))
         .collect();
-    frame.render_widget(net_of(&colours, None).block(Block::bordered().title("cube as read")), net);
-    if s.arms.iter().any(|arm| arm.fault.is_some()) {
+    frame.render_widget(net_of(&colours, None).block(titled("cube as read")), net);
+    if s.outcome.is_some() || s.arms.iter().any(|arm| arm.fault.is_some()) {
         frame.render_widget(stopped(s), plan);
     } else if s.services.manual {
         frame.render_widget(by_hand(app), plan);
@@ -62,10 +65,29 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
     }
     frame.render_widget(actors_of(s), actors);
     frame.render_widget(messages_of(s, messages.height), messages);
-    frame.render_widget(keys_of(app), keys);
+    frame.render_widget(Paragraph::new(keys), foot);
     if app.snapshot.question.is_some() {
         question(app, frame);
     }
+}
+
+/// A title over what it names, and no lines at its sides.
+fn titled(title: &str) -> Block<'_> {
+    Block::new().borders(Borders::TOP).title(title)
+}
+
+/// How far it is: in time where it is a replay, else in steps of the plan.
+fn progress(s: &Snapshot) -> (f64, String) {
+    if let Some(length) = s.services.seek_ms {
+        let length = length as f64 * 1e-3;
+        return (s.time / length.max(1e-3), format!("{:.1} of {length:.1} s", s.time));
+    }
+    let done = s.step.map_or(0.0, |step| (step + 1) as f64 / s.plan.len().max(1) as f64);
+    let label = match s.step {
+        Some(step) => format!("step {} of {}", step + 1, s.plan.len()),
+        None => "no plan yet".to_owned(),
+    };
+    (done, label)
 }
 
 fn heading(app: &App) -> Line<'_> {
@@ -90,12 +112,13 @@ fn heading(app: &App) -> Line<'_> {
     ])
 }
 
-fn arm_table(app: &App) -> Table<'_> {
+fn arm_table(app: &App, narrow: bool) -> Table<'_> {
     let rows = app.snapshot.arms.iter().enumerate().map(|(i, arm)| {
         let has_track = app.stage.arms.get(i).is_none_or(|stage| stage.has_track);
         let track = if has_track { format!("{:.3} m", arm.joints[0]) } else { "-".to_owned() };
+        let digits = usize::from(!narrow);
         let joints: Vec<String> =
-            arm.joints[1..].iter().map(|q| format!("{:.1}", q.to_degrees())).collect();
+            arm.joints[1..].iter().map(|q| format!("{:.digits$}", q.to_degrees())).collect();
         let force = |d: &[f64]| d.iter().map(|c| c * c).sum::<f64>().sqrt();
         let row = Row::new(vec![
             Cell::from(arm.name.clone()).bold(),
@@ -105,22 +128,13 @@ fn arm_table(app: &App) -> Table<'_> {
             Cell::from(format!("{:.1} N", force(&arm.wrench[..3]))),
             Cell::from(format!("{:.2} Nm", force(&arm.wrench[3..]))),
             Cell::from(format!("{:.2} mm", arm.following * 1e3)),
-            Cell::from(arm.fault.clone().unwrap_or_default()),
         ]);
         if arm.fault.is_some() { row.red() } else { row }
     });
-    let widths = [
-        Constraint::Length(10),
-        Constraint::Length(9),
-        Constraint::Length(42),
-        Constraint::Length(9),
-        Constraint::Length(8),
-        Constraint::Length(8),
-        Constraint::Length(9),
-        Constraint::Fill(1),
-    ];
-    let names = ["arm", "track", "joints [deg]", "jaws", "force", "torque", "follows", ""];
-    Table::new(rows, widths).header(Row::new(names).dim()).block(Block::bordered())
+    let names = ["arm", "track", "joints [deg]", "jaws", "force", "torque", "follows"];
+    let widths = if narrow { [10, 8, 29, 7, 6, 7, 7] } else { [12, 9, 44, 9, 9, 9, 9] };
+    let table = Table::new(rows, widths).header(Row::new(names).dim());
+    if narrow { table } else { table.block(Block::bordered()) }
 }
 
 /// A net of two letters' width a tile; `at` is under the cursor.
@@ -164,7 +178,7 @@ pub(super) fn neighbour(index: usize, key: KeyCode) -> usize {
 }
 
 fn plan_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
-    let shown = usize::from(height.saturating_sub(2)).max(1);
+    let shown = usize::from(height.saturating_sub(1)).max(1);
     let first = s.step.map_or(0, |step| step.saturating_sub(shown / 3));
     let lines = s.plan.iter().enumerate().skip(first).take(shown).map(|(i, line)| {
         let text = format!("{:3}  {}", i + 1, line.what);
@@ -174,18 +188,26 @@ fn plan_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
             _ => Line::from(text),
         }
     });
-    Paragraph::new(lines.collect::<Vec<_>>()).block(Block::bordered().title("plan"))
+    Paragraph::new(lines.collect::<Vec<_>>()).block(titled("plan"))
 }
 
-/// Which arm has stopped, why, and what is to be done.
+/// How the run ended; which arm has stopped, why, and what is to be done.
 fn stopped(s: &Snapshot) -> Paragraph<'_> {
     let mut lines = Vec::new();
+    if let Some(outcome) = &s.outcome {
+        lines.push(Line::from(format!("{}: {}", outcome.verdict, outcome.reason)).bold());
+    }
     for (arm, fault) in s.arms.iter().filter_map(|arm| Some((arm, arm.fault.as_ref()?))) {
         lines.push(Line::from(format!("{} stopped: {fault}.", arm.name)).red().bold());
         lines.extend(arm.remedy.as_deref().map(Line::from));
-        lines.push(Line::default());
     }
-    Paragraph::new(lines).wrap(Wrap { trim: true }).block(Block::bordered().title("fault"))
+    for (name, value) in s.outcome.iter().flat_map(|outcome| &outcome.figures) {
+        if !value.is_empty() {
+            lines.push(Line::from(format!("{name}: {value}")).dim());
+        }
+    }
+    let title = if s.outcome.is_some() { "the end" } else { "fault" };
+    Paragraph::new(lines).wrap(Wrap { trim: true }).block(titled(title))
 }
 
 fn by_hand(app: &App) -> Paragraph<'_> {
@@ -201,17 +223,15 @@ fn by_hand(app: &App) -> Paragraph<'_> {
         Mode::Motor => ("motors", &AXES, format!("{motor} rad")),
     };
     let mut lines = vec![Line::from(format!("{name}: {mode}, step {step}")).bold()];
-    lines.extend(axes.iter().enumerate().map(|(i, axis)| {
-        let text = format!(" {axis}");
+    lines.extend(app.axes().map(|i| {
+        let text = format!(" {}", axes[i]);
         if i == app.axis { Line::from(text).reversed() } else { Line::from(text) }
     }));
     let poses = app.stage.arms.get(app.arm).map(|arm| arm.poses.as_slice()).unwrap_or_default();
     let poses: Vec<String> =
         poses.iter().enumerate().map(|(i, name)| format!("{} {name}", i + 1)).collect();
     lines.push(Line::from(format!("go to: {}", poses.join(", "))));
-    let keys = "arrows move, m mode, +- step, Tab arm, y synchronise, o c jaws, b zero the sensor";
-    lines.push(Line::from(keys).dim());
-    Paragraph::new(lines).wrap(Wrap { trim: false }).block(Block::bordered().title("by hand"))
+    Paragraph::new(lines).wrap(Wrap { trim: false }).block(titled("by hand"))
 }
 
 fn actors_of(s: &Snapshot) -> Paragraph<'_> {
@@ -225,17 +245,16 @@ fn actors_of(s: &Snapshot) -> Paragraph<'_> {
             State::Fault => ("fault", Color::Red),
         };
         Line::from(vec![
-            Span::raw(format!("{:<15}", actor.name)),
+            Span::raw(format!("{:<14} ", actor.name)),
             Span::styled(format!("{word:<10}"), colour),
             Span::raw(actor.words.clone()).dim(),
         ])
     };
-    Paragraph::new(s.actors.iter().map(line).collect::<Vec<_>>())
-        .block(Block::bordered().title("actors"))
+    Paragraph::new(s.actors.iter().map(line).collect::<Vec<_>>()).block(titled("actors"))
 }
 
 fn messages_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
-    let shown = usize::from(height.saturating_sub(2));
+    let shown = usize::from(height.saturating_sub(1));
     let first = s.messages.len().saturating_sub(shown);
     let line = |m: &crate::operator::Message| {
         let style = match m.class {
@@ -246,32 +265,80 @@ fn messages_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
         Line::styled(format!("{:8.2} s  {:<14} {}", m.time, m.source, m.text), style)
     };
     Paragraph::new(s.messages[first..].iter().map(line).collect::<Vec<_>>())
-        .block(Block::bordered().title("messages"))
+        .block(titled("messages"))
 }
 
-fn keys_of(app: &App) -> Line<'_> {
+/// What the keys do, in as many lines as that takes.
+fn keys_of(app: &App, width: usize) -> Vec<Line<'_>> {
+    const STOP: (&str, &str) = ("e F12", "emergency stop (no safety function)");
+    let s = &*app.snapshot;
     if !app.note.is_empty() {
-        return Line::from(app.note.as_str()).yellow();
+        return vec![Line::from(app.note.as_str()).yellow()];
     }
     if app.sure {
-        return Line::from("terminate: both arms come to rest and hold what they hold. y to do it")
-            .yellow();
+        let told = "terminate: both arms come to rest and hold what they hold?";
+        let mut lines = vec![Line::from(told).yellow()];
+        lines.extend(help(&[("y", "do it"), ("n", "go on"), STOP], width));
+        return lines;
     }
-    let words = match app.snapshot.control {
-        ControlView::Ended => "q leave",
-        ControlView::Waiting => "s start   t terminate   e emergency stop (no safety function)",
-        _ => "p pause  r resume  t terminate  < > speed  e emergency stop (no safety function)",
-    };
-    Line::from(words).dim()
+    if s.services.seek_ms.is_some() {
+        let keys = [
+            ("p", "pause"),
+            ("r", "go on"),
+            ("< >", "speed"),
+            ("Left Right", "10 s"),
+            ("PgUp PgDn", "1 min"),
+            ("Home", "to the beginning"),
+            ("q", "leave"),
+        ];
+        return help(&keys, width);
+    }
+    let by_hand = [
+        ("arrows", "move"),
+        ("m", "mode"),
+        ("+ -", "step"),
+        ("Tab", "arm"),
+        ("1-9", "go to"),
+        ("y", "synchronise"),
+        ("o c", "jaws"),
+        ("b", "zero the sensor"),
+    ];
+    let run = [("p", "pause"), ("r", "resume"), ("t", "terminate"), ("< >", "speed"), STOP];
+    match s.control {
+        ControlView::Ended => help(&[("q", "leave")], width),
+        _ if s.question.is_some() => help(&[STOP, ("Ctrl-C", "terminate")], width),
+        ControlView::Waiting => help(&[("s", "start"), ("t", "terminate"), STOP], width),
+        _ if s.services.manual => help(&[by_hand.as_slice(), &run].concat(), width),
+        _ => help(&run, width),
+    }
+}
+
+/// Keys and their words, as many as fit into a line.
+fn help(keys: &[(&'static str, &'static str)], width: usize) -> Vec<Line<'static>> {
+    let mut lines = vec![Line::default()];
+    for (key, words) in keys {
+        let long = key.len() + words.len() + 1;
+        if lines.last().is_some_and(|line| line.width() > 0 && line.width() + 2 + long > width) {
+            lines.push(Line::default());
+        }
+        let Some(line) = lines.last_mut() else { break };
+        if line.width() > 0 {
+            line.push_span("  ");
+        }
+        line.push_span(Span::from(*key).bold());
+        line.push_span(Span::from(format!(" {words}")).dim());
+    }
+    lines
 }
 
 fn question(app: &App, frame: &mut Frame<'_>) {
     let Some(question) = &app.snapshot.question else { return };
     let area = frame.area();
-    let (width, height) = (area.width.min(70), area.height.min(19));
+    // The last line, which has the emergency stop, stays in sight.
+    let (width, height) = (area.width.min(70), area.height.saturating_sub(1).min(19));
     let at = Rect {
         x: area.x + (area.width - width) / 2,
-        y: area.y + (area.height - height) / 2,
+        y: area.y + (area.height - 1).saturating_sub(height) / 2,
         width,
         height,
     };
@@ -297,14 +364,17 @@ fn question(app: &App, frame: &mut Frame<'_>) {
         (Subject::Stickers { .. }, None) => "",
     };
     let note = if app.note.is_empty() { keys } else { app.note.as_str() };
-    let foot_text = format!("{note}\n{:.0} s; {}", question.seconds, question.otherwise);
+    let left = (question.until - app.snapshot.time).max(0.0);
+    let foot_text = format!("{note}\n{left:.0} s left; {}", question.otherwise);
     frame.render_widget(Paragraph::new(foot_text).wrap(Wrap { trim: true }), foot);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::operator::{ActorView, ArmView, Message, OutcomeView, PlanLine, Question, Reading};
+    use crate::operator::{
+        ActorView, ArmStage, ArmView, Message, OutcomeView, PlanLine, Question, Reading, Stage,
+    };
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
     use std::sync::Arc;
@@ -312,8 +382,12 @@ mod tests {
     fn drawn(snapshot: Snapshot, (width, height): (u16, u16)) -> String {
         let mut app = App::default();
         app.take(Arc::new(snapshot));
+        shown(&app, (width, height))
+    }
+
+    fn shown(app: &App, (width, height): (u16, u16)) -> String {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-        terminal.draw(|f| frame(&app, f)).unwrap();
+        terminal.draw(|f| frame(app, f)).unwrap();
         let buffer = terminal.backend().buffer();
         let rows = buffer.content().chunks(usize::from(width));
         rows.map(|row| row.iter().map(ratatui::buffer::Cell::symbol).collect::<String>() + "\n")
@@ -378,8 +452,57 @@ mod tests {
 
     #[test]
     fn a_small_terminal_is_no_reason_to_fail() {
-        for size in [(80, 24), (40, 12), (10, 3), (1, 1)] {
+        for size in [(40, 12), (10, 3), (1, 1)] {
             drawn(snapshot(), size);
+        }
+    }
+
+    /// Two arms and as many actors as a cell has.
+    fn whole() -> App {
+        let mut s = snapshot();
+        let names = ["ui", "mp", "ecp track", "ecp postument", "edp track", "edp postument"];
+        let vsps = ["vsp mpc", "vsp mpf", "vsp gs1", "vsp gs2"];
+        let actor = |name: &str| ActorView {
+            name: name.to_owned(),
+            state: State::NotSynchronised,
+            words: "words".into(),
+        };
+        s.actors = names.iter().chain(&vsps).map(|name| actor(name)).collect();
+        let second = ArmView { name: "postument".into(), joints: [-3.0; 7], ..s.arms[0].clone() };
+        s.arms.push(second);
+        s.net.facelets = vec![None; 54];
+        let mut app = App::default();
+        let poses = ["start", "front", "synchronisation"].map(String::from).to_vec();
+        let arm = ArmStage { name: "track".into(), has_track: true, poses, ..ArmStage::default() };
+        app.stage = Arc::new(Stage { arms: vec![arm.clone(), arm], ..Stage::default() });
+        app.take(Arc::new(s));
+        app
+    }
+
+    #[test]
+    fn at_80_by_24_everything_that_is_needed_is_seen() {
+        let mut app = whole();
+        let text = shown(&app, (80, 24));
+        for words in [
+            "turn 31",
+            "vsp gs2        not sync.",
+            "-172 -172 -172 -172 -172 -172",
+            "0.40 mm",
+            "pose out of reach",
+            "t terminate",
+            "e F12 emergency stop (no safety function)",
+        ] {
+            assert!(text.contains(words), "no `{words}` in\n{text}");
+        }
+        let net = text.lines().filter(|line| line.contains("??")).count();
+        assert_eq!(net, 9, "every row of the net\n{text}");
+
+        let mut s = (*app.snapshot).clone();
+        s.services.manual = true;
+        app.take(Arc::new(s));
+        let text = shown(&app, (80, 24));
+        for words in ["joint 6", "synchronisation", "b zero the sensor", "Tab arm", "e F12"] {
+            assert!(text.contains(words), "no `{words}` in\n{text}");
         }
     }
 
@@ -422,6 +545,7 @@ mod tests {
             text: "stickers F5 are not certain".into(),
             otherwise: "else it goes back".into(),
             seconds: 60.0,
+            until: 40.5,
             subject: Subject::Stickers { read, doubtful: vec![22] },
         };
         let mut asked = Snapshot { question: Some(question), ..snapshot() };
@@ -429,10 +553,9 @@ mod tests {
 
         let text = drawn(asked, (100, 40));
 
-        assert!(
-            text.contains("F5") && text.contains("[]") && text.contains("Esc declines"),
-            "{text}"
-        );
+        for words in ["F5", "[]", "Esc declines", "28 s left", "e F12 emergency stop"] {
+            assert!(text.contains(words), "no `{words}` in\n{text}");
+        }
     }
 
     #[test]

@@ -6,45 +6,61 @@ mod draw;
 
 use crate::cube::{Face, Facelets};
 use crate::desk::Desk;
+use crate::motion::AXES;
 use crate::operator::{
     Answer, Command, ControlView, Manual, Question, Snapshot, Stage, Step, Subject,
 };
+use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use std::io::Write;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Time between two looks at keys and snapshots: ten pictures a second are enough for a terminal.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Shows a desk in this terminal until the operator leaves it, which is possible when the run is over.
+/// Shows a desk in this terminal until the operator leaves it, which is possible when the run is over or nobody listens
+/// any more, or until `leave` is set.
 ///
 /// # Errors
 /// What the terminal says.
-pub fn show(desk: &Desk) -> std::io::Result<()> {
-    let mut terminal = ratatui::try_init()?;
+pub fn show(desk: &Desk, leave: &AtomicBool) -> std::io::Result<()> {
+    let mut screen = Screen(ratatui::try_init()?);
     let mut app = App::default();
-    let shown = loop {
+    while !leave.load(Ordering::Acquire) {
         app.stage = desk.stage.borrow().clone();
         app.take(desk.snapshots.borrow().clone());
-        if let Err(error) = terminal.draw(|frame| draw::frame(&app, frame)) {
-            break Err(error);
+        screen.0.draw(|frame| draw::frame(&app, frame))?;
+        let Some(key) = next_key()? else { continue };
+        let Some(command) = app.key(key) else { continue };
+        let leaves = command == Command::Quit;
+        if !desk.command(command) {
+            "the robot does not listen; Ctrl-C again leaves".clone_into(&mut app.note);
         }
-        match next_key() {
-            Err(error) => break Err(error),
-            Ok(None) => {}
-            Ok(Some(key)) => {
-                let command = app.key(key);
-                if command == Some(Command::Quit) {
-                    break Ok(());
-                }
-                if command.is_some_and(|command| !desk.command(command)) {
-                    "the robot does not listen".clone_into(&mut app.note);
-                }
-            }
+        if leaves {
+            break;
         }
-    };
-    ratatui::restore();
-    shown
+    }
+    drop(screen);
+    let last = desk.snapshots.borrow();
+    if last.control != ControlView::Ended && last.services.seek_ms.is_none() {
+        // Whoever closed stderr needs no word.
+        let _ = writeln!(
+            std::io::stderr(),
+            "the run goes on without a face until it ends; Ctrl-C ends it"
+        );
+    }
+    Ok(())
+}
+
+/// The terminal while it belongs to the face: given back however that ends.
+struct Screen(DefaultTerminal);
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        ratatui::restore();
+    }
 }
 
 fn next_key() -> std::io::Result<Option<KeyEvent>> {
@@ -56,6 +72,9 @@ fn next_key() -> std::io::Result<Option<KeyEvent>> {
         _ => None,
     })
 }
+
+/// How far an arrow key goes in a replay [s]; the page keys go six times as far.
+const SEEK: f64 = 10.0;
 
 /// How an arm is moved by hand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -73,6 +92,8 @@ struct App {
     snapshot: Arc<Snapshot>,
     /// A terminate waits for its confirmation.
     sure: bool,
+    /// Ctrl-C was pressed: pressed again, it leaves, whatever became of the run.
+    interrupted: bool,
     note: String,
     /// By hand: arm, mode, axis, size of a step.
     arm: usize,
@@ -108,11 +129,19 @@ impl App {
     /// What a key asks for.
     fn key(&mut self, key: KeyEvent) -> Option<Command> {
         self.note.clear();
+        let replay = self.snapshot.services.seek_ms;
+        let ended = self.snapshot.control == ControlView::Ended;
         if key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL) {
-            let over = self.snapshot.control == ControlView::Ended;
-            return Some(if over { Command::Quit } else { Command::Terminate });
+            let leaves =
+                ended || replay.is_some() || std::mem::replace(&mut self.interrupted, true);
+            return Some(if leaves { Command::Quit } else { Command::Terminate });
         }
-        if key.code == KeyCode::F(12) {
+        if let Some(length) = replay {
+            return self.replay(key.code, length as f64 * 1e-3);
+        }
+        // Whatever is asked or confirmed: nothing else is meant by it.
+        if !ended && matches!(key.code, KeyCode::F(12) | KeyCode::Char('e' | 'E')) {
+            self.sure = false;
             return Some(Command::EmergencyStop);
         }
         if std::mem::take(&mut self.sure) {
@@ -121,7 +150,6 @@ impl App {
         if let Some(question) = self.snapshot.question.clone() {
             return self.reply(key.code, &question);
         }
-        let ended = self.snapshot.control == ControlView::Ended;
         match key.code {
             KeyCode::Char('q') if ended => Some(Command::Quit),
             _ if ended => None,
@@ -132,10 +160,32 @@ impl App {
                 self.sure = true;
                 None
             }
-            KeyCode::Char('e') => Some(Command::EmergencyStop),
             KeyCode::Char('<') => Some(self.speed(-1)),
             KeyCode::Char('>') => Some(self.speed(1)),
             code if self.snapshot.services.manual => self.by_hand(code),
+            _ => None,
+        }
+    }
+
+    /// Keys of a replay of this length [s]: there is nothing to stop in it, and it may be left at any time.
+    fn replay(&self, code: KeyCode, length: f64) -> Option<Command> {
+        let now = self.snapshot.time;
+        let to = |time: f64| Some(Command::Seek { time: time.clamp(0.0, length) });
+        match code {
+            KeyCode::Char('q' | 't') | KeyCode::Esc => Some(Command::Quit),
+            KeyCode::Char(' ') if self.snapshot.control == ControlView::Paused => {
+                Some(Command::Resume)
+            }
+            KeyCode::Char('p' | ' ') => Some(Command::Pause),
+            KeyCode::Char('r' | 's') | KeyCode::Enter => Some(Command::Resume),
+            KeyCode::Char('<') => Some(self.speed(-1)),
+            KeyCode::Char('>') => Some(self.speed(1)),
+            KeyCode::Left => to(now - SEEK),
+            KeyCode::Right => to(now + SEEK),
+            KeyCode::PageUp => to(now - 6.0 * SEEK),
+            KeyCode::PageDown => to(now + 6.0 * SEEK),
+            KeyCode::Home => to(0.0),
+            KeyCode::End => to(length),
             _ => None,
         }
     }
@@ -191,14 +241,8 @@ impl App {
 
     fn by_hand(&mut self, code: KeyCode) -> Option<Command> {
         let stage = Arc::clone(&self.stage);
-        let arm = stage.arms.get(self.arm)?;
-        let axes = if self.mode == Mode::Tool { 6 } else { 7 };
-        let first = usize::from(self.mode != Mode::Tool && !arm.has_track);
-        let order = match code {
-            KeyCode::Tab => {
-                self.arm = (self.arm + 1) % stage.arms.len();
-                None
-            }
+        match code {
+            KeyCode::Tab => self.arm = (self.arm + 1) % stage.arms.len().max(1),
             KeyCode::Char('m') => {
                 self.mode = match self.mode {
                     Mode::Joint => Mode::Tool,
@@ -206,39 +250,39 @@ impl App {
                     Mode::Motor => Mode::Joint,
                 };
                 self.axis = 0;
-                None
             }
-            KeyCode::Up => {
-                self.axis = self.axis.saturating_sub(1);
-                None
-            }
-            KeyCode::Down => {
-                self.axis += 1;
-                None
-            }
-            KeyCode::Char('+') => {
-                self.size = (self.size + 1).min(STEPS.len() - 1);
-                None
-            }
-            KeyCode::Char('-') => {
-                self.size = self.size.saturating_sub(1);
-                None
-            }
-            KeyCode::Left => Some(self.jog(-1.0)),
-            KeyCode::Right => Some(self.jog(1.0)),
-            KeyCode::Char('y') => Some(Manual::Synchronise),
-            KeyCode::Char('b') => Some(Manual::Bias),
-            KeyCode::Char('o') => Some(Manual::Jaw { opening: arm.opening.1 - 0.003 }),
-            KeyCode::Char('c') => Some(Manual::Jaw { opening: arm.opening.0 + 0.001 }),
+            KeyCode::Up => self.axis = self.axis.saturating_sub(1),
+            KeyCode::Down => self.axis += 1,
+            KeyCode::Char('+') => self.size = (self.size + 1).min(STEPS.len() - 1),
+            KeyCode::Char('-') => self.size = self.size.saturating_sub(1),
+            _ => {}
+        }
+        let arm = stage.arms.get(self.arm)?;
+        let axes = self.axes();
+        self.axis = self.axis.clamp(axes.start, axes.end - 1);
+        let order = match code {
+            KeyCode::Left => self.jog(-1.0),
+            KeyCode::Right => self.jog(1.0),
+            KeyCode::Char('y') => Manual::Synchronise,
+            KeyCode::Char('b') => Manual::Bias,
+            KeyCode::Char('o') => Manual::Jaw { opening: arm.opening.1 - 0.003 },
+            KeyCode::Char('c') => Manual::Jaw { opening: arm.opening.0 + 0.001 },
             KeyCode::Char(digit) => {
-                let pose =
-                    digit.to_digit(10).and_then(|d| arm.poses.get((d as usize).wrapping_sub(1)));
-                pose.map(|name| Manual::Pose { name: name.clone() })
+                let index = (digit.to_digit(10)? as usize).checked_sub(1)?;
+                Manual::Pose { name: arm.poses.get(index)?.clone() }
             }
-            _ => None,
+            _ => return None,
         };
-        self.axis = self.axis.clamp(first, axes - 1);
-        order.map(|order| Command::Manual { effector: self.arm, order })
+        Some(Command::Manual { effector: self.arm, order })
+    }
+
+    /// The axes that can be chosen: an arm without a track has no axis 0.
+    fn axes(&self) -> std::ops::Range<usize> {
+        let has_track = self.stage.arms.get(self.arm).is_some_and(|arm| arm.has_track);
+        match self.mode {
+            Mode::Tool => 0..6,
+            Mode::Joint | Mode::Motor => usize::from(!has_track)..AXES,
+        }
     }
 
     fn jog(&self, sign: f64) -> Manual {
@@ -265,9 +309,21 @@ mod tests {
         let mut app = App::default();
         let arm =
             ArmStage { opening: (0.04, 0.09), poses: vec!["front".into()], ..ArmStage::default() };
-        app.stage = Arc::new(Stage { arms: vec![arm.clone(), arm], ..Stage::default() });
+        let track = ArmStage { has_track: true, ..arm.clone() };
+        app.stage = Arc::new(Stage { arms: vec![arm, track], ..Stage::default() });
         app.take(Arc::new(snapshot));
         app
+    }
+
+    fn stickers() -> Question {
+        Question {
+            number: 3,
+            text: String::new(),
+            otherwise: String::new(),
+            seconds: 60.0,
+            until: 60.0,
+            subject: Subject::Stickers { read: Facelets::solved().to_string(), doubtful: vec![20] },
+        }
     }
 
     fn press(app: &mut App, code: KeyCode) -> Option<Command> {
@@ -288,17 +344,52 @@ mod tests {
     }
 
     #[test]
+    fn the_emergency_stop_waits_for_no_question_and_no_confirmation() {
+        for key in [KeyCode::Char('e'), KeyCode::F(12)] {
+            let mut asked = app(Snapshot { question: Some(stickers()), ..Snapshot::default() });
+            assert_eq!(press(&mut asked, key), Some(Command::EmergencyStop));
+
+            let mut sure = app(Snapshot { control: ControlView::Running, ..Snapshot::default() });
+            assert_eq!(press(&mut sure, KeyCode::Char('t')), None);
+            assert_eq!(press(&mut sure, key), Some(Command::EmergencyStop));
+            assert_eq!(press(&mut sure, KeyCode::Char('y')), None, "nothing is left to confirm");
+        }
+    }
+
+    #[test]
+    fn ctrl_c_ends_the_run_and_a_second_one_leaves_whatever_became_of_it() {
+        let interrupt = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
+        let mut app = app(Snapshot { control: ControlView::Running, ..Snapshot::default() });
+
+        assert_eq!(app.key(interrupt), Some(Command::Terminate));
+        assert_eq!(app.key(interrupt), Some(Command::Quit));
+    }
+
+    #[test]
+    fn a_replay_is_sought_by_keys_also_at_its_end_and_left_at_any_time() {
+        let services = Services { seek_ms: Some(100_000), ..Services::default() };
+        let at = |time, control| Snapshot { time, control, services, ..Snapshot::default() };
+        let seek = |time| Some(Command::Seek { time });
+
+        let mut running = app(at(42.0, ControlView::Running));
+        assert_eq!(press(&mut running, KeyCode::Left), seek(32.0));
+        assert_eq!(press(&mut running, KeyCode::Right), seek(52.0));
+        assert_eq!(press(&mut running, KeyCode::PageUp), seek(0.0));
+        assert_eq!(press(&mut running, KeyCode::Char('e')), None, "there is nothing to stop");
+        assert_eq!(press(&mut running, KeyCode::Char('q')), Some(Command::Quit));
+        let interrupt = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
+        assert_eq!(running.key(interrupt), Some(Command::Quit));
+
+        let mut ended = app(at(100.0, ControlView::Ended));
+        assert_eq!(press(&mut ended, KeyCode::Right), seek(100.0));
+        assert_eq!(press(&mut ended, KeyCode::Left), seek(90.0));
+        assert_eq!(press(&mut ended, KeyCode::Home), seek(0.0));
+    }
+
+    #[test]
     fn stickers_are_corrected_with_cursor_and_letters() {
         let read = Facelets::solved();
-        let subject = Subject::Stickers { read: read.to_string(), doubtful: vec![20] };
-        let question = Question {
-            number: 3,
-            text: String::new(),
-            otherwise: String::new(),
-            seconds: 60.0,
-            subject,
-        };
-        let mut app = app(Snapshot { question: Some(question), ..Snapshot::default() });
+        let mut app = app(Snapshot { question: Some(stickers()), ..Snapshot::default() });
 
         assert_eq!(press(&mut app, KeyCode::Char('b')), None);
         assert_eq!(press(&mut app, KeyCode::Enter), None, "ten blue ones");
@@ -322,6 +413,7 @@ mod tests {
         let mut idle = app(Snapshot { services, ..running });
         press(&mut idle, KeyCode::Tab);
         press(&mut idle, KeyCode::Down);
+        press(&mut idle, KeyCode::Down);
         press(&mut idle, KeyCode::Char('+'));
         let order = Manual::Joint(Step { axis: 2, by: 0.0175 });
         let wanted = Some(Command::Manual { effector: 1, order });
@@ -329,5 +421,29 @@ mod tests {
         let pose = Manual::Pose { name: "front".into() };
         let wanted = Some(Command::Manual { effector: 1, order: pose });
         assert_eq!(press(&mut idle, KeyCode::Char('1')), wanted);
+    }
+
+    #[test]
+    fn no_key_leads_to_an_axis_that_the_arm_does_not_have() {
+        let services = Services { manual: true, ..Services::default() };
+        let control = ControlView::Running;
+        let mut app = app(Snapshot { control, services, ..Snapshot::default() });
+        let axis = |command| match command {
+            Some(Command::Manual { order: Manual::Joint(s) | Manual::Motor(s), effector }) => {
+                (effector, s.axis)
+            }
+            other => panic!("{other:?}"),
+        };
+
+        // The first arm has no track: at once, after its mode was changed, and after the arm with one.
+        assert_eq!(axis(press(&mut app, KeyCode::Right)), (0, 1));
+        press(&mut app, KeyCode::Char('m'));
+        press(&mut app, KeyCode::Char('m'));
+        assert_eq!(axis(press(&mut app, KeyCode::Right)), (0, 1));
+        press(&mut app, KeyCode::Tab);
+        press(&mut app, KeyCode::Up);
+        assert_eq!(axis(press(&mut app, KeyCode::Right)), (1, 0), "the second has one");
+        press(&mut app, KeyCode::Tab);
+        assert_eq!(axis(press(&mut app, KeyCode::Left)), (0, 1));
     }
 }

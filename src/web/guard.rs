@@ -2,7 +2,8 @@
 //! robot: a foreign `Origin` is refused, and so is a `Host` that is not this server's (rebound names).
 //!
 //! - on the loopback: `Host` must name it
-//! - beyond: a token, drawn at the start, must come with each request, in the query or in a cookie
+//! - beyond: a token, drawn at the start, must come with each request: in the query of the address that was printed, and
+//!   then in the cookie that is answered to it, since a page's files and its WebSocket are asked for without that query
 
 use axum::http::{HeaderMap, Uri, header};
 use std::io::Read;
@@ -31,7 +32,7 @@ pub enum Refused {
 
 /// Random bytes of a token.
 const TOKEN: usize = 16;
-/// Name of the cookie and of the query's parameter.
+/// Name of the query's parameter.
 const NAME: &str = "token";
 
 impl Guard {
@@ -78,11 +79,21 @@ impl Guard {
             }
         }
         let token = self.token.as_ref()?;
-        let asked = uri.query().unwrap_or_default().split('&');
         let kept = text(header::COOKIE).unwrap_or_default().split(';').map(str::trim);
-        let given = asked.chain(kept).filter_map(|pair| pair.strip_prefix(NAME)?.strip_prefix('='));
-        let right = given.into_iter().any(|given| same(given.as_bytes(), token.as_bytes()));
+        let right = asked(uri, token) || kept.into_iter().any(|pair| is(pair, &self.jar(), token));
         (!right).then_some(Refused::Token)
+    }
+
+    /// The cookie with which a browser asks for the rest, for whoever came with the token in the query.
+    #[must_use]
+    pub fn cookie(&self, uri: &Uri) -> Option<String> {
+        let token = self.token.as_ref().filter(|token| asked(uri, token))?;
+        Some(format!("{}={token}; Path=/; HttpOnly; SameSite=Strict", self.jar()))
+    }
+
+    /// Name of the cookie. Browsers do not tell ports of one host apart: each server of a machine has a name of its own.
+    fn jar(&self) -> String {
+        format!("rubik_robot_{}", self.address.port())
     }
 
     /// The token, if one is needed.
@@ -116,6 +127,17 @@ fn own_ip(v4: bool) -> IpAddr {
     });
     let loopback: IpAddr = if v4 { Ipv4Addr::LOCALHOST.into() } else { Ipv6Addr::LOCALHOST.into() };
     spoken.map(|at| at.ip()).ok().filter(|ip| !ip.is_unspecified()).unwrap_or(loopback)
+}
+
+/// Whether the query has the token.
+fn asked(uri: &Uri, token: &str) -> bool {
+    uri.query().unwrap_or_default().split('&').any(|pair| is(pair, NAME, token))
+}
+
+/// Whether a pair is `name=value`.
+fn is(pair: &str, name: &str, value: &str) -> bool {
+    let given = pair.strip_prefix(name).and_then(|rest| rest.strip_prefix('='));
+    given.is_some_and(|given| same(given.as_bytes(), value.as_bytes()))
 }
 
 /// Comparison whose time tells nothing of where the first difference is.
@@ -182,8 +204,15 @@ mod tests {
             asked(&guard, std::slice::from_ref(&host), &format!("/ws?a=1&token={token}")),
             None
         );
-        let cookie = format!("a=b; token={token}");
+        let given = guard.cookie(&format!("/?token={token}").parse().unwrap()).unwrap();
+        assert!(given.ends_with("; Path=/; HttpOnly; SameSite=Strict"), "{given}");
+        assert_eq!(guard.cookie(&"/?token=0".parse().unwrap()), None);
+        assert_eq!(guard.cookie(&"/".parse().unwrap()), None);
+        let cookie = format!("a=b; {}", given.split(';').next().unwrap());
         assert_eq!(asked(&guard, &[host.clone(), (header::COOKIE, &cookie)], "/ws"), None);
+        let others = cookie.replace("8780", "8781");
+        let refused = asked(&guard, &[host.clone(), (header::COOKIE, &others)], "/ws");
+        assert_eq!(refused, Some(Refused::Token), "another server's");
         let foreign = [host, (header::ORIGIN, "http://evil.example"), (header::COOKIE, &cookie)];
         assert!(matches!(asked(&guard, &foreign, "/ws"), Some(Refused::Origin(_))));
         assert_eq!(guard.url(), format!("http://192.0.2.7:8780/?token={token}"));

@@ -118,11 +118,15 @@ fn routes(shared: Shared) -> Router {
 /// Every request passes here first.
 async fn check(State(shared): State<Shared>, request: Request, next: Next) -> Response {
     let refusal = shared.guard.refuses(request.headers(), request.uri());
+    let cookie = shared.guard.cookie(request.uri()).filter(|_| refusal.is_none());
     let mut response = match refusal {
         Some(reason) => (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response(),
         None => next.run(request).await,
     };
     let headers = response.headers_mut();
+    if let Some(cookie) = cookie.and_then(|cookie| HeaderValue::try_from(cookie).ok()) {
+        headers.insert(header::SET_COOKIE, cookie);
+    }
     let mut set = |name: header::HeaderName, value: &'static str| {
         headers.insert(name, HeaderValue::from_static(value));
     };

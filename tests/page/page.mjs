@@ -39,7 +39,8 @@ class Run {
 
   constructor(...args) {
     this.recording = `${pictures}/run${Run.number++}.mcap`;
-    const all = ["run", ...args, "--ui", "web", "--listen", "127.0.0.1:0", "--record", this.recording];
+    const listen = args.includes("--listen") ? [] : ["--listen", "127.0.0.1:0"];
+    const all = ["run", ...args, "--ui", "web", ...listen, "--record", this.recording];
     this.process = spawn(binary, all, { stdio: ["ignore", "pipe", "pipe"] });
     alive.add(this.process);
     this.process.on("exit", () => alive.delete(this.process));
@@ -116,7 +117,7 @@ async function sees(page, what, test, argument, timeout = 240000) {
 const snapshot = (page) => page.evaluate(() => window.page.snapshot);
 
 /** Pictures of a page at a desktop's width, and of another one at a phone's. */
-async function picture(page, run, name) {
+async function picture(page, run, name, prepare = async () => {}) {
   await pause(700);
   await page.evaluate(() => {
     // A question keeps the focus on what it asks for.
@@ -125,6 +126,7 @@ async function picture(page, run, name) {
   });
   await page.screenshot({ path: `${pictures}/${name}-desktop.png` });
   const phone = await open(run, "phone", "dark");
+  await prepare(phone);
   await pause(1200);
   for (const [size, it] of [["desktop", page], ["phone", phone]]) {
     const [wide, seen] = [await it.evaluate(() => document.documentElement.scrollWidth), SIZES[size].width];
@@ -133,7 +135,15 @@ async function picture(page, run, name) {
       .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map((e) => e.textContent));
     check(!cut.length, `${name}: no word of a button is cut off on a ${size} ${cut.join(", ")}`);
   }
-  await phone.screenshot({ path: `${pictures}/${name}-phone.png`, fullPage: true });
+  for (const [size, it] of [["desktop", page], ["phone", phone]]) {
+    const hidden = await it.evaluate(() => [...document.querySelectorAll("dialog[open] button")].filter((button) => {
+      const { left, top, width, height } = button.getBoundingClientRect();
+      return width && document.elementFromPoint(left + width / 2, top + height / 2)?.closest("button") !== button;
+    }).map((button) => button.textContent));
+    check(!hidden.length, `${name}: every button of a dialog is in reach on a ${size} ${hidden.join(", ")}`);
+  }
+  const fullPage = !await phone.evaluate(() => !!document.querySelector("dialog[open]"));
+  await phone.screenshot({ path: `${pictures}/${name}-phone.png`, fullPage });
   await phone.close();
 }
 
@@ -249,10 +259,15 @@ async function done() {
 
 async function fault() {
   console.log("# the emergency stop");
-  const run = new Run("scenarios/acquire.toml", "--speed", "4");
+  const run = new Run("scenarios/acquire.toml", "--speed", "2");
   const page = await open(run);
-  await sees(page, "it runs", "s.time > 8");
-  await page.click("#emergency");
+  await sees(page, "it runs", "s.time > 6");
+  // The dialog lies over the header, and has an emergency stop of its own.
+  const opens = (it) => it.evaluate(() => document.getElementById("sure").showModal());
+  await opens(page);
+  await picture(page, run, "sure", opens);
+  check(await page.isEnabled("#sure .emergency"), "the emergency stop is there while a terminate is to be confirmed");
+  await page.click("#sure .emergency");
   await sees(page, "both arms stop with a fault", "s.arms.every((arm) => arm.fault)");
   await sees(page, "and the run is over", "s.control === 'ended' && !s.outcome.good");
   const told = await page.textContent("#faults");
@@ -311,6 +326,7 @@ async function byHand() {
   check(await page.isDisabled("#pause"), "the first page then watches");
   await second.click("#pause");
   await sees(second, "the second page pauses", "s.control === 'paused'");
+  check(await second.isDisabled("[aria-label^='joint 1 plus']"), "nothing is moved by hand during a pause");
   await second.click("#resume");
   const front = [0, -1.57, 0, 1.57, 1.57, -1.57];
   await sees(second, "and resumes: the arm comes to its front", "s.arms[0].joints.slice(1).every((q, i) => Math.abs(q - a[i]) < 3e-3)", front);
@@ -323,6 +339,26 @@ async function byHand() {
   run.records("joint 1 by +5.0 deg", "joint 1 by -1.0 deg", "along the tool's z by -10.0 mm", "motor 5 by +2.0 rad", "jaws to 88.0 mm");
   run.records("zero the force sensor", "go to start", "go to front", "operator: pause", "operator: resume", "operator: terminate");
   await run.ends(0, /DONE\s+the arms were moved by hand/);
+}
+
+async function afar() {
+  console.log("# from another machine: a token, and the whole page");
+  const run = new Run("scenarios/acquire.toml", "--wait", "--listen", "0.0.0.0:0");
+  const page = await open(run);
+  check((await run.url()).includes("?token="), "the address has a token");
+  const styled = await page.evaluate(() => getComputedStyle(document.querySelector("main")).display);
+  check(styled === "grid", `the page has its style (${styled})`);
+  await page.click("#start");
+  await sees(page, "its start is heard", "s.control !== 'waiting' && s.time > 1");
+  await sees(page, "it has the pictures", "s.cameras[0].frame > 0");
+  await page.waitForFunction(() => !document.querySelector("#cameras canvas").classList.contains("dark"));
+  check(true, "and shows them");
+  const without = await page.request.get(new URL("/main.js", await run.url()).href, { headers: { Cookie: "" } });
+  check(without.status() === 403, `without the token there is nothing (${without.status()})`);
+  await sees(page, "it ends", "s.control === 'ended' && s.outcome.good");
+  await page.click("#quit");
+  await page.close();
+  await run.ends(0, /DONE/);
 }
 
 async function blind() {
@@ -352,6 +388,20 @@ async function question() {
   const wrong = subject.doubtful.filter((i) => subject.read[i] === many);
   check(wrong.length === 1, `one of the stickers that are in doubt has a colour of which there are ten (${wrong} of ${subject.doubtful})`);
   check(await page.isDisabled("#question-send"), "ten stickers of a colour cannot be sent");
+  const heard = await page.evaluate(() => {
+    const { link } = window.page;
+    const said = [];
+    link.command = (name) => said.push(name);
+    document.querySelector("#question .emergency").click();
+    delete link.command;
+    return said;
+  });
+  check(heard.length === 1 && heard[0] === "emergency_stop", `the question's dialog has an emergency stop (${heard})`);
+  await page.keyboard.press("Escape");
+  await page.keyboard.press("Escape");
+  await page.waitForSelector("#question[open]");
+  check(true, "and does not go away by Escape");
+  await page.evaluate(() => document.querySelector("#question-net [tabindex='0'].tile").focus());
   // The keyboard alone does it: the sticker in doubt has the focus.
   await page.keyboard.press("wrgyob"["URFDLB".indexOf(few)]);
   check(await page.isEnabled("#question-send"), "nine of each colour can be sent");
@@ -368,7 +418,7 @@ async function question() {
   await run.ends(0, /SOLVED/);
 }
 
-const parts = { mission, done, fault, byHand, blind, question };
+const parts = { mission, done, fault, byHand, afar, blind, question };
 const begun = Date.now();
 for (const [name, part] of Object.entries(parts)) {
   if (process.env.ONLY && !process.env.ONLY.split(",").includes(name)) continue;

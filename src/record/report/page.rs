@@ -66,6 +66,9 @@ fn head(html: &mut String, story: &Story, title: &str) {
             escaped(why)
         );
     }
+    for why in incomplete(story) {
+        let _ = write!(html, "<p class=warn>{}</p>", escaped(&why));
+    }
     html.push_str("<div class=cubes>");
     let start = story.label.fact("cube_start");
     let [read, believed, truth] = &story.letters;
@@ -112,6 +115,22 @@ fn head(html: &mut String, story: &Story, title: &str) {
     html.push_str("</header>\n");
 }
 
+/// What is not in the recording.
+fn incomplete(story: &Story) -> Vec<String> {
+    let mut whys = Vec::new();
+    let lost = story.label.of("recording", "lost");
+    if !matches!(lost, "" | "0") {
+        whys.push(format!(
+            "The recorder did not keep up: {lost} messages of this run are not here, and curves and pictures have holes."
+        ));
+    }
+    for arm in story.arms.iter().filter(|arm| arm.missing > 0) {
+        let (name, missing, all) = (&arm.name, arm.missing, arm.ticks + arm.missing);
+        whys.push(format!("{missing} of {all} servo periods of {name} are not here."));
+    }
+    whys
+}
+
 fn table(html: &mut String, story: &Story) {
     html.push_str("<section><h2>Beside the paper</h2><table><thead><tr><th>figure<th>paper, 2007<th>this run<th>how</tr></thead><tbody>");
     for figure in figures(story) {
@@ -147,7 +166,7 @@ fn timeline(html: &mut String, story: &Story) {
     let held = |index: usize| story.holders.get(index + 1).map_or(end, |h| h.0);
     if story.holders.iter().any(|(_, holders)| !holders.is_empty()) {
         let mut lanes: Vec<String> = story.arms.iter().map(|arm| arm.name.clone()).collect();
-        lanes.push("neither".to_owned());
+        lanes.push("neither hand".to_owned());
         for (lane, name) in lanes.iter().enumerate() {
             let holds = |holders: &Vec<String>| {
                 holders.contains(name) || (holders.is_empty() && lane + 1 == lanes.len())
@@ -163,9 +182,9 @@ fn timeline(html: &mut String, story: &Story) {
                 }
             }
             let words = if lane + 1 == lanes.len() {
-                "held by neither hand: with the operator".to_owned()
+                "held by neither hand, as the controller believed".to_owned()
             } else {
-                format!("held by {name}")
+                format!("held by {name}, as the controller believed")
             };
             rows.push(Row { name: escaped(&words), pieces });
         }
@@ -295,9 +314,12 @@ fn timing(html: &mut String, story: &Story) {
     html.push_str("</section>\n");
 }
 
-/// Pictures that tell the run: the first in which the cube was found and the last of the stand-alone camera, the
-/// faces that were read.
+/// Pictures that tell the run: the stand-alone camera's when it found the cube and its last one before the grasp; faces
+/// that were read, most of them when the cube was new and the last ones of the run; each with the phase it is of. The
+/// cameras look only when they are asked to, which they are not while a layer is turned.
 fn chosen(story: &Story) -> Vec<(&Shot, String)> {
+    /// Faces from the beginning and from the end.
+    const FACES: (usize, usize) = (6, 3);
     let mut chosen = Vec::new();
     let standalone: Vec<_> = story.shots.iter().filter(|s| s.camera == "standalone").collect();
     if let Some((found, _)) = story.seen.first()
@@ -307,10 +329,16 @@ fn chosen(story: &Story) -> Vec<(&Shot, String)> {
     {
         chosen.push((*shot, "the cube is found".to_owned()));
     }
+    let phase = |time: f64| {
+        let begun = story.phases.iter().rev().find(|(begun, _)| *begun <= time);
+        begun.map_or("", |(_, name)| name.as_str())
+    };
     if let (Some(last), true) = (standalone.last(), standalone.len() > 1) {
-        chosen.push((*last, "before the grasp".to_owned()));
+        chosen.push((
+            *last,
+            format!("the last look, in the phase \u{201c}{}\u{201d}", phase(last.time)),
+        ));
     }
-    let hands: Vec<_> = story.shots.iter().filter(|s| s.camera != "standalone").collect();
     let read = |shot: &Shot| {
         let near = story
             .faces
@@ -318,9 +346,17 @@ fn chosen(story: &Story) -> Vec<(&Shot, String)> {
             .min_by(|a, b| (a.0 - shot.time).abs().total_cmp(&(b.0 - shot.time).abs()));
         near.is_some_and(|(_, _, why)| why.is_none())
     };
-    for shot in hands.into_iter().filter(|s| read(s)).take(8) {
-        chosen.push((shot, "a face is read".to_owned()));
+    let faces: Vec<_> =
+        story.shots.iter().filter(|s| s.camera != "standalone" && read(s)).collect();
+    let last = faces.len().saturating_sub(FACES.1).max(FACES.0);
+    for (index, shot) in faces.iter().enumerate() {
+        if index < FACES.0 || index >= last {
+            let words =
+                format!("a face is read, in the phase \u{201c}{}\u{201d}", phase(shot.time));
+            chosen.push((shot, words));
+        }
     }
+    chosen.sort_by(|a, b| a.0.time.total_cmp(&b.0.time));
     chosen
 }
 
@@ -338,7 +374,8 @@ fn pictures(html: &mut String, story: &Story) {
             shot.time,
             base64(&shot.jpeg),
             shot.time,
-            escaped(&shot.camera)
+            escaped(&shot.camera),
+            words = escaped(&words)
         );
     }
     html.push_str("</div></section>\n");
@@ -502,5 +539,49 @@ mod tests {
 
         assert!(!html.contains("<script"));
         assert!(html.contains("a &lt; b &amp; c"));
+    }
+
+    #[test]
+    fn what_is_not_in_the_recording_is_told_at_the_top() {
+        let mut story = Story::default();
+        assert!(!page(&story).contains("class=warn"));
+
+        story.label.metadata.insert("recording".into(), [("lost".into(), "17".into())].into());
+        let arm = ArmStory { name: "track".into(), ticks: 90, missing: 10, ..ArmStory::default() };
+        story.arms.push(arm);
+        let html = page(&story);
+
+        assert!(html.contains("17 messages of this run are not here"), "{html}");
+        assert!(html.contains("10 of 100 servo periods of track are not here"), "{html}");
+    }
+
+    #[test]
+    fn a_cube_that_nobody_holds_is_not_said_to_be_with_the_operator() {
+        let mut story = Story { end: 9.0, ..Story::default() };
+        story.holders = vec![(0.0, vec!["track".into()]), (5.0, vec![])];
+
+        let html = page(&story);
+
+        assert!(html.contains("held by neither hand, as the controller believed"), "{html}");
+        assert!(!html.contains("with the operator"));
+    }
+
+    #[test]
+    fn pictures_are_of_the_beginning_and_of_the_end() {
+        let mut story = Story {
+            phases: vec![(0.0, "identify".into()), (50.0, "inspect".into())],
+            ..Story::default()
+        };
+        for second in 0..60 {
+            let time = f64::from(second);
+            story.shots.push(Shot { time, camera: "track_hand".into(), jpeg: vec![] });
+            story.faces.push((time, "vsp gs1".into(), None));
+        }
+
+        let chosen = chosen(&story);
+
+        assert_eq!(chosen.len(), 9);
+        assert!(chosen[0].1.contains("identify") && chosen[8].1.contains("inspect"));
+        assert_eq!(chosen[8].0.time, 59.0);
     }
 }

@@ -81,6 +81,10 @@ pub struct ArmStory {
     pub following: Vec<f32>,
     /// Servo periods in the recording.
     pub ticks: u64,
+    /// Servo periods before the last one that are not.
+    pub missing: u64,
+    /// The last one that is.
+    pub(super) last: u64,
 }
 
 /// Gathers the story of a recording.
@@ -186,6 +190,8 @@ impl Story {
     fn tick(&mut self, time: f64, tick: &Tick) {
         let Some(arm) = self.arms.get_mut(usize::from(tick.arm)) else { return };
         arm.ticks += 1;
+        arm.missing += tick.period.saturating_sub(arm.last + 1);
+        arm.last = tick.period;
         // What comes later than any run is drawn at the curves' end.
         let bin = ((time / BIN) as usize).min(LONGEST);
         let most = |curve: &mut Vec<f32>, value: f64| {

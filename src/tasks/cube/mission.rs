@@ -719,6 +719,7 @@ impl Mission {
             text: format!("{}. What are the colours?", doubt.reason),
             otherwise: otherwise.to_owned(),
             seconds,
+            until: 0.0,
             subject: Subject::Stickers {
                 read: self.guess(&doubt),
                 doubtful: doubt.doubtful.clone(),

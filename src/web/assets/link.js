@@ -12,8 +12,7 @@ export class Link {
   }
 
   open() {
-    const query = location.search;
-    this.socket = new WebSocket(`ws://${location.host}/ws${query}`);
+    this.socket = new WebSocket(`ws://${location.host}/ws`);
     this.socket.onopen = () => {
       this.wait = 400;
       this.on.line(true);

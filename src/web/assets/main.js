@@ -71,6 +71,7 @@ function show() {
   if (!s) return;
   const control = s.control;
   const stopped = s.arms.some((arm) => arm.fault);
+  const replay = s.services.seek_ms !== null;
   if (line) {
     const [text, kind] = STATES[control];
     const failed = control === "ended" && s.outcome && !s.outcome.good;
@@ -84,12 +85,14 @@ function show() {
   $("pause").disabled = !(own && control === "running");
   $("resume").disabled = !(own && control === "paused");
   $("terminate").disabled = !(own && ["waiting", "running", "paused"].includes(control));
-  $("emergency").disabled = !line || control === "ended";
-  $("start").hidden = !["waiting"].includes(control) && control !== "ended" && s.time > 0;
-  $("start").hidden ||= control === "ended";
-  $("pause").hidden = $("resume").hidden = control === "ended" && s.services.seek_ms === null;
-  $("terminate").hidden = control === "ended";
-  $("quit").hidden = control !== "ended";
+  for (const button of stops) button.disabled = !line || control === "ended";
+  if (control === "ended") $("sure").close();
+  $("start").hidden = replay || control === "ended" || (control !== "waiting" && s.time > 0);
+  $("pause").hidden = $("resume").hidden = control === "ended";
+  // A recording has nothing that could be stopped, and may be closed at any time.
+  $("terminate").hidden = control === "ended" || replay;
+  document.querySelector(".stop").hidden = replay;
+  $("quit").hidden = control !== "ended" && !replay;
   $("quit").disabled = !own;
   $("speed-label").hidden = !s.services.speed;
   $("speed").disabled = !own;
@@ -108,8 +111,8 @@ function show() {
   const byHand = s.services.manual;
   $("manual").hidden = !byHand;
   document.querySelector("main").classList.toggle("by-hand", byHand);
-  for (const button of document.querySelectorAll("#manual button")) if (button.id !== "synchronise") button.disabled = !own;
-  if (byHand) manual.show(s);
+  for (const button of document.querySelectorAll("#manual button")) if (button.id !== "synchronise") button.disabled = !(own && control === "running");
+  if (byHand) manual.show(s, own && control === "running");
   document.querySelector("main").classList.toggle("blind", !s.cameras.length);
   scene.show(s);
   curves.show(s);
@@ -136,7 +139,9 @@ function notice(text) {
 for (const name of ["start", "pause", "resume", "quit"]) $(name).onclick = () => link.command(name);
 $("terminate").onclick = () => $("sure").showModal();
 $("sure-yes").onclick = () => link.command("terminate");
-$("emergency").onclick = () => link.command("emergency_stop");
+// A dialog makes everything behind it unreachable: each has an emergency stop of its own.
+const stops = document.querySelectorAll("button.emergency");
+for (const button of stops) button.onclick = () => { link.command("emergency_stop"); $("sure").close(); };
 $("take").onclick = () => link.say({ seat: "take" });
 $("speed").onchange = () => link.command("speed", { factor: Number($("speed").value) });
 let seeking = false;

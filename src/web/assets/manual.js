@@ -93,11 +93,12 @@ export class Manual {
         jaw("Open", high - 0.003), jaw("Close", low + 0.001)),
       el("div", { className: "line" }, el("span", { textContent: "Go to" }), ...poses),
     );
-    if (this.last) this.show(this.last);
+    if (this.last) this.show(...this.last);
   }
 
-  show(snapshot) {
-    this.last = snapshot;
+  /** `moves`: whether orders are taken now. */
+  show(snapshot, moves) {
+    this.last = [snapshot, moves];
     const arm = snapshot.arms[this.arm];
     if (!arm || !this.values) return;
     for (const [axis, output] of this.values) {
@@ -109,7 +110,7 @@ export class Manual {
       if (output.textContent !== text) output.textContent = text;
     }
     this.jaws.textContent = `${(arm.opening * 1e3).toFixed(1)} mm`;
-    this.sync.disabled = arm.synchronised;
+    this.sync.disabled = arm.synchronised || !moves;
     this.sync.textContent = arm.synchronised ? "Synchronised" : "Synchronise";
   }
 }

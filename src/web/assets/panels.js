@@ -171,8 +171,7 @@ export function showCameras(cameras) {
     if (!view || !camera.frame || view.busy || view.frame === camera.frame) return;
     view.busy = true;
     try {
-      const query = location.search ? `${location.search}&f=${camera.frame}` : `?f=${camera.frame}`;
-      const answer = await fetch(`/camera/${i}${query}`);
+      const answer = await fetch(`/camera/${i}?f=${camera.frame}`);
       if (!answer.ok) throw new Error(answer.statusText);
       const image = await createImageBitmap(await answer.blob());
       view.frame = camera.frame;
@@ -235,7 +234,7 @@ export function showQuestion(question, time, commands, send) {
     return;
   }
   if (open?.number !== question.number) {
-    open = { number: question.number, since: time };
+    open = { number: question.number };
     $("question-text").textContent = question.text;
     $("question-net").replaceChildren();
     const answer = (value) => send({ command: "answer", question: question.number, answer: value });
@@ -258,7 +257,9 @@ export function showQuestion(question, time, commands, send) {
     if (!box.open) box.showModal();
     $("question-net").querySelector("[tabindex='0'].tile")?.focus();
   }
-  const left = Math.max(0, question.seconds - (time - open.since));
+  // A browser closes it at the second Escape, whatever the page says.
+  if (!box.open) box.showModal();
+  const left = Math.max(0, question.until - time);
   const who = commands ? "" : " Another page commands: only that one can answer.";
   const how = question.subject.subject === "stickers" ? " Choose a colour, then the stickers; or arrow keys and W R G Y O B." : "";
   $("question-note").textContent = `${left.toFixed(0)} s left; ${question.otherwise}.${how}${who}`;

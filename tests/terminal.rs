@@ -1,0 +1,295 @@
+//! The terminal face on a pseudo-terminal: what a run that cannot start, a signal, a replay and a mistake in the arguments
+//! leave behind is a program that has ended and a terminal as it was.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{LocalModes, Termios, Winsize, tcgetattr, tcsetwinsize};
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// Patience with a busy machine.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The program at a terminal of 80 by 24.
+struct Session {
+    child: Child,
+    keys: File,
+    near: File,
+    before: Termios,
+    told: Arc<Mutex<Vec<u8>>>,
+    hear: Arc<AtomicBool>,
+}
+
+impl Session {
+    fn begin(arguments: &[&str]) -> Self {
+        let master =
+            openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let path = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
+        let near = OpenOptions::new().read(true).write(true).open(path).unwrap();
+        let size = Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 };
+        tcsetwinsize(&near, size).unwrap();
+        let before = tcgetattr(&near).unwrap();
+        let end = || Stdio::from(near.try_clone().unwrap());
+        let child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+            .args(arguments)
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .stdin(end())
+            .stdout(end())
+            .stderr(end())
+            .spawn()
+            .unwrap();
+        let keys = File::from(master);
+        let told = Arc::new(Mutex::new(Vec::new()));
+        let (mut far, hears) = (keys.try_clone().unwrap(), Arc::clone(&told));
+        let hear = Arc::new(AtomicBool::new(true));
+        let listens = Arc::clone(&hear);
+        std::thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            while listens.load(Ordering::Acquire)
+                && let Ok(count) = far.read(&mut bytes)
+            {
+                hears.lock().unwrap().extend_from_slice(&bytes[..count]);
+            }
+        });
+        Self { child, keys, near, before, told, hear }
+    }
+
+    /// All that was written until now, as letters: what moves the cursor and paints is left out.
+    fn told(&self) -> String {
+        let text = String::from_utf8_lossy(&self.told.lock().unwrap()).into_owned();
+        let mut pieces = text.split('\u{1b}');
+        let mut letters = pieces.next().unwrap_or_default().to_owned();
+        for piece in pieces {
+            let rest =
+                piece.find(|c: char| c.is_ascii_alphabetic()).map_or("", |at| &piece[at + 1..]);
+            letters.push_str(rest);
+        }
+        letters
+    }
+
+    /// The screen as a person sees it: what is not painted anew stays.
+    fn screen(&self) -> String {
+        let text = String::from_utf8_lossy(&self.told.lock().unwrap()).into_owned();
+        let mut cells = vec![vec![' '; 80]; 24];
+        let (mut row, mut column) = (0, 0);
+        let mut letters = text.chars();
+        while let Some(letter) = letters.next() {
+            if letter != '\u{1b}' {
+                match letter {
+                    '\r' => column = 0,
+                    '\n' => row += 1,
+                    _ => {
+                        if let Some(cell) = cells.get_mut(row).and_then(|r| r.get_mut(column)) {
+                            *cell = letter;
+                        }
+                        column += 1;
+                    }
+                }
+                continue;
+            }
+            let mut numbers = String::new();
+            let kind = letters.by_ref().find(|c| {
+                numbers.push(*c);
+                c.is_ascii_alphabetic()
+            });
+            let numbers = numbers.trim_matches(|c: char| !c.is_ascii_digit());
+            let mut numbers =
+                numbers.split(';').map(|n| n.parse::<usize>().unwrap_or(1).saturating_sub(1));
+            match kind {
+                Some('H') => {
+                    row = numbers.next().unwrap_or(0);
+                    column = numbers.next().unwrap_or(0);
+                }
+                Some('J') => cells.iter_mut().for_each(|row| row.fill(' ')),
+                _ => {}
+            }
+        }
+        cells.into_iter().map(|row| String::from_iter(row) + "\n").collect()
+    }
+
+    fn until(&self, words: &str) {
+        let begun = Instant::now();
+        while !self.screen().contains(words) && !self.told().contains(words) {
+            assert!(begun.elapsed() < PATIENCE, "no `{words}` in {}", self.screen());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        if std::env::var_os("SHOW").is_some() {
+            println!("{}", self.screen());
+        }
+    }
+
+    fn press(&mut self, keys: &[u8]) {
+        self.keys.write_all(keys).unwrap();
+    }
+
+    /// The exit code, once the program has ended; the terminal is as it was.
+    fn ends(&mut self) -> Option<i32> {
+        let begun = Instant::now();
+        let status = loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                break status;
+            }
+            assert!(begun.elapsed() < PATIENCE, "it does not end: {}", self.told());
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        let after = tcgetattr(&self.near).unwrap();
+        assert_eq!(after.local_modes, self.before.local_modes, "not raw any more");
+        assert!(after.local_modes.contains(LocalModes::ICANON | LocalModes::ECHO));
+        let told = self.told.lock().unwrap().clone();
+        let of = |sequence: &[u8]| told.windows(sequence.len()).filter(|w| *w == sequence).count();
+        assert_eq!(of(b"\x1b[?1049h"), of(b"\x1b[?1049l"), "back from the alternate screen");
+        status.code()
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        // It has ended, unless the test has failed.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn place(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("terminal");
+    std::fs::create_dir_all(&folder).unwrap();
+    folder.join(name)
+}
+
+fn recording(name: &str) -> PathBuf {
+    let path = place(name);
+    let done = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        .args(["run", "scenarios/idle.toml", "--json", "--set", "idle.time_s=2", "--record"])
+        .arg(&path)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .unwrap();
+    assert!(done.status.success());
+    path
+}
+
+#[test]
+fn a_run_that_cannot_start_says_why_and_is_left() {
+    let arguments = ["run", "scenarios/idle.toml", "--ui", "tui", "--journal", "/nowhere/journal"];
+    let mut session = Session::begin(&arguments);
+
+    session.until("/nowhere/journal");
+    session.until("q leave");
+    session.press(b"q");
+
+    assert_eq!(session.ends(), Some(4), "{}", session.told());
+}
+
+#[test]
+fn a_run_is_started_paused_and_terminated_by_keys() {
+    let arguments = ["run", "scenarios/idle.toml", "--ui", "tui", "--wait"];
+    let mut session = Session::begin(&arguments);
+
+    session.until("waits for start");
+    session.press(b"s");
+    session.until("by hand");
+    session.press(b"p");
+    session.until("paused");
+    session.press(b"r");
+    session.press(b"t");
+    session.until("hold what they hold?");
+    session.press(b"y");
+    session.until("the end");
+    session.press(b"q");
+
+    assert_eq!(session.ends(), Some(0), "{}", session.told());
+}
+
+#[test]
+fn a_signal_ends_the_run_and_gives_the_terminal_back() {
+    let mut session = Session::begin(&["run", "scenarios/idle.toml", "--ui", "tui"]);
+    session.until("by hand");
+
+    let pid = session.child.id().to_string();
+    assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+
+    assert_eq!(session.ends(), Some(0), "{}", session.told());
+    session.until("the arms were moved by hand until the operator ended it");
+}
+
+#[test]
+fn a_signal_ends_a_run_whose_terminal_is_gone() {
+    let mut session = Session::begin(&["run", "scenarios/idle.toml", "--ui", "tui"]);
+    session.until("by hand");
+    // Both ends are closed, as when a connection breaks; what the program has open itself stays.
+    let null = || OpenOptions::new().read(true).write(true).open("/dev/null").unwrap();
+    session.hear.store(false, Ordering::Release);
+    (session.keys, session.near) = (null(), null());
+    std::thread::sleep(Duration::from_millis(500));
+
+    let pid = session.child.id().to_string();
+    assert!(Command::new("kill").args(["-HUP", &pid]).status().unwrap().success());
+
+    let begun = Instant::now();
+    while session.child.try_wait().unwrap().is_none() {
+        assert!(begun.elapsed() < PATIENCE, "it does not end");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn an_emergency_stop_is_heard_while_a_terminate_is_to_be_confirmed() {
+    let mut session = Session::begin(&["run", "scenarios/idle.toml", "--ui", "tui"]);
+    session.until("by hand");
+    session.press(b"t");
+    session.until("hold what they hold?");
+
+    session.press(b"e");
+
+    session.until("postument stopped: emergency");
+    session.until("q leave");
+    session.press(b"q");
+    assert_eq!(session.ends(), Some(3), "{}", session.told());
+}
+
+#[test]
+fn a_recording_that_cannot_be_written_leaves_the_terminal_alone() {
+    let mut session = Session::begin(&[
+        "run",
+        "scenarios/idle.toml",
+        "--ui",
+        "tui",
+        "--record",
+        "/nowhere/run.mcap",
+    ]);
+
+    assert_eq!(session.ends(), Some(2));
+    session.until("--record: /nowhere/run.mcap");
+}
+
+#[test]
+fn a_replay_is_sought_and_left_before_and_at_its_end() {
+    let path = recording("replay.mcap");
+    let replay = ["replay", path.to_str().unwrap(), "--ui", "tui"];
+
+    let mut at_end = Session::begin(&replay);
+    at_end.until("Left Right");
+    at_end.press(b"\x1b[F");
+    at_end.until("done");
+    // Home goes back to the beginning, and the show goes on from there.
+    at_end.press(b"\x1b[H");
+    at_end.press(b"p");
+    at_end.until("paused");
+    at_end.press(b"\x1b[F");
+    at_end.press(b"q");
+    assert_eq!(at_end.ends(), Some(0), "{}", at_end.told());
+
+    let mut before = Session::begin(&replay);
+    before.until("Left Right");
+    // Ctrl-C.
+    before.press(b"\x03");
+    assert_eq!(before.ends(), Some(0), "{}", before.told());
+}
