@@ -122,7 +122,8 @@ fn run(kind: &Kind, seconds: f64, file: &std::path::Path) -> Result<Round, Strin
             watched = Some(std::thread::spawn(move || watch(&address)));
         }
         // The first phase begins with the servo: "     0.00 s  acquire".
-        if !begun && line.trim_start().starts_with("0.0") {
+        let is_phase = line.trim_start().starts_with(|c: char| c.is_ascii_digit());
+        if !begun && is_phase && line.contains(" s  ") {
             begun = true;
             std::thread::spawn(move || {
                 std::thread::sleep(Duration::from_secs_f64(seconds));

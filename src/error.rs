@@ -72,6 +72,9 @@ pub enum NonFatal {
     /// The operator ended it.
     #[error("the run was terminated before the arms were ready")]
     Terminated,
+    /// A signal ended it.
+    #[error("the run was interrupted before the arms were ready")]
+    Interrupted,
     /// A sensor has nothing to say.
     #[error("no reading: {0}")]
     NoReading(String),

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Priority of its thread: above those of a run on the same machine, since a robot never waits for its controller.
+/// Priority of its thread: as high as `packaging/` grants, since a robot never waits for its controller.
 const PRIORITY: i32 = 85;
 
 /// What an emulation came to.

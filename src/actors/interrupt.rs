@@ -15,9 +15,18 @@ use tokio::sync::watch;
 /// What ends a run; whoever drives arms must not die of any of them.
 pub(super) const SIGNALS: [i32; 4] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT];
 /// Long enough for the bridge to switch the drives off.
-const SWITCHES_OFF: Duration = Duration::from_millis(100);
+const SWITCHES_OFF: Duration = Duration::from_millis(300);
 /// Exit code of a process that was interrupted.
 const INTERRUPTED: i32 = 130;
+
+/// Those of [`SIGNALS`] that whoever started this program does not want ignored: `nohup` does.
+pub(super) fn heard() -> Vec<i32> {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);
+    let is_ignored = |signal: i32| ignored >> (signal - 1) & 1 == 1;
+    SIGNALS.into_iter().filter(|&signal| signal != SIGHUP || !is_ignored(signal)).collect()
+}
 
 /// Listens as long as it lives.
 #[derive(Debug)]
@@ -32,13 +41,15 @@ impl Interrupt {
         control: Arc<watch::Sender<Control>>,
         emergency: Arc<AtomicBool>,
     ) -> std::io::Result<Self> {
-        let mut signals = Signals::new(SIGNALS)?;
+        let mut signals = Signals::new(heard())?;
         let handle = signals.handle();
         let came = Arc::new(AtomicBool::new(false));
         let noted = Arc::clone(&came);
         std::thread::spawn(move || {
-            for _ in signals.forever() {
-                if noted.swap(true, Ordering::SeqCst) {
+            for signal in signals.forever() {
+                let again = noted.swap(true, Ordering::SeqCst);
+                // A terminal that closes hangs up more than once.
+                if again && signal != SIGHUP {
                     emergency.store(true, Ordering::Release);
                     std::thread::sleep(SWITCHES_OFF);
                     signal_hook::low_level::exit(INTERRUPTED);

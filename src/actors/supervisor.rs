@@ -181,7 +181,9 @@ pub fn run_with(
         Ok(done) => done,
         Err(error) => {
             ui.over(broken_off(&error));
-            return Err(error);
+            recorder.note(0, || Entry::Phase("end".to_owned(), error.to_string()));
+            let came = interrupt.is_some_and(|i| i.came());
+            return Err(if came { interrupted(error) } else { error });
         }
     };
     let mut summary = summary(scenario, goal, &done, begun.elapsed().as_secs_f64());
@@ -234,6 +236,10 @@ fn carried_out(
     let scenario = &*super::calibrate::believed(scenario);
     let mut builder = tokio::runtime::Builder::new_current_thread();
     builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
+    if scenario.bridge.kind.is_hardware() {
+        // Pictures and plans, not the actors, whose heart beat the servo waits for.
+        builder.on_thread_start(driver::step_back);
+    }
     let runtime = builder.build().map_err(|e| not_created("runtime", &e.to_string()))?;
     let teller = noted.map(|noted| Teller::start(noted, &scenario.controller));
     let done =
@@ -308,6 +314,16 @@ fn create_ui(
     };
     let ui = ui::Ui::spawn(parts).map_err(|e| not_created("ui", &e.to_string()))?;
     Ok((ui, helm, heard))
+}
+
+/// An early end that a signal asked for.
+fn interrupted(error: Error) -> Error {
+    match error {
+        Error::NonFatal { actor, place, cause: NonFatal::Terminated } => {
+            Error::NonFatal { actor, place, cause: NonFatal::Interrupted }
+        }
+        other => other,
+    }
 }
 
 /// What the operator is shown at the end.
@@ -613,9 +629,6 @@ async fn perform(
             });
             let wall = driver::spawn_wall(core, world, observe, build::wall(scenario, options))
                 .map_err(|e| not_created("servo thread", &e.to_string()))?;
-            if scenario.bridge.kind.is_hardware() && wall.warnings.is_empty() {
-                driver::step_back();
-            }
             for warning in &wall.warnings {
                 tracing::warn!("not real time: {warning}; `rubik-robot doctor` says what helps");
             }
@@ -860,6 +873,7 @@ async fn home(
     /// Periods in which an arm comes to a stand.
     const BRAKES: u64 = 100;
     tokio::select! {
+        biased;
         done = edp.synchronise() => done.map(drop),
         _ = control.wait_for(|will| *will == Control::Terminated) => {
             switches.hold.store(true, Ordering::Release);

@@ -6,7 +6,7 @@
 
 use super::control::Control;
 use super::disturbance::Troubles;
-use super::interrupt::SIGNALS;
+use super::interrupt::heard;
 use super::supervisor::{Plan, not_created};
 use super::world::World;
 use crate::error::{Error, Fatal, NonFatal};
@@ -74,7 +74,7 @@ pub fn weigh_tool(
         .map(|(arm, effector)| ServoConfig::new(arm, effector.gains.clone()))
         .collect();
     let interrupted = Arc::new(AtomicBool::new(false));
-    for signal in SIGNALS {
+    for signal in heard() {
         signal_hook::flag::register(signal, Arc::clone(&interrupted))
             .map_err(|e| not_created("interrupt", &e.to_string()))?;
     }

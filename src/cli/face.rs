@@ -201,7 +201,7 @@ impl Drop for Terminal {
 
 fn wait(behind: &Behind) -> anyhow::Result<()> {
     let signalled = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+    for signal in [SIGINT, SIGTERM, SIGHUP, SIGQUIT] {
         signal_hook::flag::register(signal, Arc::clone(&signalled))?;
     }
     let mut commands = behind.take_commands();

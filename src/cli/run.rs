@@ -127,18 +127,20 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
             return Ok(WRONG);
         }
     };
-    // Before there is a face: what goes wrong here is told in the terminal as it is.
+    let word = args.face.word(args.json);
+    let (desk, behind) = desk();
+    let face = args.face.open(word, desk)?;
+    // After the face: one that cannot be opened must not have emptied the file. What goes wrong here is told in the
+    // terminal as it was.
     let file = match args.record.as_ref().map(|path| (path, File::create(path))) {
         None => None,
         Some((_, Ok(file))) => Some(file),
         Some((path, Err(error))) => {
+            drop(face);
             complain(&format!("--record: {}: {error}", path.display()));
             return Ok(WRONG);
         }
     };
-    let word = args.face.word(args.json);
-    let (desk, behind) = desk();
-    let face = args.face.open(word, desk)?;
     let shown = !matches!(face, Face::None);
     let options = RunOptions {
         require_real_time: args.require_rt,
@@ -172,7 +174,12 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         complain(&record::told(path, &written));
     }
     // Who interrupts the program wants to leave it.
-    let leaves = matches!(&done, Ok(summary) if summary.ended_by == EndedBy::Interrupt);
+    let leaves = match &done {
+        Ok(summary) => summary.ended_by == EndedBy::Interrupt,
+        Err(error) => {
+            matches!(error, Error::NonFatal { cause: NonFatal::Interrupted, .. })
+        }
+    };
     let code = told(done, &scenario, args, output)?;
     output.flush()?;
     if !args.json && !leaves {
@@ -226,6 +233,7 @@ fn told(
             complain(&error.to_string());
             let ended_by = match error {
                 Error::NonFatal { cause: NonFatal::Terminated, .. } => EndedBy::Operator,
+                Error::NonFatal { cause: NonFatal::Interrupted, .. } => EndedBy::Interrupt,
                 Error::NonFatal { .. } => EndedBy::Task,
                 Error::Fatal { .. } => EndedBy::Fatal,
                 Error::System { .. } => EndedBy::System,

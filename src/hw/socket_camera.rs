@@ -8,6 +8,7 @@
 
 use super::camera::{Frame, FrameSource, NoFrame};
 use image::RgbImage;
+use std::collections::VecDeque;
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -78,16 +79,22 @@ impl Header {
 }
 
 /// The difference of two clocks, in periods.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Offset(Option<i64>);
+#[derive(Debug, Clone, Default)]
+struct Offset(VecDeque<i64>);
 
 impl Offset {
+    /// Frames that are looked at for it: the servo's periods fall behind by those that it misses.
+    const FRAMES: usize = 50;
+
     /// The camera's period on the clock of whoever asked.
     fn ours(&mut self, asked: u64, told: u64) -> u64 {
         // A camera may tell any number.
         let seen = (asked as i64).wrapping_sub(told as i64);
-        let best = self.0.map_or(seen, |best| best.max(seen));
-        self.0 = Some(best);
+        if self.0.len() == Self::FRAMES {
+            self.0.pop_front();
+        }
+        self.0.push_back(seen);
+        let best = self.0.iter().copied().max().unwrap_or(seen);
         (told as i64).wrapping_add(best).max(0) as u64
     }
 }

@@ -126,13 +126,14 @@ impl Regulator {
         let sum = self.last_sum + k1 * error - k2 * self.last_error;
         let output = (1.0 + a) * self.last_output - a * self.older_output
             + ratio * (b0 * sum - b1 * self.last_sum);
-        // The clamps on the remembered output are what keeps the incremental form from winding up.
-        let slow = output.clamp(self.last_output - self.slew, self.last_output + self.slew);
-        let output = slow.clamp(-self.limit, self.limit);
         if !output.is_finite() {
             self.reset();
             return 0;
         }
+        // The clamps on the remembered output are what keeps the incremental form from winding up.
+        // Never a panic here, whatever a profile says.
+        let slow = output.max(self.last_output - self.slew).min(self.last_output + self.slew);
+        let output = slow.max(-self.limit).min(self.limit);
         self.older_output = self.last_output;
         self.last_output = output;
         self.last_sum = sum;

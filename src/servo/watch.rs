@@ -17,8 +17,6 @@ pub struct Watch {
     /// How far the set value has gone since the counter last changed [rad].
     wanted: [f64; AXES],
     last_counts: [i64; AXES],
-    /// Switches that were pressed already: an axis on one may leave it.
-    last_switches: u8,
     /// Length of a period [s], and what follows from it.
     seconds: f64,
     fade: f64,
@@ -59,7 +57,6 @@ impl Watch {
             frozen: [0; AXES],
             wanted: [0.0; AXES],
             last_counts: counts,
-            last_switches: u8::MAX,
             seconds: period.seconds(),
             fade: if period == Length::default() {
                 Self::FADE
@@ -147,9 +144,7 @@ impl Watch {
             }
         }
         let first = |bits: u8| (bits != 0).then(|| bits.trailing_zeros() as usize);
-        let pressed = reading.limit_switches & !self.last_switches;
-        self.last_switches = reading.limit_switches;
-        if let Some(axis) = first(pressed) {
+        if let Some(axis) = first(reading.limit_switches) {
             let motor = measured.0.get(axis).copied().unwrap_or_default();
             fault = Some(ArmFault::LimitSwitch { axis, motor });
         }

@@ -45,7 +45,7 @@ struct Readings {
 /// The running bridge thread.
 #[derive(Debug)]
 pub struct Bridge<P> {
-    thread: JoinHandle<(P, Option<PortFault>)>,
+    thread: Option<JoinHandle<(P, Option<PortFault>)>>,
     /// The run is over: nobody insists any more.
     over: Arc<AtomicBool>,
 }
@@ -153,7 +153,7 @@ impl<P: Port + 'static> Bridge<P> {
             steps: [[0; AXES + 1]; MOST],
             length,
         };
-        Ok((Self { thread, over }, port))
+        Ok((Self { thread: Some(thread), over }, port))
     }
 }
 
@@ -161,10 +161,21 @@ impl<P> Bridge<P> {
     /// Waits for the thread, which ends when the servo's side is dropped or the port fails; returns the port
     /// and its fault. `None` when the thread panicked.
     #[must_use]
-    pub fn join(self) -> Option<(P, Option<PortFault>)> {
+    pub fn join(mut self) -> Option<(P, Option<PortFault>)> {
+        self.end()?.join().ok()
+    }
+
+    fn end(&mut self) -> Option<JoinHandle<(P, Option<PortFault>)>> {
         self.over.store(true, Ordering::Release);
-        self.thread.thread().unpark();
-        self.thread.join().ok()
+        let thread = self.thread.take()?;
+        thread.thread().unpark();
+        Some(thread)
+    }
+}
+
+impl<P> Drop for Bridge<P> {
+    fn drop(&mut self) {
+        self.end();
     }
 }
 

@@ -16,6 +16,8 @@ use crate::spatial::Wrench;
 
 /// Bits a second of its line.
 const BAUD: u32 = 38_400;
+/// Words that may be left over from before, at most.
+const MOST_WORDS: usize = 64;
 /// Bytes of a record on the line.
 pub const RECORD: usize = 13;
 /// Words of a record on the parallel interface.
@@ -182,7 +184,12 @@ impl FtController {
     fn ask(&mut self) {
         let _ = self.line.drain();
         if let Some(words) = &mut self.words {
-            while words.take(false).is_some() {}
+            // Bounded: a board that is not there seems to have a word for ever.
+            for _ in 0..MOST_WORDS {
+                if words.take(false).is_none() {
+                    break;
+                }
+            }
         }
         self.length = 0;
         let _ = self.line.write(ONE);

@@ -174,7 +174,7 @@ impl Card {
                 synchronised: axis.status.synchronised,
                 power: i == self.power_axis && !bit(reading.power_faults),
             };
-            if axis.tracks && axis.status.zero && !axis.passed {
+            if axis.tracks && axis.status.zero && !axis.status.sync_switch && !axis.passed {
                 axis.passed = true;
                 if self.zeroes_itself {
                     axis.reset();

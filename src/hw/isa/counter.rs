@@ -51,7 +51,8 @@ impl Counter {
     /// Takes a period's reading, `None` for a bad one; whether it is the one of the zero.
     pub(super) fn take(&mut self, card: Option<i64>, status: AxisStatus) -> bool {
         self.confirm(status.synchronised);
-        self.passed |= self.zero == Zero::Awaited && status.zero;
+        // The zero is the first one behind the switch.
+        self.passed |= self.zero == Zero::Awaited && status.zero && !status.sync_switch;
         let Some(card) = card else { return false };
         if self.passed {
             self.passed = false;

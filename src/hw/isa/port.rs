@@ -361,6 +361,12 @@ impl<R: Registers> Port for IsaPort<R> {
         false
     }
 
+    fn insist(&mut self) {
+        for arm in &mut self.arms {
+            arm.write(&ArmDrive::OFF);
+        }
+    }
+
     fn exchange(
         &mut self,
         period: u64,

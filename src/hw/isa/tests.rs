@@ -5,13 +5,13 @@ use super::registers::{AxisKind, command};
 use crate::hw::devices::IsaDevice;
 use crate::hw::driver::{Core, NoRecords, ServoLink, Switches, link};
 use crate::hw::note::{Note, What, notes};
+use crate::hw::plant::testing::cell;
 use crate::hw::plant::{Plant, PlantConfig};
 use crate::hw::port::{Port, PortFault};
 use crate::motion::{Depth, Motion, MoveCommand, Synchronisation};
-use crate::scenario;
 use crate::servo::io::{ArmDrive, ArmReading, JAW};
+use crate::servo::regulator::{IRP6, ServoGains};
 use crate::servo::{ServoCommand, ServoConfig};
-use std::path::Path;
 use std::sync::Arc;
 
 /// Motors that move by a tenth of their pulse width in a period, and pass zeros on their way.
@@ -53,9 +53,8 @@ struct Rig {
 impl Rig {
     /// The postument's arm, its motors somewhere.
     fn new(kind: AxisKind, power_axis: usize) -> Self {
-        let scenario = scenario::read(Path::new("test"), "", &[]).unwrap();
         let device = IsaDevice { power_axis, ..IsaDevice::default() };
-        let mut arm = device.arm(&scenario.controller.cell.arms[1], &[]).unwrap();
+        let mut arm = device.arm(&cell().arms[1], &[]).unwrap();
         arm.kinds = [kind; 8];
         let resolver = kind == AxisKind::Resolver;
         let motors = Motors {
@@ -287,15 +286,15 @@ struct Whole {
 
 impl Whole {
     fn new(synchronised: [bool; 2]) -> Self {
-        let controller = scenario::read(Path::new("test"), "", &[]).unwrap().controller;
-        let config = PlantConfig { synchronised, ..PlantConfig::new(controller.cell.clone()) };
+        let cell = cell();
+        let config = PlantConfig { synchronised, ..PlantConfig::new(cell.clone()) };
         let plant = Plant::new(config, 1).unwrap();
-        let arms = &controller.cell.arms;
+        let arms = &cell.arms;
         let cards = arms.iter().map(|arm| IsaDevice::default().arm(arm, &[255.0; 7]).unwrap());
         let (to, told) = notes();
         let mut cards = Carded::new(plant, cards.collect(), to).unwrap();
-        let configs = arms.iter().zip(&controller.effectors);
-        let configs = configs.map(|(arm, e)| ServoConfig::new(arm, e.gains.clone())).collect();
+        let gains = ServoGains::parse(IRP6).unwrap();
+        let configs = arms.iter().map(|arm| ServoConfig::new(arm, gains.clone())).collect();
         let (links, ends) = (0..2).map(|_| link()).unzip();
         let switches = Arc::new(Switches::default());
         let core = Core::new(configs, ends, switches, Box::new(NoRecords), &mut cards).unwrap();

@@ -25,7 +25,7 @@ pub mod render;
 pub mod saved;
 mod sensor;
 #[cfg(test)]
-mod testing;
+pub(in crate::hw) mod testing;
 #[cfg(test)]
 mod tests;
 pub mod truth;

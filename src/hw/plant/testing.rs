@@ -49,7 +49,7 @@ fn arm(track: bool) -> Arm {
 /// Both arms stand in front of each other in the original's front position, tools level and meeting: the
 /// track's with a deep grasp, the postument's over the outer layer on the other side, jaws crossed. The
 /// postument's base is put where that is so.
-pub(super) fn cell() -> Cell {
+pub(in crate::hw) fn cell() -> Cell {
     let mut cell = Cell {
         arms: vec![arm(true), arm(false)],
         cameras: Vec::new(),

@@ -184,7 +184,6 @@ impl Axis {
     pub fn order(&mut self, drive: &AxisDrive) -> Order {
         self.synchronising = drive.synchronise;
         if drive.synchronise {
-            self.settled = 0;
             self.was_synchronised = false;
         }
         let mode = if drive.enabled { Mode::Pwm } else { Mode::Manual };
@@ -254,7 +253,7 @@ impl Axis {
             // shows so again, somewhere near.
             let odd = off(self.count) > likely && !doubted.is_some_and(|at| off(at) <= 0.5 * most);
             self.doubted = odd.then_some(now.count);
-            !settled || (!odd && off(self.count) <= most)
+            !settled || self.finds_zero(now) || (!odd && off(self.count) <= most)
         });
         let Some(now) = possible else {
             self.impossible += 1;
@@ -276,7 +275,7 @@ impl Axis {
         };
         self.impossible = 0;
         self.settled = self.settled.saturating_add(1);
-        if !settled {
+        if !settled || self.finds_zero(&now) {
             self.step = 0.0;
         } else if self.since > APART {
             self.step = f64::from(now.count.wrapping_sub(self.status.count)) / self.since;
@@ -284,6 +283,11 @@ impl Axis {
         (self.status, self.count, self.since) = (now, now.count, 0.0);
         self.confirm();
         self.see_flags(&now)
+    }
+
+    /// The counter jumps in the very answer that says so.
+    fn finds_zero(&self, now: &Status) -> bool {
+        self.synchronising && now.synchronised && !self.synchronised.is
     }
 
     fn confirm(&mut self) {

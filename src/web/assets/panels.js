@@ -255,7 +255,7 @@ export function showQuestion(question, time, commands, send) {
     $("question-buttons").replaceChildren(take, ...buttons);
     box.classList.remove("watching");
     if (!box.open) box.showModal();
-    $("question-net").querySelector("[tabindex='0'].tile")?.focus();
+    ($("question-net").querySelector("[tabindex='0'].tile") ?? buttons[0])?.focus();
   }
   // A browser closes it at the second Escape, whatever the page says.
   if (!box.open) box.showModal();
