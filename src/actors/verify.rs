@@ -123,6 +123,22 @@ const OUTSIDE: [&str; 4] = [
     "no reading from the bridge",
 ];
 
+/// How an arm says that it was braked or held back from outside, by [`MoveRefused`](crate::motion::MoveRefused)'s words.
+const BRAKED: [&str; 3] =
+    ["the motion was broken off", "the arm is held back", "the arms are being stopped"];
+
+/// Why a servo did what its own inputs do not make it do, if the recording says so.
+fn from_outside<'a>(recorded: &'a Tick, now: &Tick) -> Option<&'a str> {
+    let begins = |text: &str, words: &[&str]| words.iter().any(|w| text.starts_with(w));
+    if now.fault.is_empty() && begins(&recorded.fault, &OUTSIDE) {
+        Some(&recorded.fault)
+    } else if now.refused != recorded.refused && begins(&recorded.refused, &BRAKED) {
+        Some(&recorded.refused)
+    } else {
+        None
+    }
+}
+
 /// The servos alone, fed with recorded readings and orders.
 fn servos(playback: &Playback, scenario: &Scenario, label: &Label) -> Result<Verified, Error> {
     let config = &scenario.controller;
@@ -169,11 +185,10 @@ fn servos(playback: &Playback, scenario: &Scenario, label: &Label) -> Result<Ver
         };
         let now = Tick::of(&record);
         if let Some(what) = recorded.difference(&now) {
-            let outside = OUTSIDE.iter().any(|words| recorded.fault.starts_with(words));
-            if now.fault.is_empty() && outside {
+            if let Some(why) = from_outside(&recorded, &now) {
                 verified.ended = Some(format!(
-                    "from period {} on the arms were stopped from outside ({})",
-                    recorded.period, recorded.fault
+                    "from period {} on the arms were stopped from outside ({why})",
+                    recorded.period
                 ));
                 verified.rest = 1;
             } else {
@@ -197,7 +212,7 @@ fn servos(playback: &Playback, scenario: &Scenario, label: &Label) -> Result<Ver
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::ArmFault;
+    use crate::motion::{ArmFault, MoveRefused};
 
     #[test]
     fn only_what_comes_from_outside_a_servo_excuses_a_fault_that_does_not_come_again() {
@@ -213,6 +228,12 @@ mod tests {
             ArmFault::BridgeSilent { periods: 10 },
         ] {
             assert!(outside(fault), "{fault}");
+        }
+        for refused in
+            [MoveRefused::BrokenOff, MoveRefused::HeldBack, MoveRefused::Stopping { periods: 20 }]
+        {
+            let text = refused.to_string();
+            assert!(BRAKED.iter().any(|words| text.starts_with(words)), "{text}");
         }
         for fault in [
             ArmFault::OverCurrent { axis: 1, amperes: 9.0 },
