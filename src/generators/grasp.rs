@@ -137,6 +137,7 @@ impl Grasp {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::compliance;
     use super::*;
     use crate::motion::{Motion, MoveCommand};
 
@@ -144,18 +145,7 @@ mod tests {
 
     /// Closes jaws that follow their set value down to `stop` [m]; the outcome and the lowest set value.
     fn close(stop: f64) -> (Outcome, f64) {
-        let compliance = Compliance {
-            jaw_close_speed: 0.012,
-            jaw_open_speed: 0.03,
-            linear_admittance: 0.001,
-            linear_inertia: 20.0,
-            angular_admittance: 0.05,
-            angular_inertia: 0.5,
-            macrostep: 8,
-            force_limit: 40.0,
-            torque_limit: 5.0,
-        };
-        let mut grasp = Grasp::new(30.0, LEAST, [true; 6], Depth::One, compliance);
+        let mut grasp = Grasp::new(30.0, LEAST, [true; 6], Depth::One, compliance());
         let mut arm = ArmState { jaw_opening: 0.07, ..ArmState::default() };
         let mut lowest = f64::INFINITY;
         for period in (0..20_000).step_by(8) {

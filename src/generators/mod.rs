@@ -492,3 +492,23 @@ fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
     }
     Next::Go(command)
 }
+
+#[cfg(test)]
+mod testing {
+    use super::Compliance;
+
+    /// What tests of generators yield with.
+    pub(super) fn compliance() -> Compliance {
+        Compliance {
+            jaw_close_speed: 0.012,
+            jaw_open_speed: 0.03,
+            linear_admittance: 0.001,
+            linear_inertia: 20.0,
+            angular_admittance: 0.05,
+            angular_inertia: 0.5,
+            macrostep: 8,
+            force_limit: 40.0,
+            torque_limit: 5.0,
+        }
+    }
+}

@@ -360,6 +360,7 @@ fn half_turn_nearest(
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::compliance;
     use super::*;
     use crate::motion::ArmState;
 
@@ -381,20 +382,6 @@ mod tests {
             stale: 0.1,
             patience: 5.0,
             zone: (Pose::translation(1.0, 0.0, 1.2), Vector3::new(0.2, 0.2, 0.2)),
-        }
-    }
-
-    fn compliance() -> Compliance {
-        Compliance {
-            jaw_close_speed: 0.012,
-            jaw_open_speed: 0.03,
-            linear_admittance: 0.001,
-            linear_inertia: 20.0,
-            angular_admittance: 0.05,
-            angular_inertia: 0.5,
-            macrostep: 8,
-            force_limit: 40.0,
-            torque_limit: 5.0,
         }
     }
 
