@@ -33,4 +33,5 @@ pub mod work;
 mod world;
 
 pub use build::planner;
+pub use interrupt::SIGNALS;
 pub use supervisor::{Around, Judge, Keep, RunOptions, run, run_at, run_with};

@@ -1,12 +1,12 @@
 //! Which face the operator has: the page, the terminal, or none.
 
+use crate::actors::SIGNALS;
 use crate::desk::{Behind, Desk};
 use crate::operator::Command;
 use crate::tui;
 use crate::web::Server;
 use anyhow::{Context, anyhow};
 use clap::{Args, ValueEnum};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use std::io::{IsTerminal, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -159,7 +159,7 @@ pub(super) struct Terminal {
 impl Terminal {
     fn open(desk: Desk) -> std::io::Result<Self> {
         let leave = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM, SIGHUP, SIGQUIT] {
+        for signal in SIGNALS {
             signal_hook::flag::register(signal, Arc::clone(&leave))?;
         }
         let leaves = Arc::clone(&leave);
@@ -201,7 +201,7 @@ impl Drop for Terminal {
 
 fn wait(behind: &Behind) -> anyhow::Result<()> {
     let signalled = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP, SIGQUIT] {
+    for signal in SIGNALS {
         signal_hook::flag::register(signal, Arc::clone(&signalled))?;
     }
     let mut commands = behind.take_commands();

@@ -3,13 +3,13 @@
 use super::face::{Face, FaceArgs, FaceWord};
 use super::output::Output;
 use super::{WRONG, complain, record};
+use crate::actors::SIGNALS;
 use crate::actors::show::Show;
 use crate::actors::verify::{self, Verified};
 use crate::desk::desk;
 use crate::record::reading::{Label, Piece, open};
 use crate::scenario::{self, Override, Scenario};
 use clap::Args;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -106,7 +106,7 @@ fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
         return Ok(0);
     }
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP, SIGQUIT] {
+    for signal in SIGNALS {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     show.run(&behind, args.speed, true, &stop);
