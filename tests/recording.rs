@@ -2,13 +2,16 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+use rubik_robot::motion::ArmFault;
 use rubik_robot::record::reading::{End, Label, Message, Piece, Reading, open};
 use rubik_robot::record::recover::recover;
 use rubik_robot::record::tick::Tick;
+use rubik_robot::servo::io::Outside;
 use std::collections::BTreeMap;
-use std::io::Cursor;
+use std::io::{BufRead as _, BufReader, Cursor, Write as _};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
 
 fn program(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
@@ -272,8 +275,85 @@ fn what_compares_nothing_is_not_called_the_same() {
 }
 
 /// A fault that an arm's own servo does not come to is not excused as a stop from outside.
+/// Records a second of the idle task under the wall clock while something is done to the process.
+fn disturbed(name: &str, disturb: impl FnOnce(&mut Child)) -> PathBuf {
+    let path = place(name);
+    let mut run = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["run", "scenarios/idle.toml", "--pace", "real-time", "--ui", "none", "--record"])
+        .arg(&path)
+        .args(IDLE)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut told = BufReader::new(run.stderr.take().unwrap());
+    let mut line = String::new();
+    while !line.ends_with("idle\n") {
+        line.clear();
+        assert!(told.read_line(&mut line).unwrap() > 0, "it ended before anything was done to it");
+    }
+    std::thread::sleep(Duration::from_millis(200));
+    disturb(&mut run);
+    run.wait().unwrap();
+    path
+}
+
+/// Of a recording's ticks, what came from outside, and the faults.
+fn from_outside(path: &Path) -> (Vec<Outside>, Vec<String>) {
+    let ticks = messages(open(path).unwrap()).into_iter();
+    let ticks = ticks.filter(|message| message.channel.topic.ends_with("/servo"));
+    ticks.map(|m| Tick::read(&m.data).unwrap()).map(|t| (t.outside().unwrap(), t.fault)).unzip()
+}
+
 #[test]
-fn only_a_stop_from_outside_ends_a_comparison() {
+fn what_reaches_a_servo_from_outside_is_recorded_in_its_place_and_happens_again() {
+    let signal = |run: &Child, which: &str| {
+        let id = run.id().to_string();
+        assert!(Command::new("kill").args([which, &id]).status().unwrap().success());
+    };
+    let whole = |path: &Path| {
+        let (code, verdict, stderr) = verify(path, &[]);
+        assert_eq!(code, Some(0), "{verdict} {stderr}");
+        assert_eq!(verdict["ended"], serde_json::Value::Null, "{verdict}");
+        assert_eq!(verdict["not_compared"], 0, "{verdict}");
+    };
+
+    // A process that stands still for a while; then for longer than the arms bear.
+    for (name, pause, stops) in [("missed.mcap", 40, false), ("stopped.mcap", 250, true)] {
+        let path = disturbed(name, |run| {
+            signal(run, "-STOP");
+            std::thread::sleep(Duration::from_millis(pause));
+            signal(run, "-CONT");
+        });
+        let (outside, faults) = from_outside(&path);
+        let missed = outside.iter().map(|o| o.skipped).max().unwrap();
+        assert!(missed >= pause / 2 - 2, "{missed}");
+        if stops {
+            assert!(
+                outside.iter().any(|o| o.brake.is_some())
+                    && outside.iter().any(|o| o.trip.is_some())
+            );
+            assert!(faults.last().unwrap().contains("missed"), "{faults:?}");
+        }
+        whole(&path);
+    }
+
+    // The emergency stop, which goes past all actors.
+    let path =
+        disturbed("pressed.mcap", |run| run.stdin.as_mut().unwrap().write_all(b"e\n").unwrap());
+    let (outside, faults) = from_outside(&path);
+    assert!(outside.iter().any(|o| o.trip == Some(ArmFault::EmergencyStop)), "{faults:?}");
+    whole(&path);
+    let said = messages(open(&path).unwrap());
+    let said: Vec<_> = said.iter().filter(|m| m.channel.topic == "/operator").collect();
+    assert_eq!(said.len(), 1, "noted once");
+    assert!(said[0].data.windows(14).any(|text| text == b"emergency_stop"));
+}
+
+#[test]
+fn a_fault_without_a_cause_is_a_difference() {
     let set = ["--pace", "real-time"];
     let (path, _) = recorded("fault_of.mcap", "scenarios/idle.toml", &[&IDLE[..], &set].concat());
     let marked = |fault: &'static [u8], to: &Path| {
@@ -303,14 +383,12 @@ fn only_a_stop_from_outside_ends_a_comparison() {
         verify(to, &[])
     };
 
-    let (code, verdict, stderr) = marked(b"emergency stop  ", &place("fault_outside.mcap"));
-    assert_eq!(code, Some(0), "{verdict} {stderr}");
-    assert!(verdict["ended"].as_str().unwrap().contains("stopped from outside"), "{verdict}");
-
-    let (code, verdict, stderr) =
-        marked(b"axis 1: over-current, 9.0 A     ", &place("fault_inner.mcap"));
-    assert_eq!(code, Some(1), "{verdict} {stderr}");
-    assert_eq!(verdict["first_difference"]["period"], 200, "{verdict}");
+    for fault in [&b"emergency stop  "[..], b"axis 1: over-current, 9.0 A     "] {
+        let (code, verdict, stderr) = marked(fault, &place("fault_inner.mcap"));
+        assert_eq!(code, Some(1), "{verdict} {stderr}");
+        assert_eq!(verdict["first_difference"]["period"], 200, "{verdict}");
+        assert_eq!(verdict["first_difference"]["field"], "fault", "{verdict}");
+    }
 }
 
 #[test]
@@ -611,4 +689,31 @@ fn a_report_tells_what_was_made_to_go_wrong_and_what_the_controller_said_to_it()
     let (timeline, _) = timeline.split_once("</section>").unwrap();
     assert!(timeline.contains("plant: injected fault: jam"), "{timeline}");
     assert!(timeline.contains(">warnings<") && timeline.contains("eased back"), "{timeline}");
+}
+
+#[test]
+fn a_run_whose_task_never_began_says_why_in_its_recording() {
+    let path = place("never.mcap");
+    let output = program(&[
+        "run",
+        "scenarios/hardware.toml",
+        "--ui",
+        "none",
+        "--json",
+        "--record",
+        path.to_str().unwrap(),
+    ]);
+    assert_ne!(output.status.code(), Some(0));
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+
+    let mut label = Label::default();
+    for piece in open(&path).unwrap() {
+        label.take(&piece);
+    }
+    let kept: serde_json::Value = serde_json::from_str(label.of("summary", "json")).unwrap();
+    assert_eq!(kept, told);
+    assert!(kept["reason"].as_str().unwrap().contains("bridge"), "{kept}");
+    let shown = program(&["replay", path.to_str().unwrap(), "--ui", "none"]);
+    let shown = String::from_utf8(shown.stderr).unwrap();
+    assert!(shown.contains("aborted: ") && shown.contains("bridge"), "{shown}");
 }

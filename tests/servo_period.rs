@@ -401,10 +401,45 @@ fn a_silent_sensor_stops_force_control_at_once_and_disturbs_no_position_control(
 }
 
 #[test]
+fn an_axis_that_stands_on_its_limit_switch_may_leave_it_and_not_go_on() {
+    const ON: u8 = 1 << 3;
+    let by = |radians: f64| {
+        let mut motors = [0.0; 7];
+        motors[3] = radians;
+        Motion::MotorsBy(MotorPositions(motors))
+    };
+    let is_hit = |states: &[ArmState]| {
+        let fault = states.last().unwrap().fault;
+        assert!(matches!(fault, None | Some(ArmFault::LimitSwitch { axis: 3, .. })), "{fault:?}");
+        fault.is_some()
+    };
+    // Where it stands from the beginning, told by a line that waits for a second reading; the way off, and the way on.
+    for (mark, off) in [
+        (ArmReading { upper_limits: ON, ..first_reading() }, -2.0),
+        (ArmReading { lower_limits: ON, ..first_reading() }, 2.0),
+    ] {
+        let mut arm = Ideal::new();
+        arm.step(None);
+        (arm.reading.upper_limits, arm.reading.lower_limits) =
+            (mark.upper_limits, mark.lower_limits);
+        assert!(!is_hit(&arm.run(Motion::Hold, 100)));
+        assert!(is_hit(&arm.run(by(-off), 100)), "the way on");
+        arm.step(Some(ServoCommand::Reset));
+        assert!(!is_hit(&arm.run(by(off), 100)), "the way off");
+
+        (arm.reading.upper_limits, arm.reading.lower_limits) = (0, 0);
+        assert!(!is_hit(&arm.run(by(off), 100)));
+        (arm.reading.upper_limits, arm.reading.lower_limits) =
+            (mark.upper_limits, mark.lower_limits);
+        assert!(is_hit(&arm.run(Motion::Hold, 10)), "once left, it is a limit again");
+    }
+}
+
+#[test]
 fn faults_switch_the_drives_off_until_reset() {
     type Spoil = fn(&mut ArmReading);
 
-    let switch = |r: &mut ArmReading| r.limit_switches = 1 << 3;
+    let switch = |r: &mut ArmReading| r.upper_limits = 1 << 3;
     let current = |r: &mut ArmReading| {
         r.over_currents = 1 << 5;
         r.currents[5] = 11.0;
@@ -417,6 +452,7 @@ fn faults_switch_the_drives_off_until_reset() {
     ];
     for (spoil, why) in spoil {
         let mut arm = Ideal::new();
+        (0..10).for_each(|_| assert_eq!(arm.step(None).fault, None));
         arm.step(Some(go(task(Frame::Base, &[(0, unguarded(0.05))]), 500)));
         assert!(arm.drive.enabled);
         spoil(&mut arm.reading);
@@ -425,7 +461,7 @@ fn faults_switch_the_drives_off_until_reset() {
         assert!(fault.fault.unwrap().to_string().contains(why), "{fault:?}");
         assert_eq!(arm.drive, ArmDrive { stops: Depth::One, ..ArmDrive::OFF });
 
-        arm.reading.limit_switches = 0;
+        arm.reading.upper_limits = 0;
         arm.reading.over_currents = 0;
         let ignored = arm.step(Some(go(task(Frame::Base, &[(0, unguarded(0.05))]), 500)));
         assert_eq!(ignored.fault, fault.fault);

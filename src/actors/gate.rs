@@ -76,16 +76,22 @@ impl Gate {
             while self.inner.words.capacity() > passed.len()
                 && let Some(word) = self.words.as_mut().and_then(|words| words.try_recv().ok())
             {
-                passed.push(match word {
-                    Word::Answer(question, answer) => Said::Answer { question, answer },
-                    Word::Order(effector, order) => Said::Order { effector, order },
-                });
+                passed.push(word.into());
             }
         }
         for word in passed {
             self.recorder
                 .note(period, || Entry::Operator(serde_json::to_string(&word).unwrap_or_default()));
             self.inner.take(word);
+        }
+    }
+}
+
+impl From<Word> for Said {
+    fn from(word: Word) -> Self {
+        match word {
+            Word::Answer(question, answer) => Self::Answer { question, answer },
+            Word::Order(effector, order) => Self::Order { effector, order },
         }
     }
 }

@@ -34,4 +34,4 @@ mod world;
 
 pub use build::planner;
 pub use interrupt::SIGNALS;
-pub use supervisor::{Around, Judge, Keep, RunOptions, run, run_at, run_with};
+pub use supervisor::{Around, Judge, Keep, RunOptions, not_begun, run, run_at, run_with};

@@ -1,15 +1,18 @@
 //! What the actors tell a recorder: notices, the operator's will under the wall clock, servo records, timing.
 
-use super::control::Control;
+use super::clock::Clock;
+use super::control::{Control, Word};
 use super::ui::{Notice, class};
 use crate::hw::driver::{Histogram, RecordSink, Timing};
 use crate::motion::PERIOD;
-use crate::operator::Class;
+use crate::operator::{Class, Said};
 use crate::record::playback::Playback;
 use crate::record::recorder::{Both, Entry, Recorder};
 use std::fmt::Write;
-use std::time::Instant;
-use tokio::sync::watch;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use tokio::sync::{mpsc, watch};
 
 /// Periods of 2 ms between two views of the plant's cube: the rate of `/tf`.
 pub(super) const SCENES: u64 = 20;
@@ -60,21 +63,60 @@ pub(super) fn with_playback(
     }
 }
 
-/// Keeps what the operator wants of a run under the wall clock, when it was heard.
-pub(super) fn follow(mut will: watch::Receiver<Control>, recorder: Recorder) {
-    let begun = Instant::now();
+/// The emergency stop goes past all actors; whoever notes it looks at this interval.
+const GLANCE: Duration = Duration::from_millis(4);
+
+/// Keeps what the operator says of a run under the wall clock, in the period in which it was heard; the words go on to
+/// whoever takes the end that this returns. When exactly the arms heed them is in their records.
+pub(super) fn follow(
+    mut will: watch::Receiver<Control>,
+    pressed: Arc<AtomicBool>,
+    words: Option<mpsc::Receiver<Word>>,
+    clock: Clock,
+    recorder: Recorder,
+) -> Option<mpsc::Receiver<Word>> {
+    let heard = move |said: &Said| {
+        let text = serde_json::to_string(said).unwrap_or_default();
+        recorder.note(clock.period(), || Entry::Operator(text));
+    };
+    let on = words.map(|mut words| {
+        // One at a time: whoever finds the far end full is told that the arms are busy.
+        let (to, on) = mpsc::channel(1);
+        let heard = heard.clone();
+        tokio::spawn(async move {
+            while let Ok(place) = to.reserve().await
+                && let Some(word) = words.recv().await
+            {
+                heard(&Said::from(word.clone()));
+                place.send(word);
+            }
+        });
+        on
+    });
     tokio::spawn(async move {
-        while will.changed().await.is_ok() {
-            let word = match *will.borrow_and_update() {
-                Control::Running => "\"run\"",
-                Control::Paused => "\"pause\"",
-                Control::Terminated => "\"terminate\"",
-                Control::Waiting => continue,
+        let (mut was, mut glance) = (false, tokio::time::interval(GLANCE));
+        loop {
+            let said = tokio::select! {
+                changed = will.changed() => match changed.map(|()| *will.borrow_and_update()) {
+                    Ok(Control::Running) => Said::Run,
+                    Ok(Control::Paused) => Said::Pause,
+                    Ok(Control::Terminated) => Said::Terminate,
+                    Ok(Control::Waiting) => continue,
+                    Err(_) => break,
+                },
+                _ = glance.tick() => {
+                    let is = pressed.load(Ordering::Acquire);
+                    let before = std::mem::replace(&mut was, is);
+                    if before || !is {
+                        continue;
+                    }
+                    Said::EmergencyStop
+                }
             };
-            let period = (begun.elapsed().as_secs_f64() / PERIOD) as u64;
-            recorder.note(period, || Entry::Operator(word.to_owned()));
+            heard(&said);
         }
     });
+    on
 }
 
 /// How punctual the servo was: each histogram as `nanoseconds:count` in rising order.

@@ -20,6 +20,7 @@ use crate::record::tick::Tick;
 use crate::record::{belief, cdr};
 use crate::scenario::Scenario;
 use crate::servo::ServoCommand;
+use crate::servo::io::Outside;
 use crate::servo::period::Length;
 use crate::tasks::Picture;
 use std::io::Read;
@@ -171,6 +172,12 @@ impl Show {
         Ok(())
     }
 
+    /// How it ended, in words.
+    #[must_use]
+    pub fn ending(&self) -> String {
+        format!("{}: {}", self.outcome.verdict, self.outcome.reason)
+    }
+
     fn camera(&self, sensor: &str) -> Option<usize> {
         let vsps = &self.scenario.controller.vsps;
         let name = sensor.strip_prefix("vsp ")?;
@@ -274,6 +281,7 @@ impl Loading {
             period: tick.period,
             arm: tick.arm,
             reading: tick.reading,
+            outside: Outside::default(),
             command: None,
             drive: tick.drive,
             state: *state,

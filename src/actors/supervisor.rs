@@ -181,9 +181,13 @@ pub fn run_with(
         Ok(done) => done,
         Err(error) => {
             ui.over(broken_off(&error));
-            recorder.note(0, || Entry::Phase("end".to_owned(), error.to_string()));
             let came = interrupt.is_some_and(|i| i.came());
-            return Err(if came { interrupted(error) } else { error });
+            let error = if came { interrupted(error) } else { error };
+            let (period, summary) = (recorder.latest(), not_begun(scenario, &error));
+            recorder.note(period, || Entry::Phase("end".to_owned(), error.to_string()));
+            recorder
+                .note(period, || Entry::Facts("summary", vec![("json".into(), summary.json())]));
+            return Err(error);
         }
     };
     let mut summary = summary(scenario, goal, &done, begun.elapsed().as_secs_f64());
@@ -199,6 +203,21 @@ pub fn run_with(
     recorder.note(period, || Entry::Phase("end".to_owned(), word));
     recorder.note(period, || Entry::Facts("summary", vec![("json".into(), summary.json())]));
     Ok(summary)
+}
+
+/// What a run comes to whose task never began.
+#[must_use]
+pub fn not_begun(scenario: &Scenario, error: &Error) -> Summary {
+    let ended_by = match error {
+        Error::NonFatal { cause: NonFatal::Terminated, .. } => EndedBy::Operator,
+        Error::NonFatal { cause: NonFatal::Interrupted, .. } => EndedBy::Interrupt,
+        Error::NonFatal { .. } => EndedBy::Task,
+        Error::Fatal { .. } => EndedBy::Fatal,
+        Error::System { .. } => EndedBy::System,
+    };
+    let cube = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
+    let (task, reason) = (scenario.controller.task.word(), error.to_string());
+    Summary::not_started(task, scenario.seed, cube.as_deref(), &reason, ended_by)
 }
 
 /// Creates the world and the controller, and lets them run to their end.
@@ -526,9 +545,6 @@ async fn perform(
         };
         let keeping = (recorder.clone(), playback.clone());
         gate = Some(Gate::new(outer.subscribe(), pressed, heard, inner, keeping));
-    } else if recorder.is_on() {
-        // Nothing waits for this; when exactly the arms heard of it is in their records.
-        recording::follow(outer.subscribe(), recorder.clone());
     }
     let will = control.subscribe();
     let switches = Arc::new(Switches { emergency, ..Switches::default() });
@@ -575,6 +591,10 @@ async fn perform(
         seeing.lock().unwrap_or_else(PoisonError::into_inner).look(tick, turned);
     };
     let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
+    if scenario.pace == Pace::RealTime && recorder.is_on() {
+        let (will, pressed) = (outer.subscribe(), Arc::clone(&switches.emergency));
+        words = recording::follow(will, pressed, words, clock.clone(), recorder.clone());
+    }
     let limit = u64::from(scenario.real_time.missed_limit);
     let synchronised: Vec<bool>;
     let driver = match scenario.pace {

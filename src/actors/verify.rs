@@ -2,13 +2,14 @@
 //!
 //! - virtual clock: MP, ECPs, EDPs, VSPs and servos run again; inputs are the port's readings, the sensors' answers and
 //!   the operator's words, outputs are orders, drives and states of each servo period
-//! - wall clock: the servos run again; the orders are inputs, since threads decided when they came
+//! - wall clock: the servos run again; the orders, and what came from outside (missed periods, stops), are inputs, since
+//!   threads decided when they came
 
 use super::supervisor::{Around, RunOptions, not_created, run_with};
 use crate::error::Error;
 use crate::hw::driver::ServoRecord;
 use crate::record::playback::{Divergence, Playback};
-use crate::record::reading::{Label, Unreadable};
+use crate::record::reading::Unreadable;
 use crate::record::tick::{Difference, Tick};
 use crate::scenario::Scenario;
 use crate::scenario::keys::Pace;
@@ -75,9 +76,9 @@ pub enum Unverified {
 /// [`Unverified`].
 pub fn verify(path: &Path, scenario: &Scenario, attended: bool) -> Result<Verified, Unverified> {
     let arms = scenario.controller.cell.arms.iter().map(|arm| arm.name.clone()).collect();
-    let (playback, label) = Playback::open(path, arms)?;
+    let (playback, _) = Playback::open(path, arms)?;
     let mut verified = match scenario.pace {
-        Pace::RealTime => servos(&playback, scenario, &label)?,
+        Pace::RealTime => servos(&playback, scenario)?,
         Pace::Virtual => controller(&playback, scenario, attended),
     };
     // Known only now that it was read to its end.
@@ -115,32 +116,8 @@ fn controller(playback: &Playback, scenario: &Scenario, attended: bool) -> Verif
     Verified { compared, rest, divergence, whole_controller: true, ended, cut: None }
 }
 
-/// How the faults begin that come from outside the servo's own inputs, by [`ArmFault`](crate::motion::ArmFault)'s words.
-const OUTSIDE: [&str; 4] = [
-    "emergency stop",
-    "no heart beat of the actors",
-    "the servo missed",
-    "no reading from the bridge",
-];
-
-/// How an arm says that it was braked or held back from outside, by [`MoveRefused`](crate::motion::MoveRefused)'s words.
-const BRAKED: [&str; 3] =
-    ["the motion was broken off", "the arm is held back", "the arms are being stopped"];
-
-/// Why a servo did what its own inputs do not make it do, if the recording says so.
-fn from_outside<'a>(recorded: &'a Tick, now: &Tick) -> Option<&'a str> {
-    let begins = |text: &str, words: &[&str]| words.iter().any(|w| text.starts_with(w));
-    if now.fault.is_empty() && begins(&recorded.fault, &OUTSIDE) {
-        Some(&recorded.fault)
-    } else if now.refused != recorded.refused && begins(&recorded.refused, &BRAKED) {
-        Some(&recorded.refused)
-    } else {
-        None
-    }
-}
-
 /// The servos alone, fed with recorded readings and orders.
-fn servos(playback: &Playback, scenario: &Scenario, label: &Label) -> Result<Verified, Error> {
+fn servos(playback: &Playback, scenario: &Scenario) -> Result<Verified, Error> {
     let config = &scenario.controller;
     let length = Length::of_seconds(scenario.real_time.period);
     let configs = config.cell.arms.iter().zip(&config.effectors).map(|(arm, effector)| {
@@ -151,11 +128,6 @@ fn servos(playback: &Playback, scenario: &Scenario, label: &Label) -> Result<Ver
     let mut verified = Verified::default();
     while let Some(recorded) = playback.tick() {
         let index = usize::from(recorded.arm);
-        // One arm's fault makes the other one stand by, in the same period if it comes later in it.
-        let faulty = |(i, (_, servo, _)): (usize, &(_, Option<ArmServo>, _))| {
-            i != index && servo.as_ref().is_some_and(|servo| servo.fault().is_some())
-        };
-        let stopped = servos.iter().enumerate().any(faulty);
         let Some((config, servo, last)) = servos.get_mut(index) else {
             return Err(not_created("servo", "the recording has more arms than its scenario"));
         };
@@ -169,78 +141,30 @@ fn servos(playback: &Playback, scenario: &Scenario, label: &Label) -> Result<Ver
             break;
         }
         *last = recorded.period;
+        let outside = recorded.outside().map_err(|text| not_created("servo", &text))?;
         let order = recorded.order().map_err(|text| not_created("servo", &text))?;
         // The servo is created from readings that were taken before the first period; they are the same, but for the
         // force sensor's noise, which counts for nothing before the first order.
         let servo = servo.get_or_insert_with(|| ArmServo::new(config.clone(), &recorded.reading));
-        servo.stand_by(recorded.period, stopped);
+        servo.heed(recorded.period, &outside);
         let (drive, state) = servo.step(recorded.period, &recorded.reading, order.as_ref());
         let record = ServoRecord {
             period: recorded.period,
             arm: recorded.arm,
             reading: recorded.reading,
+            outside,
             command: order,
             drive,
             state,
         };
         let now = Tick::of(&record);
         if let Some(what) = recorded.difference(&now) {
-            if let Some(why) = from_outside(&recorded, &now) {
-                verified.ended = Some(format!(
-                    "from period {} on the arms were stopped from outside ({why})",
-                    recorded.period
-                ));
-                verified.rest = 1;
-            } else {
-                let divergence = Divergence { period: recorded.period, who: who.clone(), what };
-                verified.divergence = Some(divergence);
-                let missed = label.of("timing", "missed");
-                if !matches!(missed, "" | "0") {
-                    verified.ended = Some(format!(
-                        "the servo missed {missed} periods of this run, which the recording counts and does not place"
-                    ));
-                }
-            }
+            let divergence = Divergence { period: recorded.period, who: who.clone(), what };
+            verified.divergence = Some(divergence);
             break;
         }
         verified.compared += 1;
     }
     verified.rest += playback.rest();
     Ok(verified)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::motion::{ArmFault, MoveRefused};
-
-    #[test]
-    fn only_what_comes_from_outside_a_servo_excuses_a_fault_that_does_not_come_again() {
-        let outside = |fault: ArmFault| {
-            let text = fault.to_string();
-            OUTSIDE.iter().any(|words| text.starts_with(words))
-        };
-
-        for fault in [
-            ArmFault::EmergencyStop,
-            ArmFault::HeartBeat { seconds: 0.5 },
-            ArmFault::Missed { periods: 50 },
-            ArmFault::BridgeSilent { periods: 10 },
-        ] {
-            assert!(outside(fault), "{fault}");
-        }
-        for refused in
-            [MoveRefused::BrokenOff, MoveRefused::HeldBack, MoveRefused::Stopping { periods: 20 }]
-        {
-            let text = refused.to_string();
-            assert!(BRAKED.iter().any(|words| text.starts_with(words)), "{text}");
-        }
-        for fault in [
-            ArmFault::OverCurrent { axis: 1, amperes: 9.0 },
-            ArmFault::Following { axis: 1, error: 0.1 },
-            ArmFault::EncoderFrozen { axis: 1, wanted: 0.1 },
-        ] {
-            assert!(!outside(fault), "{fault}");
-        }
-    }
 }

@@ -349,7 +349,10 @@ impl Port for World {
     }
 
     fn held_up(&mut self) -> HeldUp {
-        std::mem::take(&mut self.held_up)
+        match &mut self.kind {
+            Kind::Recording(playback) => playback.held_up(),
+            Kind::Plant { .. } | Kind::Bridge(_) => std::mem::take(&mut self.held_up),
+        }
     }
 }
 

@@ -24,10 +24,10 @@ Examples:
   rubik-robot replay run.mcap --verify
 --verify: on the virtual clock the whole controller runs again on the recorded readings of the port, answers of the sensors and
 words of the operator; each order and each drive of each servo period must come out the same, to the bit. Of a run under
-the wall clock the servos run again, on the recorded readings and orders: when an actor's order reached its servo
-depended on threads, so the orders themselves are inputs there.
+the wall clock the servos run again, on the recorded readings, orders, missed periods and stops: when an actor's order
+reached its servo depended on threads, so the orders themselves are inputs there.
 Exit code 0 when all that was compared is the same, and it says when that is not all (a recording that is cut off or has
-gaps, an arm stopped from outside), 1 when something differs, 2 when the recording cannot be used or nothing was compared.")]
+gaps), 1 when something differs, 2 when the recording cannot be used or nothing was compared.")]
 pub(super) struct ReplayArgs {
     /// The recording
     recording: PathBuf,
@@ -103,6 +103,7 @@ fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
         for (time, words) in show.told() {
             complain(&format!("{time:9.2} s  {words}"));
         }
+        complain(&show.ending());
         return Ok(0);
     }
     let stop = Arc::new(AtomicBool::new(false));

@@ -231,21 +231,7 @@ fn told(
         }
         Err(error) => {
             complain(&error.to_string());
-            let ended_by = match error {
-                Error::NonFatal { cause: NonFatal::Terminated, .. } => EndedBy::Operator,
-                Error::NonFatal { cause: NonFatal::Interrupted, .. } => EndedBy::Interrupt,
-                Error::NonFatal { .. } => EndedBy::Task,
-                Error::Fatal { .. } => EndedBy::Fatal,
-                Error::System { .. } => EndedBy::System,
-            };
-            let truth = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
-            let summary = Summary::not_started(
-                scenario.controller.task.word(),
-                scenario.seed,
-                truth.as_deref(),
-                &error.to_string(),
-                ended_by,
-            );
+            let summary = actors::not_begun(scenario, &error);
             if args.json {
                 output.line(&summary.json())?;
             }

@@ -8,7 +8,7 @@ use super::reading::{End, Label, Message, Piece, Reading, Unreadable, open};
 use super::sensed::{Found, Sensed};
 use super::tick::{Difference, Tick};
 use crate::hw::driver::{RecordSink, ServoRecord};
-use crate::hw::port::{Port, PortFault};
+use crate::hw::port::{HeldUp, Port, PortFault};
 use crate::servo::io::{ArmDrive, ArmReading};
 use std::collections::VecDeque;
 use std::path::Path;
@@ -229,6 +229,13 @@ impl Port for Playback {
             *reading = tick.reading;
         }
         Ok(())
+    }
+
+    /// What the servo missed before the next period, it misses again.
+    fn held_up(&mut self) -> HeldUp {
+        let state = self.state();
+        let next = state.ahead.front().and_then(|tick| tick.outside().ok());
+        HeldUp { periods: next.map_or(0, |outside| outside.skipped), jump: 0.0 }
     }
 }
 

@@ -145,6 +145,7 @@ struct Counts {
     lost: AtomicU64,
     pictures: AtomicU64,
     over: AtomicBool,
+    latest: AtomicU64,
 }
 
 /// The servo's end: a ring.
@@ -214,6 +215,12 @@ impl Recorder {
         self.0.is_some()
     }
 
+    /// The latest period of which anything was noted, beside the servo's records.
+    #[must_use]
+    pub fn latest(&self) -> u64 {
+        self.0.as_ref().map_or(0, |shared| shared.counts.latest.load(Ordering::Relaxed))
+    }
+
     /// Notes something at the beginning of a period of 2 ms.
     pub fn note(&self, period: u64, entry: impl FnOnce() -> Entry) {
         self.note_some(period, || Some(entry()));
@@ -223,6 +230,7 @@ impl Recorder {
     pub fn note_some(&self, period: u64, entry: impl FnOnce() -> Option<Entry>) {
         let Some(shared) = &self.0 else { return };
         let Some(entry) = entry() else { return };
+        shared.counts.latest.fetch_max(period, Ordering::Relaxed);
         let picture = matches!(entry, Entry::Picture(..));
         if picture {
             let waiting = &shared.counts.pictures;

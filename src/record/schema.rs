@@ -181,7 +181,8 @@ uint8 arm
 int64[7] counts
 int64 jaw_count
 float64[8] currents
-uint8 limit_switches
+uint8 upper_limits
+uint8 lower_limits
 uint8 over_currents
 uint8 power_faults
 uint8 sync_switches
@@ -190,6 +191,8 @@ uint8 synchronised
 # Axes of which nothing was read: their counters are carried on.
 uint8 guessed
 float64[6] wrench_on_sensor
+# From outside, before the period: grid points that passed without one, a stop and why, as JSON; empty when nothing.
+string outside
 # Ordered by the EDP in this period, as JSON; empty when nothing was.
 string command
 # Told to the drives.
@@ -208,7 +211,7 @@ float64 jaw_opening
 float64 jaw_force
 string refused
 string fault
-# Over everything above and the poses that follow from it.
+# Over what was read, ordered, told and known, and the poses that follow from it.
 uint64 check
 ";
 

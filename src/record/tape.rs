@@ -55,7 +55,7 @@ impl Tape {
 mod tests {
     use super::*;
     use crate::motion::ArmState;
-    use crate::servo::io::{ArmDrive, ArmReading};
+    use crate::servo::io::{ArmDrive, ArmReading, Outside};
 
     #[test]
     fn one_increment_of_one_record_changes_the_hash() {
@@ -68,6 +68,7 @@ mod tests {
             period: 1,
             arm: 0,
             reading: ArmReading::default(),
+            outside: Outside::default(),
             command: None,
             drive: ArmDrive::OFF,
             state: ArmState::default(),

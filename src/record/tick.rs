@@ -7,7 +7,7 @@ use super::cdr::{Malformed, Reader, Writer};
 use crate::hw::driver::ServoRecord;
 use crate::motion::Depth;
 use crate::servo::ServoCommand;
-use crate::servo::io::{ArmDrive, ArmReading};
+use crate::servo::io::{ArmDrive, ArmReading, Outside};
 use crate::spatial::Wrench;
 use std::fmt::Debug;
 use std::hash::{DefaultHasher, Hasher};
@@ -21,6 +21,8 @@ pub struct Tick {
     pub arm: u8,
     /// What was read.
     pub reading: ArmReading,
+    /// What came from outside, as JSON; empty when nothing.
+    pub outside: String,
     /// What the EDP ordered, as JSON; empty when nothing.
     pub command: String,
     /// What the drives were told.
@@ -66,7 +68,8 @@ pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
     to.i64(reading.jaw_count);
     to.f64s(&reading.currents);
     for bits in [
-        reading.limit_switches,
+        reading.upper_limits,
+        reading.lower_limits,
         reading.over_currents,
         reading.power_faults,
         reading.sync_switches,
@@ -77,6 +80,7 @@ pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
         to.u8(bits);
     }
     to.f64s(&reading.wrench_on_sensor.directions());
+    to.string(&outside_text(&record.outside));
     to.string(&command_text(record.command.as_ref()));
     to.bool(drive.enabled);
     for pwm in drive.pwm {
@@ -98,6 +102,13 @@ pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
 
 fn command_text(command: Option<&ServoCommand>) -> String {
     command.map_or_else(String::new, |c| serde_json::to_string(c).unwrap_or_default())
+}
+
+fn outside_text(outside: &Outside) -> String {
+    if *outside == Outside::default() {
+        return String::new();
+    }
+    serde_json::to_string(outside).unwrap_or_default()
 }
 
 fn depth_number(depth: Depth) -> u8 {
@@ -130,7 +141,8 @@ impl Tick {
         reading.jaw_count = from.i64()?;
         reading.currents = from.f64s()?;
         for bits in [
-            &mut reading.limit_switches,
+            &mut reading.upper_limits,
+            &mut reading.lower_limits,
             &mut reading.over_currents,
             &mut reading.power_faults,
             &mut reading.sync_switches,
@@ -141,6 +153,7 @@ impl Tick {
             *bits = from.u8()?;
         }
         reading.wrench_on_sensor = Wrench::from_directions(from.f64s()?);
+        let outside = from.string()?.to_owned();
         let command = from.string()?.to_owned();
         let mut drive = ArmDrive { enabled: from.bool()?, ..ArmDrive::OFF };
         for pwm in &mut drive.pwm {
@@ -158,6 +171,7 @@ impl Tick {
             period,
             arm,
             reading,
+            outside,
             command,
             drive,
             joints: from.f64s()?,
@@ -179,6 +193,7 @@ impl Tick {
             period: record.period,
             arm: record.arm,
             reading: record.reading,
+            outside: outside_text(&record.outside),
             command: command_text(record.command.as_ref()),
             drive: record.drive,
             joints: state.joints.0,
@@ -192,6 +207,17 @@ impl Tick {
         }
     }
 
+    /// What came from outside before this period.
+    ///
+    /// # Errors
+    /// What the recording holds instead.
+    pub fn outside(&self) -> Result<Outside, String> {
+        if self.outside.is_empty() {
+            return Ok(Outside::default());
+        }
+        serde_json::from_str(&self.outside).map_err(|_| self.outside.clone())
+    }
+
     /// What the EDP ordered in this period.
     ///
     /// # Errors
@@ -203,8 +229,8 @@ impl Tick {
         serde_json::from_str(&self.command).map(Some).map_err(|_| self.command.clone())
     }
 
-    /// The first field, in the message's order, in which what comes out now is not what was recorded: orders, drives,
-    /// then what the servo knew. Numbers are compared by their bits.
+    /// The first field, in the message's order, in which what comes out now is not what was recorded: what came from
+    /// outside, orders, drives, then what the servo knew. Numbers are compared by their bits.
     #[must_use]
     pub fn difference(&self, now: &Self) -> Option<Difference> {
         let bits = f64::to_bits;
@@ -213,7 +239,8 @@ impl Tick {
         each("counts", &a.counts, &b.counts, |x, y| x == y)
             .or_else(|| one("jaw_count", &a.jaw_count, &b.jaw_count))
             .or_else(|| each("currents", &a.currents, &b.currents, |x, y| bits(*x) == bits(*y)))
-            .or_else(|| one("limit_switches", &a.limit_switches, &b.limit_switches))
+            .or_else(|| one("upper_limits", &a.upper_limits, &b.upper_limits))
+            .or_else(|| one("lower_limits", &a.lower_limits, &b.lower_limits))
             .or_else(|| one("over_currents", &a.over_currents, &b.over_currents))
             .or_else(|| one("power_faults", &a.power_faults, &b.power_faults))
             .or_else(|| one("sync_switches", &a.sync_switches, &b.sync_switches))
@@ -224,6 +251,7 @@ impl Tick {
                 let (a, b) = (wrench(&a.wrench_on_sensor), wrench(&b.wrench_on_sensor));
                 each("wrench_on_sensor", &a, &b, |x, y| bits(*x) == bits(*y))
             })
+            .or_else(|| one("outside", &self.outside, &now.outside))
             .or_else(|| order_difference(&self.command, &now.command))
             .or_else(|| one("enabled", &self.drive.enabled, &now.drive.enabled))
             .or_else(|| each("pwm", &self.drive.pwm, &now.drive.pwm, |x, y| x == y))
@@ -326,6 +354,7 @@ mod tests {
             period: 77,
             arm: 1,
             reading,
+            outside: Outside { skipped: 3, stands_by: true, ..Outside::default() },
             command: Some(ServoCommand::Move { command, start: 78 }),
             drive: ArmDrive { enabled: true, pwm: [-255; 7], stops: Depth::Two, ..ArmDrive::OFF },
             state: ArmState { jaw_force: 1.0 / 3.0, ..ArmState::default() },
@@ -343,6 +372,7 @@ mod tests {
         let tick = recorded(&record());
 
         assert_eq!(tick.difference(&Tick::of(&record())), None);
+        assert_eq!(tick.outside().unwrap(), record().outside);
         assert_eq!(tick.order().unwrap(), record().command);
         assert!(tick.reading.wrench_on_sensor.force.x.is_nan());
     }

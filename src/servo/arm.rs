@@ -1,7 +1,7 @@
 //! A whole 2 ms period of one arm.
 
 use super::homing::{Homing, HomingStep};
-use super::io::{ArmDrive, ArmReading, JAW};
+use super::io::{ArmDrive, ArmReading, JAW, Outside};
 use super::jaw::Jaw;
 use super::path::{Path, SetValues, check_end};
 use super::regulator::Regulator;
@@ -153,6 +153,20 @@ impl ArmServo {
         self.steps = std::array::from_fn(|i| self.set.motors.0[i] - before.0[i]);
         self.homing_step = self.homing_step.filter(|_| self.fault.is_none());
         (self.drive(reading), self.state(period, reading, &measured))
+    }
+
+    /// Heeds what comes from outside, before [`ArmServo::step`] of the same period.
+    pub fn heed(&mut self, period: u64, outside: &Outside) {
+        if outside.skipped > 0 {
+            self.skipped(outside.skipped);
+        }
+        if let Some(why) = outside.brake {
+            self.brake_for(period, why);
+        }
+        if let Some(fault) = outside.trip {
+            self.trip(period, fault);
+        }
+        self.stand_by(period, outside.stands_by);
     }
 
     /// Stops the arm until [`ServoCommand::Reset`]: drives off, brakes on. The first fault stays.
@@ -381,7 +395,7 @@ impl ArmServo {
         let model = &self.config.model;
         let seconds = periods as f64 * self.config.period.seconds();
         let allowed = check_end(&command.motion, seconds, &self.set, model, &self.flange_from_tool)
-            .and_then(|()| command.jaw.map_or(Ok(()), |jaw| self.jaw.check(&jaw)));
+            .and_then(|()| command.jaw.map_or(Ok(()), |jaw| self.jaw.check(&jaw, seconds)));
         if let Err(refused) = allowed {
             self.refuse(period, refused);
             return;

@@ -116,7 +116,8 @@ impl Homing {
                 0.0
             }
             Phase::Coarse => {
-                let at_limit = reading.limit_switches & bit != 0;
+                // It may have been left standing on its upper one.
+                let at_limit = reading.lower_limits & bit != 0;
                 if at_limit || self.travelled.abs() > LONGEST {
                     let travelled = self.travelled.abs();
                     return Err(ArmFault::SwitchExpected { axis, travelled });
@@ -143,7 +144,7 @@ impl Homing {
             Phase::Leave => {
                 if pressed == Some(false) {
                     self.enter(Phase::Zero);
-                } else if self.travelled > LONGEST || reading.limit_switches & bit != 0 {
+                } else if self.travelled > LONGEST || reading.upper_limits & bit != 0 {
                     return Err(ArmFault::ZeroExpected { axis, travelled: self.travelled });
                 }
                 fine
@@ -237,7 +238,8 @@ mod tests {
             for _ in 0..100_000 {
                 let reading = ArmReading {
                     sync_switches: u8::from((self.cam.0..self.cam.1).contains(&self.at)) << 4,
-                    limit_switches: u8::from(!(-60.0..100.0).contains(&self.at)) << 4,
+                    lower_limits: u8::from(self.at < -60.0) << 4,
+                    upper_limits: u8::from(self.at >= 100.0) << 4,
                     synchronised: self.synchronised,
                     ..ArmReading::default()
                 };
@@ -257,7 +259,7 @@ mod tests {
 
     #[test]
     fn an_axis_ends_just_behind_the_zero_that_follows_the_switch() {
-        for start in [70.0, 0.2, -20.0] {
+        for start in [120.0, 70.0, 0.2, -20.0] {
             let mut axis = Axis::new(start);
 
             axis.home().unwrap();

@@ -1,6 +1,6 @@
 //! What crosses the bridge in each period: readings of an arm's hardware in, set values of its drives out.
 
-use crate::motion::{AXES, Depth};
+use crate::motion::{AXES, ArmFault, Depth, MoveRefused};
 use crate::spatial::Wrench;
 use serde::{Deserialize, Serialize};
 
@@ -37,6 +37,20 @@ impl ArmDrive {
     };
 }
 
+/// What reaches an arm's servo beside its readings and orders, at the beginning of a period: with these three its
+/// drives follow to the bit.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Outside {
+    /// Grid points that passed without a period since the last one.
+    pub skipped: u64,
+    /// The arm is brought to a stand, and why.
+    pub brake: Option<MoveRefused>,
+    /// The arm stops, and why.
+    pub trip: Option<ArmFault>,
+    /// Another arm is stopped by a fault, or an actor is gone.
+    pub stands_by: bool,
+}
+
 /// Readings of one arm in one period.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ArmReading {
@@ -47,8 +61,11 @@ pub struct ArmReading {
     pub jaw_count: i64,
     /// Motor currents, the jaw's last [A].
     pub currents: [f64; AXES + 1],
-    /// Bit i, here and below, is that of axis i; the jaw's is [`JAW`]: limit switch of axis i is hit.
-    pub limit_switches: u8,
+    /// Bit i, here and below, is that of axis i; the jaw's is [`JAW`]: the limit switch of axis i is hit at the end
+    /// to which its counter grows.
+    pub upper_limits: u8,
+    /// Bit i: the one at the other end.
+    pub lower_limits: u8,
     /// Bit i: power stage of axis i reports over-current.
     pub over_currents: u8,
     /// Bit i: power stage of axis i reports a fault of its own, or has no power.
@@ -78,7 +95,8 @@ impl Default for ArmReading {
             counts: [0; AXES],
             jaw_count: 0,
             currents: [0.0; AXES + 1],
-            limit_switches: 0,
+            upper_limits: 0,
+            lower_limits: 0,
             over_currents: 0,
             power_faults: 0,
             sync_switches: 0,

@@ -9,6 +9,9 @@ use crate::cell::Gripper;
 use crate::motion::{AXES, Depth, JawCommand, MoveRefused};
 use std::f64::consts::TAU;
 
+/// Speed of the set value that is still taken [rad/s of the motor]: the original's limit, 20 rad in 2 ms.
+const FASTEST: f64 = 1e4;
+
 /// The jaw of one gripper.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Jaw {
@@ -66,11 +69,12 @@ impl Jaw {
         amperes / self.gripper.amperes_per_newton
     }
 
-    /// Whether a command can be carried out.
+    /// Whether a command can be carried out in so many seconds.
     ///
     /// # Errors
-    /// [`MoveRefused::JointLimit`] of axis 7 for an opening beyond the stroke; [`MoveRefused::NotANumber`].
-    pub fn check(&self, command: &JawCommand) -> Result<(), MoveRefused> {
+    /// [`MoveRefused::JointLimit`] of axis 7 for an opening beyond the stroke; [`MoveRefused::TooFast`] for one too far
+    /// away; [`MoveRefused::NotANumber`].
+    pub fn check(&self, command: &JawCommand, seconds: f64) -> Result<(), MoveRefused> {
         let (low, high) = self.gripper.opening;
         let value = command.opening;
         if !(value.is_finite() && command.force_limit.is_finite()) {
@@ -78,6 +82,11 @@ impl Jaw {
         }
         if !(low..=high).contains(&value) {
             return Err(MoveRefused::JointLimit { axis: AXES, value, low, high });
+        }
+        let increments = (self.increments_of(value) - self.set_increments).abs();
+        let rate = increments * TAU / self.gripper.increments / seconds;
+        if rate > FASTEST {
+            return Err(MoveRefused::TooFast { axis: AXES, rate, limit: FASTEST });
         }
         Ok(())
     }
@@ -208,11 +217,23 @@ mod tests {
     fn an_opening_beyond_the_stroke_is_refused() {
         let command = |opening| JawCommand { opening, force_limit: 30.0, stops: Depth::One };
 
-        assert_eq!(jaw(0).check(&command(0.0571)), Ok(()));
+        assert_eq!(jaw(0).check(&command(0.0571), 1.0), Ok(()));
         assert!(matches!(
-            jaw(0).check(&command(0.050)),
+            jaw(0).check(&command(0.050), 1.0),
             Err(MoveRefused::JointLimit { axis: 7, value: 0.050, .. })
         ));
-        assert_eq!(jaw(0).check(&command(f64::NAN)), Err(MoveRefused::NotANumber));
+        assert_eq!(jaw(0).check(&command(f64::NAN), 1.0), Err(MoveRefused::NotANumber));
+    }
+
+    #[test]
+    fn a_jaw_is_not_told_to_jump() {
+        let command = |opening| JawCommand { opening, force_limit: 30.0, stops: Depth::One };
+        let way = (jaw(0).increments_of(0.060) * TAU / 128.0).abs();
+
+        assert_eq!(jaw(0).check(&command(0.060), way / 9_900.0), Ok(()));
+        assert!(matches!(
+            jaw(0).check(&command(0.060), way / 10_100.0),
+            Err(MoveRefused::TooFast { axis: 7, .. })
+        ));
     }
 }

@@ -25,6 +25,10 @@ pub struct Watch {
     holds: [u32; AXES],
     /// Periods since the counter was last read.
     periods: [u64; AXES],
+    /// Periods since the beginning or the last reset, up to [`Watch::SETTLES`].
+    age: u32,
+    /// Limit switches, upper and lower, on which axes stood then: they may leave them.
+    stood_on: (u8, u8),
 }
 
 impl Watch {
@@ -46,6 +50,8 @@ impl Watch {
     /// How much faster than told a motor may be, and by how much time two readings may be further apart than told [s].
     const FASTER: f64 = 1.3;
     const OFF: f64 = 0.002;
+    /// Periods after a reset in which switches come to be known: lines tell of them after they have read them twice.
+    const SETTLES: u32 = 5;
 
     /// At rest.
     #[must_use]
@@ -66,6 +72,8 @@ impl Watch {
             jump: Self::JUMP * period.ratio().max(1.0),
             holds: [0; AXES],
             periods: [0; AXES],
+            age: 0,
+            stood_on: (0, 0),
         }
     }
 
@@ -76,6 +84,7 @@ impl Watch {
         self.wanted = [0.0; AXES];
         self.last_counts = counts;
         self.periods = [0; AXES];
+        (self.age, self.stood_on) = (0, (0, 0));
     }
 
     /// So many periods were missed before the next reading.
@@ -144,7 +153,7 @@ impl Watch {
             }
         }
         let first = |bits: u8| (bits != 0).then(|| bits.trailing_zeros() as usize);
-        if let Some(axis) = first(reading.limit_switches) {
+        if let Some(axis) = first(self.hit(reading, steps)) {
             let motor = measured.0.get(axis).copied().unwrap_or_default();
             fault = Some(ArmFault::LimitSwitch { axis, motor });
         }
@@ -155,5 +164,20 @@ impl Watch {
             fault = Some(ArmFault::OverCurrent { axis, amperes: reading.currents[axis] });
         }
         fault
+    }
+
+    /// Bits of the axes that have run onto a limit switch, or go on into one on which they stood.
+    fn hit(&mut self, reading: &ArmReading, steps: &[f64; AXES]) -> u8 {
+        let (upper, lower) = (reading.upper_limits, reading.lower_limits);
+        if self.age < Self::SETTLES {
+            self.age += 1;
+            self.stood_on = (self.stood_on.0 | upper, self.stood_on.1 | lower);
+        }
+        let going =
+            |is: fn(f64) -> bool| (0..AXES).fold(0, |bits, i| bits | u8::from(is(steps[i])) << i);
+        let (up, down) = (going(|step| step > 0.0), going(|step| step < 0.0));
+        // Once left, a switch is like any other.
+        self.stood_on = (self.stood_on.0 & upper & !up, self.stood_on.1 & lower & !down);
+        upper & !self.stood_on.0 | lower & !self.stood_on.1
     }
 }

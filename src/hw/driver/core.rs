@@ -4,7 +4,7 @@ use super::link::ServoEnd;
 use super::record::{RecordSink, ServoRecord};
 use crate::hw::port::{Port, PortFault};
 use crate::motion::{ArmFault, MoveRefused};
-use crate::servo::io::{ArmDrive, ArmReading};
+use crate::servo::io::{ArmDrive, ArmReading, Outside};
 use crate::servo::period::Length;
 use crate::servo::{ArmServo, ServoCommand, ServoConfig};
 use std::sync::Arc;
@@ -74,6 +74,8 @@ pub struct Core {
     records: Box<dyn RecordSink>,
     last_beat: u64,
     last_beat_period: u64,
+    /// What all arms heed in the next period.
+    outside: Outside,
     /// When the arms stop, and why.
     stopping: Option<(u64, ArmFault)>,
     length: Length,
@@ -120,6 +122,7 @@ impl Core {
             records,
             last_beat: 0,
             last_beat_period: 0,
+            outside: Outside::default(),
             stopping: None,
             length,
         })
@@ -139,12 +142,15 @@ impl Core {
     pub fn compute(&mut self, period: u64) -> &[ArmDrive] {
         let pressed = self.heed_switches(period);
         let held = self.switches.hold.load(Ordering::Acquire);
+        let outside = std::mem::take(&mut self.outside);
         for arm in 0..self.servos.len() {
             // Below the actors: what joins the arms may be in both hands, and no message is faster than a period.
-            let stopped = held
-                || (0..self.servos.len()).any(|i| i != arm && self.servos[i].fault().is_some());
+            let is_stopped = |servo: &ArmServo| outside.trip.is_some() || servo.fault().is_some();
+            let stands_by =
+                held || (0..self.servos.len()).any(|i| i != arm && is_stopped(&self.servos[i]));
+            let outside = Outside { stands_by, ..outside };
             let servo = &mut self.servos[arm];
-            servo.stand_by(period, stopped);
+            servo.heed(period, &outside);
             let reading = self.readings[arm];
             let command = self.ends[arm].take();
             // A reset must not undo the stop while the button is still pressed.
@@ -152,40 +158,28 @@ impl Core {
             let (drive, state) = servo.step(period, &reading, command.as_ref());
             self.drives[arm] = drive;
             self.ends[arm].publish(&state);
-            let record = ServoRecord { period, arm: arm as u8, reading, command, drive, state };
+            let arm = arm as u8;
+            let record = ServoRecord { period, arm, reading, outside, command, drive, state };
             self.records.record(&record);
         }
         &self.drives
     }
 
-    /// Stops all arms until they are reset.
-    pub fn trip(&mut self, period: u64, fault: ArmFault) {
-        for servo in &mut self.servos {
-            servo.trip(period, fault);
-        }
+    /// Stops all arms in the next period until they are reset.
+    pub fn trip(&mut self, fault: ArmFault) {
+        self.outside.trip.get_or_insert(fault);
     }
 
     /// Grid points have passed without a period: the arms went on meanwhile, under their last drives.
     pub fn skipped(&mut self, missed: u64) {
-        for servo in &mut self.servos {
-            servo.skipped(missed);
-        }
+        self.outside.skipped += missed;
     }
 
     /// So many periods were missed that all arms are brought to a stand, and stopped there 0.2 s later.
     pub fn stop(&mut self, period: u64, periods: u64) {
         let fault = ArmFault::Missed { periods };
-        for servo in &mut self.servos {
-            servo.brake_for(period, MoveRefused::Stopping { periods });
-        }
+        self.outside.brake.get_or_insert(MoveRefused::Stopping { periods });
         let _ = self.stopping.get_or_insert((period + Self::STAND / self.length.nanos(), fault));
-    }
-
-    /// Brings all arms to a stand; they hold there.
-    pub fn brake(&mut self, period: u64) {
-        for servo in &mut self.servos {
-            servo.brake(period);
-        }
     }
 
     /// Arms that know where they are, in the order of effectors.
@@ -226,13 +220,13 @@ impl Core {
     fn heed_switches(&mut self, period: u64) -> bool {
         let pressed = self.switches.emergency.load(Ordering::Acquire);
         if pressed {
-            self.trip(period, ArmFault::EmergencyStop);
+            self.trip(ArmFault::EmergencyStop);
         }
         if let Some((at, fault)) = self.stopping
             && period >= at
         {
             self.stopping = None;
-            self.trip(period, fault);
+            self.trip(fault);
         }
         let beat = self.switches.beats.load(Ordering::Relaxed);
         if beat != self.last_beat || beat == 0 {
@@ -240,9 +234,9 @@ impl Core {
         } else {
             let silence = (period - self.last_beat_period) * self.length.nanos();
             if silence > Self::SILENCE.1 {
-                self.trip(period, ArmFault::HeartBeat { seconds: silence as f64 * 1e-9 });
+                self.trip(ArmFault::HeartBeat { seconds: silence as f64 * 1e-9 });
             } else if silence > Self::SILENCE.0 {
-                self.brake(period);
+                self.outside.brake.get_or_insert(MoveRefused::BrokenOff);
             }
         }
         pressed

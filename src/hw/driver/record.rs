@@ -2,7 +2,7 @@
 
 use crate::motion::{ArmState, Depth, Direction, Frame, Motion};
 use crate::servo::ServoCommand;
-use crate::servo::io::{ArmDrive, ArmReading};
+use crate::servo::io::{ArmDrive, ArmReading, Outside};
 use crate::spatial::{Pose, Wrench};
 
 /// One arm in one period. Fixed size, no pointers.
@@ -14,6 +14,8 @@ pub struct ServoRecord {
     pub arm: u8,
     /// What was read at its beginning.
     pub reading: ArmReading,
+    /// What came from outside; not part of the hash, since what it makes the servo do is.
+    pub outside: Outside,
     /// What was commanded.
     pub command: Option<ServoCommand>,
     /// What the drives were told.
@@ -94,7 +96,8 @@ impl Bytes<'_> {
         self.int(reading.jaw_count as u64);
         self.floats(&reading.currents);
         let bits = [
-            reading.limit_switches,
+            reading.upper_limits,
+            reading.lower_limits,
             reading.over_currents,
             reading.power_faults,
             reading.sync_switches,

@@ -144,7 +144,7 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
         period += 1;
         let lost = port.fetch(period, core.readings_mut());
         if let Err(lost) = lost {
-            core.trip(period, ArmFault::BridgeSilent { periods: lost.periods });
+            core.trip(ArmFault::BridgeSilent { periods: lost.periods });
         }
         port.send(period, core.compute(period));
         let done = clock.now();

@@ -373,10 +373,9 @@ fn drive(controllers: &[AxisController; AXES + 1], has_track: bool) -> ArmDrive 
 fn status(reading: &ArmReading, axis: usize) -> Status {
     let bit = |bits: u8| bits >> axis & 1 == 1;
     let count = if axis == JAW { reading.jaw_count } else { reading.counts[axis] };
-    let limit = bit(reading.limit_switches);
     Status {
-        upper: limit && count >= 0,
-        lower: limit && count < 0,
+        upper: bit(reading.upper_limits),
+        lower: bit(reading.lower_limits),
         sync_switch: bit(reading.sync_switches),
         sync_zero: bit(reading.encoder_zeros),
         stage_fault: bit(reading.power_faults),

@@ -164,13 +164,12 @@ impl Card {
             axis.position = if i == JAW { reading.jaw_count } else { reading.counts[i] };
             let units = reading.currents[i].abs() * self.units_per_ampere[i];
             axis.current = units.round().clamp(0.0, 255.0) as u8;
-            let limit = bit(reading.limit_switches);
             axis.status = AxisStatus {
                 zero: bit(reading.encoder_zeros),
                 over_current: axis.status.over_current || bit(reading.over_currents),
                 sync_switch: bit(reading.sync_switches),
-                upper: limit && axis.position >= 0,
-                lower: limit && axis.position < 0,
+                upper: bit(reading.upper_limits),
+                lower: bit(reading.lower_limits),
                 synchronised: axis.status.synchronised,
                 power: i == self.power_axis && !bit(reading.power_faults),
             };

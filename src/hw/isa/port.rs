@@ -238,7 +238,8 @@ impl<R: Registers> Arm<R> {
             }
             let bit = |is: bool| u8::from(is) << axis;
             reading.currents[axis] = f64::from(units) / self.parts.units_per_ampere[axis];
-            reading.limit_switches |= bit(status.upper || status.lower);
+            reading.upper_limits |= bit(status.upper);
+            reading.lower_limits |= bit(status.lower);
             reading.over_currents |= bit(status.over_current);
             reading.sync_switches |= bit(status.sync_switch);
             reading.encoder_zeros |= bit(status.zero);

@@ -380,7 +380,8 @@ impl PlantArm {
 
     /// Encoders, currents and switches.
     pub(super) fn read(&mut self, drive: &ArmDrive, reading: &mut ArmReading) {
-        reading.limit_switches = 0;
+        reading.upper_limits = 0;
+        reading.lower_limits = 0;
         reading.over_currents = 0;
         reading.power_faults = 0;
         reading.sync_switches = 0;
@@ -401,8 +402,10 @@ impl PlantArm {
             reading.synchronised |= u8::from(report.synchronised) << j;
             reading.currents[j] = self.currents[j];
             let (low, high) = self.model.motor_limits[j];
-            if self.m[j] < low - SWITCH || self.m[j] > high + SWITCH {
-                reading.limit_switches |= bit;
+            if self.m[j] < low - SWITCH {
+                reading.lower_limits |= bit;
+            } else if self.m[j] > high + SWITCH {
+                reading.upper_limits |= bit;
             }
             if self.currents[j].abs() > self.dynamics.motors[j].trip_current {
                 reading.over_currents |= bit;

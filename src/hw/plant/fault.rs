@@ -389,7 +389,7 @@ impl Armed {
                 reading.over_currents |= 1 << axis;
                 reading.currents[axis.min(JAW)] = amperes;
             }
-            What::LimitSwitch { arm, axis } if arm == of => reading.limit_switches |= 1 << axis,
+            What::LimitSwitch { arm, axis } if arm == of => reading.upper_limits |= 1 << axis,
             What::ForceDropout { arm } if arm == of => force(reading, &|c| *c = [f64::NAN; 6]),
             What::ForceNan { arm, direction } if arm == of => {
                 force(reading, &|c| c[direction.min(5)] = f64::NAN);

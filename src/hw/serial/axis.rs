@@ -349,10 +349,10 @@ impl Axis {
         f64::from(self.status.current) * 1e-3
     }
 
-    /// Whether a limit switch is hit.
+    /// Whether the upper and the lower limit switch are hit.
     #[must_use]
-    pub fn at_limit(&self) -> bool {
-        self.upper.is || self.lower.is
+    pub fn at_limits(&self) -> (bool, bool) {
+        (self.upper.is, self.lower.is)
     }
 
     /// Whether the power stage reports over-current.
@@ -534,11 +534,11 @@ mod tests {
         let hit = Status { upper: true, over_current: true, ..at(5000) };
 
         after_a_period(&mut axis, Some(&hit.encode())).unwrap();
-        assert!(!axis.at_limit() && !axis.over_current());
+        assert!(axis.at_limits() == (false, false) && !axis.over_current());
         after_a_period(&mut axis, Some(&at(5000).encode())).unwrap();
         after_a_period(&mut axis, Some(&hit.encode())).unwrap();
         after_a_period(&mut axis, Some(&hit.encode())).unwrap();
-        assert!(axis.at_limit() && axis.over_current());
+        assert!(axis.at_limits() == (true, false) && axis.over_current());
     }
 
     #[test]

@@ -297,7 +297,8 @@ pub(crate) fn hand_over(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut 
         reading.sync_switches |= bit(axis.sync_switch());
         reading.encoder_zeros |= bit(axis.sync_zero());
         reading.synchronised &= !bit(!axis.synchronised());
-        reading.limit_switches |= bit(axis.at_limit());
+        reading.upper_limits |= bit(axis.at_limits().0);
+        reading.lower_limits |= bit(axis.at_limits().1);
         reading.guessed |= bit(axis.is_guessed());
         if index == AXES {
             reading.jaw_count = axis.count();
