@@ -5,6 +5,7 @@
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 fn robot(args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
@@ -227,4 +228,50 @@ fn a_soak_tells_memory_and_drift_at_each_tenth() {
     assert_eq!((&done["steady"], &done["drift_s"]), (&true.into(), &0.0.into()));
     assert_eq!((&done["runs"], &done["repeated"]), (&36.into(), &32.into()));
     assert!(done["tenths"][9]["resident_mib"].as_f64().unwrap() > 1.0);
+}
+
+/// The processes that one has started.
+fn children(of: u32) -> Vec<u32> {
+    let threads = std::fs::read_dir(format!("/proc/{of}/task")).unwrap();
+    let lists =
+        threads.filter_map(|t| std::fs::read_to_string(t.unwrap().path().join("children")).ok());
+    lists
+        .flat_map(|l| l.split_whitespace().map(|p| p.parse().unwrap()).collect::<Vec<_>>())
+        .collect()
+}
+
+/// Whether a process is there and has not ended.
+fn lives(process: u32) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
+    stat.rsplit(')').next().is_some_and(|rest| !rest.is_empty() && !rest.starts_with(" Z"))
+}
+
+#[test]
+fn a_killed_campaign_leaves_no_runs_behind() {
+    let mut campaign = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        .args(["campaign", "scenarios/idle.toml", "--runs", "2", "--jobs", "2"])
+        .args(["--set", "pace=real-time", "--set", "idle.time_s=60"])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut runs = Vec::new();
+    while runs.len() < 2 {
+        assert_eq!(campaign.try_wait().unwrap(), None, "it ended by itself");
+        std::thread::sleep(Duration::from_millis(20));
+        runs = children(campaign.id());
+    }
+    std::thread::sleep(Duration::from_millis(500));
+    assert!(runs.iter().all(|run| lives(*run)));
+
+    campaign.kill().unwrap();
+    campaign.wait().unwrap();
+
+    let begun = Instant::now();
+    while runs.iter().any(|run| lives(*run)) {
+        assert!(begun.elapsed() < Duration::from_secs(20), "{runs:?} go on alone");
+        std::thread::sleep(Duration::from_millis(20));
+    }
 }

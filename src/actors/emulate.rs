@@ -12,7 +12,6 @@ use crate::hw::plant::render::PlantCamera;
 use crate::hw::plant::{Plant, Verdict};
 use crate::motion::PERIOD;
 use crate::scenario::{Scenario, keys};
-use signal_hook::consts::{SIGINT, SIGTERM};
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -123,7 +122,7 @@ pub fn emulate(
     let places = Devices { camera: cameras, ..emulator.devices() };
     let _file = DeviceFile::write(devices, &places).map_err(failed)?;
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
+    for signal in super::interrupt::heard() {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(io)?;
     }
 

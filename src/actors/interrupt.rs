@@ -20,7 +20,8 @@ const SWITCHES_OFF: Duration = Duration::from_millis(300);
 const INTERRUPTED: i32 = 130;
 
 /// Those of [`SIGNALS`] that whoever started this program does not want ignored: `nohup` does.
-pub(super) fn heard() -> Vec<i32> {
+#[must_use]
+pub fn heard() -> Vec<i32> {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);

@@ -33,5 +33,5 @@ pub mod work;
 mod world;
 
 pub use build::planner;
-pub use interrupt::SIGNALS;
+pub use interrupt::{SIGNALS, heard};
 pub use supervisor::{Around, Judge, Keep, RunOptions, not_begun, run, run_at, run_with};

@@ -101,7 +101,9 @@ impl Runner {
     fn command(&self, job: &Job) -> Command {
         let mut command = Command::new(&self.program);
         command.arg("run").arg(&self.scenario);
-        command.args(["--json", "--ui", "none", "--seed"]).arg(job.seed.to_string());
+        command
+            .args(["--json", "--ui", "none", "--with-parent", "--seed"])
+            .arg(job.seed.to_string());
         for option in self.set.iter().chain(&job.set) {
             command.args([OsString::from("--set"), option.into()]);
         }

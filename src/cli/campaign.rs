@@ -3,6 +3,7 @@
 use super::output::Output;
 use super::progress::Bar;
 use super::{ScenarioArgs, WRONG, complain, record};
+use crate::actors;
 use crate::campaign::page;
 use crate::campaign::result::{RunResult, Verdict};
 use crate::campaign::runner::{Job, Runner};
@@ -13,7 +14,6 @@ use crate::campaign::vary::{Drawn, Vary};
 use crate::scenario::{self, Override, Scenario};
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
-use signal_hook::consts::{SIGINT, SIGTERM};
 use std::collections::BTreeMap;
 use std::fs::{File, TryLockError};
 use std::io::{BufReader, Seek as _, SeekFrom, Write as _};
@@ -411,10 +411,10 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-/// A flag that SIGINT and SIGTERM set; the second one ends the process.
+/// A flag that a signal sets; the second one ends the process.
 fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
+    for signal in actors::heard() {
         let again = Arc::clone(&stop);
         signal_hook::flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), again)?;
         signal_hook::flag::register(signal, Arc::clone(&stop))?;

@@ -12,6 +12,7 @@ use crate::scenario::keys::{Pace, Task};
 use crate::scenario::{Override, Scenario};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
+use rustix::process::{Signal, set_parent_process_death_signal};
 use std::fs::File;
 use std::path::PathBuf;
 
@@ -65,6 +66,9 @@ pub(super) struct RunArgs {
     /// Start by itself, ask nothing, and end stdout with one line of JSON
     #[arg(long)]
     json: bool,
+    /// End when whoever started this does, however that ends: for campaigns
+    #[arg(long, hide = true)]
+    with_parent: bool,
 }
 
 /// Files that outlive the run.
@@ -91,6 +95,9 @@ enum PaceWord {
 
 /// Returns the exit code.
 pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
+    if args.with_parent {
+        set_parent_process_death_signal(Some(Signal::TERM)).context("--with-parent")?;
+    }
     let mut more = Vec::new();
     if let Some(seed) = &args.seed {
         more.push(Override::option("--seed", "seed", seed));
