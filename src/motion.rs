@@ -170,7 +170,17 @@ pub enum ArmFault {
         /// How far it went [rad].
         travelled: f64,
     },
-    /// Homing left the switch and no encoder zero came, or the switch was not left.
+    /// Homing did not come off the synchronisation switch: it hangs, or the axis does not move.
+    #[error(
+        "axis {axis}: the synchronisation switch is still pressed after {travelled:.0} rad of motor angle"
+    )]
+    SwitchHeld {
+        /// As above.
+        axis: usize,
+        /// How far it went [rad].
+        travelled: f64,
+    },
+    /// Homing left the switch and no encoder zero came.
     #[error("axis {axis}: no encoder zero within {travelled:.1} rad of motor angle off the switch")]
     ZeroExpected {
         /// As above.

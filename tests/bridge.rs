@@ -69,6 +69,11 @@ struct Rig {
 
 impl Rig {
     fn start(arms: usize, options: EmulatorOptions) -> Self {
+        Self::late(arms, options, Some(Duration::ZERO))
+    }
+
+    /// One that begins to listen after a while, or never.
+    fn late(arms: usize, options: EmulatorOptions, by: Option<Duration>) -> Self {
         let seen = Arc::new(Mutex::new(Seen::default()));
         let world = World { motors: Motors::new(arms), seen: Arc::clone(&seen) };
         let emulated: Vec<_> = NAMES[..arms]
@@ -80,6 +85,13 @@ impl Rig {
         let stop = Arc::new(AtomicBool::new(false));
         let ends = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
+            let Some(by) = by else {
+                while !ends.load(Ordering::Acquire) {
+                    std::thread::sleep(Duration::from_millis(5));
+                }
+                return Course::default();
+            };
+            std::thread::sleep(by);
             let _rights = driver::RealTime::acquire(70, None);
             emulator.run(&ends, |_, _| {}).unwrap()
         });
@@ -114,14 +126,7 @@ fn arms(count: usize) -> Vec<Arm> {
 }
 
 fn on(pwm: i16) -> ArmDrive {
-    ArmDrive {
-        enabled: true,
-        pwm: [pwm; AXES],
-        jaw_pwm: -pwm,
-        jaw_current_limit: 0.054,
-        stops: Depth::Two,
-        ..ArmDrive::OFF
-    }
+    ArmDrive { enabled: true, pwm: [pwm; AXES], jaw_pwm: -pwm, stops: Depth::Two, ..ArmDrive::OFF }
 }
 
 /// Exchanges at the servo's pace until `until` is true of the readings, or a fault ends it.
@@ -144,6 +149,36 @@ fn exchange(
         std::thread::sleep(Duration::from_millis(2));
     }
     unreachable!()
+}
+
+#[test]
+fn a_robot_that_answers_late_is_not_taken_for_one_that_stands_at_zero() {
+    let first = |rig: &Rig| {
+        let mut port = rig.bridge(3, Notes::none());
+        let mut readings = [ArmReading::default(); 2];
+        let begun = Instant::now();
+        let done = port.exchange(0, &[ArmDrive::OFF; 2], &mut readings);
+        (done, readings, begun.elapsed())
+    };
+
+    let mut rig = Rig::late(2, EmulatorOptions::default(), Some(Duration::from_millis(80)));
+    let (done, readings, took) = first(&rig);
+    done.unwrap();
+    assert!(took > Duration::from_millis(60), "{took:?}");
+    let count = config().model.motors(&START).0[3] * 4000.0 / std::f64::consts::TAU;
+    for reading in readings {
+        assert!((reading.counts[3] as f64 - count).abs() < 2.0, "{reading:?}");
+        assert_eq!(reading.synchronised, u8::MAX);
+    }
+    rig.kill();
+
+    let mut rig = Rig::late(2, EmulatorOptions::default(), None);
+    let (done, ..) = first(&rig);
+    let reason = done.unwrap_err().reason;
+    for wanted in ["track, axis 0", "postument, jaw", "/dev/pts/", "no answer within 1 s"] {
+        assert!(reason.contains(wanted), "{reason}");
+    }
+    rig.kill();
 }
 
 #[test]
@@ -175,7 +210,6 @@ fn drives_and_readings_of_fifteen_axes_cross_the_lines() {
     assert_eq!(seen.drives[1].jaw_pwm, 50);
     for drive in &seen.drives {
         assert!(drive.enabled && drive.stops == Depth::Two);
-        assert!((drive.jaw_current_limit - 0.054).abs() < 1e-9);
     }
 }
 

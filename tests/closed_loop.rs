@@ -104,7 +104,7 @@ impl Closed {
         let ahead = Translation3::new(0.0, 0.0, EDGE / 3.0);
         let tool_from_cube = Pose::from_parts(ahead, tool.rotation.inverse());
         let mut rig = Self::new(Start::Held { arm: 0, tool_from_cube }, jaws, noise);
-        rig.jaw(0, 0.053, 1);
+        rig.jaw(0, 0.053, 100);
         rig.run(200);
         for arm in 0..2 {
             rig.links[arm].send(ServoCommand::Bias).unwrap();

@@ -278,9 +278,7 @@ fn frames_on_serial_lines() {
             let answer = <&[u8; STATUS]>::try_from(chunk).ok();
             if let Some(answer) = answer {
                 let _ = axis.is_late(answer);
-                if let Some(status) = Status::decode(answer) {
-                    assert_eq!(&status.encode(), answer);
-                }
+                assert_eq!(Status::decode(answer).encode()[1..], answer[1..]);
             }
             if axis.take(answer).is_err() {
                 break;

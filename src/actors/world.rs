@@ -202,6 +202,8 @@ impl World {
             not_created("bridge", &format!("{why}; {help}"))
         })?;
         let config = &scenario.controller;
+        let cards = bridge.kind == BridgeKind::Isa;
+        devices.check_grip(&config.cell.arms, config.control.grip, cards).map_err(failed)?;
         let (to, noted) = notes();
         let rules = Rules { misses: bridge.missed_answers, ..Rules::default() };
         let port = port(bridge.kind, &devices, &config.cell, rules, to).map_err(failed)?;

@@ -109,6 +109,12 @@ fn examine() -> Vec<Finding> {
     findings
 }
 
+/// Makes this user one of the group to which everything of `packaging/` is granted.
+const MEMBER: &str =
+    "sudo groupadd -f rubik-robot && sudo usermod -aG rubik-robot $USER   (then log in anew)";
+/// Lets that group have the devices.
+const RULES: &str = "sudo cp packaging/udev/60-rubik-robot.rules /etc/udev/rules.d/ && sudo udevadm control --reload";
+
 /// The rights that the servo's thread asks for, by asking for them.
 fn rights() -> Vec<Finding> {
     let limits = fs::read_to_string("/proc/self/limits").unwrap_or_default();
@@ -122,8 +128,8 @@ fn rights() -> Vec<Finding> {
         .join()
         .unwrap_or_default();
     let refusal = |what: &str| denied.iter().find(|warning| warning.contains(what)).cloned();
-    let limits_file = "sudo cp packaging/limits.d/rubik-robot.conf /etc/security/limits.d/ && sudo \
-                       groupadd -f rubik-robot && sudo usermod -aG rubik-robot $USER   (then log in anew)";
+    let limits_file =
+        &format!("sudo cp packaging/limits.d/rubik-robot.conf /etc/security/limits.d/ && {MEMBER}");
     let one = |name, what: &str, good: String, fix: &str| match refusal(what) {
         None => Finding { name, weight: Weight::Good, fact: good, fix: None },
         Some(fact) => Finding { name, weight: Weight::Missing, fact, fix: Some(fix.to_owned()) },
@@ -148,8 +154,7 @@ fn rights() -> Vec<Finding> {
             "wake-up latency",
             "cpu_dma_latency",
             "/dev/cpu_dma_latency can be held at 0".to_owned(),
-            "sudo cp packaging/udev/60-rubik-robot.rules /etc/udev/rules.d/ && sudo udevadm control \
-             --reload && sudo udevadm trigger /dev/cpu_dma_latency",
+            &format!("{RULES} && sudo udevadm trigger /dev/cpu_dma_latency && {MEMBER}"),
         ),
     ]
 }
@@ -270,7 +275,7 @@ fn devices() -> Vec<Finding> {
             name: "serial lines",
             weight: Weight::Note,
             fact: format!("{} of {} may not be opened", denied.len(), serial.len()),
-            fix: Some("sudo usermod -aG dialout $USER   (then log in anew)".to_owned()),
+            fix: Some(format!("{RULES} && sudo udevadm trigger && {MEMBER}")),
         },
     };
     let ports = fs::File::options().read(true).write(true).open("/dev/port").is_ok();
@@ -279,8 +284,13 @@ fn devices() -> Vec<Finding> {
         weight: if ports { Weight::Good } else { Weight::Note },
         fact: if ports { "/dev/port can be opened" } else { "/dev/port cannot be opened" }
             .to_owned(),
-        fix: (!ports)
-            .then(|| "run the bridge of bridge.kind = \"isa\" with CAP_SYS_RAWIO".to_owned()),
+        fix: (!ports).then(|| {
+            let program = std::env::current_exe().unwrap_or_default();
+            format!(
+                "sudo setcap cap_sys_rawio+ep {}   (for bridge.kind = \"isa\")",
+                program.display()
+            )
+        }),
     };
     let mut findings = vec![lines, isa];
     findings.extend(slow_adapters(&serial));

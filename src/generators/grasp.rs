@@ -126,7 +126,8 @@ impl Grasp {
             return Next::Done(Outcome::TimedOut(15.0));
         }
         let lowest = floor.max(arm.jaw_opening - SQUEEZE);
-        self.set = (self.set - self.compliance.jaw_close_speed * step).max(lowest);
+        // Never up again: what gives way would lead itself.
+        self.set = self.set.min((self.set - self.compliance.jaw_close_speed * step).max(lowest));
         self.command(JawCommand { opening: self.set, force_limit: force, stops })
     }
 
@@ -167,6 +168,20 @@ mod tests {
 
         assert!(matches!(outcome, Outcome::Empty(_)), "{outcome:?}");
         assert!(lowest >= LEAST - SQUEEZE - 1e-12, "{lowest}");
+    }
+
+    #[test]
+    fn jaws_that_are_pushed_open_are_not_told_to_open() {
+        let mut grasp = Grasp::new(30.0, LEAST, [true; 6], Depth::One, compliance());
+        let mut set = f64::INFINITY;
+        for (step, pushed) in [0.0, 0.0, 0.0, 0.001, 0.002, 0.001].into_iter().enumerate() {
+            let arm = ArmState { jaw_opening: 0.0568 + pushed, ..ArmState::default() };
+            let period = 8 * step as u64;
+            let next = grasp.next(&Inputs { arm: &arm, target: None, period, pace: 1.0 });
+            let Next::Go(MoveCommand { jaw: Some(jaw), .. }) = next else { panic!("{next:?}") };
+            assert!(jaw.opening <= set, "{} after {set}", jaw.opening);
+            set = jaw.opening;
+        }
     }
 
     #[test]

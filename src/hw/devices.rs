@@ -44,8 +44,8 @@ pub struct EffectorDevices {
     /// has it; without one they come by the line.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ft_parallel: Option<u16>,
-    /// Limits of the motor currents of axes 0..=6 [A]. Where they are left out, an ISA card gets the original's, and a
-    /// serial controller keeps its own.
+    /// Motor currents of axes 0..=6 and the jaw at which their controllers stop [A]. Where they are left out they are the
+    /// original's: its serial controllers' or its ISA cards'.
     pub max_currents: Vec<f64>,
     /// Its ISA card. For bridge.kind = "isa".
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -155,7 +155,7 @@ impl IsaDevice {
             return Err(format!("power_axis: there is no axis {}", self.power_axis));
         }
         let mut limits = original.max_currents;
-        for (axis, amperes) in max_currents.iter().enumerate().take(AXES) {
+        for (axis, amperes) in max_currents.iter().enumerate().take(AXES + 1) {
             limits[axis] = (amperes * units_per_ampere[axis]).round().clamp(0.0, 255.0) as u8;
         }
         Ok(IsaArm {
@@ -240,6 +240,35 @@ impl Devices {
         found.ok_or_else(|| NoDevice(format!("the devices have no [[effector]] \"{name}\"")))
     }
 
+    /// Checks that the jaws can grip with so much force [N] without their controllers' stopping.
+    ///
+    /// # Errors
+    /// The arm whose controller would.
+    pub fn check_grip(&self, arms: &[Arm], grip: f64, cards: bool) -> Result<(), NoDevice> {
+        for arm in arms {
+            let devices = self.of_effector(&arm.name)?;
+            let has_track = arm.model.has_track;
+            let limit = if cards {
+                let card = devices.isa.clone().unwrap_or_default();
+                let card = card.arm(arm, &devices.max_currents).map_err(NoDevice)?;
+                f64::from(card.max_currents[AXES]) / card.units_per_ampere[AXES]
+            } else {
+                devices.limits(has_track)[AXES]
+            };
+            let needs = grip * arm.gripper.amperes_per_newton;
+            if needs > limit {
+                return Err(NoDevice(format!(
+                    "effector \"{}\": a grip of {grip:.0} N takes {:.0} mA, and the jaw's controller stops above {:.0} mA: \
+                     lower control.grip_n, or raise the last of its max_currents",
+                    arm.name,
+                    needs * 1e3,
+                    limit * 1e3
+                )));
+            }
+        }
+        Ok(())
+    }
+
     /// The device of a camera.
     ///
     /// # Errors
@@ -261,7 +290,7 @@ impl Devices {
                 Ok(SerialArm {
                     name: arm.name.clone(),
                     axes: devices.lines(arm.model.has_track)?,
-                    max_currents: std::array::from_fn(|i| devices.max_currents.get(i).copied()),
+                    max_currents: devices.limits(arm.model.has_track),
                     force: devices.sensor(arm.sensor.range)?,
                 })
             })
@@ -307,6 +336,16 @@ const NO_PORTS: &str =
     "this program was built without port instructions: cargo build --release --features isa";
 
 impl EffectorDevices {
+    /// Motor currents at which serial controllers stop [A], the jaw's last.
+    fn limits(&self, has_track: bool) -> [f64; AXES + 1] {
+        let originals = if has_track {
+            [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0, 0.2]
+        } else {
+            [0.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0, 0.2]
+        };
+        std::array::from_fn(|axis| self.max_currents.get(axis).copied().unwrap_or(originals[axis]))
+    }
+
     fn lines(&self, has_track: bool) -> Result<[Option<Line>; AXES + 1], NoDevice> {
         let mut lines = [const { None }; AXES + 1];
         for (axis, slot) in lines.iter_mut().enumerate() {

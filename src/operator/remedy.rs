@@ -21,8 +21,11 @@ pub fn remedy(fault: &ArmFault) -> &'static str {
         ArmFault::PowerStage { .. } => {
             "Look at the power stage and its supply, clear its fault there, then start a new run."
         }
-        ArmFault::SwitchExpected { .. } | ArmFault::ZeroExpected { .. } => {
-            "Look at the axis's synchronisation switch and its encoder, then synchronise once more."
+        ArmFault::SwitchExpected { .. }
+        | ArmFault::SwitchHeld { .. }
+        | ArmFault::ZeroExpected { .. } => {
+            "Look at the axis's synchronisation switch and its encoder; if it stands at its lower limit, move its motor \
+             upwards by hand; then synchronise once more."
         }
         ArmFault::SynchronisationLost { .. } => {
             "The counters mean nothing any more: start a new run, which synchronises the arm first."

@@ -191,6 +191,8 @@ uint8 synchronised
 # Axes of which nothing was read: their counters are carried on.
 uint8 guessed
 float64[6] wrench_on_sensor
+# The sensor has told no newer one since the last period.
+bool wrench_is_old
 # From outside, before the period: grid points that passed without one, a stop and why, as JSON; empty when nothing.
 string outside
 # Ordered by the EDP in this period, as JSON; empty when nothing was.
@@ -199,7 +201,6 @@ string command
 bool enabled
 int16[7] pwm
 int16 jaw_pwm
-float64 jaw_current_limit
 uint8 stops
 uint8 synchronise
 # Known afterwards: measured and set joints (axis 0 is the track in m, others rad), what the tool exerts in its own axes,

@@ -80,6 +80,7 @@ pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
         to.u8(bits);
     }
     to.f64s(&reading.wrench_on_sensor.directions());
+    to.bool(reading.wrench_is_old);
     to.string(&outside_text(&record.outside));
     to.string(&command_text(record.command.as_ref()));
     to.bool(drive.enabled);
@@ -87,7 +88,6 @@ pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
         to.i16(pwm);
     }
     to.i16(drive.jaw_pwm);
-    to.f64(drive.jaw_current_limit);
     to.u8(depth_number(drive.stops));
     to.u8(drive.synchronise);
     to.f64s(&state.joints.0);
@@ -153,6 +153,7 @@ impl Tick {
             *bits = from.u8()?;
         }
         reading.wrench_on_sensor = Wrench::from_directions(from.f64s()?);
+        reading.wrench_is_old = from.bool()?;
         let outside = from.string()?.to_owned();
         let command = from.string()?.to_owned();
         let mut drive = ArmDrive { enabled: from.bool()?, ..ArmDrive::OFF };
@@ -160,7 +161,6 @@ impl Tick {
             *pwm = from.i16()?;
         }
         drive.jaw_pwm = from.i16()?;
-        drive.jaw_current_limit = from.f64()?;
         drive.stops = match from.u8()? {
             1 => Depth::One,
             2 => Depth::Two,
@@ -251,15 +251,12 @@ impl Tick {
                 let (a, b) = (wrench(&a.wrench_on_sensor), wrench(&b.wrench_on_sensor));
                 each("wrench_on_sensor", &a, &b, |x, y| bits(*x) == bits(*y))
             })
+            .or_else(|| one("wrench_is_old", &a.wrench_is_old, &b.wrench_is_old))
             .or_else(|| one("outside", &self.outside, &now.outside))
             .or_else(|| order_difference(&self.command, &now.command))
             .or_else(|| one("enabled", &self.drive.enabled, &now.drive.enabled))
             .or_else(|| each("pwm", &self.drive.pwm, &now.drive.pwm, |x, y| x == y))
             .or_else(|| one("jaw_pwm", &self.drive.jaw_pwm, &now.drive.jaw_pwm))
-            .or_else(|| {
-                let (a, b) = ([self.drive.jaw_current_limit], [now.drive.jaw_current_limit]);
-                each("jaw_current_limit", &a, &b, |x, y| bits(*x) == bits(*y))
-            })
             .or_else(|| one("stops", &self.drive.stops, &now.drive.stops))
             .or_else(|| one("synchronise", &self.drive.synchronise, &now.drive.synchronise))
             .or_else(|| each("joints", &self.joints, &now.joints, |x, y| bits(*x) == bits(*y)))

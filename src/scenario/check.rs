@@ -309,9 +309,12 @@ fn gains(name: &str, path: &str, folder: &Path, reader: &mut Reader) -> Option<S
 }
 
 fn adjusted(mut gains: ServoGains, keys: &Servo) -> ServoGains {
-    for axis in gains.axes.iter_mut().chain([&mut gains.jaw]) {
+    for axis in &mut gains.axes {
         axis.ratio *= keys.gain_factor;
     }
+    gains.jaw.position *= keys.gain_factor;
+    gains.jaw.integral *= keys.gain_factor;
+    gains.jaw.speed *= keys.gain_factor;
     gains.pwm_limit = keys.pwm_limit.unwrap_or(gains.pwm_limit);
     gains.following_error = keys.following_error.unwrap_or(gains.following_error);
     gains

@@ -133,6 +133,11 @@ impl ArmServo {
         command: Option<&ServoCommand>,
     ) -> (ArmDrive, ArmState) {
         let measured = self.measure(reading);
+        let wants = self.wrist.wants();
+        if wants > 0 {
+            // A sensor that is slower than the servo takes longer for its zero.
+            self.command_end = self.command_end.max(period + u64::from(wants));
+        }
         if self.gap == Gap::GivenUp && self.fault.is_none() {
             let (model, tool) = (&self.config.model, &self.flange_from_tool);
             self.set = self.set.moved_to(model, tool, measured.motors);
@@ -233,6 +238,7 @@ impl ArmServo {
     pub fn skipped(&mut self, missed: u64) {
         self.gap = Gap::Passed;
         self.watch.skipped(missed);
+        self.jaw.skipped(missed);
     }
 
     /// Why the arm is stopped.
@@ -250,8 +256,11 @@ impl ArmServo {
         }
         let joints = self.last_joints;
         let base_from_flange = self.config.model.base_from_flange(&joints);
-        let wrench =
-            self.wrist.read(&reading.wrench_on_sensor, &base_from_flange, &self.flange_from_tool);
+        let wrench = self.wrist.read(
+            (&reading.wrench_on_sensor, !reading.wrench_is_old),
+            &base_from_flange,
+            &self.flange_from_tool,
+        );
         Measured { motors, joints, base_from_flange, wrench }
     }
 
@@ -435,7 +444,9 @@ impl ArmServo {
         let axes = self.watch.check(reading, &measured.motors, set, steps, first, increments);
         let by_force = self.running.as_ref().and_then(Path::directions).is_some_and(heeds_force);
         let force = if by_force { self.wrist.fault(&reading.wrench_on_sensor) } else { None };
-        if let Some(fault) = axes.or(force) {
+        // Until it is synchronised its counter may jump with its zero.
+        let jaw = self.jaw.watch(reading).filter(|_| self.synchronised);
+        if let Some(fault) = axes.or(force).or(jaw) {
             self.trip(period, fault);
         }
     }
@@ -508,12 +519,13 @@ impl ArmServo {
         drive.synchronise = self.homing_step.map_or(0, |step| step.synchronise);
         if self.fault.is_some() {
             self.last_counts = reading.counts;
+            self.jaw.off(reading);
             return drive;
         }
         for axis in self.first_axis()..AXES {
             let wanted = self.steps[axis] * self.config.model.increments[axis] / TAU;
-            let measured =
-                self.strides[axis].of((reading.counts[axis] - self.last_counts[axis]) as f64);
+            let moved = (reading.counts[axis] - self.last_counts[axis]) as f64;
+            let measured = self.strides[axis].of(moved, self.regulators[axis].drive());
             drive.pwm[axis] = self.regulators[axis].step(wanted, measured);
         }
         self.last_counts = reading.counts;

@@ -24,6 +24,8 @@ const STANDS: (u32, u32) = (250, 25);
 const DEBOUNCE: u32 = 2;
 /// From the switch's edge there must be a zero within this [rad]: a revolution and what the ramp takes.
 const TO_ZERO: f64 = 1.25 * TAU;
+/// No cam is longer than an axis goes in this time at its fine speed [s].
+const CAM: f64 = 20.0;
 /// No axis has a longer way than this; it ends at its limit switch long before [rad].
 const LONGEST: f64 = 5000.0;
 
@@ -103,7 +105,7 @@ impl Homing {
     /// One period; `None` when all axes are synchronised.
     ///
     /// # Errors
-    /// [`ArmFault::SwitchExpected`], [`ArmFault::ZeroExpected`].
+    /// [`ArmFault::SwitchExpected`], [`ArmFault::SwitchHeld`], [`ArmFault::ZeroExpected`].
     pub fn step(&mut self, reading: &ArmReading) -> Result<Option<HomingStep>, ArmFault> {
         let Some(axis) = self.axis(reading) else { return Ok(None) };
         let bit = 1u8 << axis;
@@ -115,9 +117,11 @@ impl Homing {
                 self.enter(Phase::Stand(self.stands.0));
                 0.0
             }
+            // Which way it is not known yet: who stands on the switch does not go further on.
+            Phase::Coarse if pressed.is_none() && self.travelled == 0.0 => 0.0,
             Phase::Coarse => {
-                // It may have been left standing on its upper one.
-                let at_limit = reading.lower_limits & bit != 0;
+                // It may have been left standing on its upper one; on the lower one, or behind it, may be the cam.
+                let at_limit = reading.lower_limits & bit != 0 && pressed == Some(false);
                 if at_limit || self.travelled.abs() > LONGEST {
                     let travelled = self.travelled.abs();
                     return Err(ArmFault::SwitchExpected { axis, travelled });
@@ -144,8 +148,8 @@ impl Homing {
             Phase::Leave => {
                 if pressed == Some(false) {
                     self.enter(Phase::Zero);
-                } else if self.travelled > LONGEST || reading.upper_limits & bit != 0 {
-                    return Err(ArmFault::ZeroExpected { axis, travelled: self.travelled });
+                } else if self.travelled > CAM * fine || reading.upper_limits & bit != 0 {
+                    return Err(ArmFault::SwitchHeld { axis, travelled: self.travelled });
                 }
                 fine
             }
@@ -272,6 +276,16 @@ mod tests {
     }
 
     #[test]
+    fn an_axis_that_stands_on_its_cam_at_its_lower_limit_leaves_both() {
+        let mut axis = Axis { cam: (-100.0, -3.0), ..Axis::new(-65.0) };
+
+        axis.home().unwrap();
+
+        assert!((0.0..0.2).contains(&axis.at), "{}", axis.at);
+        assert!(axis.log.iter().all(|v| *v >= 0.0), "never further down");
+    }
+
+    #[test]
     fn a_zero_right_behind_the_switch_is_the_one() {
         let mut axis = Axis { cam: (-30.0, -0.02), ..Axis::new(20.0) };
 
@@ -301,7 +315,10 @@ mod tests {
         assert!(matches!(no_zero.home(), Err(ArmFault::ZeroExpected { axis: 4, .. })));
 
         let mut stuck = Axis { cam: (-50.0, 200.0), ..Axis::new(20.0) };
-        assert!(matches!(stuck.home(), Err(ArmFault::ZeroExpected { axis: 4, .. })));
+        assert!(matches!(
+            stuck.home(),
+            Err(ArmFault::SwitchHeld { axis: 4, travelled }) if travelled < 71.0
+        ));
     }
 
     #[test]

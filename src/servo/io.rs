@@ -16,8 +16,6 @@ pub struct ArmDrive {
     pub pwm: [i16; AXES],
     /// Pulse width of the jaw motor, -255..=255.
     pub jaw_pwm: i16,
-    /// Current limit of the jaw motor [A].
-    pub jaw_current_limit: f64,
     /// Position of the palm's two-position stops (digital output).
     pub stops: Depth,
     /// Bit i, the jaw's is [`JAW`]: the controller of axis i sets its counter to zero at the next zero of its
@@ -27,14 +25,8 @@ pub struct ArmDrive {
 
 impl ArmDrive {
     /// Power off.
-    pub const OFF: Self = Self {
-        enabled: false,
-        pwm: [0; AXES],
-        jaw_pwm: 0,
-        jaw_current_limit: 0.0,
-        stops: Depth::One,
-        synchronise: 0,
-    };
+    pub const OFF: Self =
+        Self { enabled: false, pwm: [0; AXES], jaw_pwm: 0, stops: Depth::One, synchronise: 0 };
 }
 
 /// What reaches an arm's servo beside its readings and orders, at the beginning of a period: with these three its
@@ -81,6 +73,9 @@ pub struct ArmReading {
     /// What the surroundings and the weight of the tool exert on the sensor, in the sensor's frame.
     /// Components are NaN when the sensor is silent.
     pub wrench_on_sensor: Wrench,
+    /// The wrench is the last period's: the sensor has told no newer one.
+    #[serde(default)]
+    pub wrench_is_old: bool,
     /// Binary inputs of the parallel interface; 0 where the bridge has none. Not recorded.
     #[serde(default)]
     pub inputs: u16,
@@ -104,6 +99,7 @@ impl Default for ArmReading {
             synchronised: u8::MAX,
             guessed: 0,
             wrench_on_sensor: Wrench::default(),
+            wrench_is_old: false,
             inputs: 0,
             analog_inputs: [0; 8],
         }

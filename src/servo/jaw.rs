@@ -1,22 +1,39 @@
-//! The jaw: opening <-> motor, the set value's straight course, its regulator and its current limit.
+//! The jaw: opening <-> motor, the set value's straight course, its regulator.
 //!
-//! A jaw that presses on something never reaches its set value: the current limit then makes the grip force.
+//! A jaw that presses on something never reaches its set value: the pulse width then goes as far as the measured current
+//! leaves to the wanted grip. The controller's own limit of the current stands above that and trips; it makes no grip.
 
 use super::io::{ArmDrive, ArmReading};
 use super::period::Length;
-use super::regulator::{Regulator, ServoGains};
+use super::regulator::{JawGains, ServoGains};
 use crate::cell::Gripper;
-use crate::motion::{AXES, Depth, JawCommand, MoveRefused};
+use crate::motion::{AXES, ArmFault, Depth, JawCommand, MoveRefused};
 use std::f64::consts::TAU;
 
 /// Speed of the set value that is still taken [rad/s of the motor]: the original's limit, 20 rad in 2 ms.
 const FASTEST: f64 = 1e4;
 
+/// How much faster than told a jaw may seem, and by how much time two readings may be further apart [s].
+const FASTER: f64 = 1.3;
+const LATE: f64 = 0.002;
+/// Pulse width under which any jaw opens, and how long its encoder may show nothing of it [s].
+const OPENS: f64 = 60.0;
+const FROZEN: f64 = 0.05;
+/// An error that is left alone: friction would make it swing [rad of the motor].
+const PLAY: f64 = 2.0;
+/// Share of a period's speed in the smoothed one.
+const SMOOTH: f64 = 0.5;
+
 /// The jaw of one gripper.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Jaw {
     gripper: Gripper,
-    regulator: Regulator,
+    gains: JawGains,
+    /// Largest pulse width, and its most change in a period.
+    limit: f64,
+    slew: f64,
+    /// Length of a period [s].
+    seconds: f64,
     /// Opening at the start and at the end of the course [m], and its first and last period.
     from: f64,
     to: f64,
@@ -25,9 +42,17 @@ pub struct Jaw {
     /// Set value and its motor position in increments.
     opening: f64,
     set_increments: f64,
-    /// Set value's step of the present period [increments].
-    step: f64,
     last_count: i64,
+    /// Periods since that was read.
+    periods: u64,
+    /// Measured speed, smoothed [rad/s of the motor].
+    speed: f64,
+    /// Periods in a row in which it should have opened and did not.
+    still: u32,
+    /// The share of the pulse width that holds against what lasts.
+    held: f64,
+    /// Pulse width of the last period.
+    width: f64,
     grip: f64,
     stops: Depth,
 }
@@ -38,15 +63,22 @@ impl Jaw {
     pub fn new(gripper: Gripper, gains: &ServoGains, count: i64, period: Length) -> Self {
         let mut jaw = Self {
             gripper,
-            regulator: Regulator::new(gains.jaw.for_period(period), gains.pwm_limit),
+            gains: gains.jaw,
+            limit: gains.pwm_limit,
+            slew: gains.jaw.slew * period.ratio(),
+            seconds: period.seconds(),
             from: 0.0,
             to: 0.0,
             begin: 0,
             end: 0,
             opening: 0.0,
             set_increments: count as f64,
-            step: 0.0,
             last_count: count,
+            periods: 1,
+            speed: 0.0,
+            still: 0,
+            held: 0.0,
+            width: 0.0,
             grip: gains.idle_grip,
             stops: Depth::One,
         };
@@ -105,9 +137,7 @@ impl Jaw {
 
     /// Turns the set value's motor by a step [rad]: homing, when the opening is not known.
     pub fn turn(&mut self, step: f64) {
-        let increments = step * self.gripper.increments / TAU;
-        self.step += increments;
-        self.set_increments += increments;
+        self.set_increments += step * self.gripper.increments / TAU;
     }
 
     /// Takes what is measured for the set value: the counter was set to zero, or begins to mean something.
@@ -125,19 +155,77 @@ impl Jaw {
         }
         let share = (period + 1 - self.begin) as f64 / (self.end + 1 - self.begin) as f64;
         self.opening = self.from + share * (self.to - self.from);
-        let increments = self.increments_of(self.opening);
-        self.step += increments - self.set_increments;
-        self.set_increments = increments;
+        self.set_increments = self.increments_of(self.opening);
+    }
+
+    /// So many periods were missed before the next reading.
+    pub fn skipped(&mut self, missed: u64) {
+        self.periods = self.periods.saturating_add(missed);
+    }
+
+    /// What the encoder shows that no jaw does; before [`Jaw::drive`] of the same period.
+    pub fn watch(&mut self, reading: &ArmReading) -> Option<ArmFault> {
+        if reading.guessed >> AXES & 1 == 1 {
+            return None;
+        }
+        let radian = self.gripper.increments / TAU;
+        let by = (reading.jaw_count - self.last_count) as f64 / radian;
+        // A jaw that squeezes stands still under any width; one that opens has nothing to stand against.
+        let still = by == 0.0 && self.width < -OPENS;
+        self.still = if still { self.still + 1 } else { 0 };
+        if by.abs() > FASTER * FASTEST * (self.periods as f64 * self.seconds + LATE) {
+            Some(ArmFault::EncoderJump { axis: AXES, by })
+        } else if f64::from(self.still) * self.seconds > FROZEN {
+            let wanted = (self.set_increments - reading.jaw_count as f64) / radian;
+            Some(ArmFault::EncoderFrozen { axis: AXES, wanted })
+        } else {
+            None
+        }
+    }
+
+    /// The drive is off, whatever the jaw does.
+    pub fn off(&mut self, reading: &ArmReading) {
+        (self.last_count, self.periods) = (reading.jaw_count, 1);
+        (self.speed, self.width, self.held, self.still) = (0.0, 0.0, 0.0, 0);
     }
 
     /// Writes the jaw's part of the drives.
     pub fn drive(&mut self, reading: &ArmReading, drive: &mut ArmDrive) {
-        let measured = reading.jaw_count - self.last_count;
-        self.last_count = reading.jaw_count;
-        drive.jaw_pwm = self.regulator.step(self.step, measured as f64);
-        drive.jaw_current_limit = self.grip * self.gripper.amperes_per_newton;
+        drive.jaw_pwm = self.pulse_width(reading) as i16;
         drive.stops = self.stops;
-        self.step = 0.0;
+    }
+
+    fn pulse_width(&mut self, reading: &ArmReading) -> f64 {
+        let radian = self.gripper.increments / TAU;
+        let moved = (reading.jaw_count - self.last_count) as f64 / self.periods as f64;
+        (self.last_count, self.periods) = (reading.jaw_count, 1);
+        // An encoder that was read late shows a wrong speed for a period.
+        self.speed += SMOOTH * (moved / radian / self.seconds - self.speed);
+        let error = (self.set_increments - reading.jaw_count as f64) / radian;
+        let held = self.held;
+        if error.abs() > PLAY {
+            self.held += self.gains.integral * error * self.seconds;
+        }
+        let wanted = self.gains.position * error + self.held - self.gains.speed * self.speed;
+        let current = reading.currents[AXES];
+        let allowed = self.grip * self.gripper.amperes_per_newton;
+        // Answers have no checksum: one wrong current must not let go.
+        let give = |amperes: f64| (self.gains.current * amperes).max(-self.slew).min(self.slew);
+        let (down, up) = (give(allowed + current), give(allowed - current));
+        let last = self.width;
+        let gentle = wanted.max(last - down).min(last + up);
+        // Never a panic here, whatever a profile or a reading says.
+        let width = gentle.max(-self.limit).min(self.limit);
+        // What is held back must not pile up: it would let go when the set value turns.
+        if width != wanted {
+            self.held = held;
+        }
+        if !(width.is_finite() && self.held.is_finite()) {
+            (self.width, self.held) = (0.0, 0.0);
+            return 0.0;
+        }
+        self.width = width;
+        width
     }
 
     /// Position of the palm's stops.
@@ -160,6 +248,7 @@ impl Jaw {
 mod tests {
     use super::super::regulator::IRP6;
     use super::*;
+    use crate::motion::PERIOD;
 
     fn jaw(count: i64) -> Jaw {
         let gripper = Gripper {
@@ -209,8 +298,121 @@ mod tests {
         let mut drive = ArmDrive::OFF;
         jaw.drive(&ArmReading::default(), &mut drive);
         assert_eq!(drive.stops, Depth::Two);
-        assert!((drive.jaw_current_limit - 0.12).abs() < 1e-15);
         assert!(drive.jaw_pwm > 0);
+    }
+
+    /// A jaw's motor: first order, with the current that a wall at an opening of 57 mm makes it draw.
+    struct Motor {
+        /// Angle [rad] and speed [rad/s].
+        angle: f64,
+        speed: f64,
+        wall: f64,
+        current: f64,
+    }
+
+    impl Motor {
+        fn step(&mut self, width: i16) {
+            let force = f64::from(width) / 255.0;
+            self.speed += (1e4 * force - self.speed) * PERIOD / 0.04;
+            self.angle += self.speed * PERIOD;
+            self.current = 0.6 * (force - self.speed / 1e4);
+            if self.angle > self.wall {
+                (self.angle, self.speed, self.current) = (self.wall, 0.0, 0.6 * force);
+            }
+        }
+    }
+
+    /// Closes from 70 mm to 55 mm on a wall at 57 mm in 1.2 s, and is told 56 mm at last; every so many readings come
+    /// three periods late. Currents and pulse widths.
+    fn gripped(late_every: u64) -> Vec<(f64, i16)> {
+        let wall = jaw(0).increments_of(0.057) * TAU / 128.0;
+        let mut jaw = jaw(jaw(0).increments_of(0.070) as i64);
+        let angle = jaw.last_count as f64 * TAU / 128.0;
+        let mut motor = Motor { angle, speed: 0.0, wall, current: 0.0 };
+        let mut reading = ArmReading { jaw_count: jaw.last_count, ..ArmReading::default() };
+        let told = |opening| JawCommand { opening, force_limit: 40.0, stops: Depth::One };
+        let mut seen = Vec::new();
+        for period in 1..1500 {
+            match period {
+                1 => jaw.start(&told(0.055), 1, 600),
+                1000 => jaw.start(&told(0.056), 1000, 1010),
+                _ => {}
+            }
+            let mut drive = ArmDrive::OFF;
+            jaw.advance(period);
+            jaw.drive(&reading, &mut drive);
+            motor.step(drive.jaw_pwm);
+            seen.push((motor.current, drive.jaw_pwm));
+            if late_every == 0 || period % late_every >= 3 {
+                reading.jaw_count = (motor.angle * 128.0 / TAU) as i64;
+                reading.currents[AXES] = motor.current;
+            }
+            if period == 1207 {
+                reading.currents[AXES] = 36.0;
+            }
+        }
+        seen
+    }
+
+    #[test]
+    fn a_grip_is_the_current_that_it_stands_for_whatever_the_set_value_does_below_it() {
+        for late_every in [0, 7, 50] {
+            let seen = gripped(late_every);
+
+            // 40 N, while the set value goes on, stands, and comes back.
+            let off = |(current, _): &(f64, i16)| (current - 0.16).abs() > 0.008;
+            let wrong = seen[640..1206].iter().chain(&seen[1230..]).find(|s| off(s));
+            assert_eq!(wrong, None, "{late_every}");
+            // Not even for a wrong current.
+            assert!(seen[640..].iter().all(|(current, _)| *current > 0.09));
+            // Above that the controller stops.
+            let most = seen.iter().map(|(current, _)| *current).fold(0.0, f64::max);
+            assert!(most < 0.2, "{late_every}: {most}");
+        }
+    }
+
+    #[test]
+    fn what_it_held_when_the_power_came_on_it_holds_on_to() {
+        let mut jaw = jaw(0);
+        // Pads of 300 kN/m that were squeezed by 30 N, at 1.45e-5 m a rad; their force in pulse widths.
+        let pads = |angle: f64| 51.0 + 3e5 * 1.45e-5 * angle * 255.0 / 150.0;
+        let (mut angle, mut speed, mut least) = (0.0, 0.0, f64::INFINITY);
+        for _ in 0..1000 {
+            let current = 0.6 * f64::from(jaw.width as i16) / 255.0;
+            let mut reading =
+                ArmReading { jaw_count: (angle * 128.0 / TAU) as i64, ..ArmReading::default() };
+            reading.currents[AXES] = current;
+            let mut drive = ArmDrive::OFF;
+            jaw.drive(&reading, &mut drive);
+            // Forwards is closing: the pads push backwards.
+            let push = f64::from(drive.jaw_pwm) - pads(angle);
+            speed += (1e4 * push / 255.0 - speed) * PERIOD / 0.04;
+            angle += speed * PERIOD;
+            least = f64::min(least, pads(angle));
+        }
+        // Of 51, and at last the idle grip of 20 N.
+        assert!(least > 8.0, "{least}");
+        assert!((pads(angle) - 34.0).abs() < 3.0, "{}", pads(angle));
+    }
+
+    #[test]
+    fn an_encoder_that_jumps_or_shows_nothing_of_the_jaw_is_a_fault() {
+        let mut jaw = jaw(0);
+        let shows = |jaw_count| ArmReading { jaw_count, ..ArmReading::default() };
+        assert_eq!(jaw.watch(&shows(1000)), None, "0.7 mm late");
+        assert!(matches!(jaw.watch(&shows(1200)), Some(ArmFault::EncoderJump { axis: 7, .. })));
+        jaw.skipped(1);
+        assert_eq!(jaw.watch(&shows(1200)), None, "in two periods it may be so");
+
+        jaw.start(&JawCommand { opening: 0.085, force_limit: 40.0, stops: Depth::One }, 1, 100);
+        let found = (1..200).find_map(|period| {
+            jaw.advance(period);
+            let fault = jaw.watch(&shows(0));
+            let mut drive = ArmDrive::OFF;
+            jaw.drive(&shows(0), &mut drive);
+            fault
+        });
+        assert!(matches!(found, Some(ArmFault::EncoderFrozen { axis: 7, .. })), "{found:?}");
     }
 
     #[test]

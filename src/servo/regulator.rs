@@ -50,6 +50,23 @@ impl RegulatorGains {
     }
 }
 
+/// Gains of the jaw: a regulator of its position whose pulse width keeps the motor's current within the grip.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JawGains {
+    /// Weight of the position error [pulse width per rad of the motor].
+    pub position: f64,
+    /// Weight of the position error's sum over time, while nothing limits the pulse width [per rad s of the motor].
+    pub integral: f64,
+    /// Weight of the measured speed, which brakes [pulse width per rad/s of the motor].
+    pub speed: f64,
+    /// By how much the pulse width gives way to a current that is too large [pulse width per A]; a third of the motor's
+    /// own figure at rest settles in some periods and bears readings that are three of them late.
+    pub current: f64,
+    /// Most change of the pulse width in 2 ms: so fast a grip builds up.
+    pub slew: f64,
+}
+
 /// Regulators and watch-dogs of an arm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -57,7 +74,7 @@ pub struct ServoGains {
     /// Track, then the six rotary axes.
     pub axes: [RegulatorGains; AXES],
     /// Jaw motor.
-    pub jaw: RegulatorGains,
+    pub jaw: JawGains,
     /// Largest pulse width, of 255.
     pub pwm_limit: f64,
     /// Most change of an arm motor's pulse width in 2 ms, of 255.
@@ -66,7 +83,7 @@ pub struct ServoGains {
     pub following_error: f64,
     /// Further allowance per speed of the set value [s].
     pub following_lag: f64,
-    /// Grip force at which the jaw's current is limited until a command says otherwise [N].
+    /// Grip force that a jaw exerts at most until a command says otherwise [N].
     pub idle_grip: f64,
 }
 
@@ -139,6 +156,12 @@ impl Regulator {
         self.last_sum = sum;
         self.last_error = error;
         output as i16
+    }
+
+    /// Pulse width of the last step, as a share of 255.
+    #[must_use]
+    pub fn drive(&self) -> f64 {
+        self.last_output / 255.0
     }
 
     /// Forgets the past: the axis stands where it should.

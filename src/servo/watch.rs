@@ -50,6 +50,8 @@ impl Watch {
     /// How much faster than told a motor may be, and by how much time two readings may be further apart than told [s].
     const FASTER: f64 = 1.3;
     const OFF: f64 = 0.002;
+    /// A step of a set value that is rounding [rad of the motor].
+    const STANDS: f64 = 1e-5;
     /// Periods after a reset in which switches come to be known: lines tell of them after they have read them twice.
     const SETTLES: u32 = 5;
 
@@ -175,7 +177,7 @@ impl Watch {
         }
         let going =
             |is: fn(f64) -> bool| (0..AXES).fold(0, |bits, i| bits | u8::from(is(steps[i])) << i);
-        let (up, down) = (going(|step| step > 0.0), going(|step| step < 0.0));
+        let (up, down) = (going(|step| step > Self::STANDS), going(|step| step < -Self::STANDS));
         // Once left, a switch is like any other.
         self.stood_on = (self.stood_on.0 & upper & !up, self.stood_on.1 & lower & !down);
         upper & !self.stood_on.0 | lower & !self.stood_on.1

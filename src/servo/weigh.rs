@@ -192,7 +192,7 @@ mod tests {
                 range: [200.0; 6],
             });
             let flange = Pose::from_parts(Translation3::identity(), at[0]);
-            let rest = wrist.read(&(samples[0].wrench_on_sensor - found.bias), &flange, &Pose::identity());
+            let rest = wrist.read((&(samples[0].wrench_on_sensor - found.bias), true), &flange, &Pose::identity());
             prop_assert!(rest.directions().iter().all(|c| c.abs() < 1e-6));
         }
     }

@@ -17,15 +17,19 @@ pub struct WristForce {
     payload: (f64, Point3<f64>),
     /// Zero of the sensor, in its frame.
     bias: Wrench,
-    /// The last sample, weight removed, for the mean of two.
-    last: Option<Wrench>,
+    /// The last two samples, weight removed, the newest first, for their mean.
+    last: [Option<Wrench>; 2],
     /// Sum and count of the samples of a new zero.
     biasing: Option<(Wrench, u32)>,
+    /// Periods since it was begun.
+    biasing_for: u32,
 }
 
 impl WristForce {
     /// Samples in a zero.
     pub const BIAS_SAMPLES: u32 = 10;
+    /// Periods in which they must have come.
+    const PATIENCE: u32 = 100;
 
     /// With zero bias and nothing in the gripper.
     #[must_use]
@@ -34,25 +38,31 @@ impl WristForce {
             sensor,
             payload: (0.0, Point3::origin()),
             bias: Wrench::default(),
-            last: None,
+            last: [None; 2],
             biasing: None,
+            biasing_for: 0,
         }
     }
 
     /// What the tool exerts on its surroundings: mean of this and the last sample less weight and zero,
-    /// moved to the tool point and negated. Not finite while the sensor is silent.
+    /// moved to the tool point and negated. Not finite while the sensor is silent. A reading that is not new is no sample.
     pub fn read(
         &mut self,
-        wrench_on_sensor: &Wrench,
+        (wrench_on_sensor, is_new): (&Wrench, bool),
         base_from_flange: &Pose,
         flange_from_tool: &Pose,
     ) -> Wrench {
-        let sample = *wrench_on_sensor - self.weight_on_sensor(base_from_flange);
-        if sample.is_finite() {
-            self.count_towards_bias(&sample);
+        let mut sample = *wrench_on_sensor - self.weight_on_sensor(base_from_flange);
+        self.biasing_for = self.biasing_for.saturating_add(1);
+        if is_new || !sample.is_finite() {
+            if self.fault(wrench_on_sensor).is_none() {
+                self.count_towards_bias(&sample);
+            }
+            self.last = [sample.is_finite().then_some(sample), self.last[0]];
+        } else {
+            sample = self.last[0].unwrap_or(sample);
         }
-        let last = self.last.unwrap_or(sample);
-        self.last = sample.is_finite().then_some(sample);
+        let last = self.last[1].unwrap_or(sample);
         let mean = Wrench {
             force: 0.5 * (sample.force + last.force),
             torque: 0.5 * (sample.torque + last.torque),
@@ -64,13 +74,23 @@ impl WristForce {
     /// Starts a new zero from the next [`WristForce::BIAS_SAMPLES`] samples.
     pub fn start_bias(&mut self) {
         self.biasing = Some((Wrench::default(), 0));
+        self.biasing_for = 0;
+    }
+
+    /// Samples that the new zero still wants; a sensor that tells none for too long leaves the old one.
+    #[must_use]
+    pub fn wants(&mut self) -> u32 {
+        if self.biasing_for > Self::PATIENCE {
+            self.biasing = None;
+        }
+        self.biasing.map_or(0, |(_, count)| Self::BIAS_SAMPLES - count)
     }
 
     /// What hangs in the gripper: weight [N] and centre in the flange frame [m].
     pub fn set_payload(&mut self, weight: f64, centre: Point3<f64>) {
         self.payload = (weight, centre);
-        // The last sample was taken with the old belief.
-        self.last = None;
+        // The last samples were taken with the old belief.
+        self.last = [None; 2];
     }
 
     /// What makes this reading unfit for force control.
@@ -155,7 +175,7 @@ mod tests {
             let (mut wrist, flange) = (WristForce::new(sensor()), turned(a));
             let weight = felt(&flange, sensor().weight, sensor().centre_in_flange);
 
-            prop_assert!(largest(&wrist.read(&weight, &flange, &tool())) < 1e-12);
+            prop_assert!(largest(&wrist.read((&weight, true), &flange, &tool())) < 1e-12);
         }
 
         #[test]
@@ -165,7 +185,7 @@ mod tests {
             wrist.set_payload(0.98, centre);
             let weight = felt(&flange, sensor().weight, sensor().centre_in_flange) + felt(&flange, 0.98, centre);
 
-            prop_assert!(largest(&wrist.read(&weight, &flange, &tool())) < 1e-12);
+            prop_assert!(largest(&wrist.read((&weight, true), &flange, &tool())) < 1e-12);
         }
 
         #[test]
@@ -175,7 +195,7 @@ mod tests {
             let mut weightless = sensor();
             weightless.weight = 0.0;
             let on_sensor = Wrench::from_directions(w);
-            let by_tool = WristForce::new(weightless).read(&on_sensor, &Pose::identity(), &tool());
+            let by_tool = WristForce::new(weightless).read((&on_sensor, true), &Pose::identity(), &tool());
             // The velocity of the tool point, carried over to the sensor by rigidity.
             let (at_tool, tool_from_sensor) =
                 (Twist::from_directions(t), tool().inverse() * sensor().flange_from_sensor);
@@ -198,7 +218,7 @@ mod tests {
         // A wall ahead of the tool pushes it back along -z.
         let push = Wrench::from_directions([0.0, 0.0, -7.0, 0.0, 0.0, 0.0]);
 
-        let by_tool = wrist.read(&push, &Pose::identity(), &tool());
+        let by_tool = wrist.read((&push, true), &Pose::identity(), &tool());
 
         assert!((by_tool.force - Vector3::new(0.0, 0.0, 7.0)).norm() < 1e-12);
     }
@@ -208,7 +228,7 @@ mod tests {
         let mut wrist = WristForce::new(ForceSensor { weight: 0.0, ..sensor() });
         let mut z = |force: f64| {
             let sample = Wrench::from_directions([0.0, 0.0, force, 0.0, 0.0, 0.0]);
-            wrist.read(&sample, &Pose::identity(), &tool()).force.z
+            wrist.read((&sample, true), &Pose::identity(), &tool()).force.z
         };
 
         assert_eq!(z(-2.0), 2.0);
@@ -227,13 +247,13 @@ mod tests {
 
         for sample in 0..10 {
             let noise = Wrench::from_directions([if sample % 2 == 0 { 0.5 } else { -0.5 }; 6]);
-            let by_tool = wrist.read(&(weight(&flange) + offset + noise), &flange, &tool());
+            let by_tool = wrist.read((&(weight(&flange) + offset + noise), true), &flange, &tool());
             assert_eq!(largest(&by_tool) > 1.0, sample < 9, "the old zero holds until the tenth");
         }
 
         // Gone in every orientation, since the weight is not in it.
-        wrist.read(&(weight(&other) + offset), &other, &tool());
-        assert!(largest(&wrist.read(&(weight(&other) + offset), &other, &tool())) < 1e-12);
+        wrist.read((&(weight(&other) + offset), true), &other, &tool());
+        assert!(largest(&wrist.read((&(weight(&other) + offset), true), &other, &tool())) < 1e-12);
     }
 
     #[test]
@@ -248,5 +268,39 @@ mod tests {
         assert_eq!(with(2, 129.9), None);
         assert_eq!(with(1, -65.0), Some(ArmFault::ForceSensor { direction: 1, reading: -65.0 }));
         assert!(matches!(with(5, f64::NAN), Some(ArmFault::ForceSensor { direction: 5, .. })));
+    }
+
+    #[test]
+    fn what_is_held_or_beyond_the_range_is_no_sample() {
+        let weightless = ForceSensor { weight: 0.0, ..sensor() };
+        let mut wrist = WristForce::new(weightless);
+        let z = |force: f64| Wrench::from_directions([0.0, 0.0, force, 0.0, 0.0, 0.0]);
+        let read = |wrist: &mut WristForce, force: f64, new: bool| {
+            -wrist.read((&z(force), new), &Pose::identity(), &tool()).force.z
+        };
+
+        read(&mut wrist, 2.0, true);
+        assert!((read(&mut wrist, 4.0, true) - 3.0).abs() < 1e-12);
+        assert!((read(&mut wrist, 4.0, false) - 3.0).abs() < 1e-12, "still the mean of two");
+
+        wrist.start_bias();
+        for _ in 0..20 {
+            read(&mut wrist, 6.0, true);
+            read(&mut wrist, 6.0, false);
+            read(&mut wrist, 140.0, true);
+            if wrist.wants() == 0 {
+                break;
+            }
+        }
+        assert_eq!(wrist.wants(), 0);
+        read(&mut wrist, 7.0, true);
+        assert!((read(&mut wrist, 7.0, true) - 1.0).abs() < 1e-12, "the zero is 6 N");
+
+        wrist.start_bias();
+        for _ in 0..200 {
+            read(&mut wrist, 9.0, false);
+        }
+        assert_eq!(wrist.wants(), 0, "given up");
+        assert!((read(&mut wrist, 7.0, true) - 1.0).abs() < 1e-12, "the old zero is kept");
     }
 }

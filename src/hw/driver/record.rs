@@ -188,7 +188,6 @@ impl Bytes<'_> {
             self.int(pwm as u64);
         }
         self.int(drive.jaw_pwm as u64);
-        self.float(drive.jaw_current_limit);
         self.depth(drive.stops);
     }
 

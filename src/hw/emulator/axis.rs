@@ -1,12 +1,16 @@
 //! A serial axis controller, emulated: it takes orders byte by byte and answers each with what its axis shows.
 //!
 //! - its power stage follows pulse widths in [`Mode::Pwm`] only; when no order has come for 50 ms it brakes
+//! - a current that is above its limit for 0.1 s is an over-current
 //! - what it answers with was latched at the plant's last period, but for the counter, which goes on through the period
 
 use crate::hw::serial::frame::{Mode, ORDER, Order, Parameter, Status};
 
 /// Plant periods without an order after which a controller brakes by itself.
 const SILENCE: u32 = 25;
+
+/// Plant periods after which a current above its limit is one too many.
+const TRIPS: u32 = 50;
 
 /// An axis controller.
 #[derive(Debug, Clone)]
@@ -15,6 +19,8 @@ pub struct AxisController {
     width: i16,
     outputs: u8,
     max_current: u16,
+    /// Plant periods in a row in which the current was above that.
+    above: u32,
     synchronise: bool,
     silent: u32,
     /// Bytes of the order that is under way.
@@ -35,6 +41,7 @@ impl Default for AxisController {
             width: 0,
             outputs: 0,
             max_current: u16::MAX,
+            above: 0,
             synchronise: false,
             silent: 0,
             pending: [0; ORDER],
@@ -112,7 +119,10 @@ impl AxisController {
         }
         let last = self.before.map(|_| self.status.count).filter(|_| !jumps);
         self.before = Some(last.unwrap_or(status.count));
-        self.status = status;
+        let is_above = status.current.unsigned_abs() > self.max_current;
+        self.above = if is_above { self.above.saturating_add(1) } else { 0 };
+        let over_current = status.over_current || self.above > TRIPS;
+        self.status = Status { over_current, ..status };
         self.silent = self.silent.saturating_add(1);
         if self.silent > SILENCE && self.mode == Mode::Pwm {
             self.mode = Mode::Error;
@@ -147,12 +157,6 @@ impl AxisController {
     #[must_use]
     pub fn outputs(&self) -> u8 {
         self.outputs
-    }
-
-    /// Limit of the motor current [mA].
-    #[must_use]
-    pub fn max_current(&self) -> u16 {
-        self.max_current
     }
 
     /// Whether it is to take the next zero of the encoder for its own.

@@ -362,7 +362,6 @@ fn drive(controllers: &[AxisController; AXES + 1], has_track: bool) -> ArmDrive 
         enabled: controllers[usize::from(!has_track)..].iter().all(AxisController::is_on),
         pwm: std::array::from_fn(|i| controllers[i].width()),
         jaw_pwm: jaw.width(),
-        jaw_current_limit: f64::from(jaw.max_current()) * 1e-3,
         stops: if jaw.outputs() & 1 == 1 { Depth::Two } else { Depth::One },
         synchronise: (0..=AXES)
             .fold(0, |bits, i| bits | u8::from(controllers[i].synchronises()) << i),

@@ -91,7 +91,7 @@ impl Arm {
         for index in usize::from(!self.has_track)..=AXES {
             let axis = &mut self.axes[index];
             axis.pass(1.0);
-            let order = axis.order(&axis_drive(drive, index, &[None; AXES])).encode();
+            let order = axis.order(&axis_drive(drive, index, &[u16::MAX; AXES + 1])).encode();
             let controller = &mut self.controllers[index];
             let answer = order.iter().filter_map(|byte| controller.hear(*byte, 1.0)).last();
             let arrived = answer.and_then(|answer| chance.answer(answer.encode()));
@@ -129,7 +129,8 @@ impl<P: Port> Port for Wired<P> {
             let record = RdtRecord { sequence: 1, sample: 1, status: 0, counts }.encode();
             let came = (!self.chance.loses()).then(|| RdtRecord::decode(&record)).flatten();
             let wrench = came.map(|record| record.wrench(COUNTS, COUNTS));
-            reading.wrench_on_sensor = arm.intake.take(wrench).0;
+            let (wrench, taken) = arm.intake.take(wrench);
+            (reading.wrench_on_sensor, reading.wrench_is_old) = (wrench, !taken.is_new());
         }
         self.step(period)
     }

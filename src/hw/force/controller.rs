@@ -198,7 +198,7 @@ impl FtController {
 }
 
 impl ForceSource for FtController {
-    fn read(&mut self, period: u64, effector: usize, notes: &mut Notes) -> Wrench {
+    fn read(&mut self, period: u64, effector: usize, notes: &mut Notes) -> (Wrench, bool) {
         let mut good = None;
         match self.stage {
             Stage::SettingUp(step) => self.set_up(step),
@@ -226,7 +226,7 @@ impl ForceSource for FtController {
         {
             tell(taken, period, effector, notes);
         }
-        wrench
+        (wrench, taken.is_new())
     }
 }
 
@@ -278,17 +278,17 @@ mod tests {
         let mut wrench = Wrench::from_directions([f64::NAN; 6]);
         for period in 0..100 {
             serve(&pty, &push);
-            wrench = sensor.read(period, 0, &mut notes);
+            wrench = sensor.read(period, 0, &mut notes).0;
         }
         assert_eq!(wrench, push);
 
         for period in 100..120 {
-            wrench = sensor.read(period, 0, &mut notes);
+            wrench = sensor.read(period, 0, &mut notes).0;
         }
         assert!(!wrench.is_finite(), "silent");
         for period in 120..400 {
             serve(&pty, &push);
-            wrench = sensor.read(period, 0, &mut notes);
+            wrench = sensor.read(period, 0, &mut notes).0;
         }
         assert_eq!(wrench, push, "it came back by itself");
     }
@@ -324,7 +324,7 @@ mod tests {
                     byte => line.push(byte),
                 }
             }
-            wrench = sensor.read(period, 0, &mut Notes::none());
+            wrench = sensor.read(period, 0, &mut Notes::none()).0;
         }
 
         assert_eq!(wrench, Wrench::from_directions([1.0, 2.0, -3.0, 1.0, 0.0, 0.5]));

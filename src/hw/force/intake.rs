@@ -35,6 +35,14 @@ pub enum Taken {
     Back,
 }
 
+impl Taken {
+    /// Whether a reading counts that did not before.
+    #[must_use]
+    pub fn is_new(&self) -> bool {
+        !matches!(self, Self::Held | Self::OverRange { .. })
+    }
+}
+
 /// A sensor's recent past.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intake {

@@ -24,8 +24,9 @@ use crate::spatial::Wrench;
 /// A wrist sensor.
 pub trait ForceSource: Send {
     /// Takes what has come since the last period, and never waits. What the surroundings and the tool's weight exert
-    /// on the sensor, in its frame; components are NaN when it is silent.
-    fn read(&mut self, period: u64, effector: usize, notes: &mut Notes) -> Wrench;
+    /// on the sensor, in its frame; components are NaN when it is silent. And whether it is new: what is held counts once
+    /// in a mean.
+    fn read(&mut self, period: u64, effector: usize, notes: &mut Notes) -> (Wrench, bool);
 }
 
 /// There is no sensor: always silent.
@@ -33,7 +34,7 @@ pub trait ForceSource: Send {
 pub struct NoSensor;
 
 impl ForceSource for NoSensor {
-    fn read(&mut self, _: u64, _: usize, _: &mut Notes) -> Wrench {
-        Wrench::from_directions([f64::NAN; 6])
+    fn read(&mut self, _: u64, _: usize, _: &mut Notes) -> (Wrench, bool) {
+        (Wrench::from_directions([f64::NAN; 6]), true)
     }
 }

@@ -128,6 +128,10 @@ impl Sequence {
     }
 }
 
+/// Bit of the status: a threshold set in the box was passed at some time. It stays until it is reset there, and the readings
+/// are as good as ever.
+const LATCHED: u32 = 1 << 16;
+
 /// A Net F/T box.
 #[derive(Debug)]
 pub struct NetFt {
@@ -192,19 +196,20 @@ impl NetFt {
 }
 
 impl ForceSource for NetFt {
-    fn read(&mut self, period: u64, effector: usize, notes: &mut Notes) -> Wrench {
+    fn read(&mut self, period: u64, effector: usize, notes: &mut Notes) -> (Wrench, bool) {
         let newest = self.newest(period, effector, notes);
         if let Some(record) = newest
             && record.status != self.status
         {
             self.status = record.status;
-            if record.status != 0 {
+            if record.status & !LATCHED != 0 {
                 notes.tell(period, effector, What::ForceStatus { status: record.status });
             }
         }
         let (scale, torque_scale) = (self.counts_per_newton, self.counts_per_newton_metre);
         // What a box that reports a fault measures is worth nothing.
-        let good = newest.filter(|r| r.status == 0).map(|r| r.wrench(scale, torque_scale));
+        let good =
+            newest.filter(|r| r.status & !LATCHED == 0).map(|r| r.wrench(scale, torque_scale));
         let (wrench, taken) = self.intake.take(good);
         tell(taken, period, effector, notes);
         if let Taken::Silent { first } = taken {
@@ -215,7 +220,7 @@ impl ForceSource for NetFt {
                 let _ = self.socket.send(&request(START, 0));
             }
         }
-        wrench
+        (wrench, taken.is_new())
     }
 }
 
@@ -303,7 +308,7 @@ mod tests {
         let mut bytes = [0; 64];
         let (length, from) = box_.recv_from(&mut bytes).unwrap();
         assert_eq!(start_request(&bytes[..length]), Some(true));
-        assert!(!sensor.read(1, 0, &mut notes).is_finite(), "nothing has come");
+        assert!(!sensor.read(1, 0, &mut notes).0.is_finite(), "nothing has come");
 
         for (sequence, newtons) in [(1, 1), (2, 2), (5, 5), (4, 4)] {
             box_.send_to(&record(sequence, newtons), from).unwrap();
@@ -312,13 +317,13 @@ mod tests {
 
         let mut wrench = sensor.read(2, 0, &mut notes);
         for _ in 0..100 {
-            if wrench.force.z == 5.0 {
+            if wrench.0.force.z == 5.0 {
                 break;
             }
             std::thread::sleep(Duration::from_millis(1));
             wrench = sensor.read(3, 0, &mut notes);
         }
-        assert_eq!(wrench.force.z, 5.0);
+        assert_eq!(wrench.0.force.z, 5.0);
         std::thread::sleep(Duration::from_millis(5));
         sensor.read(4, 0, &mut notes);
         let mut kinds = Vec::new();

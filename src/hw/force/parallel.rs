@@ -162,7 +162,7 @@ pub(super) mod tests {
         fn write16(&mut self, _: u16, _: u16) {
             panic!("the board has bytes")
         }
-        fn interrupted(&mut self) -> bool {
+        fn interrupted(&mut self, _: std::time::Duration) -> bool {
             false
         }
         fn pause(&mut self) {}

@@ -16,6 +16,10 @@ use crate::motion::{AXES, Depth};
 use crate::servo::io::{ArmDrive, ArmReading, JAW};
 use crate::spatial::Wrench;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// Periods after which a current above its limit is one too many.
+const TRIPS: u32 = 50;
 
 /// An axis of a card.
 #[derive(Debug, Clone, Copy)]
@@ -27,6 +31,8 @@ pub struct CardAxis {
     pub width: i16,
     /// Limit of its current [units].
     pub max_current: u8,
+    /// Periods in a row in which the current was above that.
+    above: u32,
     /// The cabinet's buttons move it.
     pub manual: bool,
     /// What it shows; the alarm lasts.
@@ -54,6 +60,8 @@ pub struct Card {
     pub divisor: u8,
     /// Its interrupts come.
     pub alive: bool,
+    /// Periods that the card's own clock still stands.
+    pub stalls: u32,
     /// Axes set their counters to zero by themselves when they pass a zero that they track.
     pub zeroes_itself: bool,
     /// Binary outputs.
@@ -132,8 +140,12 @@ impl Card {
         }
     }
 
-    /// 2 ms pass for the card.
+    /// 2 ms pass for the card, unless its clock is behind.
     fn tick(&mut self) {
+        if self.stalls > 0 {
+            self.stalls -= 1;
+            return;
+        }
         for axis in &mut self.axes {
             axis.taken = false;
         }
@@ -149,7 +161,6 @@ impl Card {
             enabled: self.axes.iter().any(|axis| axis.width != 0),
             pwm: std::array::from_fn(|i| self.axes[i].width),
             jaw_pwm: jaw.width,
-            jaw_current_limit: f64::from(jaw.max_current) / self.units_per_ampere[JAW],
             stops: if self.outputs & 1 == 1 { Depth::Two } else { Depth::One },
             // Zeros are the card's own business.
             synchronise: 0,
@@ -164,9 +175,12 @@ impl Card {
             axis.position = if i == JAW { reading.jaw_count } else { reading.counts[i] };
             let units = reading.currents[i].abs() * self.units_per_ampere[i];
             axis.current = units.round().clamp(0.0, 255.0) as u8;
+            axis.above = if axis.current > axis.max_current { axis.above + 1 } else { 0 };
             axis.status = AxisStatus {
                 zero: bit(reading.encoder_zeros),
-                over_current: axis.status.over_current || bit(reading.over_currents),
+                over_current: axis.status.over_current
+                    || axis.above > TRIPS
+                    || bit(reading.over_currents),
                 sync_switch: bit(reading.sync_switches),
                 upper: bit(reading.upper_limits),
                 lower: bit(reading.lower_limits),
@@ -217,6 +231,7 @@ impl Bank {
             kind,
             width: 0,
             max_current: 0,
+            above: 0,
             manual: true,
             status: AxisStatus::default(),
             unreadable: false,
@@ -231,6 +246,7 @@ impl Bank {
             axes: arm.kinds.map(axis),
             divisor: 0,
             alive: true,
+            stalls: 0,
             zeroes_itself: false,
             outputs: 0,
             inputs: 0,
@@ -307,7 +323,7 @@ impl Registers for Bank {
         }
     }
 
-    fn interrupted(&mut self) -> bool {
+    fn interrupted(&mut self, _: Duration) -> bool {
         std::mem::take(&mut self.card().interrupt)
     }
 
@@ -320,8 +336,8 @@ impl Registers for Bank {
 struct Felt(Bank);
 
 impl ForceSource for Felt {
-    fn read(&mut self, _: u64, _: usize, _: &mut Notes) -> Wrench {
-        self.0.card().wrench
+    fn read(&mut self, _: u64, _: usize, _: &mut Notes) -> (Wrench, bool) {
+        (self.0.card().wrench, true)
     }
 }
 

@@ -9,7 +9,7 @@
 
 use super::counter::Counter;
 use super::registers::{
-    AxisKind, AxisStatus, HARDWARE_ERROR, Registers, command, counter, error_word, port,
+    AxisKind, AxisStatus, HARDWARE_ERROR, LIMITS, Registers, command, counter, error_word, port,
     pulse_word, resolver,
 };
 use crate::hw::force::ForceSource;
@@ -18,7 +18,12 @@ use crate::hw::port::{Port, PortFault};
 use crate::motion::{AXES, Depth, PERIOD};
 use crate::servo::io::{ArmDrive, ArmReading, JAW};
 use std::collections::VecDeque;
+use std::time::{Duration, Instant};
 
+/// How long an exchange waits for the card's next period: together with the last one's rest it is always near.
+const WAIT: Duration = Duration::from_millis(1);
+/// How long the first one does.
+const FIRST: Duration = Duration::from_millis(100);
 /// Periods without an interrupt that make one miss: the original's 10 ms.
 const MISS: u32 = 5;
 /// Misses after which the arm is given up.
@@ -44,7 +49,7 @@ pub struct IsaArm<R> {
     pub power_axis: usize,
     /// Units of current per ampere, the jaw's last.
     pub units_per_ampere: [f64; AXES + 1],
-    /// Limits of the motor currents in those units; the jaw's, the last, holds until something is gripped.
+    /// Limits of the motor currents in those units, the jaw's last.
     pub max_currents: [u8; AXES + 1],
     /// Its force sensor.
     pub force: Box<dyn ForceSource>,
@@ -73,7 +78,8 @@ struct Axis {
     /// What it is still to be told.
     commands: VecDeque<u16>,
     /// In the last period it was told a command.
-    commanded: bool,
+    /// Pulse width that it was told last.
+    width: i16,
     /// It was asked to synchronise in the last period.
     asked: bool,
 }
@@ -84,8 +90,15 @@ struct Arm<R> {
     enabled: bool,
     /// What the axes show does not let any motor go on.
     hard: bool,
-    jaw_limit: u8,
+    /// What they show, as in the aggregated error word, and what of it was there when the drives were switched on: an axis
+    /// that stands on its limit switch must be able to leave it, and the servo sees that it does not go on.
+    errors: u64,
+    spared: u64,
+    /// The last reading, for when the card has not come to its next one.
+    last: ArmReading,
     outputs: Option<u16>,
+    /// Whether the card awaits its words.
+    ready: bool,
     /// Periods since the last interrupt.
     quiet: u32,
 }
@@ -93,6 +106,7 @@ struct Arm<R> {
 /// All arms.
 pub struct IsaPort<R: Registers> {
     arms: Vec<Arm<R>>,
+    begun: bool,
     notes: Notes,
 }
 
@@ -107,13 +121,16 @@ impl<R: Registers> IsaPort<R> {
                     axes: parts.kinds.map(|kind| Axis {
                         counter: Counter::new(kind),
                         commands: VecDeque::with_capacity(8),
-                        commanded: false,
+                        width: 0,
                         asked: false,
                     }),
                     enabled: false,
                     hard: false,
-                    jaw_limit: parts.max_currents[JAW],
+                    errors: 0,
+                    spared: 0,
+                    last: ArmReading::default(),
                     outputs: None,
+                    ready: false,
                     quiet: 0,
                     parts,
                 };
@@ -121,7 +138,7 @@ impl<R: Registers> IsaPort<R> {
                 arm
             })
             .collect();
-        Self { arms, notes }
+        Self { arms, begun: false, notes }
     }
 }
 
@@ -209,8 +226,7 @@ impl<R: Registers> Arm<R> {
     /// What every axis shows.
     fn read(&mut self, reading: &mut ArmReading) {
         self.acknowledge();
-        *reading =
-            ArmReading { wrench_on_sensor: reading.wrench_on_sensor, ..ArmReading::default() };
+        *reading = ArmReading::default();
         let mut statuses = [AxisStatus::default(); AXES + 1];
         for (axis, slot) in statuses.iter_mut().enumerate().skip(self.first()) {
             self.choose(axis);
@@ -225,7 +241,7 @@ impl<R: Registers> Arm<R> {
                 AxisKind::Resolver => (resolver(low, high), word & 0xff),
                 AxisKind::Encoder { .. } => (Some(i64::from(counter(low, high))), reply >> 8),
             };
-            let Axis { counter, commands, .. } = &mut self.axes[axis];
+            let Axis { counter, commands, width, .. } = &mut self.axes[axis];
             if counter.take(position, status) {
                 commands.push_back(command::FINISH_SYNCHRO);
                 if counter.is_off() {
@@ -237,7 +253,9 @@ impl<R: Registers> Arm<R> {
                 }
             }
             let bit = |is: bool| u8::from(is) << axis;
-            reading.currents[axis] = f64::from(units) / self.parts.units_per_ampere[axis];
+            // Its magnitude; it flows as it is driven.
+            let amperes = f64::from(units) / self.parts.units_per_ampere[axis];
+            reading.currents[axis] = if *width < 0 { -amperes } else { amperes };
             reading.upper_limits |= bit(status.upper);
             reading.lower_limits |= bit(status.lower);
             reading.over_currents |= bit(status.over_current);
@@ -257,7 +275,10 @@ impl<R: Registers> Arm<R> {
         if off {
             reading.power_faults = u8::MAX;
         }
-        self.hard = off || error_word(statuses) & HARDWARE_ERROR != 0;
+        let errors = error_word(statuses) & HARDWARE_ERROR;
+        self.spared &= errors;
+        self.hard = off || errors & !self.spared != 0;
+        self.errors = errors;
     }
 
     fn read_inputs(&mut self, reading: &mut ArmReading) {
@@ -274,14 +295,15 @@ impl<R: Registers> Arm<R> {
     /// What every axis is told.
     fn write(&mut self, drive: &ArmDrive) {
         let switched = drive.enabled != self.enabled;
-        // A switch that is being left again must not stop the motor that leaves it: the servo decides, once it has
-        // switched the drives on anew. And stopping waits for no command.
+        if switched && drive.enabled {
+            self.spared = self.errors & LIMITS;
+        }
+        // Stopping waits for no command.
         let stops = self.enabled && (self.hard || !drive.enabled);
         for axis in self.first()..=JAW {
             self.queue(axis, drive, switched);
             self.choose(axis);
             let waiting = if stops { None } else { self.axes[axis].commands.pop_front() };
-            self.axes[axis].commanded = waiting.is_some();
             if let Some(word) = waiting {
                 let counter = &mut self.axes[axis].counter;
                 match word {
@@ -293,7 +315,9 @@ impl<R: Registers> Arm<R> {
                 self.tell(word);
             } else {
                 let width = if axis == JAW { drive.jaw_pwm } else { drive.pwm[axis] };
-                self.tell(pulse_word(if drive.enabled && !stops { width } else { 0 }));
+                let width = if drive.enabled && !stops { width } else { 0 };
+                self.axes[axis].width = width;
+                self.tell(pulse_word(width));
             }
         }
         let outputs = u16::from(drive.stops == Depth::Two);
@@ -320,23 +344,20 @@ impl<R: Registers> Arm<R> {
             slot.commands.push_back(command::FINISH_SYNCHRO);
         }
         slot.asked = asked;
-        // A limit that changes in every period leaves every other one to the pulse width.
-        if axis == JAW && drive.enabled && slot.commands.is_empty() && !slot.commanded {
-            let units = drive.jaw_current_limit * self.parts.units_per_ampere[JAW];
-            let limit = units.round().clamp(0.0, 255.0) as u8;
-            if limit != self.jaw_limit {
-                self.jaw_limit = limit;
-                slot.commands.push_back(command::SET_MAX_CURRENT | u16::from(limit));
-            }
-        }
     }
 
     /// Whether the card gives signs of life.
     ///
     /// # Errors
     /// Not any more.
-    fn watch(&mut self, period: u64, effector: usize, notes: &mut Notes) -> Result<(), PortFault> {
-        if self.parts.registers.interrupted() {
+    fn watch(
+        &mut self,
+        came: bool,
+        period: u64,
+        effector: usize,
+        notes: &mut Notes,
+    ) -> Result<(), PortFault> {
+        if came {
             self.quiet = 0;
             return Ok(());
         }
@@ -374,15 +395,37 @@ impl<R: Registers> Port for IsaPort<R> {
         drives: &[ArmDrive],
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
-        let mut lost = Ok(());
+        let (mut lost, begun) = (Ok(()), Instant::now());
         for (effector, (arm, reading)) in self.arms.iter_mut().zip(readings).enumerate() {
-            arm.read(reading);
-            reading.wrench_on_sensor = arm.parts.force.read(period, effector, &mut self.notes);
-            lost = lost.and(arm.watch(period, effector, &mut self.notes));
+            // The card goes by its own clock: a second word in one of its periods would be lost for good, and counters
+            // are whole only between two of them.
+            let patience = if self.begun { WAIT } else { FIRST };
+            let came = arm.parts.registers.interrupted(patience.saturating_sub(begun.elapsed()));
+            if !(came || self.begun) {
+                let name = &arm.parts.name;
+                let reason = format!("{name}: no interrupt from the card: check the cabinet");
+                return Err(PortFault { effector, reason });
+            }
+            arm.ready = came;
+            if came {
+                let mut now = ArmReading::default();
+                arm.read(&mut now);
+                arm.last = now;
+            }
+            let guessed = if came { 0 } else { u8::MAX };
+            *reading = ArmReading { guessed, ..arm.last };
+            let (wrench, new) = arm.parts.force.read(period, effector, &mut self.notes);
+            (reading.wrench_on_sensor, reading.wrench_is_old) = (wrench, !new);
+            lost = lost.and(arm.watch(came, period, effector, &mut self.notes));
         }
+        self.begun = true;
         for (arm, drive) in self.arms.iter_mut().zip(drives) {
             // A cube may join the arms: all stop for one.
-            arm.write(if lost.is_ok() { drive } else { &ArmDrive::OFF });
+            if lost.is_err() {
+                arm.write(&ArmDrive::OFF);
+            } else if arm.ready {
+                arm.write(drive);
+            }
         }
         lost
     }

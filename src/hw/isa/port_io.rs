@@ -2,6 +2,7 @@
 #![allow(unsafe_code, reason = "port instructions and the right to use them exist in no safe form")]
 
 use super::registers::{Registers, port};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags};
 use std::os::fd::OwnedFd;
 use std::time::Duration;
@@ -88,8 +89,10 @@ impl Registers for PortIo {
         value
     }
 
-    fn interrupted(&mut self) -> bool {
+    fn interrupted(&mut self, within: Duration) -> bool {
         let Some(fd) = &self.interrupts else { return true };
+        let time = Timespec { tv_sec: 0, tv_nsec: within.subsec_nanos().into() };
+        let _ = poll(&mut [PollFd::new(fd, PollFlags::IN)], Some(&time));
         let mut count = [0; 4];
         let came = matches!(rustix::io::read(fd, &mut count), Ok(4));
         if came {

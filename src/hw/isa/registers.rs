@@ -6,6 +6,8 @@
 //! - the aggregated error word has 5 bits an axis: synchronisation zero, synchronisation switch, lower limit, upper
 //!   limit, over-current
 
+use std::time::Duration;
+
 /// Card's ports.
 pub mod port {
     /// Chooses the axis; 8 bits.
@@ -151,6 +153,16 @@ impl AxisStatus {
 /// Bits of the aggregated error word that stop the motors: all but those of synchronisation.
 pub const HARDWARE_ERROR: u64 = 0xe739_cce7_39ce_739c;
 
+/// Those of them that are limit switches.
+pub const LIMITS: u64 = {
+    let (mut bits, mut axis) = (0, 0);
+    while axis < 8 {
+        bits |= 0b01100 << (5 * axis);
+        axis += 1;
+    }
+    bits
+};
+
 /// The aggregated error word of all axes.
 #[must_use]
 pub fn error_word(axes: impl IntoIterator<Item = AxisStatus>) -> u64 {
@@ -200,8 +212,8 @@ pub trait Registers: Send {
     fn write16(&mut self, port: u16, value: u16);
     /// Reads a word.
     fn read16(&mut self, port: u16) -> u16;
-    /// Whether the card has raised its interrupt since it was asked last.
-    fn interrupted(&mut self) -> bool;
+    /// Whether the card has raised its interrupt since it was asked last, or does within this time.
+    fn interrupted(&mut self, within: Duration) -> bool;
     /// Lets the 2 ms pass that a card needs to take some of its commands; for its set-up and its end only.
     fn pause(&mut self);
 }

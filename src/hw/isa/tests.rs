@@ -96,14 +96,7 @@ impl Rig {
 const ENCODER: AxisKind = AxisKind::Encoder { sync_high: false };
 
 fn on(width: i16) -> ArmDrive {
-    ArmDrive {
-        enabled: true,
-        pwm: [width; 7],
-        jaw_pwm: -width,
-        jaw_current_limit: 0.1,
-        stops: Depth::Two,
-        synchronise: 0,
-    }
+    ArmDrive { enabled: true, pwm: [width; 7], jaw_pwm: -width, stops: Depth::Two, synchronise: 0 }
 }
 
 #[test]
@@ -137,7 +130,7 @@ fn a_card_is_set_up_as_the_original_did_and_left_with_its_buttons_alive() {
 #[test]
 fn pulse_widths_move_counters_both_ways_once_the_alarms_are_reset() {
     let mut rig = Rig::new(ENCODER, 6);
-    rig.shows().currents = [2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 0.1];
+    rig.shows().currents = [2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 1.0, 0.08];
     rig.cards.bank(0).card().inputs = 0x8421;
     rig.cards.bank(0).card().analog = [1, 2, 3, 4, 5, 6, 7, 8];
 
@@ -147,12 +140,12 @@ fn pulse_widths_move_counters_both_ways_once_the_alarms_are_reset() {
     assert_eq!(reading.counts[1..], [99 * 20; 6], "axis 1 is the first pointer's");
     assert_eq!(reading.jaw_count, -99 * 20);
     assert!((reading.currents[3] - 27.0 / 13.7).abs() < 1e-12);
-    assert!((reading.currents[JAW] - 35.0 / 347.0).abs() < 1e-12);
+    assert!((reading.currents[JAW] + 28.0 / 347.0).abs() < 1e-12, "it opens");
     assert_eq!(reading.inputs, 0x8421);
     assert_eq!(reading.analog_inputs, [1, 2, 3, 4, 5, 6, 7, 8]);
     let card = rig.cards.bank(0).card();
     assert_eq!(card.outputs, 1, "the palm's stops");
-    assert_eq!(card.axes[JAW].max_current, 35);
+    assert_eq!(card.axes[JAW].max_current, 0x20);
 }
 
 #[test]
@@ -273,6 +266,47 @@ fn a_card_without_interrupts_is_told_after_20_ms_and_given_up_after_30() {
 
     assert!(fault.reason.contains("postument") && fault.reason.contains("30 ms"), "{fault}");
     assert_eq!(rig.widths(), [0; 7]);
+}
+
+#[test]
+fn a_card_that_is_behind_loses_no_word_and_its_counters_count_as_guessed() {
+    let mut rig = Rig::new(ENCODER, 6);
+    let before = rig.go(20, on(100));
+    for _ in 0..20 {
+        rig.cards.bank(0).card().stalls = 2;
+        // The last period's interrupt, then none.
+        let reading = rig.go(3, on(100));
+        assert_eq!(reading.guessed, u8::MAX);
+        assert_eq!(rig.go(5, on(-100)).guessed, 0);
+        assert_eq!(rig.widths()[0], -100);
+    }
+    assert!(rig.go(1, on(100)).counts[3] < before.counts[3]);
+    assert!(rig.told.pop().is_err(), "nobody is told of so little");
+}
+
+#[test]
+fn a_motor_that_stands_on_its_limit_switch_is_driven_off_it() {
+    let mut rig = Rig::new(ENCODER, 6);
+    rig.shows().lower_limits = 1 << 3;
+    rig.go(20, ArmDrive::OFF);
+    rig.go(20, on(100));
+    assert_eq!(rig.widths()[2], 100);
+
+    rig.shows().lower_limits = 0;
+    rig.go(20, on(100));
+    rig.shows().lower_limits = 1 << 3;
+    rig.go(2, on(100));
+    assert_eq!(rig.widths(), [0; 7], "once left, it stops all motors");
+}
+
+#[test]
+fn a_current_that_stays_above_its_limit_is_an_over_current() {
+    let mut rig = Rig::new(ENCODER, 6);
+    // 0x20 units of 347 an ampere.
+    rig.shows().currents[JAW] = 0.091;
+    assert_eq!(rig.go(200, on(100)).over_currents, 0);
+    rig.shows().currents[JAW] = 0.1;
+    assert_eq!(rig.go(200, on(100)).over_currents, 1 << JAW);
 }
 
 /// Both arms of the built-in cell on the simulated plant, behind their cards.

@@ -234,6 +234,8 @@ pub struct Jaws {
     pub stall_force: f64,
     /// Friction of the jaw's drive at the pads [N].
     pub coulomb: f64,
+    /// Current of the jaw's motor that its controller does not bear for long [A].
+    pub trip_current: f64,
 }
 
 impl Jaws {
@@ -250,6 +252,7 @@ impl Jaws {
             no_load_speed: 1e4,
             stall_force: 150.0,
             coulomb: 2.0,
+            trip_current: 0.2,
         }
     }
 

@@ -1,8 +1,8 @@
 //! The jaw of a gripper: a small motor behind a fine screw, which moves both pads towards or from each other.
 //!
-//! - in: pulse width and current limit, the force with which the cube pushes each pad
+//! - in: pulse width, the force with which the cube pushes each pad
 //! - out: distance between the pads, encoder, current
-//! - the drive limits the current, so it limits the grip; a clutch slips at the greatest grip
+//! - a clutch slips at the greatest grip; the controller reports a current that is above its limit for too long
 
 use super::config::Jaws;
 use super::encoder::{Encoder, Report};
@@ -11,6 +11,8 @@ use crate::servo::io::ArmDrive;
 
 /// Slower than this a jaw that gives way is not one that opens [m/s].
 const OPENS: f64 = 1e-3;
+/// For so long a current may be above its limit [s].
+const TRIPS: f64 = 0.1;
 /// Speed over which the jaw's friction builds up [m/s].
 const CREEP: f64 = 1e-4;
 
@@ -24,6 +26,8 @@ pub(super) struct PlantJaw {
     speed: f64,
     /// Force of the drive on the opening, positive opens [N].
     force: f64,
+    /// For how long the current has been above its limit [s].
+    above: f64,
     encoder: Encoder,
 }
 
@@ -38,7 +42,7 @@ impl PlantJaw {
             motor -= (c0 + motor * (c1 + c2 * motor) - wanted) / (c1 + 2.0 * c2 * motor);
         }
         let encoder = Encoder::new(gripper.increments, motor, synchronised);
-        Self { gripper: *gripper, jaws: *jaws, motor, speed: 0.0, force: 0.0, encoder }
+        Self { gripper: *gripper, jaws: *jaws, motor, speed: 0.0, force: 0.0, above: 0.0, encoder }
     }
 
     /// True distance between the pads [m].
@@ -51,8 +55,7 @@ impl PlantJaw {
     /// opening [N/m].
     pub(super) fn step(&mut self, drive: &ArmDrive, push: f64, stiffness: f64, dt: f64) {
         if !drive.enabled {
-            self.speed = 0.0;
-            self.force = 0.0;
+            (self.speed, self.force, self.above) = (0.0, 0.0, 0.0);
             return;
         }
         let [_, c1, c2] = self.gripper.opening_of_motor;
@@ -61,8 +64,7 @@ impl PlantJaw {
         let u = f64::from(drive.jaw_pwm.clamp(-255, 255)) / 255.0;
         // A positive pulse width turns the motor forwards, which closes.
         let back_emf = j.stall_force / (j.no_load_speed * slope.abs());
-        let limit =
-            (drive.jaw_current_limit / self.gripper.amperes_per_newton).clamp(0.0, j.greatest_grip);
+        let limit = j.greatest_grip;
         let free = j.stall_force * u * slope.signum() - back_emf * self.speed;
         let friction = j.coulomb / (self.speed.abs() + CREEP);
         let base = j.mass + dt * friction + dt * dt * stiffness;
@@ -78,6 +80,8 @@ impl PlantJaw {
             self.speed = (momentum + dt * force) / base;
             force
         };
+        let trips = self.current().abs() > self.jaws.trip_current;
+        self.above = if trips { self.above + dt } else { 0.0 };
         self.motor += dt * self.speed / slope;
         let (low, high) = self.gripper.opening;
         let offset = self.gripper.opening_offset;
@@ -107,6 +111,11 @@ impl PlantJaw {
     /// At rest where it was kept.
     pub(super) fn restore(&mut self, (motor, encoder): (f64, Encoder)) {
         (self.motor, self.encoder, self.speed, self.force) = (motor, encoder, 0.0, 0.0);
+    }
+
+    /// Whether the controller reports over-current.
+    pub(super) fn over_current(&self) -> bool {
+        self.above > TRIPS
     }
 
     /// Motor current, positive closes [A].

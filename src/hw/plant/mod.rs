@@ -449,6 +449,7 @@ impl Port for Plant {
             reading.encoder_zeros |= u8::from(jaw.zero) << JAW;
             reading.synchronised |= u8::from(jaw.synchronised) << JAW;
             reading.currents[AXES] = self.jaws[i].current();
+            reading.over_currents |= u8::from(self.jaws[i].over_current()) << JAW;
             let touch = &self.balance.touches[i];
             let tool = &arm.world_from_tool;
             let force = tool.r * -touch.force + self.faults.acting.push[i];

@@ -174,13 +174,21 @@ impl TestServo {
             let (opening, force) = self.jaws[i];
             let gripper = &self.plant.cell().arms[i].gripper;
             // 20 mm/s towards the wanted opening.
-            let (set, _) = &mut self.jaw_state[i];
+            let (set, last_count) = &mut self.jaw_state[i];
             *set += (opening - *set).clamp(-0.02 * PERIOD, 0.02 * PERIOD);
-            let counter = self.readings[i].jaw_count as f64 * TAU / gripper.increments;
+            let count = self.readings[i].jaw_count as f64;
+            let speed = count - std::mem::replace(last_count, count);
+            let counter = count * TAU / gripper.increments;
             let [c0, c1, c2] = gripper.opening_of_motor;
             let is = c0 + counter * (c1 + c2 * counter);
-            drive.jaw_pwm = (5.0e5 * (is - *set)).clamp(-190.0, 190.0) as i16;
-            drive.jaw_current_limit = force * gripper.amperes_per_newton;
+            let (current, allowed) =
+                (self.readings[i].currents[AXES], force * gripper.amperes_per_newton);
+            let last = f64::from(drive.jaw_pwm);
+            let (down, up) =
+                (last - 130.0 * (allowed + current), last + 130.0 * (allowed - current));
+            drive.jaw_pwm =
+                (2.5e5 * (is - *set) - 2.4 * speed).clamp(-190.0, 190.0).max(down).min(up).round()
+                    as i16;
         }
         let period = self.plant.period;
         self.plant.exchange(period, &self.drives, &mut self.readings).unwrap();

@@ -117,6 +117,8 @@ pub struct Axis {
     passed: f64,
     /// Answers taken, as far as they settle the start.
     settled: u32,
+    /// First byte of its answers, once one has come.
+    begins: Option<u8>,
     misses: u32,
     impossible: u32,
     /// Counter of the last answer, when it was off by more than a motor could be: another one may confirm it.
@@ -161,6 +163,7 @@ impl Axis {
             since: 0.0,
             passed: 0.0,
             settled: 0,
+            begins: None,
             misses: 0,
             impossible: 0,
             doubted: None,
@@ -222,7 +225,10 @@ impl Axis {
     /// where it was expected then.
     #[must_use]
     pub fn is_late(&self, answer: &[u8; STATUS]) -> bool {
-        let Some(told) = Status::decode(answer) else { return false };
+        if self.begins != Some(answer[0]) {
+            return false;
+        }
+        let told = Status::decode(answer);
         let off = |count: i32| told.count.wrapping_sub(count).unsigned_abs();
         self.step.abs() > NOISE
             && off(self.expected(self.since - self.passed)) < off(self.expected(self.since))
@@ -242,8 +248,17 @@ impl Axis {
             return Ok(Answer::Missed(self.misses));
         };
         self.misses = 0;
-        let told = Status::decode(bytes);
+        // What answers a parameter need not be a reading.
+        if self.sent.is_some() && self.begins.is_none_or(|first| first == bytes[0]) {
+            self.confirm();
+            return Ok(Answer::Taken);
+        }
         let settled = self.settled >= SETTLING;
+        // The controllers' first byte is whatever they all begin with.
+        if !settled && self.begins != Some(bytes[0]) {
+            (self.begins, self.settled) = (Some(bytes[0]), 0);
+        }
+        let told = (self.begins == Some(bytes[0])).then(|| Status::decode(bytes));
         let most = f64::from(self.rules.jump) * self.since.max(1.0);
         let doubted = self.doubted.take();
         let possible = told.filter(|now| {
@@ -557,15 +572,16 @@ mod tests {
 
     #[test]
     fn a_parameter_that_is_never_answered_is_a_fault() {
-        let mut axis = Axis::new(Rules::default());
+        let mut axis = running();
+        let off = AxisDrive { enabled: false, ..ON };
         for answer in [None, Some(b"$1234567")] {
-            axis.order(&ON);
+            axis.order(&off);
             after_a_period(&mut axis, answer).unwrap();
         }
-        axis.order(&ON);
+        axis.order(&off);
         assert_eq!(
             after_a_period(&mut axis, None),
-            Err(AxisFault::Untaken(Parameter::Mode(Mode::Pwm)))
+            Err(AxisFault::Untaken(Parameter::Mode(Mode::Manual)))
         );
     }
 
@@ -584,5 +600,20 @@ mod tests {
         assert_eq!(axis.count(), 3);
         axis.order(&ON);
         assert_eq!(after_a_period(&mut axis, Some(&at(4).encode())), Ok(Answer::Taken));
+    }
+
+    #[test]
+    fn answers_begin_with_whatever_they_began_with() {
+        let begun_with = |first: u8, bytes: [u8; STATUS]| [&[first], &bytes[1..]].concat();
+        let mut axis = Axis::new(Rules::default());
+        for _ in 0..6 {
+            axis.order(&ON);
+            let answer: [u8; STATUS] = begun_with(0x55, at(5000).encode()).try_into().unwrap();
+            assert_eq!(after_a_period(&mut axis, Some(&answer)), Ok(Answer::Taken));
+        }
+        assert!(axis.has_settled());
+        axis.order(&ON);
+        let other = at(5000).encode();
+        assert_eq!(after_a_period(&mut axis, Some(&other)), Ok(Answer::Impossible(1)));
     }
 }

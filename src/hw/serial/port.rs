@@ -16,16 +16,18 @@ use crate::motion::{AXES, Depth, PERIOD};
 use crate::servo::io::{ArmDrive, ArmReading};
 use std::time::{Duration, Instant};
 
-/// Exchanges before the first readings are given out: those that settle a start, and as many for lines that miss some.
-const FIRST: u32 = 8;
+/// Time for every axis to answer and settle at the start.
+const FIRST: Duration = Duration::from_secs(1);
+/// Times that the last order is sent until all have answered.
+const LAST: u32 = 3;
 /// An arm's lines and its force sensor.
 pub struct SerialArm {
     /// Name of the effector, for messages.
     pub name: String,
     /// Its axes with their lines: 0 the track, 1..=6, 7 the jaw; an axis that is not there has none.
     pub axes: [Option<Line>; AXES + 1],
-    /// Limit of each motor current [A]; the jaw's follows the grip.
-    pub max_currents: [Option<f64>; AXES],
+    /// Motor current at which each controller stops [A], the jaw's last.
+    pub max_currents: [f64; AXES + 1],
     /// Its force sensor.
     pub force: Box<dyn ForceSource>,
 }
@@ -35,7 +37,7 @@ struct Arm {
     /// Line of each axis.
     lines: [Option<usize>; AXES + 1],
     axes: [Axis; AXES + 1],
-    max_currents: [Option<u16>; AXES],
+    max_currents: [u16; AXES + 1],
     force: Box<dyn ForceSource>,
 }
 
@@ -81,7 +83,7 @@ impl SerialPort {
                     name: arm.name,
                     lines: axes,
                     axes: std::array::from_fn(|_| Axis::new(rules)),
-                    max_currents: arm.max_currents.map(|a| a.map(milliamperes)),
+                    max_currents: arm.max_currents.map(milliamperes),
                     force: arm.force,
                 }
             })
@@ -197,21 +199,49 @@ impl SerialPort {
         }
     }
 
-    /// Exchanges until every axis has settled, power off.
+    /// Exchanges until every axis has settled, power off. What is not known then must not be taken for a robot that
+    /// stands at zero and was never synchronised.
+    ///
+    /// # Errors
+    /// The lines that have not answered within a second.
     fn begin(&mut self) -> Result<(), PortFault> {
         let off = [ArmDrive::OFF; 2];
-        for _ in 0..FIRST {
+        let begun = Instant::now();
+        while begun.elapsed() < FIRST {
+            let turn = Instant::now();
             self.talk(&off);
-            self.judge(0)?;
-            let settled = self
-                .arms
-                .iter()
-                .all(|arm| (0..=AXES).all(|i| arm.lines[i].is_none() || arm.axes[i].has_settled()));
-            if settled {
-                break;
+            // Whoever is not there yet is no fault of a line.
+            if !self.misses_all() {
+                self.judge(0)?;
             }
+            if self.unsettled().is_empty() {
+                return Ok(());
+            }
+            std::thread::sleep(Duration::from_secs_f64(PERIOD).saturating_sub(turn.elapsed()));
         }
-        Ok(())
+        let silent = self.unsettled();
+        let effector = silent[0].0;
+        let lines: Vec<_> = silent
+            .into_iter()
+            .map(|(effector, index)| {
+                let arm = &self.arms[effector];
+                let path = arm.lines[index].map_or("", |line| self.lines.path(line));
+                let axis = if index == AXES { "jaw".to_owned() } else { format!("axis {index}") };
+                format!("{}, {axis} ({path})", arm.name)
+            })
+            .collect();
+        let reason = format!("{}: no answer within 1 s of the start", lines.join("; "));
+        Err(PortFault { effector, reason })
+    }
+
+    /// Axes that have not shown yet where they stand: effector and axis.
+    fn unsettled(&self) -> Vec<(usize, usize)> {
+        let axes = (0..self.arms.len()).flat_map(|arm| (0..=AXES).map(move |axis| (arm, axis)));
+        axes.filter(|&(arm, axis)| {
+            let arm = &self.arms[arm];
+            arm.lines[axis].is_some() && !arm.axes[axis].has_settled()
+        })
+        .collect()
     }
 }
 
@@ -223,23 +253,17 @@ fn milliamperes(amperes: f64) -> u16 {
 pub(crate) fn axis_drive(
     drive: &ArmDrive,
     index: usize,
-    max_currents: &[Option<u16>; AXES],
+    max_currents: &[u16; AXES + 1],
 ) -> AxisDrive {
     let enabled = drive.enabled;
     let synchronise = drive.synchronise >> index & 1 == 1;
-    if index == AXES {
-        let outputs = u8::from(drive.stops == Depth::Two);
-        let limit = enabled.then(|| milliamperes(drive.jaw_current_limit));
-        AxisDrive { enabled, width: drive.jaw_pwm, outputs, max_current: limit, synchronise }
+    let max_current = Some(max_currents[index]);
+    let (width, outputs) = if index == AXES {
+        (drive.jaw_pwm, u8::from(drive.stops == Depth::Two))
     } else {
-        AxisDrive {
-            enabled,
-            width: drive.pwm[index],
-            outputs: 0,
-            max_current: max_currents[index],
-            synchronise,
-        }
-    }
+        (drive.pwm[index], 0)
+    };
+    AxisDrive { enabled, width, outputs, max_current, synchronise }
 }
 
 impl Port for SerialPort {
@@ -268,9 +292,11 @@ impl Port for SerialPort {
             hand_over(&arm.axes, arm.lines[0].is_some(), reading);
             // Where nothing at all gets through, its silence is not the sensor's: the last wrench holds meanwhile.
             if self.all_missed > 0 {
+                reading.wrench_is_old = true;
                 continue;
             }
-            reading.wrench_on_sensor = arm.force.read(period, effector, &mut self.notes);
+            let (wrench, new) = arm.force.read(period, effector, &mut self.notes);
+            (reading.wrench_on_sensor, reading.wrench_is_old) = (wrench, !new);
         }
         Ok(())
     }
@@ -310,7 +336,15 @@ pub(crate) fn hand_over(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut 
 
 impl Drop for SerialPort {
     fn drop(&mut self) {
-        self.tell_all(if self.fault.is_none() { Mode::Manual } else { Mode::Error });
+        let mode = if self.fault.is_none() { Mode::Manual } else { Mode::Error };
+        // Nothing comes after this, and a controller may keep the last width that it was told.
+        for _ in 0..LAST {
+            self.tell_all(mode);
+            self.lines.gather(Instant::now() + self.patience);
+            if (0..self.lines.len()).all(|line| self.lines.answer(line).is_some()) {
+                break;
+            }
+        }
     }
 }
 
