@@ -985,10 +985,10 @@ impl Mission {
                 };
                 let meeting = self.settings.meetings.views[viewer.other().index()][side]
                     .ok_or("the cell has no pose for this look")?;
-                let mut jobs = vec![
-                    Job::Meet { newcomer: viewer, meeting, back: false },
-                    Job::Look { viewer, face, tries: 1 },
-                ];
+                let mut jobs = vec![Job::Meet { newcomer: viewer, meeting, back: false }];
+                // In doubt: from nearer, beside another exposure.
+                jobs.extend((self.rounds > 1).then_some(Job::Nudge(viewer, NUDGES[0])));
+                jobs.push(Job::Look { viewer, face, tries: 1 });
                 if holds(viewer).is_some() {
                     jobs.insert(0, Job::LetGo(viewer));
                 }

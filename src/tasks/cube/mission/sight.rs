@@ -213,7 +213,7 @@ mod tests {
     use crate::tasks::cube::mission::Goal;
     use crate::tasks::cube::plan::Rule;
     use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
-    use crate::tasks::cube::think::{Conclusion, NoAnswer, Strategy};
+    use crate::tasks::cube::think::{Conclusion, NoAnswer, Strategy, Thought};
     use crate::tasks::{Action, Event, Forces, Readings, Task};
     use nalgebra::{Point3, Vector3};
 
@@ -342,31 +342,42 @@ mod tests {
         mission
     }
 
-    /// Performs the mission until it thinks, asks or ends; `hides` tells which stickers of a face cannot be seen in a
-    /// hold. Also the faces that were looked at, with the holds, and the event with which it began.
+    /// A look at a face in a hold, and whether the camera went aside or nearer for it.
+    #[derive(Debug, PartialEq)]
+    struct Look {
+        face: Face,
+        hold: Hold,
+        nudged: bool,
+    }
+
+    /// Performs the mission until it thinks, asks or ends, and tells what was looked at; `hides` tells which stickers of a
+    /// face cannot be seen in a hold.
     fn perform(
         mission: &mut Mission,
         begin: Event<Conclusion>,
         hides: impl Fn(Face, Hold) -> [bool; 9],
-    ) -> (Action<crate::tasks::cube::think::Thought>, Vec<(Face, Hold)>) {
+    ) -> (Action<Thought>, Vec<Look>) {
         let arms = [ArmState { jaw_opening: 0.057, ..ArmState::default() }; 2];
-        let (mut event, mut looks) = (begin, Vec::new());
+        let (mut event, mut looks, mut nudged) = (begin, Vec::new(), false);
         for _ in 0..1000 {
             let action = mission.next(event, &Readings { arms: &arms, forces: Forces::default() });
             event = match action {
                 Action::Phase(_) | Action::Bias(_) => Event::Done,
-                Action::Behave { orders, .. } => Event::Behaved(orders.map(|o| {
-                    o.map(|order| match order {
-                        Behaviour::Approach { .. } => Outcome::Touched(0.0),
-                        Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
-                        Behaviour::Secure { .. } => Outcome::Secured,
-                        _ => Outcome::Reached,
-                    })
-                })),
+                Action::Behave { orders, .. } => {
+                    nudged |= matches!(mission.pending, Some(Job::Nudge(..)));
+                    Event::Behaved(orders.map(|o| {
+                        o.map(|order| match order {
+                            Behaviour::Approach { .. } => Outcome::Touched(0.0),
+                            Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
+                            Behaviour::Secure { .. } => Outcome::Secured,
+                            _ => Outcome::Reached,
+                        })
+                    }))
+                }
                 Action::Look { effector, view } => {
                     let Some(Job::Look { face, .. }) = mission.pending else { panic!() };
                     let hold = mission.belief.held[1 - effector].unwrap().hold;
-                    looks.push((face, hold));
+                    looks.push(Look { face, hold, nudged: std::mem::take(&mut nudged) });
                     Event::Looked(Ok(FaceReading {
                         rgb: [[100.0, 120.0, 140.0]; 9],
                         colours: [0; 9],
@@ -396,7 +407,7 @@ mod tests {
 
         assert!(matches!(action, Action::Think(_)), "{action:?}");
         assert!(mission.sight.missing().is_empty());
-        let upper: Vec<Hold> = looks.iter().filter(|l| l.0 == Face::U).map(|l| l.1).collect();
+        let upper: Vec<Hold> = looks.iter().filter(|l| l.face == Face::U).map(|l| l.hold).collect();
         let covered = upper.iter().filter(|hold| hold.palm == Face::D).count();
         assert_eq!(covered, LOOK_TRIES as usize, "not twice in one hold");
         assert_eq!(upper.len(), covered + 1);
@@ -409,7 +420,7 @@ mod tests {
         let always = |face: Face, _: Hold| std::array::from_fn(|i| i == 2 && face == Face::U);
 
         let (action, looks) = perform(&mut holding(), Event::Done, always);
-        let upper: Vec<Hold> = looks.iter().filter(|l| l.0 == Face::U).map(|l| l.1).collect();
+        let upper: Vec<Hold> = looks.iter().filter(|l| l.face == Face::U).map(|l| l.hold).collect();
         assert_eq!(upper.len(), MOST_HIDDEN * LOOK_TRIES as usize);
         let mut holds = upper.clone();
         holds.dedup();
@@ -429,6 +440,7 @@ mod tests {
         let all = |_: Face, _: Hold| [false; 9];
         let (_, looks) = perform(&mut mission, Event::Done, all);
         assert_eq!(looks.len(), 6);
+        assert!(looks.iter().all(|l| !l.nudged), "{looks:?}");
         let doubt = || {
             let doubtful = vec![9, 12, 40];
             let doubt = Doubt { reason: "red?".into(), read: None, doubtful, possible: true };
@@ -438,9 +450,10 @@ mod tests {
         let (action, looks) = perform(&mut mission, doubt(), all);
 
         assert!(matches!(action, Action::Think(_)), "{action:?}");
-        let mut faces: Vec<Face> = looks.iter().map(|l| l.0).collect();
+        let mut faces: Vec<Face> = looks.iter().map(|l| l.face).collect();
         faces.sort_unstable();
         assert_eq!(faces, [Face::R, Face::L]);
+        assert!(looks.iter().all(|l| l.nudged), "from elsewhere: {looks:?}");
 
         // The same doubt once more: there is nobody to ask.
         let (_, looks) = perform(&mut mission, doubt(), all);
