@@ -1,5 +1,6 @@
 //! Vision on one core: `cargo bench --bench vision`, and on photographs:
-//! `RUBIK_PHOTOGRAPHS=DIR cargo bench --bench vision`, where DIR holds PNG and JPEG files.
+//! `RUBIK_PHOTOGRAPHS=DIR RUBIK_CUBES=DIR cargo bench --bench vision`, where the one folder holds PNG and JPEG files, and
+//! the other JSON files of 54 squares measured in photographs, as `vision colours` reads them.
 //!
 //! Rendered frames are the plant's, at 640x480 and 1280x960. Photographs are scaled to these sizes by repeating or
 //! leaving out pixels, so that the figures compare.
@@ -10,6 +11,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use image::RgbImage;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rubik_robot::cell::{Camera, Intrinsics, Mount};
+use rubik_robot::cli::cubes::measured_squares;
 use rubik_robot::cube::{Cube, Facelets};
 use rubik_robot::hw::plant::render::{Look, Renderer, cube_alone};
 use rubik_robot::spatial::{Pose, pose_from_axes};
@@ -109,31 +111,58 @@ fn whole_frame(c: &mut Criterion) {
     }
 }
 
-fn colours(c: &mut Criterion) {
-    let faces: Vec<FaceSighting> = rendered(640, 480)
-        .iter()
-        .filter_map(|image| detect(image, None, &DetectorSettings::default()).ok())
+/// The faces that are found in pictures.
+fn faces(images: &[RgbImage]) -> Vec<FaceSighting> {
+    let found = |image| detect(image, None, &DetectorSettings::default()).ok();
+    images.iter().filter_map(found).flatten().collect()
+}
+
+/// Cubes that were measured in photographs.
+fn measured(folder: &Path) -> Vec<[[f64; 3]; 54]> {
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .into_iter()
         .flatten()
+        .filter_map(|entry| Some(entry.ok()?.path()))
         .collect();
-    let mut next = faces.iter().cycle();
-    c.bench_function("colours of one face", |b| {
-        b.iter(|| next.next().map(|face| decide_face(black_box(&face.rgb))));
-    });
-    // Every cube of these has its own colours, from the tiles of a rendered face and their shading.
-    let cubes: Vec<[[f64; 3]; 54]> = (0..50u64)
-        .map(|seed| {
-            let facelets = *Facelets::from(&Cube::scrambled(seed)).colours();
-            std::array::from_fn(|i| {
-                let wobble = ((i as u64 * 7919 + seed * 104_729) % 31) as f64 - 15.0;
-                let shade = 0.7 + 0.05 * (i / 9) as f64;
-                STICKERS[usize::from(facelets[i])].map(|v| (v * shade + wobble).clamp(0.0, 255.0))
-            })
+    files.sort();
+    let texts = files.iter().filter_map(|file| std::fs::read_to_string(file).ok());
+    texts.filter_map(|text| measured_squares(&text).ok()).collect()
+}
+
+/// Cubes with colours of their own, from the tiles of a rendered face and their shading.
+fn made_up() -> Vec<[[f64; 3]; 54]> {
+    let cube = |seed: u64| {
+        let facelets = *Facelets::from(&Cube::scrambled(seed)).colours();
+        std::array::from_fn(|i| {
+            let wobble = ((i as u64 * 7919 + seed * 104_729) % 31) as f64 - 15.0;
+            let shade = 0.7 + 0.05 * (i / 9) as f64;
+            STICKERS[usize::from(facelets[i])].map(|v| (v * shade + wobble).clamp(0.0, 255.0))
         })
-        .collect();
-    let mut next = cubes.iter().cycle();
-    c.bench_function("54-facelet decision", |b| {
-        b.iter(|| next.next().map(|rgb| decide_cube(black_box(rgb))));
-    });
+    };
+    (0..50).map(cube).collect()
+}
+
+fn colours(c: &mut Criterion) {
+    let mut sets = vec![("rendered", faces(&rendered(640, 480)))];
+    if let Some(folder) = std::env::var_os("RUBIK_PHOTOGRAPHS") {
+        sets.push(("photographs", faces(&photographs(Path::new(&folder), 640, 480))));
+    }
+    for (name, faces) in sets.iter().filter(|(_, faces)| !faces.is_empty()) {
+        let mut next = faces.iter().cycle();
+        c.bench_function(&format!("colours of one face, {name}"), |b| {
+            b.iter(|| next.next().map(|face| decide_face(black_box(&face.rgb))));
+        });
+    }
+    let mut sets = vec![("made up", made_up())];
+    if let Some(folder) = std::env::var_os("RUBIK_CUBES") {
+        sets.push(("photographs", measured(Path::new(&folder))));
+    }
+    for (name, cubes) in sets.iter().filter(|(_, cubes)| !cubes.is_empty()) {
+        let mut next = cubes.iter().cycle();
+        c.bench_function(&format!("54-facelet decision, {name}"), |b| {
+            b.iter(|| next.next().map(|rgb| decide_cube(black_box(rgb))));
+        });
+    }
 }
 
 criterion_group!(benches, whole_frame, colours);

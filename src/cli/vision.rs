@@ -1,6 +1,6 @@
 //! `rubik-robot vision face`: picture files in, faces as text or JSON lines out.
 
-use crate::vision::colours::LETTERS;
+use crate::vision::colours::{LETTERS, is_colourless};
 use crate::vision::{DetectorSettings, FaceSighting, detect};
 use anyhow::{Context, Result, anyhow, bail};
 use image::metadata::Orientation;
@@ -104,6 +104,12 @@ pub(super) fn letters(face: &FaceSighting) -> String {
     face.colours.iter().map(|&c| LETTERS[usize::from(c)]).collect()
 }
 
+/// Why the colours of faces that were found mean nothing, if so.
+fn no_colour(faces: &[FaceSighting]) -> Option<&'static str> {
+    let colourless = !faces.is_empty() && faces.iter().all(|face| is_colourless(&face.rgb));
+    colourless.then_some("no colour: the picture is in black and white")
+}
+
 fn face_json(face: &FaceSighting) -> Value {
     let share = |v: f64| (v * 1000.0).round() / 1000.0;
     let c = &face.centres;
@@ -118,7 +124,8 @@ fn face_json(face: &FaceSighting) -> Value {
 }
 
 /// `vision face IMAGE...`: the faces of each picture, or why there are none; one line a picture with `json`.
-/// A file that is no picture gets its line too; the flag is false when any picture showed no face.
+/// A file that is no picture gets its line too; the flag is false when any picture showed no face. A picture in black and
+/// white has faces and a reason, why their colours mean nothing.
 #[must_use]
 pub fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     let (mut text, mut all) = (String::new(), true);
@@ -131,8 +138,12 @@ pub fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
         // Writing to a string cannot fail.
         let _ = match (&found, json) {
             (Ok(faces), true) => {
-                let faces: Vec<Value> = faces.iter().map(face_json).collect();
-                writeln!(text, "{}", json!({ "image": name, "faces": faces }))
+                let found: Vec<Value> = faces.iter().map(face_json).collect();
+                let mut line = json!({ "image": name, "faces": found });
+                if let Some(reason) = no_colour(faces) {
+                    line["reason"] = reason.into();
+                }
+                writeln!(text, "{line}")
             }
             (Err(reason), true) => {
                 let reason = format!("{reason:#}");
@@ -143,9 +154,10 @@ pub fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
                 let c = letters(f);
                 let weakest = f.confidences.iter().copied().fold(1.0, f64::min);
                 let at = f.centres[4];
+                let doubt = no_colour(faces).map(|reason| format!("; {reason}"));
                 writeln!(
                     text,
-                    "{name}: face {} of {}: {} / {} / {}  centre {:.0},{:.0} px, width {:.0} px, confidence {:.2}, least certain tile {weakest:.2}",
+                    "{name}: face {} of {}: {} / {} / {}  centre {:.0},{:.0} px, width {:.0} px, confidence {:.2}, least certain tile {weakest:.2}{}",
                     i + 1,
                     faces.len(),
                     &c[0..3],
@@ -155,6 +167,7 @@ pub fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
                     at.1,
                     f.width_px(),
                     f.confidence,
+                    doubt.unwrap_or_default(),
                 )
             }),
         };
@@ -165,6 +178,7 @@ pub fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vision::testing::Drawing;
 
     #[test]
     fn a_file_that_is_no_picture_gets_a_line_with_the_reason() {
@@ -288,6 +302,34 @@ mod tests {
         let (line, found) =
             face(&[&Written::new("one.png", &bytes(&D::new_rgb8(1, 1), ImageFormat::Png)).0], true);
         assert!(!found && line.contains("only 1x1 px"), "{line}");
+    }
+
+    #[test]
+    fn of_a_picture_in_black_and_white_it_is_said_that_it_has_no_colour() {
+        let optics = crate::cell::Intrinsics {
+            width: 320,
+            height: 240,
+            focal: (400.0, 400.0),
+            centre: (159.5, 119.5),
+            distortion: (0.0, 0.0),
+        };
+        let pose = crate::spatial::Pose::translation(0.0, 0.0, 0.2);
+        let drawing = Drawing::new(optics, vec![(pose, [0, 1, 2, 3, 4, 5, 4, 1, 0])]);
+        let coloured = DynamicImage::from(drawing.render());
+        let grey = DynamicImage::from(coloured.to_luma8());
+        let line = |name: &str, picture: &DynamicImage| {
+            let file = Written::new(name, &bytes(picture, ImageFormat::Png));
+            let (line, found) = face(&[&file.0], true);
+            assert!(found, "{line}");
+            (serde_json::from_str::<Value>(&line).unwrap(), face(&[&file.0], false).0)
+        };
+
+        let (json, text) = line("grey.png", &grey);
+        assert!(json["reason"].as_str().unwrap().starts_with("no colour"), "{json}");
+        assert_eq!(json["faces"][0]["tile_confidence"], json!(vec![0.0; 9]));
+        assert!(text.contains("no colour"), "{text}");
+        let (json, text) = line("coloured.png", &coloured);
+        assert!(json["reason"].is_null() && !text.contains("no colour"), "{json}");
     }
 
     proptest::proptest! {

@@ -1,7 +1,11 @@
 //! What six colours look like on one cube: classes with a common spread, under a light that differs from face to face.
 //!
 //! Beside noise, which is alike in all classes, a facelet may lie more or less towards the light: that moves it along the
-//! ray from black through its class, bright classes farther than dark ones.
+//! ray from black through its class, bright classes farther than dark ones. So does a camera that exposes anew for each
+//! face: there it is all nine facelets, by one gain.
+//!
+//! Sorting and learning in turns ends in the optimum that is nearest to where it began: a face in another light may pass
+//! for a face of other colours. So it begins at several places, and what each end explains is told by [`Model::cost`].
 //!
 //! - in: mean RGB of 54 facelets, and which class each one is taken for
 //! - out: [`Model`]; squared distances of each facelet from each class
@@ -28,6 +32,18 @@ const SPREAD: f64 = 3.0;
 /// The same for the shading.
 const SHADING: f64 = 0.04;
 
+/// Standard deviation of a face's gain, relative, in cube roots of light: a third of a stop up or down.
+const GAIN: f64 = 0.1;
+
+/// Shading with which the sorting also begins: brightness tells next to nothing, as long as no face's gain is known.
+const ANY_SHADING: f64 = 1.0;
+
+/// A gain beyond this is none.
+const MOST_GAIN: f64 = 0.5;
+
+/// From where cube roots of light scale: L* + 16, a* and b* do.
+const BLACK: Vector3<f64> = Vector3::new(LIGHTNESS * 16.0, 0.0, 0.0);
+
 /// What a rig is known to do to its facelets.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Expected {
@@ -50,8 +66,10 @@ pub(super) struct Model {
     means: [Vector3<f64>; 6],
     /// Inverse of the common covariance.
     precision: Matrix3<f64>,
-    /// Shift of all nine facelets of each face.
+    /// Shift of all nine facelets of each face: haze, reflections.
     shifts: [Vector3<f64>; 6],
+    /// How much brighter each face is exposed, relative, in cube roots of light.
+    gains: [f64; 6],
     /// Standard deviation of the shading from facelet to facelet, relative, in cube roots of light.
     shading: f64,
 }
@@ -70,22 +88,33 @@ impl Model {
 
     pub(super) fn of(expected: Expected, belief: f64) -> Self {
         let (means, precision) = (expected.means, expected.precision);
-        Self { expected, belief, means, precision, shifts: [Vector3::zeros(); 6], shading: SHADING }
+        let shifts = [Vector3::zeros(); 6];
+        Self { expected, belief, means, precision, shifts, gains: [0.0; 6], shading: SHADING }
     }
 
-    /// Lets means, shifts, spread and facelets take turns.
-    pub(super) fn settle(self, points: &Points) -> Self {
-        let mut model = self;
+    /// The same, where the brightness of a facelet counts for little.
+    pub(super) fn by_hue(self) -> Self {
+        Self { shading: ANY_SHADING, precision: self.precision * 4.0, ..self }
+    }
+
+    /// Lets means, light, spread and facelets take turns; also what the facelets were taken for in the end.
+    pub(super) fn settle(mut self, points: &Points) -> (Self, [u8; 54]) {
         let mut facelets = [0u8; 54];
         for round in 0..8 {
-            let sorted = cheapest_pieces(&model.costs(points));
+            let sorted = cheapest_pieces(&self.costs(points));
             if sorted == facelets && round > 2 {
                 break;
             }
             facelets = sorted;
-            model.learn(points, &facelets, &[false; 54]);
+            self.learn(points, &facelets, &[false; 54]);
         }
-        model
+        (self, facelets)
+    }
+
+    /// The best that a sorting allows: as it is compared with another one.
+    pub(super) fn settled_on(mut self, points: &Points, facelets: &[u8; 54]) -> Self {
+        (0..8).for_each(|_| self.learn(points, facelets, &[false; 54]));
+        self
     }
 
     /// Takes the facelets for true, but those that are `without` a say.
@@ -95,7 +124,10 @@ impl Model {
             for c in 0..6 {
                 let members: Vec<Vector3<f64>> = (0..54)
                     .filter(|&i| class(i) == c && !without[i])
-                    .map(|i| points[i] - self.shifts[i / 9] - self.expected.shifts[i])
+                    .map(|i| {
+                        let bare = points[i] - self.shifts[i / 9] - self.expected.shifts[i];
+                        (bare + BLACK) / (1.0 + self.gains[i / 9]) - BLACK
+                    })
                     .collect();
                 let n = members.len() as f64;
                 let total = middle(&members) * n + self.expected.means[c] * self.belief;
@@ -103,6 +135,7 @@ impl Model {
             }
             for face in 0..6 {
                 let members = (9 * face..9 * face + 9).filter(|&i| !without[i]);
+                self.gains[face] = self.gain(points, face, members.clone().map(|i| (i, class(i))));
                 let n = members.clone().count() as f64;
                 let sum: Vector3<f64> = members
                     .map(|i| {
@@ -132,10 +165,31 @@ impl Model {
         }
     }
 
-    /// A facelet from the mean of a class, in units of the common spread.
+    /// The likeliest gain of a face whose facelets are of these classes: each one tells it as well as its shading lets it.
+    fn gain(
+        &self,
+        points: &Points,
+        face: usize,
+        members: impl Iterator<Item = (usize, usize)>,
+    ) -> f64 {
+        let (mut sum, mut total) = (0.0, 1.0 / (GAIN * GAIN));
+        for (i, class) in members {
+            let ray = self.ray(class);
+            let stiff = self.precision * ray;
+            let known = ray.dot(&stiff);
+            let d = self.apart(points, i, class) + ray * self.gains[face];
+            let weight = self.weight(points, i, class) / (1.0 + known * self.shading.powi(2));
+            sum += weight * stiff.dot(&d);
+            total += weight * known;
+        }
+        (sum / total).clamp(-MOST_GAIN, MOST_GAIN)
+    }
+
+    /// A facelet from where a class lies on its face, in units of the common spread.
     fn apart(&self, points: &Points, i: usize, class: usize) -> Vector3<f64> {
-        let d = points[i] - self.expected.shifts[i] - self.shifts[i / 9] - self.means[class];
-        d / self.expected.variances[i].sqrt()
+        let face = i / 9;
+        let place = self.means[class] + self.ray(class) * self.gains[face] + self.shifts[face];
+        (points[i] - self.expected.shifts[i] - place) / self.expected.variances[i].sqrt()
     }
 
     /// A facelet far off is a reflection or in the wrong class: it must not shape the model.
@@ -148,6 +202,34 @@ impl Model {
         std::array::from_fn(|i| std::array::from_fn(|c| bent(self.square(points, i, c))))
     }
 
+    /// What it costs to explain the facelets so, in -2 log likelihood, but for what is the same of all models: distances,
+    /// how wide the classes are taken to be, and how far light and spread lie from what was known of them.
+    pub(super) fn cost(&self, points: &Points, facelets: &[u8; 54]) -> f64 {
+        let volume = -self.precision.determinant().max(f64::MIN_POSITIVE).ln();
+        let mut cost = 0.0;
+        for (i, &class) in facelets.iter().enumerate() {
+            let class = usize::from(class);
+            let ray = self.ray(class);
+            let stretch = self.shading.powi(2) * ray.dot(&(self.precision * ray));
+            cost += bent(self.square(points, i, class)) + volume + stretch.ln_1p();
+        }
+        for (shift, gain) in self.shifts.iter().zip(self.gains) {
+            cost += SHIFT_PRIOR * shift.dot(&(self.precision * shift)) + (gain / GAIN).powi(2);
+        }
+        for (mean, expected) in self.means.iter().zip(&self.expected.means) {
+            let moved = mean - expected;
+            cost += self.belief * moved.dot(&(self.precision * moved));
+        }
+        let shades = self.shading.powi(2);
+        cost + SPREAD_PRIOR * (volume + SPREAD * SPREAD * self.precision.trace())
+            + SPREAD_PRIOR * (shades.ln() + SHADING * SHADING / shades)
+    }
+
+    /// Light of each face against the mean one, as a factor.
+    pub(super) fn light(&self) -> [f64; 6] {
+        self.gains.map(|gain| (1.0 + gain).powi(3))
+    }
+
     /// Squared distance of a facelet from a class, in units of the spread.
     pub(super) fn square(&self, points: &Points, i: usize, class: usize) -> f64 {
         let d = self.apart(points, i, class);
@@ -157,9 +239,9 @@ impl Model {
         rest.dot(&(self.precision * rest)) + (shade / self.shading).powi(2)
     }
 
-    /// Where a class goes when it is lit more strongly: cube roots of light scale, and so do L* + 16, a* and b*.
+    /// Where a class goes when it is lit more strongly.
     fn ray(&self, class: usize) -> Vector3<f64> {
-        self.means[class] + Vector3::new(LIGHTNESS * 16.0, 0.0, 0.0)
+        self.means[class] + BLACK
     }
 
     /// The likeliest shading of a facelet that is so far from its class, relative, and its variance.

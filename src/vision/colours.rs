@@ -51,7 +51,7 @@ impl Prototype {
 const PALE: f64 = 0.05;
 
 /// From this level on a channel counts as clipped: encoders do not leave it at 255.
-pub(super) const CLIPPED: f64 = 246.0;
+pub const CLIPPED: f64 = 246.0;
 
 /// Gains of red and blue against green that the light may have (log spaced; prior s.d. 0.25 in log).
 const GAINS: [f64; 7] = [0.6, 0.72, 0.85, 1.0, 1.18, 1.4, 1.65];
@@ -155,12 +155,18 @@ pub(super) fn decide_face_with(
         // A tile that resembles no colour is not certain, however lonely the best guess is.
         confidences[i] = (-(d[best] / 30.0)).exp() / weight;
     }
-    // A picture in black and white says nothing of colours; that of a white face has noise.
-    let grey = |c: &[f64; 3]| c[0].max(c[1]).max(c[2]) - c[0].min(c[1]).min(c[2]) < 0.5;
-    if rgb.iter().all(grey) {
+    if is_colourless(rgb) {
         confidences = [0.0; 9];
     }
     (colours, confidences)
+}
+
+/// Whether a picture in black and white shows these tiles: it says nothing of colours. That of a white face has noise, and
+/// a light of its own.
+#[must_use]
+pub fn is_colourless(rgb: &[[f64; 3]]) -> bool {
+    let grey = |c: &[f64; 3]| c[0].max(c[1]).max(c[2]) - c[0].min(c[1]).min(c[2]) < 0.5;
+    rgb.iter().all(grey)
 }
 
 /// Hue of each colour on the cube at hand, and its spread [deg]: makers' reds differ more than two reds of a cube do.
@@ -361,9 +367,17 @@ pub(super) fn prototype_distances(linear: [f64; 3]) -> [f64; 6] {
 }
 
 /// Linear light 0..=1 of an sRGB level 0..=255.
-pub(super) fn to_linear(level: f64) -> f64 {
+#[must_use]
+pub fn to_linear(level: f64) -> f64 {
     let v = (level / 255.0).clamp(0.0, 1.0);
     if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
+
+/// The sRGB level 0..=255 of linear light 0..=1.
+#[must_use]
+pub fn to_level(linear: f64) -> f64 {
+    let v = linear.clamp(0.0, 1.0);
+    255.0 * if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
 }
 
 /// CIE L*a*b* (D65) of linear RGB.

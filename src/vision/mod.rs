@@ -26,6 +26,7 @@ mod fit;
 pub mod homography;
 pub mod lattice;
 pub mod likeliest;
+mod names;
 pub mod paper;
 mod patch;
 pub mod pose;

@@ -13,11 +13,11 @@
 //! - source: own work; the spread as a metric after Mahalanobis (1936)
 
 use super::assignment::assign;
-use super::classes::{Expected, Model, Points, coordinates, median};
-use super::colours::{CLIPPED, Light, Seen, fit_light, prototype_distances, to_linear};
+use super::classes::{Expected, Model, Points, coordinates};
+use super::colours::{CLIPPED, is_colourless, to_linear};
 use super::likeliest::{CENTRES, Likeliest, likeliest};
-use crate::cube::{Cube, Face, Facelets, ImpossibleCube, Rotation24, facelet_place};
-use std::sync::LazyLock;
+use super::names::name;
+use crate::cube::{Cube, Face, Facelets, ImpossibleCube, facelet_place};
 
 /// A whole cube, decided.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,6 +44,9 @@ pub enum Undecided {
     /// A measured value is not a number.
     #[error("facelet {0} has no colour: not a number")]
     NotANumber(usize),
+    /// The pictures are in black and white.
+    #[error("no colour in the pictures: they are in black and white")]
+    NoColour,
     /// Two centres cannot be told apart.
     #[error(
         "the centres of faces {} and {} have the same colour{}",
@@ -71,10 +74,9 @@ pub enum Undecided {
     },
 }
 
-/// A cube with a facelet of a smaller margin is not certain enough to be solved: another look, or somebody, must tell.
-pub const LEAST_MARGIN: f64 = 0.5;
-
-/// Facelets with a smaller margin are named.
+/// Facelets with a smaller margin are doubtful, everywhere: whoever reads a cube is told their names, and a cube that has
+/// any is not solved before another look, or somebody, has decided. At this margin the best other cube is ten times less
+/// likely.
 const DOUBTFUL: f64 = 0.9;
 
 /// The facelets that are in question must look like their own colours rather than like those of the likeliest cube by so
@@ -102,6 +104,9 @@ pub fn decide_cube(rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
     if let Some(i) = rgb.iter().position(|c| c.iter().any(|v| !v.is_finite())) {
         return Err(Undecided::NotANumber(i));
     }
+    if is_colourless(rgb) {
+        return Err(Undecided::NoColour);
+    }
     let points = coordinates(rgb);
     for first in Face::ALL {
         for second in Face::ALL.into_iter().filter(|s| s.index() > first.index()) {
@@ -125,18 +130,54 @@ pub(super) fn decide_expected(
         return Err(Undecided::NotANumber(i));
     }
     let points = coordinates(rgb);
+    if is_colourless(rgb) {
+        return Err(Undecided::NoColour);
+    }
     decide(rgb, &points, Model::of(expected, BELIEF))
 }
 
-/// The decision that begins with a model.
+/// The decision that begins with a model: of where it leads to from two places, what explains most.
 fn decide(rgb: &[[f64; 3]; 54], points: &Points, model: Model) -> Result<Decision, Undecided> {
-    let model = model.settle(points);
-    let costs = model.costs(points);
-    let best = likeliest(&costs);
-    if let Some(refused) = contradiction(points, &model, &costs, &best) {
+    let (near, facelets) = model.clone().settle(points);
+    let (by_hue, others) = model.by_hue().settle(points);
+    let (mut best, rival) = if facelets == others {
+        let nearer = near.cost(points, &facelets) <= by_hue.cost(points, &facelets);
+        (Reading::of(if nearer { near } else { by_hue }, points), None)
+    } else {
+        let near = Reading::of(near.settled_on(points, &facelets), points);
+        let by_hue = Reading::of(by_hue.settled_on(points, &others), points);
+        if near.price <= by_hue.price { (near, Some(by_hue)) } else { (by_hue, Some(near)) }
+    };
+    if let Some(refused) = contradiction(points, &best.model, &best.costs, &best.cube) {
         return Err(refused);
     }
-    Ok(conclude(rgb, &costs, &best))
+    // No facelet is more certain than the whole way in which it is explained.
+    if let Some(rival) = rival {
+        for (i, margin) in best.cube.margins.iter_mut().enumerate() {
+            if rival.cube.facelets[i] != best.cube.facelets[i] {
+                *margin = margin.min(rival.price - best.price);
+            }
+        }
+    }
+    Ok(conclude(rgb, &best))
+}
+
+/// A cube as one model explains it.
+struct Reading {
+    model: Model,
+    costs: [[f64; 6]; 54],
+    cube: Likeliest,
+    /// What all of it costs.
+    price: f64,
+}
+
+impl Reading {
+    fn of(model: Model, points: &Points) -> Self {
+        let costs = model.costs(points);
+        let cube = likeliest(&costs);
+        let price = model.cost(points, &cube.facelets);
+        Self { model, costs, cube, price }
+    }
 }
 
 /// Whether the facelets say clearly that the cube is none that can exist.
@@ -194,7 +235,7 @@ fn clearness(costs: &[[f64; 6]; 54], alone: &[u8; 54], best: &[u8; 54]) -> f64 {
 }
 
 /// The likeliest cube with its margins and names.
-fn conclude(rgb: &[[f64; 3]; 54], costs: &[[f64; 6]; 54], best: &Likeliest) -> Decision {
+fn conclude(rgb: &[[f64; 3]; 54], Reading { model, costs, cube: best, .. }: &Reading) -> Decision {
     let own = |i: usize| costs[i][usize::from(best.facelets[i])];
     // A facelet that only the others forced into its class is no more certain than it looks by itself.
     let margins = std::array::from_fn(|i| {
@@ -205,7 +246,9 @@ fn conclude(rgb: &[[f64; 3]; 54], costs: &[[f64; 6]; 54], best: &Likeliest) -> D
     });
     let mut doubtful: Vec<usize> = (0..54).filter(|&i| margins[i] < DOUBTFUL).collect();
     doubtful.sort_by(|&a, &b| margins[a].total_cmp(&margins[b]));
-    let names = name(&rgb.map(|c| c.map(to_linear)), &best.facelets);
+    let light = model.light();
+    let even = |i: usize| rgb[i].map(|v| to_linear(v) / light[i / 9]);
+    let names = name(&std::array::from_fn(even), &best.facelets);
     Decision {
         colours: best.facelets.map(|c| names[usize::from(c)]),
         facelets: best.facelets,
@@ -241,47 +284,6 @@ fn as_counted(costs: &[[f64; 6]; 54], alone: [u8; 54]) -> [u8; 54] {
     let price =
         |facelets: &[u8; 54]| -> f64 { (0..54).map(|i| costs[i][usize::from(facelets[i])]).sum() };
     if price(&counted) - price(&alone) > 0.5 * IMPLAUSIBLE { alone } else { counted }
-}
-
-/// Colours of the six faces of a cube of the common scheme, in each of the 24 ways to lay it.
-static SCHEMES: LazyLock<Vec<[u8; 6]>> = LazyLock::new(|| {
-    let solved = Facelets::solved();
-    Rotation24::all().map(|r| CENTRES.map(|c| solved.rotated(r).colours()[c])).collect()
-});
-
-/// By so much another scheme must explain the colours better than the common one.
-const UNCOMMON: f64 = 15.0;
-
-/// Colour 0..=5 of each class: the way to lay a cube of the common scheme, and the light, under which the classes
-/// look most like their colours.
-fn name(linear: &[[f64; 3]; 54], class: &[u8; 54]) -> [u8; 6] {
-    let means: [[f64; 3]; 6] = std::array::from_fn(|class_| {
-        std::array::from_fn(|c| {
-            let members = (0..54).filter(|&i| usize::from(class[i]) == class_);
-            median(members.map(|i| linear[i][c]).collect())
-        })
-    });
-    let price = |d: &[[f64; 6]], names: &[u8; 6]| -> f64 {
-        d.iter().zip(names).map(|(d, &n)| d[usize::from(n)]).sum()
-    };
-    let common = |d: &[[f64; 6]]| {
-        SCHEMES
-            .iter()
-            .map(|s| (price(d, s), *s))
-            .fold((f64::INFINITY, [0; 6]), |best, next| if next.0 < best.0 { next } else { best })
-    };
-    let seen = means.map(Seen::whole);
-    let (light, cost) = fit_light(&seen, |d| common(d).0);
-    let under = |light: Light| means.map(|m| prototype_distances(light.undo(m)));
-    if cost < UNCOMMON {
-        return common(&under(light)).1;
-    }
-    let any = |d: &[[f64; 6]]| -> [u8; 6] {
-        let columns = assign(&d.iter().flatten().copied().collect::<Vec<_>>(), 6);
-        std::array::from_fn(|i| columns[i] as u8)
-    };
-    let (other_light, other_cost) = fit_light(&seen, |d| price(d, &any(d)));
-    if cost - other_cost > UNCOMMON { any(&under(other_light)) } else { common(&under(light)).1 }
 }
 
 /// Why facelets are no cube; nothing when they are one.
@@ -521,5 +523,8 @@ mod tests {
 
         rgb[13][0] = f64::NAN;
         assert_eq!(decide_cube(&rgb), Err(Undecided::NotANumber(13)));
+
+        let grey = std::array::from_fn(|i| [20.0 + 4.0 * i as f64; 3]);
+        assert_eq!(decide_cube(&grey), Err(Undecided::NoColour));
     }
 }

@@ -1,13 +1,14 @@
-//! The looks that show all six faces with as few hand-overs as the reach allows.
+//! The looks that show all six faces, or those that are wanted, with as few hand-overs as the reach allows.
 //!
-//! - in: who holds the cube and how, which views and grasps are within reach
+//! - in: who holds the cube and how, which views and grasps are within reach, which faces were seen, and which stay
+//!   hidden in which hold
 //! - out: steps that begin with the one hand's grip and end with one hand holding alone, every face looked at once
 //!
 //! A held cube shows the face opposite the palm and the two that are not under the jaws; which of them the camera
 //! in the other hand can be brought before is data. Without limits one hand-over is enough: the second palm on the
 //! face opposite the first, its jaws across.
 
-use super::hold::{Grip, Hand, Step};
+use super::hold::{Grip, Hand, Hold, Step};
 use super::plan::{Depths, NoPlan, Reach, Rule, Terms, compatible};
 use crate::cube::{Face, Rotation24};
 use crate::motion::Depth;
@@ -19,14 +20,38 @@ const STATES: usize = 2 * GRIPS;
 /// Sets of faces.
 const SETS: usize = 64;
 
+/// What looks are to show.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Wanted {
+    /// Faces, in the order URFDLB.
+    pub faces: [bool; 6],
+    /// Faces that cannot be read while a hand holds the cube so.
+    pub hidden: Vec<(Hand, Hold, Face)>,
+}
+
+impl Default for Wanted {
+    /// All, and nothing is hidden.
+    fn default() -> Self {
+        Self { faces: [true; 6], hidden: Vec::new() }
+    }
+}
+
 /// The cheapest looks from a start in which one hand holds the cube alone. Every [`Step::Look`] stands where its
 /// viewer holds nothing; after a hand-over the former holder leaves first.
 ///
 /// # Errors
-/// When no sequence of grasps within reach shows all faces.
-pub fn looks(start: (Hand, Grip), terms: &Terms, reach: &impl Reach) -> Result<Vec<Step>, NoPlan> {
+/// When no sequence of grasps within reach shows all faces that are wanted.
+pub fn looks(
+    start: (Hand, Grip),
+    wanted: &Wanted,
+    terms: &Terms,
+    reach: &impl Reach,
+) -> Result<Vec<Step>, NoPlan> {
     let grips: Vec<Grip> = Grip::all(Depth::One).chain(Grip::all(Depth::Two)).collect();
-    let seen = |hand: Hand, grip: Grip| views(hand, grip, reach).fold(0, |s, f| s | 1 << f.index());
+    let seen = |hand: Hand, grip: Grip| {
+        views(hand, grip, wanted, reach).fold(0, |s, f| s | 1 << f.index())
+    };
+    let known = (0..6).filter(|&f| !wanted.faces[f]).fold(0, |s, f| s | 1 << f);
     let number = |(hand, grip): (Hand, Grip)| {
         let deep = if grip.hold.depth == Depth::Two { 24 } else { 0 };
         hand.index() * GRIPS + deep + grip.rotation().index()
@@ -34,7 +59,7 @@ pub fn looks(start: (Hand, Grip), terms: &Terms, reach: &impl Reach) -> Result<V
     let mut best = vec![f64::INFINITY; STATES * SETS];
     let mut from: Vec<Option<usize>> = vec![None; STATES * SETS];
     let mut settled = vec![false; STATES * SETS];
-    let first = number(start) * SETS + seen(start.0, start.1);
+    let first = number(start) * SETS + (known | seen(start.0, start.1));
     best[first] = 0.0;
     loop {
         let open = (0..best.len()).filter(|&n| !settled[n] && best[n].is_finite());
@@ -42,7 +67,7 @@ pub fn looks(start: (Hand, Grip), terms: &Terms, reach: &impl Reach) -> Result<V
             return Err(NoPlan::Unseen);
         };
         if at % SETS == SETS - 1 {
-            return Ok(written(at, &from, &grips, reach));
+            return Ok(written(at, &from, &grips, wanted, reach));
         }
         settled[at] = true;
         let hand = if at / SETS < GRIPS { Hand::Track } else { Hand::Postument };
@@ -72,8 +97,13 @@ fn can_meet((hand, held): (Hand, Grip), newcomer: Grip, rule: Rule, reach: &impl
         && reach.grasp(track.rotation().quaternion(), postument.rotation().quaternion()).is_some()
 }
 
-/// The faces of a held cube that the other hand's camera can see.
-fn views(holder: Hand, grip: Grip, reach: &impl Reach) -> impl Iterator<Item = Face> {
+/// The faces of a held cube that are wanted and that the other hand's camera can see.
+fn views(
+    holder: Hand,
+    grip: Grip,
+    wanted: &Wanted,
+    reach: &impl Reach,
+) -> impl Iterator<Item = Face> {
     let rotation: Rotation24 = grip.rotation();
     // The sides of the table of meetings: +z, +x, -x of the holder's tool.
     [Face::U, Face::R, Face::L]
@@ -81,10 +111,19 @@ fn views(holder: Hand, grip: Grip, reach: &impl Reach) -> impl Iterator<Item = F
         .enumerate()
         .filter(move |(side, _)| reach.view(holder, *side))
         .map(move |(_, side)| rotation.face(side))
+        .filter(move |&face| {
+            wanted.faces[face.index()] && !wanted.hidden.contains(&(holder, grip.hold, face))
+        })
 }
 
 /// The steps that lead to a node.
-fn written(end: usize, from: &[Option<usize>], grips: &[Grip], reach: &impl Reach) -> Vec<Step> {
+fn written(
+    end: usize,
+    from: &[Option<usize>],
+    grips: &[Grip],
+    wanted: &Wanted,
+    reach: &impl Reach,
+) -> Vec<Step> {
     let mut nodes = vec![end];
     while let Some(before) = nodes.last().and_then(|&n| from[n]) {
         nodes.push(before);
@@ -97,7 +136,7 @@ fn written(end: usize, from: &[Option<usize>], grips: &[Grip], reach: &impl Reac
             steps.push(Step::Grasp { hand, hold: grip.hold, half_roll: grip.half_roll });
             steps.push(Step::Leave { hand: hand.other() });
         }
-        for face in views(hand, grip, reach) {
+        for face in views(hand, grip, wanted, reach) {
             if !seen.contains(&face) {
                 seen.push(face);
                 steps.push(Step::Look { viewer: hand.other(), face });
@@ -109,7 +148,6 @@ fn written(end: usize, from: &[Option<usize>], grips: &[Grip], reach: &impl Reac
 
 #[cfg(test)]
 mod tests {
-    use super::super::hold::Hold;
     use super::super::plan::{Everywhere, RollLimits, Stand};
     use super::super::replay::replay;
     use super::*;
@@ -152,7 +190,8 @@ mod tests {
     #[test]
     fn one_hand_over_shows_all_faces_where_the_cameras_reach_three_sides() {
         for (rule, depth) in [(Rule::Strict, Depth::Two), (Rule::Clearance, Depth::One)] {
-            let steps = looks(start(depth), &Terms::of(rule), &Everywhere).unwrap();
+            let steps =
+                looks(start(depth), &Wanted::default(), &Terms::of(rule), &Everywhere).unwrap();
 
             assert_eq!(hand_overs(&steps), 1);
             assert_eq!(shown(&steps), Face::ALL);
@@ -167,7 +206,9 @@ mod tests {
         for side in 0..3 {
             let reach = OneSide(side);
 
-            let steps = looks(start(Depth::One), &Terms::of(Rule::Clearance), &reach).unwrap();
+            let steps =
+                looks(start(Depth::One), &Wanted::default(), &Terms::of(Rule::Clearance), &reach)
+                    .unwrap();
 
             assert!(hand_overs(&steps) >= 5);
             assert_eq!(shown(&steps), Face::ALL);
@@ -178,8 +219,38 @@ mod tests {
     fn without_a_view_there_is_no_way() {
         let blind = OneSide(7);
 
-        let answer = looks(start(Depth::One), &Terms::of(Rule::Clearance), &blind);
+        let answer =
+            looks(start(Depth::One), &Wanted::default(), &Terms::of(Rule::Clearance), &blind);
 
         assert_eq!(answer, Err(NoPlan::Unseen));
+    }
+
+    #[test]
+    fn a_face_that_stays_hidden_in_a_hold_is_shown_in_another() {
+        let (hand, grip) = start(Depth::One);
+        let terms = Terms::of(Rule::Clearance);
+        for hidden in [Face::U, Face::R, Face::L] {
+            let mut faces = [false; 6];
+            faces[hidden.index()] = true;
+            let mut wanted = Wanted { faces, hidden: Vec::new() };
+            let direct = looks((hand, grip), &wanted, &terms, &Everywhere).unwrap();
+            assert_eq!(direct, [Step::Look { viewer: hand.other(), face: hidden }]);
+
+            wanted.hidden.push((hand, grip.hold, hidden));
+            let steps = looks((hand, grip), &wanted, &terms, &Everywhere).unwrap();
+
+            assert_eq!(hand_overs(&steps), 1);
+            assert_eq!(shown(&steps), [hidden]);
+        }
+    }
+
+    #[test]
+    fn nothing_is_looked_at_when_nothing_is_wanted() {
+        let wanted = Wanted { faces: [false; 6], hidden: Vec::new() };
+
+        let steps =
+            looks(start(Depth::One), &wanted, &Terms::of(Rule::Strict), &Everywhere).unwrap();
+
+        assert_eq!(steps, []);
     }
 }

@@ -8,6 +8,7 @@
 //! smaller jobs with what is known by then; what an action brought is digested by the job that asked for it.
 
 mod recover;
+mod sight;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -105,7 +106,8 @@ enum Job {
         face: Face,
         tries: u32,
     },
-    LooksFrom(Hand),
+    /// At what was not seen yet, by whoever does not hold the cube.
+    Looks,
     /// The sides that can be seen without a grasp are compared with what the turns should have made of them.
     Inspect,
     Check {
@@ -148,8 +150,8 @@ pub struct Mission {
     pending: Option<Job>,
     meeting: Option<Meeting>,
     apart: bool,
-    /// Measured colours by facelet of the cube frame at acquisition.
-    seen: [Option<[f64; 3]>; 54],
+    /// What was seen of the stickers.
+    sight: sight::Sight,
     /// Where the track stood when it had taken the cube.
     hand_over: Option<JointPositions>,
     /// How far apart the jaws were when they had closed on the cube [m].
@@ -229,10 +231,7 @@ const ARMS_APART: [Option<JointPositions>; 2] = [None, None];
 const MOST_STRAINED: u32 = 6;
 /// Retries of a stalled turn.
 const TURN_TRIES: u32 = 2;
-/// Rounds of looks at all faces, the second at another exposure.
-const LOOK_ROUNDS: u32 = 2;
-/// Looks at one face before it counts as unreadable, and the steps between them in the viewer's tool axes [m].
-const LOOK_TRIES: u32 = 6;
+/// Steps between looks at one face, in the viewer's tool axes [m].
 const NUDGES: [[f64; 3]; 5] = [
     [0.0, 0.0, 0.012],
     [0.0, 0.014, -0.024],
@@ -240,8 +239,6 @@ const NUDGES: [[f64; 3]; 5] = [
     [0.014, 0.014, 0.0],
     [-0.028, 0.0, 0.0],
 ];
-/// Exposures of the looks at one face: glare and shadow each hide stickers at one of them.
-const EXPOSURES: [f64; 3] = [1.0, 0.6, 1.6];
 const TAKE_TRIES: u32 = 3;
 /// Between two small pulls that ask whether the operator has let go [s], how far they go [m], and how many there are.
 const RELEASE_WAIT: f64 = 1.2;
@@ -268,7 +265,7 @@ impl Mission {
             pending: None,
             meeting: None,
             apart: true,
-            seen: [None; 54],
+            sight: sight::Sight::default(),
             hand_over: None,
             widths: [None; 2],
             taken_at: None,
@@ -311,7 +308,7 @@ impl Mission {
             Job::Take { tries: 1 },
         ]);
         self.taken_from_operator(self.settings.back);
-        self.queue.extend([Job::Phase("identify"), Job::LooksFrom(Hand::Track)]);
+        self.queue.extend([Job::Phase("identify"), Job::Looks]);
     }
 
     /// The jaws have closed on the cube: the operator lets go, and the hand draws back with it.
@@ -600,61 +597,6 @@ impl Mission {
         }
     }
 
-    fn looked(
-        &mut self,
-        viewer: Hand,
-        face: Face,
-        tries: u32,
-        reading: Result<crate::vision::sensor::FaceReading, String>,
-        arms: &[ArmState],
-    ) -> Result<(), String> {
-        let reading = reading.and_then(|reading| {
-            for (i, rgb) in reading.rgb.iter().enumerate().filter(|(i, _)| !reading.occluded[*i]) {
-                self.seen[face as usize * 9 + i] = Some(*rgb);
-                self.shown.net.facelets.resize(54, None);
-                let (colour, confidence) = (reading.colours[i], reading.confidences[i]);
-                self.shown.net.facelets[face as usize * 9 + i] =
-                    Some(Reading { colour, confidence });
-            }
-            let missing: Vec<_> = (0..9)
-                .filter(|i| self.seen[face as usize * 9 + i].is_none())
-                .map(|i| (i + 1).to_string())
-                .collect();
-            // Stickers that something covers are seen from elsewhere, never guessed.
-            if missing.is_empty() {
-                Ok(reading)
-            } else {
-                Err(format!("stickers {} are covered", missing.join(", ")))
-            }
-        });
-        match reading {
-            Ok(reading) => {
-                self.belief.seen(viewer, face, &reading.camera_from_face, arms);
-                Ok(())
-            }
-            Err(reason) if tries < LOOK_TRIES => {
-                self.log
-                    .notes
-                    .push(format!("face {} was not read ({reason}), try {tries}", face.letter()));
-                self.push_front(&[
-                    // From elsewhere: other reflections, other sampling, past what hides a sticker.
-                    Job::Nudge(viewer, NUDGES[(tries as usize - 1) % NUDGES.len()]),
-                    Job::Look { viewer, face, tries: tries + 1 },
-                ]);
-                Ok(())
-            }
-            // What the eyes cannot see somebody else may.
-            Err(reason) if self.patience.is_some() => {
-                let note = format!("face {} cannot be read: {reason}", face.letter());
-                self.log.notes.push(note);
-                Ok(())
-            }
-            Err(reason) => {
-                self.give_back(format!("face {} cannot be read: {reason}", face.letter()))
-            }
-        }
-    }
-
     /// Whoever holds the cube alone.
     fn holder(&self) -> Result<Hand, String> {
         [Hand::Track, Hand::Postument]
@@ -663,14 +605,18 @@ impl Mission {
             .ok_or_else(|| "nobody holds the cube".to_owned())
     }
 
+    /// The same with its grip.
+    fn held_alone(&self) -> Result<(Hand, Grip), String> {
+        let holder = self.holder()?;
+        let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
+        Ok((holder, Grip { hold: held.hold, half_roll: held.half_roll }))
+    }
+
     /// The task cannot be done: the cube goes back to the operator as it is, with the reason.
     fn give_back(&mut self, reason: String) -> Result<(), String> {
         self.log.notes.push(format!("{reason}: the cube is handed back"));
         self.log.grasps = 0;
-        let holder = self.holder()?;
-        let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
-        let start = (holder, Grip { hold: held.hold, half_roll: held.half_roll });
-        let way = Planner::new(&self.settings).of(&[Vec::new()], start);
+        let way = Planner::new(&self.settings).of(&[Vec::new()], self.held_alone()?);
         let steps = way.map_err(|e| format!("{reason}; {e}"))?.steps;
         self.failure = Some(reason);
         self.queue.clear();
@@ -682,19 +628,11 @@ impl Mission {
     fn planned(&mut self, conclusion: Conclusion) -> Result<(), String> {
         let answer = match conclusion.0 {
             Ok(answer) => answer,
-            Err(NoAnswer::Unread(doubt)) if self.rounds < LOOK_ROUNDS => {
-                self.log.notes.push(format!("{}: all faces are looked at again", doubt.reason));
-                self.rounds += 1;
-                self.seen = [None; 54];
-                let holder = self.holder()?;
-                self.queue.extend([Job::Phase("identify again"), Job::LooksFrom(holder)]);
-                return Ok(());
-            }
-            Err(NoAnswer::Unread(doubt)) => return self.ask(*doubt),
+            Err(NoAnswer::Unread(doubt)) => return self.doubted(*doubt),
             Err(NoAnswer::Unplanned(reason)) => return self.give_back(reason),
         };
         self.shown.decided(&answer);
-        self.palette = recover::palette(&self.seen, answer.read.colours());
+        self.palette = recover::palette(&self.sight.levels(), answer.read.colours());
         // What is told of a mission is what it found and planned at first.
         if self.log.identified.is_none() {
             self.log.identified = Some(answer.identified);
@@ -703,6 +641,7 @@ impl Mission {
             self.log.grasps = 0;
         }
         self.belief.renamed(answer.rotation);
+        self.sight.renamed();
         self.queue.push_back(Job::Phase("solve"));
         self.queue.extend(answer.steps.into_iter().map(Job::Step));
         self.queue.extend([Job::Inspect, Job::HandBack, Job::Finish { achieved: true }]);
@@ -931,7 +870,7 @@ impl Mission {
                 return Ok(None);
             }
             Job::Anew => {
-                self.anew()?;
+                self.anew();
                 return Ok(None);
             }
             Job::Untwist => {
@@ -943,21 +882,17 @@ impl Mission {
                     .belief
                     .face_in_camera(viewer, face, arms)
                     .ok_or("there is no camera in that hand, or no cube in the other")?;
-                let exposure = EXPOSURES[(tries + self.rounds - 2) as usize % EXPOSURES.len()];
+                let exposure = self.exposure(tries);
                 let view = View { camera_from_face, exposure };
                 Action::Look { effector: viewer.index(), view }
             }
-            Job::LooksFrom(hand) => {
-                let held = self.belief.held[hand.index()].ok_or("nothing is held")?;
-                let start = (hand, Grip { hold: held.hold, half_roll: held.half_roll });
-                let (steps, _) =
-                    Planner::new(&self.settings).looks(start).map_err(|e| e.to_string())?;
-                self.queue.extend(steps.into_iter().map(Job::Step));
-                self.queue.extend([Job::Phase("plan"), Job::Plan]);
+            Job::Looks => {
+                let steps = self.looks()?;
+                self.looks_then_plan(steps);
                 return Ok(None);
             }
             Job::Plan => {
-                let missing: Vec<usize> = (0..54).filter(|&i| self.seen[i].is_none()).collect();
+                let missing = self.sight.missing();
                 if self.given.is_none() && self.patience.is_some() && !missing.is_empty() {
                     let names: Vec<String> =
                         missing.iter().map(|&i| facelet_place(i).to_string()).collect();
@@ -1050,10 +985,10 @@ impl Mission {
                 };
                 let meeting = self.settings.meetings.views[viewer.other().index()][side]
                     .ok_or("the cell has no pose for this look")?;
-                let mut jobs = vec![
-                    Job::Meet { newcomer: viewer, meeting, back: false },
-                    Job::Look { viewer, face, tries: 1 },
-                ];
+                let mut jobs = vec![Job::Meet { newcomer: viewer, meeting, back: false }];
+                // In doubt: from nearer, beside another exposure.
+                jobs.extend((self.rounds > 1).then_some(Job::Nudge(viewer, NUDGES[0])));
+                jobs.push(Job::Look { viewer, face, tries: 1 });
                 if holds(viewer).is_some() {
                     jobs.insert(0, Job::LetGo(viewer));
                 }
@@ -1145,16 +1080,14 @@ impl Mission {
 
     fn plan(&self) -> Result<Action<Thought>, String> {
         let mut rgb = [[0.0; 3]; 54];
-        for (i, seen) in self.seen.iter().enumerate() {
+        for (i, seen) in self.sight.levels().into_iter().enumerate() {
             let given = self.given.map(|_| [0.0; 3]);
             rgb[i] = seen.or(given).ok_or_else(|| format!("sticker {i} was never seen"))?;
         }
-        let holder = self.holder()?;
-        let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
         Ok(Action::Think(Thought {
             rgb,
             given: self.given,
-            start: (holder, Grip { hold: held.hold, half_roll: held.half_roll }),
+            start: self.held_alone()?,
             strategy: self.settings.strategy.clone(),
             planner: Planner::new(&self.settings),
             nodes: self.settings.nodes,

@@ -14,7 +14,6 @@ use crate::solver::tables::Bytes;
 use crate::solver::{self, Budget, Solution, Tables};
 use crate::tasks::Effort;
 use crate::vision::colours::{self, Decision, Undecided};
-use crate::vision::whole::LEAST_MARGIN;
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 
@@ -151,17 +150,22 @@ fn undecided(why: Undecided) -> NoAnswer {
         Undecided::Impossible { facelets, doubtful, .. } => {
             (Facelets::try_from(*facelets).ok(), doubtful)
         }
-        Undecided::NotANumber(_) | Undecided::SameCentres { .. } => (None, Vec::new()),
+        Undecided::SameCentres { first, second, .. } => {
+            (None, vec![9 * first.index() + 4, 9 * second.index() + 4])
+        }
+        Undecided::NotANumber(facelet) => (None, vec![facelet]),
+        Undecided::NoColour => (None, Vec::new()),
     };
     NoAnswer::Unread(Box::new(Doubt { reason, read, doubtful, possible: false }))
 }
 
 /// The facelets that might have another colour.
 fn doubt(decision: &Decision) -> Option<Doubt> {
-    let doubtful: Vec<usize> = (0..54).filter(|&i| decision.margins[i] < LEAST_MARGIN).collect();
+    let mut doubtful = decision.doubtful.clone();
     if doubtful.is_empty() {
         return None;
     }
+    doubtful.sort_unstable();
     let names: Vec<String> = doubtful.iter().map(|&i| facelet_place(i).to_string()).collect();
     let reason = format!("stickers {} are not certain", names.join(", "));
     let read = Facelets::try_from(decision.colours).ok();
@@ -249,14 +253,16 @@ mod tests {
     }
 
     #[test]
-    fn a_cube_with_a_nearly_undecided_sticker_is_doubted_by_its_name() {
+    fn what_vision_calls_doubtful_is_doubted_by_its_name() {
         let colours = *Facelets::solved().colours();
         let mut decision =
             Decision { colours, facelets: colours, margins: [1.0; 54], doubtful: Vec::new() };
         assert_eq!(doubt(&decision), None);
 
-        decision.margins[7] = 0.45;
+        decision.doubtful = vec![12, 7];
 
-        assert_eq!(doubt(&decision).unwrap().doubtful, [7]);
+        let doubt = doubt(&decision).unwrap();
+        assert_eq!(doubt.doubtful, [7, 12]);
+        assert!(doubt.reason.contains("U8, R4"), "{}", doubt.reason);
     }
 }

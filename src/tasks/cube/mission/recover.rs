@@ -91,18 +91,16 @@ impl Mission {
     }
 
     /// All six faces are read and planned anew from the hand that holds the cube.
-    pub(super) fn anew(&mut self) -> Result<(), String> {
-        let holder = self.holder()?;
+    pub(super) fn anew(&mut self) {
         self.forget_cube();
-        self.queue.extend([Job::Phase("identify again"), Job::LooksFrom(holder)]);
-        Ok(())
+        self.queue.extend([Job::Phase("identify again"), Job::Looks]);
     }
 
     /// Nothing of what was read and planned holds any more.
     fn forget_cube(&mut self) {
         self.recoveries += 1;
         self.log.recoveries += 1;
-        self.seen = [None; 54];
+        self.sight = super::sight::Sight::default();
         self.given = None;
         self.rounds = 1;
         self.odd.clear();
@@ -198,7 +196,8 @@ impl Mission {
             return self.give_back(reason);
         }
         self.log.notes.push(format!("{reason}: the cube is read anew"));
-        self.anew()
+        self.anew();
+        Ok(())
     }
 
     /// The layer did not go along with the hand: it is brought into line, and the cube read anew.
@@ -356,7 +355,7 @@ impl Mission {
             let gone = (Vector3::from(super::place(arms)) - from).norm();
             self.taken_from_operator((self.settings.back - gone).max(0.0));
         }
-        self.queue.extend([Job::Phase("identify"), Job::LooksFrom(holder)]);
+        self.queue.extend([Job::Phase("identify"), Job::Looks]);
     }
 
     /// Both hold, perhaps in the middle of a turn: how the tools stand to each other tells which layer is askew.

@@ -8,7 +8,7 @@
 //! than the best plan so far.
 
 use super::super::hold::{Grip, Hand, Hold, Step, hands_after};
-use super::super::identify;
+use super::super::identify::{self, Wanted};
 use super::super::settings::CubeSettings;
 use super::travel::Reachable;
 use super::{NoPlan, Plan, Rule, Terms};
@@ -67,7 +67,7 @@ impl Planner {
     /// # Errors
     /// When not all faces can be shown.
     pub fn looks(&self, start: (Hand, Grip)) -> Result<(Vec<Step>, (Hand, Grip)), NoPlan> {
-        let steps = identify::looks(start, &self.terms, &self.reach)?;
+        let steps = self.looks_at(start, &Wanted::default())?;
         let mut hands = [None; 2];
         hands[start.0.index()] = Some(start.1);
         let hands = steps.iter().fold(hands, hands_after);
@@ -75,6 +75,14 @@ impl Planner {
             .into_iter()
             .find_map(|hand| hands[hand.index()].map(|grip| (hand, grip)));
         Ok((steps, holder.unwrap_or(start)))
+    }
+
+    /// The looks at the faces that are wanted.
+    ///
+    /// # Errors
+    /// When not all of them can be shown.
+    pub fn looks_at(&self, start: (Hand, Grip), wanted: &Wanted) -> Result<Vec<Step>, NoPlan> {
+        identify::looks(start, wanted, &self.terms, &self.reach)
     }
 
     /// The plan of least time over the solutions that the search meets.

@@ -1,0 +1,53 @@
+//! The names of six colours that were sorted without them: which class is white, which red.
+//!
+//! - in: linear light of 54 facelets, and which class each one belongs to
+//! - out: colour 0..=5 = white, red, green, yellow, orange, blue of each class
+//! - source: own work
+
+use super::assignment::assign;
+use super::classes::median;
+use super::colours::{Light, Seen, fit_light, prototype_distances};
+use super::likeliest::CENTRES;
+use crate::cube::{Facelets, Rotation24};
+use std::sync::LazyLock;
+
+/// Colours of the six faces of a cube of the common scheme, in each of the 24 ways to lay it.
+static SCHEMES: LazyLock<Vec<[u8; 6]>> = LazyLock::new(|| {
+    let solved = Facelets::solved();
+    Rotation24::all().map(|r| CENTRES.map(|c| solved.rotated(r).colours()[c])).collect()
+});
+
+/// By so much another scheme must explain the colours better than the common one.
+const UNCOMMON: f64 = 15.0;
+
+/// Colour 0..=5 of each class: the way to lay a cube of the common scheme, and the light, under which the classes
+/// look most like their colours.
+pub(super) fn name(linear: &[[f64; 3]; 54], class: &[u8; 54]) -> [u8; 6] {
+    let means: [[f64; 3]; 6] = std::array::from_fn(|class_| {
+        std::array::from_fn(|c| {
+            let members = (0..54).filter(|&i| usize::from(class[i]) == class_);
+            median(members.map(|i| linear[i][c]).collect())
+        })
+    });
+    let price = |d: &[[f64; 6]], names: &[u8; 6]| -> f64 {
+        d.iter().zip(names).map(|(d, &n)| d[usize::from(n)]).sum()
+    };
+    let common = |d: &[[f64; 6]]| {
+        SCHEMES
+            .iter()
+            .map(|s| (price(d, s), *s))
+            .fold((f64::INFINITY, [0; 6]), |best, next| if next.0 < best.0 { next } else { best })
+    };
+    let seen = means.map(Seen::whole);
+    let (light, cost) = fit_light(&seen, |d| common(d).0);
+    let under = |light: Light| means.map(|m| prototype_distances(light.undo(m)));
+    if cost < UNCOMMON {
+        return common(&under(light)).1;
+    }
+    let any = |d: &[[f64; 6]]| -> [u8; 6] {
+        let columns = assign(&d.iter().flatten().copied().collect::<Vec<_>>(), 6);
+        std::array::from_fn(|i| columns[i] as u8)
+    };
+    let (other_light, other_cost) = fit_light(&seen, |d| price(d, &any(d)));
+    if cost - other_cost > UNCOMMON { any(&under(other_light)) } else { common(&under(light)).1 }
+}
