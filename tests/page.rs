@@ -84,6 +84,20 @@ impl Page {
         }
     }
 
+    /// The largest distance of a tool from its set place [m] in all snapshots until this time [s].
+    async fn strays_until(&mut self, time: f64) -> f64 {
+        let mut largest = 0.0_f64;
+        let over = |m: &Value| {
+            let snapshot = m.get("snapshot")?;
+            for arm in snapshot["arms"].as_array().unwrap() {
+                largest = largest.max(arm["following"].as_f64().unwrap());
+            }
+            (snapshot["time"].as_f64().unwrap() > time).then_some(())
+        };
+        self.until(over).await;
+        largest
+    }
+
     /// Waits for a snapshot.
     async fn sees(&mut self, what: impl Fn(&Value) -> bool) -> Value {
         self.until(|m| m.get("snapshot").filter(|s| what(s)).cloned()).await
@@ -107,7 +121,8 @@ fn a_page_starts_pauses_resumes_and_terminates_a_run() {
 
         page.say(json!({ "command": "speed", "factor": 2.0 })).await;
         page.say(json!({ "command": "start" })).await;
-        page.sees(|s| s["time"].as_f64().unwrap() > 3.0 && s["phase"] == "acquire").await;
+        let before = page.strays_until(3.0).await;
+        page.sees(|s| s["phase"] == "acquire").await;
         page.say(json!({ "command": "pause" })).await;
         // To rest within 0.6 s and a macrostep; then nothing moves, and time goes as it does for people.
         let paused = page.sees(|s| s["control"] == "paused").await;
@@ -121,12 +136,10 @@ fn a_page_starts_pauses_resumes_and_terminates_a_run() {
             }
         }
         page.say(json!({ "command": "resume" })).await;
-        let resumed = page.sees(|s| s["control"] == "running").await;
-        // Without a jump: a following error far below the trip.
-        let going = page
-            .sees(|s| s["time"].as_f64().unwrap() > resumed["time"].as_f64().unwrap() + 2.0)
-            .await;
-        assert!(going["arms"][0]["following"].as_f64().unwrap() < 0.01);
+        // Without a jump: whatever happens in the next second, the tools stay as near to their set places as before.
+        let after = page.strays_until(later["time"].as_f64().unwrap() + 1.5).await;
+        assert!(before > 0.0 && after < 1.5 * before, "{after} m after {before} m");
+        page.sees(|s| s["control"] == "running").await;
         page.say(json!({ "command": "terminate" })).await;
         let end = page.sees(|s| s["control"] == "ended").await;
         assert_eq!(end["outcome"]["verdict"], "aborted");

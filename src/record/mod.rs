@@ -8,6 +8,7 @@ pub mod belief;
 pub mod cdr;
 pub mod file;
 pub mod journal;
+pub mod place;
 pub mod playback;
 pub mod reading;
 pub mod recorder;
