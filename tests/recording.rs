@@ -841,6 +841,7 @@ fn a_report_tells_what_was_made_to_go_wrong_and_what_the_controller_said_to_it()
 #[test]
 fn a_run_whose_task_never_began_says_why_in_its_recording() {
     let path = place("never.mcap");
+    let _ = std::fs::remove_file(&path);
     let output = program(&[
         "run",
         "scenarios/hardware.toml",

@@ -257,10 +257,10 @@ fn obey(command: &Command, helm: &Helm) -> Result<bool, &'static str> {
             return Ok(turn(Control::Paused));
         }
         Command::Terminate => return Ok(turn(Control::Terminated)),
-        // The flag was set on the way here. A run that has not begun ends with it, and says so.
+        // The flag was set on the way here. A run that waits for its start begins stopped: so its arms tell of it.
         Command::EmergencyStop => {
             if now == Control::Waiting {
-                turn(Control::Terminated);
+                turn(Control::Running);
             }
         }
         Command::Answer { question, answer } => {
@@ -345,9 +345,9 @@ mod tests {
     }
 
     #[test]
-    fn an_emergency_stop_before_the_start_ends_the_run() {
-        assert_eq!(after("e\n"), (Control::Terminated, true));
-        assert_eq!(after("e\ns\n"), (Control::Terminated, true), "it is not started any more");
+    fn an_emergency_stop_before_the_start_does_not_wait_for_one() {
+        assert_eq!(told("e\n", false), (Control::Running, true));
+        assert_eq!(told("p\ne\nt\n", false), (Control::Terminated, true));
     }
 
     #[test]
