@@ -113,6 +113,21 @@ fn a_missing_file_an_impossible_cube_and_wrong_usage_exit_with_2() {
 }
 
 #[test]
+fn speeds_and_places_that_are_none_exit_with_2() {
+    for (more, word) in [
+        (["--speed", "1e-300"], "--speed"),
+        (["--speed", "0.001"], "--speed"),
+        (["--listen", "everywhere"], "--listen everywhere"),
+        // A documentation address, which is nobody's.
+        (["--listen", "192.0.2.1:80"], "192.0.2.1"),
+    ] {
+        let output = robot(&[&["run", "scenarios/idle.toml", "--json"], &more[..]].concat());
+        assert_eq!(output.status.code(), Some(2), "{more:?}: {}", text(&output.stderr));
+        assert!(text(&output.stderr).contains(word), "{more:?}: {}", text(&output.stderr));
+    }
+}
+
+#[test]
 fn help_teaches_by_example() {
     for args in
         [&["--help"][..], &["run", "--help"], &["check", "--help"], &["kinematics", "--help"]]

@@ -425,6 +425,145 @@ fn a_file_cut_anywhere_is_read_to_the_cut_and_recovered() {
     assert!(most > whole.len() / 2, "{most} of {}", whole.len());
 }
 
+/// The numbers of what is told of a recording: in the file, and lost.
+fn counted(stderr: &str) -> (usize, usize) {
+    let told = stderr.lines().find(|line| line.starts_with("recorded")).unwrap();
+    let before = |word: &str| {
+        let words: Vec<_> = told.split([' ', ',', ':']).filter(|w| !w.is_empty()).collect();
+        let at = words.iter().position(|w| *w == word);
+        at.map_or(0, |at| words[at - 1].parse().unwrap_or(0))
+    };
+    (before("messages"), before("lost"))
+}
+
+#[test]
+fn what_a_refusing_device_leaves_is_counted_as_a_reader_finds_it() {
+    let path = place("refused.mcap");
+    let file = path.to_str().unwrap();
+    let (_, stderr) = run("scenarios/faults/disk_full.toml", &["--record", file]);
+    let (written, lost) = counted(&stderr);
+    assert!(lost > 0, "{stderr}");
+    assert_eq!(messages(open(&path).unwrap()).len(), written, "{stderr}");
+
+    // The same run where nothing refuses: what is in neither number is a few entries of two messages.
+    let text = std::fs::read_to_string("scenarios/faults/disk_full.toml").unwrap();
+    let (before, _) = text.split_once("[[fault]]").unwrap();
+    let scenario = place("not_refused.toml");
+    std::fs::write(&scenario, before).unwrap();
+    let (whole, _) = recorded("not_refused.mcap", scenario.to_str().unwrap(), &[]);
+    let all = messages(open(&whole).unwrap()).len();
+    assert!(all.abs_diff(written + lost) < all / 50, "{written} and {lost} of {all}");
+}
+
+#[test]
+fn no_recording_is_lost_by_the_next_command() {
+    let (path, _) = recorded("kept.mcap", "scenarios/idle.toml", &IDLE);
+    let file = path.to_str().unwrap();
+    let before = std::fs::read(&path).unwrap();
+    let refused = |arguments: &[&str], code: i32, why: &str| {
+        let output = program(arguments);
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {told}");
+        assert!(told.contains(why), "{arguments:?}: {told}");
+        assert!(std::fs::read(&path).unwrap() == before, "{arguments:?} spoilt it");
+    };
+
+    refused(&["report", file, "-o", file], 2, "its own recording");
+    // A run that cannot begin.
+    let never = ["run", "scenarios/hardware.toml", "--ui", "none", "--json", "--record", file];
+    refused(&never, 4, "is as it was");
+    let junk = place("junk.mcap");
+    std::fs::write(&junk, "no recording").unwrap();
+    refused(&["recover", junk.to_str().unwrap(), "-o", file], 1, "nothing is written");
+    // The recording of the crash itself.
+    let world = place("kept_world.json");
+    let mut resume = vec!["run", "scenarios/solve.toml", "--json", "--resume", "--record", file];
+    resume.extend(["--world", world.to_str().unwrap()]);
+    refused(&resume, 2, "name another file");
+
+    // A run that begins takes the place of an older one.
+    let (_, other) = recorded("kept.mcap", "scenarios/idle.toml", &["--set", "idle.time_s=2"]);
+    assert_eq!(other["outcome"], "solved");
+    assert!(std::fs::read(&path).unwrap().len() > before.len());
+    let folder = std::fs::read_dir(path.parent().unwrap()).unwrap();
+    let aside = folder.filter(|f| f.as_ref().unwrap().file_name() == "kept.mcap.part").count();
+    assert_eq!(aside, 0);
+}
+
+#[test]
+fn a_place_that_is_none_is_an_error_of_the_arguments() {
+    let (path, _) = recorded("nowhere.mcap", "scenarios/idle.toml", &IDLE);
+    for command in ["report", "recover"] {
+        let output = program(&[command, path.to_str().unwrap(), "-o", "/nowhere/x"]);
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{told}");
+        assert!(told.contains("/nowhere/x: "), "{told}");
+    }
+}
+
+#[test]
+fn a_resumed_run_is_not_judged() {
+    // There is nothing to go on from: it begins, and says so; what its recording says of itself is the point.
+    let (world, path) = (place("resumed_world.json"), place("went_on.mcap"));
+    for file in [&world, &path] {
+        let _ = std::fs::remove_file(file);
+    }
+    let mut run = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["run", "scenarios/solve.toml", "--ui", "none", "--json", "--resume", "--world"])
+        .arg(&world)
+        .args(["--speed", "5", "--record"])
+        .arg(&path)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    while !path.exists() {
+        assert!(run.try_wait().unwrap().is_none());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert!(Command::new("kill").args(["-INT", &run.id().to_string()]).status().unwrap().success());
+    run.wait().unwrap();
+
+    let (code, _, stderr) = verify(&path, &[]);
+    assert_eq!(code, Some(2), "{stderr}");
+    assert!(stderr.contains("a resumed run cannot be verified"), "{stderr}");
+}
+
+#[test]
+fn what_comes_after_a_fault_of_an_actor_or_of_the_clock_is_not_judged() {
+    for (fault, word) in [
+        ("late_message", "late message, track"),
+        ("panic_ecp", "actor panic, track"),
+        ("clock_jump", "clock jump"),
+    ] {
+        let scenario = format!("scenarios/faults/{fault}.toml");
+        let (path, _) = recorded(&format!("{fault}.mcap"), &scenario, &[]);
+        let (code, verdict, stderr) = verify(&path, &[]);
+        assert_eq!(code, Some(0), "{fault}: {verdict} {stderr}");
+        assert!(verdict["first_difference"].is_null(), "{fault}: {verdict}");
+        assert!(verdict["compared"].as_u64().unwrap() > 1000, "{fault}: {verdict}");
+        assert!(verdict["ended"].as_str().unwrap().contains(word), "{fault}: {verdict}");
+
+        // Before it, a difference is one.
+        if fault == "late_message" {
+            let other = place("late_message_other.mcap");
+            let found = tampered(&path, &other, |message| {
+                if message.channel.topic != "/track/servo" || message.time != 500 * 2_000_000 {
+                    return false;
+                }
+                let counts = Tick::read(&message.data).unwrap().counts_bytes();
+                let place = message.data.windows(8).position(|w| w == counts).unwrap();
+                message.data[place] ^= 8;
+                true
+            });
+            assert!(found);
+            assert_eq!(verify(&other, &[]).0, Some(1));
+        }
+    }
+}
+
 #[test]
 fn a_full_disk_is_told_and_the_run_goes_on() {
     let (without, _) = run("scenarios/idle.toml", &IDLE);
@@ -541,7 +680,7 @@ fn the_recording_of_another_version_is_refused_with_its_name() {
 fn a_recording_is_shown_paused_and_sought() {
     use rubik_robot::actors::show::Show;
     use rubik_robot::desk::desk;
-    use rubik_robot::operator::{Command, ControlView};
+    use rubik_robot::operator::{Command, ControlView, State};
     use std::sync::Arc;
     use std::sync::atomic::AtomicBool;
     use std::time::{Duration, Instant};
@@ -570,6 +709,14 @@ fn a_recording_is_shown_paused_and_sought() {
     until(&|| snapshot().time > 8.9);
     assert_eq!(snapshot().phase, "turn");
     assert_eq!(desk.stage.borrow().pace, "replay");
+    // Nobody recorded what the ECPs were ordered; they do not idle while their arms move.
+    let actor = |name: &str| snapshot().actors.iter().find(|a| a.name == name).cloned().unwrap();
+    until(&|| actor("edp track").words.contains("moves"));
+    for arm in ["track", "postument"] {
+        assert_eq!(actor(&format!("ecp {arm}")).words, "not recorded");
+    }
+    let states = || ["ecp track", "edp track"].map(|name| actor(name).state);
+    until(&|| states() == [State::Running; 2]);
 
     assert!(desk.command(Command::Pause));
     until(&|| snapshot().control == ControlView::Paused);
@@ -694,6 +841,7 @@ fn a_report_tells_what_was_made_to_go_wrong_and_what_the_controller_said_to_it()
 #[test]
 fn a_run_whose_task_never_began_says_why_in_its_recording() {
     let path = place("never.mcap");
+    let _ = std::fs::remove_file(&path);
     let output = program(&[
         "run",
         "scenarios/hardware.toml",

@@ -271,6 +271,38 @@ fn a_recording_that_cannot_be_written_leaves_the_terminal_alone() {
 }
 
 #[test]
+fn where_there_is_no_terminal_nothing_is_run_without_a_word() {
+    let (path, before) = (recording("no_terminal.mcap"), place("no_terminal_run.mcap"));
+    let _ = std::fs::remove_file(&before);
+    let (replay, record) = (path.to_str().unwrap(), before.to_str().unwrap());
+    for arguments in [
+        vec!["run", "scenarios/idle.toml", "--ui", "tui", "--json", "--record", record],
+        vec!["replay", replay, "--ui", "tui"],
+    ] {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+            .args(&arguments)
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let begun = Instant::now();
+        while child.try_wait().unwrap().is_none() {
+            if begun.elapsed() > PATIENCE {
+                child.kill().unwrap();
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let output = child.wait_with_output().unwrap();
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {told}");
+        assert!(told.contains("--ui tui"), "{arguments:?}: {told}");
+    }
+    assert!(!before.exists(), "nothing was begun");
+}
+
+#[test]
 fn a_replay_is_sought_and_left_before_and_at_its_end() {
     let path = recording("replay.mcap");
     let replay = ["replay", path.to_str().unwrap(), "--ui", "tui"];

@@ -28,6 +28,8 @@ pub struct Latest {
     pub picture: Option<Picture>,
     /// The open question.
     pub question: Option<Question>,
+    /// It is a replay: nobody knows what the effectors were ordered.
+    pub replayed: bool,
     /// Arms may be moved by hand now.
     pub manual: bool,
     /// What each camera's VSP saw last.

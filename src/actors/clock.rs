@@ -4,6 +4,7 @@
 use crate::hw::driver::Switches;
 use crate::motion::PERIOD;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -41,6 +42,11 @@ impl Clock {
         while Instant::now() < self.instant(period) {
             tokio::time::sleep_until(self.instant(period)).await;
         }
+    }
+
+    /// Tells all servos to bring their arms to a stand and to hold, or that they need not any more.
+    pub(super) fn hold(&self, holds: bool) {
+        self.switches.hold.store(holds, Ordering::Release);
     }
 
     fn missed(&self) -> Duration {

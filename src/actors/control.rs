@@ -72,6 +72,15 @@ pub enum Attended {
     Asked,
 }
 
+/// The slowest that simulated time may go [times of real time].
+pub const SLOWEST: f64 = 0.01;
+
+/// Whether simulated time may go so fast: 0 for as fast as it computes.
+#[must_use]
+pub fn is_speed(factor: f64) -> bool {
+    factor == 0.0 || factor.is_finite() && factor >= SLOWEST
+}
+
 /// How fast simulated time may go. Whoever looks on can slow it down; what happens in it does not change.
 #[derive(Debug, Clone, Default)]
 pub struct Tempo(Arc<TempoState>);
@@ -82,12 +91,14 @@ struct TempoState {
     limit: AtomicU64,
     /// The operator is being waited for; [`Attended`] as a number.
     attended: AtomicU8,
+    /// For so long the run was held back on purpose [ns].
+    held_back: AtomicU64,
 }
 
 impl Tempo {
-    /// Limits it, in times of real time; 0 for as fast as it computes.
+    /// Limits it, in times of real time; 0 for as fast as it computes, and not below [`SLOWEST`].
     pub fn set(&self, factor: f64) {
-        let factor = if factor.is_finite() { factor.max(0.0) } else { 0.0 };
+        let factor = if factor.is_finite() && factor > 0.0 { factor.max(SLOWEST) } else { 0.0 };
         self.0.limit.store(factor.to_bits(), Ordering::Relaxed);
     }
 
@@ -95,6 +106,19 @@ impl Tempo {
     #[must_use]
     pub fn limit(&self) -> f64 {
         f64::from_bits(self.0.limit.load(Ordering::Relaxed))
+    }
+
+    /// The run has waited for somebody for so long.
+    pub fn held_back(&self, waited: Duration) {
+        let nanos = u64::try_from(waited.as_nanos()).unwrap_or(u64::MAX);
+        self.0.held_back.fetch_add(nanos, Ordering::Relaxed);
+    }
+
+    /// Now, by a clock that stood still while the run waited for its start or time was held back.
+    #[must_use]
+    pub fn worked(&self) -> Instant {
+        let (now, waited) = (Instant::now(), self.0.held_back.load(Ordering::Relaxed));
+        now.checked_sub(Duration::from_nanos(waited)).unwrap_or(now)
     }
 
     /// MP's word for it: the operator is being waited for, and meanwhile time goes as it does for people.
@@ -141,7 +165,9 @@ impl Pacer {
         };
         let ahead = (time - from) / limit - begun.elapsed().as_secs_f64();
         if ahead > Self::AHEAD {
+            let sleeps = Instant::now();
             std::thread::sleep(Duration::from_secs_f64(ahead));
+            self.tempo.held_back(sleeps.elapsed());
         } else if ahead < -0.2 {
             // It does not keep up: what was lost is not made up for.
             self.since = None;
@@ -168,8 +194,11 @@ mod tests {
 
         assert!(run(&mut pacer, 0.0, 100.0) < 1.0);
         tempo.set(10.0);
+        let worked = tempo.worked();
         let took = run(&mut pacer, 100.0, 1.0);
         assert!((0.09..0.5).contains(&took), "{took}");
+        let worked = (tempo.worked() - worked).as_secs_f64();
+        assert!(worked < took - 0.08, "{worked} of {took}: what it slept is no work");
         tempo.set(0.0);
         for (attended, from) in [(Attended::Asked, 101.0), (Attended::ByHand, 101.1)] {
             tempo.attend(attended);

@@ -15,6 +15,7 @@ pub mod ecp;
 pub mod edp;
 pub mod emulate;
 mod gate;
+mod homing;
 mod interrupt;
 pub mod meetings;
 pub mod move_instruction;

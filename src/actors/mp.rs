@@ -9,6 +9,7 @@ use super::clock::Clock;
 use super::control::{Attended, Control, LOOK, Tempo, Terminated, Word, permission_soon};
 use super::disturbance::Mishap;
 use super::ecp::EcpHandle;
+use super::homing::{self, homed};
 use super::move_instruction::{Manner, Motion};
 use super::ui::{Notice, UiHandle};
 use super::vsp::VspHandle;
@@ -83,7 +84,7 @@ pub struct Ending {
     pub finish: Option<Finish>,
     /// The error that ended it.
     pub error: Option<Error>,
-    /// Phases, each with the time at which it began [s], and when that was by the wall clock.
+    /// Phases, each with the time at which it began [s], and when that was by [`Tempo::worked`].
     pub phases: Vec<(&'static str, f64, Instant)>,
     /// When it ended [s].
     pub end: f64,
@@ -227,7 +228,7 @@ impl Mp {
                 Action::Finish(finish) => return Ok(finish),
                 Action::Phase(name) => {
                     let now = self.now();
-                    self.phases.push((name, now, Instant::now()));
+                    self.phases.push((name, now, self.parts.tempo.worked()));
                     self.parts.ui.tell(Notice::Phase(now, name.into()));
                     Event::Done
                 }
@@ -424,9 +425,7 @@ impl Mp {
     /// What no behaviour does.
     async fn manual(&mut self, effector: usize, order: &Manual) -> Result<(), Stop> {
         match order {
-            Manual::Synchronise => {
-                self.ecp(effector)?.synchronise().await?;
-            }
+            Manual::Synchronise => self.synchronise(effector).await?,
             Manual::Motor(step) => self.turn_motor(effector, step.axis, step.by).await?,
             other => {
                 let cause = NonFatal::Arguments(format!("{other:?} is no order to a shell"));
@@ -439,6 +438,19 @@ impl Mp {
         }
         self.refresh().await?;
         Ok(())
+    }
+
+    /// Has an arm find out where it is; a pause brings it to a stand in between.
+    async fn synchronise(&mut self, effector: usize) -> Result<(), Stop> {
+        let ecp = self.ecp(effector)?.clone();
+        loop {
+            self.permitted().await?.map_err(|_| Stop::Terminated)?;
+            let Parts { control, clock, .. } = &mut self.parts;
+            if homed(ecp.synchronise(), control, clock).await? {
+                return Ok(());
+            }
+            self.parts.ui.tell(Notice::Note(self.now(), homing::STANDS.to_owned()));
+        }
     }
 
     /// Turns one motor by an angle [rad], from rest to rest; a pause brings it to rest in between.

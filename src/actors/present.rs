@@ -173,7 +173,8 @@ impl Presenter {
             }
         });
         let picture = latest.picture.clone();
-        let (mp, orders, manual) = (latest.mp, latest.orders, latest.manual);
+        let (mp, manual) = (latest.mp, latest.manual);
+        let orders = (!latest.replayed).then_some(latest.orders);
         let question = latest.question.clone();
         drop(latest);
 
@@ -332,7 +333,7 @@ impl Presenter {
         control: ControlView,
         arms: &[ArmLatest],
         mp: &str,
-        orders: [Option<&'static str>; 2],
+        orders: Option<[Option<&'static str>; 2]>,
         manual: bool,
     ) -> Vec<ActorView> {
         let actor = |name: String, state: State, words: &str| ActorView {
@@ -361,9 +362,16 @@ impl Presenter {
             },
         ];
         for (i, arm) in self.cell.arms.iter().enumerate() {
-            let order = orders.get(i).copied().flatten();
-            let state = if order.is_some() { State::Running } else { State::Idle };
-            let words = if over { "" } else { order.unwrap_or("waits for an order") };
+            let (state, words) = match (orders, arms.get(i)) {
+                // Where orders are not recorded, whether the arm moves tells of them.
+                (None, Some(ArmLatest { state, .. })) => (edp(state, over).0, "not recorded"),
+                (None, None) => (State::Absent, "not recorded"),
+                (Some(orders), _) => match orders.get(i).copied().flatten() {
+                    Some(order) => (State::Running, order),
+                    None => (State::Idle, "waits for an order"),
+                },
+            };
+            let words = if over { "" } else { words };
             actors.push(actor(format!("ecp {}", arm.name), alive(state), words));
         }
         for (i, arm) in self.cell.arms.iter().enumerate() {

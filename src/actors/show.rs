@@ -313,7 +313,9 @@ impl<'a> Stand<'a> {
         to.stage.send_replace(Arc::new(stage));
         let faults = vec![String::new(); show.scenario.controller.cell.arms.len()];
         let inner = desk().1;
-        board.latest().mp = "as recorded";
+        let mut latest = board.latest();
+        (latest.mp, latest.replayed) = ("as recorded", true);
+        drop(latest);
         Self { show, to, board, presenter, inner, next: 0, faults, number: 0, over: false }
     }
 

@@ -7,9 +7,10 @@ use super::alarm::{Alarm, Care, Caught, panicked, raised};
 use super::board::{Board, Seen};
 use super::build;
 use super::clock::Clock;
-use super::control::{Control, Pacer, Tempo, Word};
+use super::control::{Control, Pacer, Tempo, Word, permission_soon};
 use super::disturbance::{Mishap, Troubles};
 use super::gate::{Gate, Inner};
+use super::homing::{self, homed};
 use super::interrupt::Interrupt;
 use super::mp::{self, Coordination, Mp};
 use super::present::Presenter;
@@ -83,6 +84,8 @@ const WITHDRAWAL: f64 = 4.0;
 const STAND: f64 = 0.6;
 /// A force on the cube above this is excessive [N]: a verdict, not a limit of anything.
 const EXCESSIVE: f64 = 20.0;
+/// Why a run ended that its operator ended.
+const BY_OPERATOR: &str = "terminated by the operator";
 /// The arms are watched at this interval.
 const HEART_BEAT: Duration = Duration::from_millis(20);
 
@@ -148,13 +151,16 @@ pub fn run_with(
 ) -> Result<Summary, Error> {
     let Around { behind, recorder, playback, keep: files, judge } = around;
     let begun = Instant::now();
+    let tempo = Tempo::default();
     let initial = if options.wait { Control::Waiting } else { Control::Running };
     let control = Arc::new(watch::channel(initial).0);
     let attended = behind.is_some() || playback.as_ref().is_some_and(|(_, attended)| *attended);
     let playback = playback.map(|(playback, _)| playback);
     let tape = Tape::default();
     let keep = (recorder.clone(), tape.clone());
-    let (ui, helm, words) = create_ui(scenario, options, &control, behind, keep)?;
+    let (said, words) = mpsc::channel(4);
+    let helm = ui::Helm { control: Arc::clone(&control), words: said, tempo: tempo.clone() };
+    let ui = create_ui(scenario, options, helm, behind, keep)?;
     let interrupt = options
         .interruptible
         .then(|| Interrupt::listen(Arc::clone(&control), Arc::clone(&ui.emergency)))
@@ -164,7 +170,7 @@ pub fn run_with(
         ui: ui.handle.clone(),
         emergency: Arc::clone(&ui.emergency),
         words: attended.then_some(words),
-        tempo: helm.tempo,
+        tempo: tempo.clone(),
         recorder: recorder.clone(),
         playback,
         tape,
@@ -190,11 +196,13 @@ pub fn run_with(
             return Err(error);
         }
     };
-    let mut summary = summary(scenario, goal, &done, begun.elapsed().as_secs_f64());
+    let worked = tempo.worked().saturating_duration_since(begun);
+    let mut summary = summary(scenario, goal, &done, worked.as_secs_f64());
     if summary.ended_by == EndedBy::Operator && interrupt.is_some_and(|i| i.came()) {
         summary.ended_by = EndedBy::Interrupt;
         if summary.outcome != Outcome::Solved {
-            "interrupted".clone_into(&mut summary.reason);
+            // Where the cube is stays.
+            summary.reason = summary.reason.replacen(BY_OPERATOR, "interrupted", 1);
         }
     }
     ui.over(outcome(&summary));
@@ -308,12 +316,10 @@ impl Logbook {
 fn create_ui(
     scenario: &Scenario,
     options: RunOptions,
-    control: &Arc<watch::Sender<Control>>,
+    helm: ui::Helm,
     behind: Option<Behind>,
     (recorder, tape): (Recorder, Tape),
-) -> Result<(ui::Ui, ui::Helm, mpsc::Receiver<Word>), Error> {
-    let (words, heard) = mpsc::channel(4);
-    let helm = ui::Helm { control: Arc::clone(control), words, tempo: Tempo::default() };
+) -> Result<ui::Ui, Error> {
     helm.tempo.set(options.speed);
     let board = behind.as_ref().map(|_| Board::default());
     let presenter = behind.as_ref().zip(board.clone()).map(|(behind, board)| {
@@ -324,15 +330,14 @@ fn create_ui(
     let parts = ui::Parts {
         quiet: options.quiet,
         keys: !options.automatic,
-        helm: helm.clone(),
+        helm,
         behind,
         presenter,
         board,
         recorder,
         tape,
     };
-    let ui = ui::Ui::spawn(parts).map_err(|e| not_created("ui", &e.to_string()))?;
-    Ok((ui, helm, heard))
+    ui::Ui::spawn(parts).map_err(|e| not_created("ui", &e.to_string()))
 }
 
 /// An early end that a signal asked for.
@@ -464,7 +469,7 @@ struct Done {
     task: MissionLog,
     /// Of a plant: the cube at the beginning, what happened to it, jams. Nobody knows them of hardware.
     truth: Option<Truth>,
-    /// When MP's work ended.
+    /// When MP's work ended, by [`Tempo::worked`].
     ended: Instant,
     /// Where the cube is, as the controller believes.
     whereabouts: String,
@@ -527,10 +532,11 @@ async fn perform(
     let (mut judge, troubles) = (desk.judge, desk.troubles);
     let by_hand = goal.is_none() && words.is_some();
     // Before the start there is no time: a run does not depend on when it was started.
-    let mut start_of = outer.subscribe();
+    let (mut start_of, waits) = (outer.subscribe(), Instant::now());
     if start_of.wait_for(|will| *will != Control::Waiting).await.is_err() {
         return Err(not_created("control", "nobody is left to start the run"));
     }
+    tempo.held_back(waits.elapsed());
     let mut control = Arc::clone(outer);
     let mut gate = None;
     if scenario.pace == Pace::Virtual {
@@ -705,7 +711,13 @@ async fn perform(
         let (edp, arm) = (&edps[i], &config.cell.arms[i]);
         let now = clock.period() as f64 * PERIOD;
         ui.tell(ui::Notice::Phase(now, format!("synchronise {}", arm.name)));
-        if let Err(error) = home(edp, control.subscribe(), &switches, &clock).await {
+        let mut listens = alarm.listen();
+        let synchronised = tokio::select! {
+            biased;
+            error = raised(&mut listens) => Err(error),
+            done = home(edp, control.subscribe(), &clock, &ui) => done,
+        };
+        if let Err(error) = synchronised {
             switches.stop.store(true, Ordering::Release);
             return Err(error);
         }
@@ -813,7 +825,7 @@ async fn perform(
         control: will,
         ui: ui.clone(),
         operator: words,
-        tempo,
+        tempo: tempo.clone(),
         clock: clock.clone(),
         work,
         tape: tape.clone(),
@@ -836,7 +848,7 @@ async fn perform(
             (ending, mission.log.clone())
         }
     };
-    let ended = Instant::now();
+    let ended = tempo.worked();
     if matches!(ending.error, Some(Error::System { .. })) {
         // Nobody moves the arms any more, whatever the actors that are left would have them do.
         switches.hold.store(true, Ordering::Release);
@@ -883,24 +895,31 @@ async fn perform(
     Ok(Done { ending, task: log, truth, ended, whereabouts, by_hand, hash: tape.hash() })
 }
 
-/// Synchronises an arm, unless the operator terminates the run before it is done: then it is brought to a stand.
+/// Synchronises an arm: the operator may pause it, and terminate the run before it is done.
 async fn home(
     edp: &edp::EdpHandle,
     mut control: watch::Receiver<Control>,
-    switches: &Switches,
     clock: &Clock,
+    ui: &ui::UiHandle,
 ) -> Result<(), Error> {
-    /// Periods in which an arm comes to a stand.
-    const BRAKES: u64 = 100;
-    tokio::select! {
-        biased;
-        done = edp.synchronise() => done.map(drop),
-        _ = control.wait_for(|will| *will == Control::Terminated) => {
-            switches.hold.store(true, Ordering::Release);
-            clock.until(clock.period() + BRAKES).await;
-            let cause = NonFatal::Terminated;
-            Err(Error::NonFatal { actor: "supervisor".into(), place: "synchronise", cause })
+    loop {
+        match permission_soon(&mut control).await {
+            Some(Ok(())) => {}
+            Some(Err(_)) => {
+                let cause = NonFatal::Terminated;
+                let actor = "supervisor".into();
+                return Err(Error::NonFatal { actor, place: "synchronise", cause });
+            }
+            // A fault must not wait for the operator.
+            None => {
+                edp.state().await?;
+                continue;
+            }
         }
+        if homed(edp.synchronise(), &mut control, clock).await? {
+            return Ok(());
+        }
+        ui.tell(ui::Notice::Note(clock.period() as f64 * PERIOD, homing::STANDS.to_owned()));
     }
 }
 
@@ -1001,7 +1020,7 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
         .map(|((name, begin, began), (end, ended))| Phase {
             name: (*name).into(),
             sim_time_s: end - begin,
-            wall_time_s: ended.duration_since(*began).as_secs_f64(),
+            wall_time_s: ended.saturating_duration_since(*began).as_secs_f64(),
         })
         .collect();
     let counts = verdict.map(|v| v.counts);
@@ -1065,7 +1084,7 @@ fn verdict_of(
     let Some(finish) = &ending.finish else {
         let place = &done.whereabouts;
         let place = if place.is_empty() { String::new() } else { format!("; {place}") };
-        let reason = format!("terminated by the operator{place}");
+        let reason = format!("{BY_OPERATOR}{place}");
         return (Outcome::Aborted, reason, EndedBy::Operator);
     };
     let (Some(Truth { verdict, jams, .. }), Some(end)) = (&done.truth, end) else {

@@ -7,7 +7,7 @@
 //! stays for machines.
 
 use super::board::Board;
-use super::control::{Control, Tempo, Word};
+use super::control::{Control, Tempo, Word, is_speed};
 use super::present::Presenter;
 use crate::desk::{Behind, Desk, desk};
 use crate::error::Error;
@@ -257,8 +257,12 @@ fn obey(command: &Command, helm: &Helm) -> Result<bool, &'static str> {
             return Ok(turn(Control::Paused));
         }
         Command::Terminate => return Ok(turn(Control::Terminated)),
-        // The flag was set on the way here.
-        Command::EmergencyStop => {}
+        // The flag was set on the way here. A run that waits for its start begins stopped: so its arms tell of it.
+        Command::EmergencyStop => {
+            if now == Control::Waiting {
+                turn(Control::Running);
+            }
+        }
         Command::Answer { question, answer } => {
             let word = Word::Answer(*question, answer.clone());
             helm.words.try_send(word).map_err(|_| "nobody waits for an answer")?;
@@ -271,6 +275,9 @@ fn obey(command: &Command, helm: &Helm) -> Result<bool, &'static str> {
         Command::Manual { effector, order } => {
             let word = Word::Order(*effector, order.clone());
             helm.words.try_send(word).map_err(|_| "the arms are busy")?;
+        }
+        Command::Speed { factor } if !is_speed(*factor) => {
+            return Err("0.01 times real time is the slowest, 0 is as fast as it computes");
         }
         Command::Speed { factor } => helm.tempo.set(*factor),
         Command::Quit | Command::Seek { .. } => return Err("not while a run is on"),
@@ -335,6 +342,26 @@ mod tests {
     #[test]
     fn the_emergency_stop_reaches_the_servos_at_once() {
         assert_eq!(after("s\ne\n"), (Control::Running, true));
+    }
+
+    #[test]
+    fn an_emergency_stop_before_the_start_does_not_wait_for_one() {
+        assert_eq!(told("e\n", false), (Control::Running, true));
+        assert_eq!(told("p\ne\nt\n", false), (Control::Terminated, true));
+    }
+
+    #[test]
+    fn a_speed_at_which_time_as_good_as_stands_still_is_refused() {
+        let (words, tempo) = (mpsc::channel(1).0, Tempo::default());
+        let control = Arc::new(watch::channel(Control::Running).0);
+        let helm = Helm { control, words, tempo: tempo.clone() };
+        for factor in [1e-300, 1e-6, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(obey(&Command::Speed { factor }, &helm).is_err(), "{factor}");
+        }
+        for factor in [0.0, 0.01, 20.0] {
+            obey(&Command::Speed { factor }, &helm).unwrap();
+            assert_eq!(tempo.limit(), factor);
+        }
     }
 
     #[test]

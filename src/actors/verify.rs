@@ -1,10 +1,12 @@
 //! Verification of a recording: the same inputs to the same controller must give the same outputs, to the bit.
 //!
 //! - virtual clock: MP, ECPs, EDPs, VSPs and servos run again; inputs are the port's readings, the sensors' answers and
-//!   the operator's words, outputs are orders, drives and states of each servo period
+//!   the operator's words, outputs are orders, drives and states of each servo period; a fault that was injected into an
+//!   actor or the clock is no such input, so that what comes after it is not judged
 //! - wall clock: the servos run again; the orders, and what came from outside (missed periods, stops), are inputs, since
 //!   threads decided when they came
 
+use super::recording::SCENES;
 use super::supervisor::{Around, RunOptions, not_created, run_with};
 use crate::error::Error;
 use crate::hw::driver::ServoRecord;
@@ -107,6 +109,23 @@ fn controller(playback: &Playback, scenario: &Scenario, attended: bool) -> Verif
             now: "the run ends".to_owned(),
         };
         divergence = Some(Divergence { period: last, who: "mp".to_owned(), what });
+    }
+    let length = Length::of_seconds(scenario.real_time.period);
+    if let (Some(first), Some((noted, what))) = (&divergence, playback.injected())
+        && length.tick(first.period) + SCENES >= noted
+    {
+        let ended = format!(
+            "from period {} on it cannot be held against its recording: `{what}`, which was injected, is no recorded input",
+            first.period
+        );
+        let rest = rest + 1;
+        return Verified {
+            compared,
+            rest,
+            whole_controller: true,
+            ended: Some(ended),
+            ..Verified::default()
+        };
     }
     let ended = match summary {
         // Where the recording is cut off there is nothing to be read, which is no news.

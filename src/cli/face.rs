@@ -56,7 +56,7 @@ impl FaceArgs {
     pub(super) fn open(&self, word: FaceWord, desk: Desk) -> anyhow::Result<Face> {
         match word {
             FaceWord::None => Ok(Face::None),
-            FaceWord::Tui => Ok(Face::Tui(Terminal::open(desk).context("the terminal's thread")?)),
+            FaceWord::Tui => Ok(Face::Tui(Terminal::open(desk).context("--ui tui: the terminal")?)),
             FaceWord::Web => {
                 let served = self.serve(&desk);
                 let server = match served {
@@ -158,14 +158,21 @@ pub(super) struct Terminal {
 
 impl Terminal {
     fn open(desk: Desk) -> std::io::Result<Self> {
+        let screen = tui::Screen::open()?;
         let leave = Arc::new(AtomicBool::new(false));
         for signal in SIGNALS {
             signal_hook::flag::register(signal, Arc::clone(&leave))?;
         }
         let leaves = Arc::clone(&leave);
-        let thread = std::thread::Builder::new()
-            .name("tui".into())
-            .spawn(move || tui::show(&desk, &leaves))?;
+        let thread = std::thread::Builder::new().name("tui".into()).spawn(move || {
+            let shown = tui::show(screen, &desk, &leaves);
+            if let Err(error) = &shown {
+                // Nobody sees any more what goes on. A replay is left; a run goes on, and is told how to end it.
+                super::complain(&format!("the terminal: {error}; a signal ends the run"));
+                let _ = desk.command(Command::Quit);
+            }
+            shown
+        })?;
         Ok(Self { leave, thread: Some(thread) })
     }
 

@@ -1,6 +1,7 @@
 //! `run --record FILE`: what a recording says of itself, and what is said of it at the end.
 
 use crate::cell::{Cell, Mount};
+use crate::record::place::Place;
 use crate::record::recorder::{Patience, Recorder, Written};
 use crate::record::sheet::About;
 use crate::scenario::keys::Pace;
@@ -11,22 +12,31 @@ use std::fs::File;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Begins a recording in a file. `attended`: an operator is there to be asked.
+/// How a run is begun of which a recording is made.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Begun {
+    /// An operator is there to be asked.
+    pub(super) attended: bool,
+    /// It goes on where another was broken off.
+    pub(super) resumed: bool,
+}
+
+/// Begins a recording in a file.
 pub(super) fn begin(
-    file: File,
+    (file, place): (File, Place),
     scenario: &Scenario,
     overrides: &[Override],
-    attended: bool,
+    begun: Begun,
 ) -> std::io::Result<Recorder> {
     let patience = match scenario.pace {
         Pace::Virtual => Patience::Waits,
         Pace::RealTime => Patience::Never,
     };
-    Recorder::begin(file, about(scenario, overrides, attended)?, patience)
+    Recorder::begin_at(file, Some(place), about(scenario, overrides, begun)?, patience)
 }
 
 /// What a recording of this scenario says of itself.
-fn about(scenario: &Scenario, overrides: &[Override], attended: bool) -> std::io::Result<About> {
+fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::Result<About> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let config = &scenario.controller;
     let length = Length::of_seconds(scenario.real_time.period);
@@ -48,7 +58,8 @@ fn about(scenario: &Scenario, overrides: &[Override], attended: bool) -> std::io
         ("cube_start", truth.unwrap_or_default()),
         ("arms", arms.join(" ")),
         ("period_ns", length.nanos().to_string()),
-        ("attended", attended.to_string()),
+        ("attended", begun.attended.to_string()),
+        ("resumed", begun.resumed.to_string()),
         ("started_unix_s", now.as_secs().to_string()),
         ("declared_face_s", config.vision.face.to_string()),
         ("standalone_xyz", standalone(&config.cell)),
@@ -93,6 +104,17 @@ pub(super) fn build() -> String {
 
 /// What became of it, in a line for the operator.
 pub(super) fn told(path: &Path, written: &Written) -> String {
+    if let Some(aside) = &written.aside {
+        let (path, aside) = (path.display(), aside.display());
+        return format!(
+            "recorded {aside}: {written}; {path} is as it was: a recording without a period takes no other's place"
+        );
+    }
     let size = std::fs::metadata(path).map_or(0, |m| m.len());
     format!("recorded {}: {written}, {:.1} MB", path.display(), size as f64 / 1e6)
+}
+
+/// Whether what is written would replace what is read.
+pub(super) fn same_file(from: &Path, to: &Path) -> bool {
+    from.canonicalize().ok().zip(to.canonicalize().ok()).is_some_and(|(from, to)| from == to)
 }

@@ -1,6 +1,8 @@
 //! `rubik-robot recover`: a whole recording of one that was cut off.
 
+use super::record::same_file;
 use super::{WRONG, complain};
+use crate::record::place::Place;
 use crate::record::reading::End;
 use crate::record::recover::recover;
 use clap::Args;
@@ -22,8 +24,7 @@ pub(super) struct RecoverArgs {
 }
 
 pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
-    let same = args.recording.canonicalize().ok().zip(args.output.canonicalize().ok());
-    if same.is_some_and(|(from, to)| from == to) {
+    if same_file(&args.recording, &args.output) {
         complain("the recording would be overwritten by its own remains: name another file");
         return Ok(WRONG);
     }
@@ -34,13 +35,33 @@ pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
             return Ok(WRONG);
         }
     };
-    let to = BufWriter::new(File::create(&args.output)?);
-    let saved = recover(from, to)?;
+    let (to, mut place) = match Place::create(&args.output) {
+        Ok(created) => created,
+        Err(error) => {
+            complain(&format!("{}: {error}", args.output.display()));
+            return Ok(WRONG);
+        }
+    };
+    let saved = match recover(from, BufWriter::new(to)) {
+        Ok(saved) => saved,
+        Err(error) => {
+            place.discard()?;
+            complain(&format!("{}: {error}", args.output.display()));
+            return Ok(WRONG);
+        }
+    };
     let end = match &saved.end {
         End::Whole => "the recording was whole".to_owned(),
         End::Cut(why) => format!("it was cut off: {why}"),
     };
+    if saved.messages == 0 {
+        place.discard()?;
+        let path = args.recording.display();
+        complain(&format!("{path}: no message can be read, nothing is written; {end}"));
+        return Ok(1);
+    }
+    place.take()?;
     let (count, seconds) = (saved.messages, saved.span as f64 * 1e-9);
     complain(&format!("{}: {count} messages, {seconds:.2} s; {end}", args.output.display()));
-    Ok(u8::from(saved.messages == 0))
+    Ok(0)
 }

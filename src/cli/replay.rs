@@ -4,6 +4,7 @@ use super::face::{Face, FaceArgs, FaceWord};
 use super::output::Output;
 use super::{WRONG, complain, record};
 use crate::actors::SIGNALS;
+use crate::actors::control::is_speed;
 use crate::actors::show::Show;
 use crate::actors::verify::{self, Verified};
 use crate::desk::desk;
@@ -27,7 +28,8 @@ words of the operator; each order and each drive of each servo period must come 
 the wall clock the servos run again, on the recorded readings, orders, missed periods and stops: when an actor's order
 reached its servo depended on threads, so the orders themselves are inputs there.
 Exit code 0 when all that was compared is the same, and it says when that is not all (a recording that is cut off or has
-gaps), 1 when something differs, 2 when the recording cannot be used or nothing was compared.")]
+gaps, or a fault of an actor or of the clock that was injected), 1 when something differs, 2 when the recording cannot be
+used (that of a resumed run cannot) or nothing was compared.")]
 pub(super) struct ReplayArgs {
     /// The recording
     recording: PathBuf,
@@ -58,6 +60,13 @@ pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> 
     if !args.verify {
         return show(args, &scenario);
     }
+    if label.fact("resumed") == "true" {
+        complain(&format!(
+            "{}: a resumed run cannot be verified: where it began stands in its journal and world, not in the recording",
+            args.recording.display()
+        ));
+        return Ok(WRONG);
+    }
     if let Err(why) = fits(&label, args.force) {
         complain(&why);
         return Ok(WRONG);
@@ -81,8 +90,8 @@ pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> 
 
 /// Shows a recording to whoever looks; without a face its phases and messages are told at once.
 fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
-    if !(args.speed.is_finite() && args.speed >= 0.0) {
-        complain("--speed: a factor such as 5, or 0 for as fast as it goes");
+    if !is_speed(args.speed) {
+        complain("--speed: a factor of 0.01 or more such as 5, or 0 for as fast as it goes");
         return Ok(WRONG);
     }
     let file = BufReader::with_capacity(1 << 20, File::open(&args.recording)?);
@@ -97,7 +106,13 @@ fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
     let (desk, behind) = desk();
     let face = match args.face.word(args.json) {
         FaceWord::None => Face::None,
-        word => args.face.open(word, desk)?,
+        word => match args.face.open(word, desk) {
+            Ok(face) => face,
+            Err(error) => {
+                complain(&format!("{error:#}"));
+                return Ok(WRONG);
+            }
+        },
     };
     if matches!(face, Face::None) {
         for (time, words) in show.told() {

@@ -1,5 +1,6 @@
 //! `rubik-robot report`: one page that tells a recorded run.
 
+use super::record::same_file;
 use super::{WRONG, complain};
 use crate::record::report::{gather, page};
 use clap::Args;
@@ -26,6 +27,10 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
         complain(&format!("{}: {why}", args.recording.display()));
         Ok(WRONG)
     };
+    if same_file(&args.recording, &args.output) {
+        complain("the page would be written over its own recording: name another file");
+        return Ok(WRONG);
+    }
     let file = match File::open(&args.recording) {
         Ok(file) => BufReader::with_capacity(1 << 20, file),
         Err(error) => return told(&error),
@@ -34,7 +39,10 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
         Ok(story) => story,
         Err(why) => return told(&why),
     };
-    std::fs::write(&args.output, page(&story))?;
+    if let Err(error) = std::fs::write(&args.output, page(&story)) {
+        complain(&format!("{}: {error}", args.output.display()));
+        return Ok(WRONG);
+    }
     if let Some(why) = &story.cut {
         complain(&format!(
             "{}: cut off: {why}; the page tells what is there",

@@ -3,9 +3,11 @@
 use super::face::{Face, FaceArgs};
 use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain, record};
+use crate::actors::control::is_speed;
 use crate::actors::{self, Around, Keep, RunOptions};
 use crate::desk::desk;
 use crate::error::{Error, NonFatal};
+use crate::record::place::Place;
 use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
 use crate::scenario::keys::{Pace, Task};
@@ -13,7 +15,6 @@ use crate::scenario::{Override, Scenario};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use rustix::process::{Signal, set_parent_process_death_signal};
-use std::fs::File;
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
@@ -123,8 +124,15 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         complain("--require-rt: the pace is virtual; add --pace real-time");
         return Ok(WRONG);
     }
-    if !(args.speed.is_finite() && args.speed >= 0.0) {
-        complain("--speed: a factor such as 5, or 0 for as fast as it computes");
+    if !is_speed(args.speed) {
+        complain("--speed: a factor of 0.01 or more such as 5, or 0 for as fast as it computes");
+        return Ok(WRONG);
+    }
+    if let (true, Some(path)) = (args.keep.resume, args.record.as_ref().filter(|p| p.is_file())) {
+        let path = path.display();
+        complain(&format!(
+            "--record: {path} is there already, perhaps of the run that was broken off, and is kept: name another file"
+        ));
         return Ok(WRONG);
     }
     let keep = match keep(&args.keep, &scenario) {
@@ -136,10 +144,15 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     };
     let word = args.face.word(args.json);
     let (desk, behind) = desk();
-    let face = args.face.open(word, desk)?;
-    // After the face: one that cannot be opened must not have emptied the file. What goes wrong here is told in the
-    // terminal as it was.
-    let file = match args.record.as_ref().map(|path| (path, File::create(path))) {
+    let face = match args.face.open(word, desk) {
+        Ok(face) => face,
+        Err(error) => {
+            complain(&format!("{error:#}"));
+            return Ok(WRONG);
+        }
+    };
+    // What goes wrong here is told in the terminal as it was.
+    let file = match args.record.as_ref().map(|path| (path, Place::create(path))) {
         None => None,
         Some((_, Ok(file))) => Some(file),
         Some((path, Err(error))) => {
@@ -162,7 +175,8 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         None => Recorder::default(),
         Some(file) => {
             let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(more).collect();
-            record::begin(file, &scenario, &overrides, shown).context("--record")?
+            let begun = record::Begun { attended: shown, resumed: args.keep.resume };
+            record::begin(file, &scenario, &overrides, begun).context("--record")?
         }
     };
     let behind_run = shown.then(|| behind.clone());
@@ -171,12 +185,8 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let done = actors::run_with(&scenario, options, around);
     let written = recorder.finish();
     // A terminal is put back as it was before anything is printed on it.
-    let face = if face.has_terminal() {
-        face.linger(&behind)?;
-        Face::None
-    } else {
-        face
-    };
+    let (face, shown) =
+        if face.has_terminal() { (Face::None, face.linger(&behind)) } else { (face, Ok(())) };
     if let (Some(written), Some(path)) = (written, &args.record) {
         complain(&record::told(path, &written));
     }
@@ -189,6 +199,10 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     };
     let code = told(done, &scenario, args, output)?;
     output.flush()?;
+    if let Err(error) = shown {
+        // What the run came to is told all the same, and is what it exits with.
+        complain(&format!("{error:#}"));
+    }
     if !args.json && !leaves {
         face.linger(&behind)?;
     }

@@ -9,6 +9,7 @@ use super::sensed::{Found, Sensed};
 use super::tick::{Difference, Tick};
 use crate::hw::driver::{RecordSink, ServoRecord};
 use crate::hw::port::{HeldUp, Port, PortFault};
+use crate::motion::PERIOD;
 use crate::servo::io::{ArmDrive, ArmReading};
 use std::collections::VecDeque;
 use std::path::Path;
@@ -52,6 +53,8 @@ struct State {
     ahead: VecDeque<Tick>,
     sensed: Vec<Sensed>,
     operator: VecDeque<(u64, String)>,
+    /// The first injected fault that its inputs do not hold: period of 2 ms, and what.
+    injected: Option<(u64, String)>,
     compared: u64,
     last: u64,
     divergence: Option<Divergence>,
@@ -66,7 +69,7 @@ impl Playback {
     /// [`Unreadable`].
     pub fn open(path: &Path, arms: Vec<String>) -> Result<(Self, Label), Unreadable> {
         let mut label = Label::default();
-        let (mut sensed, mut operator) = (Vec::new(), VecDeque::new());
+        let (mut sensed, mut operator, mut injected) = (Vec::new(), VecDeque::new(), None);
         for piece in open(path)? {
             label.take(&piece);
             let Piece::Message(Message { channel, data, .. }) = piece else { continue };
@@ -74,6 +77,9 @@ impl Playback {
             match channel.topic.as_str() {
                 "/sensed" => sensed.push(Sensed::read(&data).map_err(broken)?),
                 "/operator" => operator.push_back(operator_word(&data).map_err(broken)?),
+                "/rosout" if injected.is_none() => {
+                    injected = not_an_input(&data).map_err(broken)?;
+                }
                 _ => {}
             }
         }
@@ -84,6 +90,7 @@ impl Playback {
             ahead: VecDeque::new(),
             sensed,
             operator,
+            injected,
             compared: 0,
             last: 0,
             divergence: None,
@@ -128,6 +135,13 @@ impl Playback {
     pub fn verdict(&self) -> (Option<Divergence>, u64) {
         let state = self.state();
         (state.divergence.clone(), state.compared)
+    }
+
+    /// The first injected fault that befalls an actor or the clock, none of which the inputs hold: the period of 2 ms in
+    /// which it was noted, and what it is.
+    #[must_use]
+    pub fn injected(&self) -> Option<(u64, String)> {
+        self.state().injected.clone()
     }
 
     /// Ticks that the recording holds beyond what the run came to.
@@ -179,6 +193,21 @@ fn operator_word(data: &[u8]) -> Result<(u64, String), super::cdr::Malformed> {
     let mut from = super::cdr::Reader::new(data)?;
     from.time()?;
     Ok((from.u64()?, from.string()?.to_owned()))
+}
+
+/// Kinds of faults that reach a run past its port, its sensors and its operator.
+const PAST_INPUTS: [&str; 5] =
+    ["actor panic", "actor hang", "heart beat loss", "late message", "clock jump"];
+
+/// An injected fault of one of these kinds, and when, of a line of the log.
+fn not_an_input(data: &[u8]) -> Result<Option<(u64, String)>, super::cdr::Malformed> {
+    let mut from = super::cdr::Reader::new(data)?;
+    let time = from.time()?;
+    from.u8()?;
+    let (who, text) = (from.string()?, from.string()?);
+    let what = text.strip_prefix("injected fault: ").filter(|_| who == "plant");
+    let what = what.filter(|what| PAST_INPUTS.iter().any(|kind| what.starts_with(kind)));
+    Ok(what.map(|what| ((time as f64 * 1e-9 / PERIOD).round() as u64, what.to_owned())))
 }
 
 impl State {

@@ -5,8 +5,10 @@
 //!
 //! Under the wall clock nobody ever waits for the recorder: what does not fit is counted and left out. On the virtual
 //! clock, where a run goes as fast as it computes, it waits instead of losing: time that passes there is nobody's. Once
-//! the device refuses, nothing more is written, all that comes is counted, and the run goes on.
+//! the device refuses, nothing more is written, all that comes is counted, and the run goes on; what is really in the
+//! file is then counted by reading it.
 
+use super::place::Place;
 use super::sensed::Sensed;
 use super::sheet::{About, Sheet};
 use crate::hw::driver::{RecordSink, ServoRecord};
@@ -14,7 +16,7 @@ use crate::hw::scene::Scene;
 use crate::tasks::Picture;
 use image::RgbImage;
 use std::io::{Seek, Write};
-use std::path::Path;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -77,6 +79,8 @@ pub struct Written {
     pub lost: u64,
     /// Why the device refused.
     pub failure: Option<String>,
+    /// Where the recording is when it did not take its name, since no period came to be in it.
+    pub aside: Option<PathBuf>,
 }
 
 impl std::fmt::Display for Written {
@@ -156,14 +160,6 @@ pub struct Ticks {
 }
 
 impl Recorder {
-    /// Begins a file.
-    ///
-    /// # Errors
-    /// What the operating system says of the file or the thread.
-    pub fn create(path: &Path, about: About, patience: Patience) -> std::io::Result<Self> {
-        Self::begin(std::fs::File::create(path)?, about, patience)
-    }
-
     /// A switch that makes the device full, for whoever tries what happens then.
     #[must_use]
     pub fn full(&self) -> Option<Arc<AtomicBool>> {
@@ -179,6 +175,19 @@ impl Recorder {
         about: About,
         patience: Patience,
     ) -> std::io::Result<Self> {
+        Self::begin_at(to, None, about, patience)
+    }
+
+    /// Records into `to`, a file that takes its name as soon as there is a period in it.
+    ///
+    /// # Errors
+    /// What the operating system says of the thread.
+    pub fn begin_at<W: Write + Seek + Send + 'static>(
+        to: W,
+        place: Option<Place>,
+        about: About,
+        patience: Patience,
+    ) -> std::io::Result<Self> {
         let (queue, entries) = sync_channel(QUEUE);
         let full = Arc::new(AtomicBool::new(false));
         let to = Device { to, full: Arc::clone(&full) };
@@ -187,7 +196,7 @@ impl Recorder {
         let thread = std::thread::Builder::new().name("recorder".into()).spawn({
             let counts = Arc::clone(&counts);
             move || {
-                Clerk { sheet: Sheet::new(about), counts, failure: None }
+                Clerk { sheet: Sheet::new(about), counts, failure: None, place, begins: true }
                     .work(to, records, &entries)
             }
         })?;
@@ -316,6 +325,9 @@ struct Clerk {
     sheet: Sheet,
     counts: Arc<Counts>,
     failure: Option<String>,
+    place: Option<Place>,
+    /// No period has been written yet.
+    begins: bool,
 }
 
 impl Clerk {
@@ -356,11 +368,20 @@ impl Clerk {
                     self.counts.pictures.fetch_sub(1, Ordering::AcqRel);
                 }
                 let written = file.as_mut().map(|file| self.sheet.entry(period, &entry, file));
-                self.settle(&mut file, written);
+                self.settle(&mut file, written, 1);
             } else if record.is_some() {
                 let Ok(record) = records.pop() else { continue };
-                let written = file.as_mut().map(|file| self.sheet.tick(&record, file));
-                self.settle(&mut file, written);
+                let first = std::mem::take(&mut self.begins);
+                let written = file.as_mut().map(|file| {
+                    self.sheet.tick(&record, file)?;
+                    // Only what can be read may take the place of another.
+                    if first { file.flush() } else { Ok(()) }
+                });
+                if first && matches!(written, Some(Ok(()))) {
+                    self.named(Place::take);
+                }
+                let lost = self.sheet.messages_of(&record);
+                self.settle(&mut file, written, lost);
             } else if last {
                 break;
             } else {
@@ -378,14 +399,29 @@ impl Clerk {
         {
             self.fail(&why.to_string());
         }
-        Written { messages: self.sheet.messages(), lost: 0, failure: self.failure }
+        self.named(Place::take_if_free);
+        // What was in a buffer when the device refused is in no file.
+        let put = self.sheet.messages();
+        let found = self.failure.as_ref().and(self.place.as_ref()).and_then(Place::messages);
+        let messages = found.unwrap_or(put);
+        let aside = self.place.filter(Place::waits).map(|place| place.at().to_owned());
+        Written { messages, lost: put.saturating_sub(messages), failure: self.failure, aside }
     }
 
-    /// Without a file everything is lost; a failure takes the file away.
+    fn named(&mut self, how: impl FnOnce(&mut Place) -> std::io::Result<()>) {
+        if let Some(place) = &mut self.place
+            && let Err(why) = how(place)
+        {
+            tracing::error!("{}: the recording cannot take its name: {why}", place.at().display());
+        }
+    }
+
+    /// Without a file everything is lost: so many messages; a failure takes the file away.
     fn settle<F>(
         &mut self,
         file: &mut Option<F>,
         written: Option<Result<(), super::file::Unwritten>>,
+        messages: u64,
     ) {
         match written {
             Some(Ok(())) => {}
@@ -395,7 +431,7 @@ impl Clerk {
                 *file = None;
             }
             None => {
-                self.counts.lost.fetch_add(1, Ordering::Relaxed);
+                self.counts.lost.fetch_add(messages, Ordering::Relaxed);
             }
         }
     }

@@ -149,6 +149,14 @@ impl Sheet {
         self.pen.messages
     }
 
+    /// How many messages a servo record comes to.
+    #[must_use]
+    pub fn messages_of(&self, record: &ServoRecord) -> u64 {
+        let period = self.about.length.tick(record.period);
+        let each = |every: u64| 2 * u64::from(period.is_multiple_of(every));
+        1 + each(STATES) + each(FRAMES)
+    }
+
     /// How long vision took, for the end.
     #[must_use]
     pub fn vision(&mut self) -> BTreeMap<String, String> {

@@ -43,7 +43,7 @@ pub struct Phase {
     pub name: String,
     /// Simulated time that it took [s].
     pub sim_time_s: f64,
-    /// Time by the wall clock [s].
+    /// Time by the wall clock [s], counted as [`Summary::wall_time_s`].
     pub wall_time_s: f64,
 }
 
@@ -95,7 +95,8 @@ pub struct Summary {
     pub recoveries: u32,
     /// Simulated time [s].
     pub sim_time_s: f64,
-    /// Time by the wall clock [s].
+    /// Time by the wall clock [s], without the wait for the start and what time was held back on purpose: by a limit of
+    /// its speed, pauses, questions and moves by hand.
     pub wall_time_s: f64,
     /// Largest force of the plant's contact at the tools while both arms hold the cube, without the
     /// squeeze of the grips [N]; 0 when they never did.

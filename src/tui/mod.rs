@@ -12,7 +12,7 @@ use crate::operator::{
 };
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -20,13 +20,12 @@ use std::time::Duration;
 /// Time between two looks at keys and snapshots: ten pictures a second are enough for a terminal.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Shows a desk in this terminal until the operator leaves it, which is possible when the run is over or nobody listens
+/// Shows a desk in a terminal until the operator leaves it, which is possible when the run is over or nobody listens
 /// any more, or until `leave` is set.
 ///
 /// # Errors
 /// What the terminal says.
-pub fn show(desk: &Desk, leave: &AtomicBool) -> std::io::Result<()> {
-    let mut screen = Screen(ratatui::try_init()?);
+pub fn show(mut screen: Screen, desk: &Desk, leave: &AtomicBool) -> std::io::Result<()> {
     let mut app = App::default();
     while !leave.load(Ordering::Acquire) {
         app.stage = desk.stage.borrow().clone();
@@ -55,7 +54,26 @@ pub fn show(desk: &Desk, leave: &AtomicBool) -> std::io::Result<()> {
 }
 
 /// The terminal while it belongs to the face: given back however that ends.
-struct Screen(DefaultTerminal);
+#[derive(Debug)]
+pub struct Screen(DefaultTerminal);
+
+impl Screen {
+    /// Takes the terminal at which this program is.
+    ///
+    /// # Errors
+    /// When there is none, or what it says.
+    pub fn open() -> std::io::Result<Self> {
+        if !std::io::stdout().is_terminal() {
+            return Err(std::io::Error::other("stdout is none"));
+        }
+        // What it has done until it fails is undone with this.
+        let screen = ratatui::try_init();
+        if screen.is_err() {
+            let _ = ratatui::try_restore();
+        }
+        screen.map(Self)
+    }
+}
 
 impl Drop for Screen {
     fn drop(&mut self) {

@@ -1,0 +1,123 @@
+//! Where a recording goes: beside its name, as `FILE.part`, until there is a period in it. So a run that does not come to
+//! begin takes no older recording's place.
+
+use super::reading::{Piece, open};
+use std::ffi::OsString;
+use std::fs::{File, OpenOptions};
+use std::path::{Path, PathBuf};
+
+/// The place of a file that is being written.
+#[derive(Debug)]
+pub struct Place {
+    path: PathBuf,
+    /// Where it is until then; `None` when it has its name, as a device and a pipe have from the beginning.
+    part: Option<PathBuf>,
+    regular: bool,
+}
+
+impl Place {
+    /// Creates the file.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn create(path: &Path) -> std::io::Result<(File, Self)> {
+        let there = std::fs::metadata(path).ok();
+        let regular = there.as_ref().is_none_or(std::fs::Metadata::is_file);
+        if !regular {
+            let place = Self { path: path.to_owned(), part: None, regular };
+            return Ok((File::create(path)?, place));
+        }
+        // What is protected is not replaced, and behind a link the file is.
+        if there.is_some() {
+            OpenOptions::new().write(true).open(path)?;
+        }
+        let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let mut part = OsString::from(&path);
+        part.push(".part");
+        let part = PathBuf::from(part);
+        Ok((File::create(&part)?, Self { path, part: Some(part), regular }))
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn at(&self) -> &Path {
+        self.part.as_deref().unwrap_or(&self.path)
+    }
+
+    /// Whether it does not have its name yet.
+    #[must_use]
+    pub fn waits(&self) -> bool {
+        self.part.is_some()
+    }
+
+    /// Gives it its name, in the place of what had it.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn take(&mut self) -> std::io::Result<()> {
+        if let Some(part) = &self.part {
+            std::fs::rename(part, &self.path)?;
+            self.part = None;
+        }
+        Ok(())
+    }
+
+    /// Gives it its name if nothing has it, or an empty file.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn take_if_free(&mut self) -> std::io::Result<()> {
+        let taken = std::fs::metadata(&self.path).is_ok_and(|there| there.len() > 0);
+        if taken { Ok(()) } else { self.take() }
+    }
+
+    /// Takes it away again, unless it has its name.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn discard(self) -> std::io::Result<()> {
+        self.part.map_or(Ok(()), std::fs::remove_file)
+    }
+
+    /// How many messages of a recording are really there; `None` where nothing can be read back.
+    #[must_use]
+    pub fn messages(&self) -> Option<u64> {
+        let reading = if self.regular { open(self.at()).ok() } else { None };
+        let is_message = |piece: &Piece| matches!(piece, Piece::Message(_));
+        reading.map(|reading| reading.filter(is_message).count() as u64)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test")]
+mod tests {
+    use super::*;
+    use std::io::Write as _;
+
+    #[test]
+    fn a_file_stays_until_another_takes_its_place() {
+        let folder = std::env::temp_dir().join(format!("rubik-robot-place-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("run.mcap");
+        std::fs::write(&path, "old").unwrap();
+
+        let (mut file, mut place) = Place::create(&path).unwrap();
+        file.write_all(b"new").unwrap();
+        place.take_if_free().unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert!(place.waits() && place.at().ends_with("run.mcap.part"));
+        place.take().unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+        assert!(!place.waits());
+
+        std::fs::remove_file(&path).unwrap();
+        let (_, mut place) = Place::create(&path).unwrap();
+        place.take_if_free().unwrap();
+        assert!(path.exists() && !place.waits());
+        let (_, place) = Place::create(&path).unwrap();
+        place.discard().unwrap();
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1, "nothing is left lying about");
+        assert!(!Place::create(Path::new("/dev/null")).unwrap().1.waits());
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}
