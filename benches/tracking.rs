@@ -1,19 +1,24 @@
-//! Time of localising and tracking the cube: `cargo bench --bench tracking`.
+//! Time of localising and tracking the cube: `cargo bench --bench tracking`, and on photographs:
+//! `RUBIK_PHOTOGRAPHS=DIR cargo bench --bench tracking`, where DIR holds PNG and JPEG files.
 //!
-//! Frames come from the plant's renderer, at 640x480 and at 1280x960, the cube 105 px wide.
+//! Frames come from the plant's renderer, at 640x480 and at 1280x960, the cube 105 px wide. Photographs are scaled to
+//! these sizes by repeating or leaving out pixels; those in which a face is found take part.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a bench that cannot go on should stop")]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use image::RgbImage;
+use image::{RgbImage, imageops};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rubik_robot::cell::{Camera, Intrinsics, Mount};
 use rubik_robot::hw::plant::render::{Look, Renderer, cube_alone};
 use rubik_robot::spatial::{Pose, pose_from_axes};
 use rubik_robot::vision::detect::window_around;
 use rubik_robot::vision::watcher::CubeWatcher;
-use rubik_robot::vision::{DetectorSettings, Method, detect, locate_cube, locate_in, refine_in};
+use rubik_robot::vision::{
+    DetectorSettings, Lens, Method, Rect, detect, locate_cube, locate_in, refine_in,
+};
 use std::hint::black_box;
+use std::path::Path;
 
 const EDGE: f64 = 0.057;
 
@@ -80,5 +85,73 @@ fn benches(c: &mut Criterion) {
     }
 }
 
-criterion_group!(tracking, benches);
+/// A photograph in which a face was found, where to look for it, and where the cube is.
+struct Photograph {
+    image: RgbImage,
+    window: Option<Rect>,
+    camera_from_cube: Option<Pose>,
+}
+
+/// Scaled to a width, in its own proportions, not higher than `height`.
+fn photographs(folder: &Path, width: u32, height: u32, lens: &Lens) -> Vec<Photograph> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten();
+    let mut files: Vec<_> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    files.sort();
+    let pictures = files.iter().filter_map(|file| Some(image::open(file).ok()?.into_rgb8()));
+    pictures
+        .filter_map(|picture| {
+            let by = f64::from(width) / f64::from(picture.width());
+            let by = by.min(f64::from(height) / f64::from(picture.height()));
+            let size = |n: u32| ((f64::from(n) * by) as u32).max(1);
+            let image = imageops::resize(
+                &picture,
+                size(picture.width()),
+                size(picture.height()),
+                imageops::FilterType::Nearest,
+            );
+            let faces = detect(&image, None, &DetectorSettings::default()).ok()?;
+            let found = locate_in(&image, &faces, lens, EDGE, None);
+            Some(Photograph {
+                window: window_around(&faces[0].corners, 0.5),
+                camera_from_cube: found.map(|found| found.camera_from_cube),
+                image,
+            })
+        })
+        .collect()
+}
+
+/// Windowed tracking of what was found before, one photograph after another.
+fn on_photographs(c: &mut Criterion) {
+    let Some(folder) = std::env::var_os("RUBIK_PHOTOGRAPHS") else { return };
+    for (width, height) in [(640, 480), (1280, 960)] {
+        let middle = (f64::from(width - 1) / 2.0, f64::from(height - 1) / 2.0);
+        let lens = Lens::pinhole((f64::from(width), f64::from(width)), middle);
+        let all = photographs(Path::new(&folder), width, height, &lens);
+        if all.is_empty() {
+            continue;
+        }
+        let settings = DetectorSettings::default();
+        let paper = DetectorSettings { method: Method::Paper2007, ..settings };
+        let mut group = c.benchmark_group(format!("{} photographs, {width}x{height}", all.len()));
+        let mut next = all.iter().cycle();
+        group.bench_function("tracking: colours in the predicted window", |b| {
+            b.iter(|| next.next().map(|p| detect(black_box(&p.image), p.window, &paper)));
+        });
+        let mut next = all.iter().cycle();
+        group.bench_function("tracking: lattices in the predicted window", |b| {
+            b.iter(|| next.next().map(|p| detect(black_box(&p.image), p.window, &settings)));
+        });
+        let placed: Vec<_> = all.iter().filter(|p| p.camera_from_cube.is_some()).collect();
+        let mut next = placed.iter().cycle();
+        group.bench_function("tracking: edges at the predicted pose", |b| {
+            b.iter(|| {
+                let one = next.next()?;
+                refine_in(black_box(&one.image), lens, EDGE, one.camera_from_cube.as_ref()?)
+            });
+        });
+        group.finish();
+    }
+}
+
+criterion_group!(tracking, benches, on_photographs);
 criterion_main!(tracking);

@@ -140,7 +140,7 @@ impl Show {
                 let sensed = Sensed::read(&message.data)?;
                 if let Some(camera) = self.camera(&sensed.sensor) {
                     let found = match sensed.found {
-                        Ok(sensed::Found::Cube { world_from_cube, speed }) => {
+                        Ok(sensed::Found::Cube { world_from_cube, speed, .. }) => {
                             Found::Cube(world_from_cube, speed)
                         }
                         Ok(sensed::Found::Face(face)) => Found::Face(Box::new(face)),

@@ -148,6 +148,8 @@ struct Vsp {
     told: bool,
     /// Period of the last picture that was kept.
     kept: Option<u64>,
+    /// Period of the newest picture in which the cube was sought.
+    taken: Option<u64>,
     watcher: Option<CubeWatcher>,
     mailbox: mpsc::Receiver<Look>,
     tracking: watch::Receiver<bool>,
@@ -186,6 +188,7 @@ pub(super) fn spawn(name: &str, parts: Parts, care: &Care) -> VspHandle {
         seen: 0,
         told: false,
         kept: None,
+        taken: None,
         watcher,
         mailbox: looks,
         tracking: tracked,
@@ -223,7 +226,7 @@ impl Vsp {
                     }
                     self.target.send_replace(None);
                     next_frame = self.clock.period() + 1;
-                    (self.seen, self.told) = (next_frame, false);
+                    (self.seen, self.told, self.taken) = (next_frame, false, None);
                 },
                 () = self.clock.until(next_frame), if tracking => {
                     self.mishap.befall().await;
@@ -252,11 +255,15 @@ impl Vsp {
         let asked = format!("{sensing:?}");
         let played = self.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
         let unheard = matches!(played, Some(Played::Nothing));
+        let taken = self.taken;
         let result = self
             .work
             .run(move || {
                 let (found, frame) = match source.grab(period, sensing.exposure) {
                     _ if played.is_some() => (played.map_or_else(unheard_of, of_cube), None),
+                    Ok(frame) if again(&frame, taken).is_some() => {
+                        (Err(again(&frame, taken).unwrap_or_default()), None)
+                    }
                     Ok(frame) if unfit(&frame, period).is_some() => {
                         (Err(unfit(&frame, period).unwrap_or_default()), Some(frame))
                     }
@@ -264,6 +271,7 @@ impl Vsp {
                         let seconds = frame.period as f64 * PERIOD;
                         let found = watcher
                             .observe(&frame.image, seconds, near, elsewhere)
+                            .map(|seen| (seen, frame.period))
                             .map_err(|refusal| refusal.to_string());
                         (found, Some(frame))
                     }
@@ -282,14 +290,15 @@ impl Vsp {
         if self.playback.is_none() {
             self.judge(period, frame.as_ref(), found.as_ref().err());
         }
+        self.taken = self.taken.max(frame.as_ref().map(|frame| frame.period));
         // What is seen is as old as the light of the picture, not as the wish for it.
-        let exposed = frame.as_ref().map_or(period, |frame| frame.period);
-        self.shown((period, &asked), frame, KEPT_PERIODS, &|| match &found {
-            Ok(seen) => Found::Cube(seen.world_from_cube, seen.speed),
+        let exposed = found.as_ref().map_or(period, |(_, exposed)| *exposed);
+        self.shown((period, &asked, exposed), frame, KEPT_PERIODS, &|| match &found {
+            Ok((seen, _)) => Found::Cube(seen.world_from_cube, seen.speed),
             Err(reason) => Found::Nothing(reason.clone()),
         });
         match found {
-            Ok(seen) => {
+            Ok((seen, _)) => {
                 self.tape.message(&self.name, "look", &sensing);
                 let target = Target {
                     world_from_cube: seen.world_from_cube,
@@ -342,7 +351,7 @@ impl Vsp {
             Some((source, reading, frame, _)) => {
                 self.source = Some(source);
                 self.heard(unheard, period, &asked);
-                self.shown((period, &asked), frame, 0, &|| match &reading {
+                self.shown((period, &asked, period), frame, 0, &|| match &reading {
                     Ok(reading) => Found::Face(Box::new(reading.clone())),
                     Err(reason) => Found::Nothing(reason.clone()),
                 });
@@ -401,7 +410,7 @@ impl Vsp {
     /// Keeps and shows a picture and what was found in it. A picture is kept when the last one is `apart` periods old.
     fn shown(
         &mut self,
-        (period, asked): (u64, &str),
+        (period, asked, exposed): (u64, &str, u64),
         frame: Option<Frame>,
         apart: u64,
         found: &dyn Fn() -> Found,
@@ -412,7 +421,7 @@ impl Vsp {
             let (sensor, asked) = (self.name.clone(), asked.to_owned());
             let found = match found() {
                 Found::Cube(world_from_cube, speed) => {
-                    Ok(kept::Found::Cube { world_from_cube, speed })
+                    Ok(kept::Found::Cube { world_from_cube, speed, exposed })
                 }
                 Found::Face(reading) => Ok(kept::Found::Face(*reading)),
                 Found::Nothing(reason) => Err(reason),
@@ -432,11 +441,17 @@ impl Vsp {
     }
 }
 
-/// What a recording delivered of the cube.
-fn of_cube(played: Played) -> Result<Watched, String> {
+/// Why a picture says nothing new: one of its period, or of a later one, was taken before.
+fn again(frame: &Frame, taken: Option<u64>) -> Option<String> {
+    let taken = taken.filter(|taken| frame.period <= *taken)?;
+    Some(format!("the picture of period {} came again after that of {taken}", frame.period))
+}
+
+/// What a recording delivered of the cube, and the period of the light.
+fn of_cube(played: Played) -> Result<(Watched, u64), String> {
     match played {
-        Played::Answer(Ok(kept::Found::Cube { world_from_cube, speed })) => {
-            Ok(Watched { world_from_cube, speed })
+        Played::Answer(Ok(kept::Found::Cube { world_from_cube, speed, exposed })) => {
+            Ok((Watched { world_from_cube, speed }, exposed))
         }
         Played::Answer(Err(reason)) => Err(reason),
         Played::Answer(Ok(kept::Found::Face(_))) | Played::Nothing => unheard_of(),
@@ -483,4 +498,31 @@ pub(super) fn spawn_forces(
     let name = "vsp forces";
     alarm.spawn(name, aggregating.instrument(tracing::info_span!("vsp", name)));
     forces
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::RgbImage;
+
+    #[test]
+    fn a_picture_that_comes_again_says_nothing_new() {
+        let frame = |period| Frame { period, image: RgbImage::new(2, 2) };
+
+        assert_eq!(again(&frame(40), None), None);
+        assert_eq!(again(&frame(40), Some(20)), None);
+        for taken in [40, 60] {
+            let reason = again(&frame(40), Some(taken)).unwrap();
+            assert!(reason.contains("period 40"), "{reason}");
+        }
+    }
+
+    #[test]
+    fn what_a_recording_delivers_is_as_old_as_the_light_was() {
+        let found = kept::Found::Cube { world_from_cube: Pose::identity(), speed: 0.1, exposed: 7 };
+
+        let (seen, exposed) = of_cube(Played::Answer(Ok(found))).unwrap();
+
+        assert_eq!((seen.speed, exposed), (0.1, 7));
+    }
 }

@@ -11,7 +11,7 @@ use nalgebra::{Quaternion, Translation3, UnitQuaternion, Vector3};
 /// One answer of a virtual sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensed {
-    /// Servo period of the exposure.
+    /// Servo period in which it was asked.
     pub period: u64,
     /// Name of the sensor.
     pub sensor: String,
@@ -30,6 +30,8 @@ pub enum Found {
         world_from_cube: Pose,
         /// Speed of its centre [m/s].
         speed: f64,
+        /// Servo period of the picture's light.
+        exposed: u64,
     },
     /// A face.
     Face(FaceReading),
@@ -48,9 +50,9 @@ impl Sensed {
         to.string(self.found.as_ref().err().map_or("", String::as_str));
         let mut values = Vec::new();
         let kind = match &self.found {
-            Ok(Found::Cube { world_from_cube, speed }) => {
+            Ok(Found::Cube { world_from_cube, speed, exposed }) => {
                 values.extend(pose_numbers(world_from_cube));
-                values.push(*speed);
+                values.extend([*speed, *exposed as f64]);
                 CUBE
             }
             Ok(Found::Face(face)) => {
@@ -85,7 +87,10 @@ impl Sensed {
         let found = if !refusal.is_empty() {
             Err(refusal)
         } else if kind == CUBE {
-            Ok(Found::Cube { world_from_cube: values.pose()?, speed: values.next()? })
+            let (world_from_cube, speed) = (values.pose()?, values.next()?);
+            // Recordings of older versions do not tell it.
+            let exposed = values.next().map_or(period, |exposed| exposed as u64);
+            Ok(Found::Cube { world_from_cube, speed, exposed })
         } else {
             Ok(Found::Face(values.face()?))
         };
@@ -167,7 +172,7 @@ mod tests {
             occluded: std::array::from_fn(|i| i == 4),
         };
         for found in [
-            Ok(Found::Cube { world_from_cube: pose, speed: 0.01 }),
+            Ok(Found::Cube { world_from_cube: pose, speed: 0.01, exposed: 3 }),
             Ok(Found::Face(face)),
             Err("glare".to_owned()),
         ] {

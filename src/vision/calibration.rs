@@ -15,7 +15,7 @@ use super::pose::CubeLocation;
 use super::undistort::Lens;
 use crate::spatial::Pose;
 use image::RgbImage;
-use nalgebra::{DMatrix, DVector, Point3};
+use nalgebra::{DMatrix, DVector, Point3, Vector3};
 
 /// Where a groove of the cube crosses the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,6 +79,10 @@ pub struct Spreads {
     pub edge: f64,
     /// What each pose of the arm is off: place [m] and orientation [rad].
     pub arm: (f64, f64),
+    /// What all poses of the arm are off alike, each axis: place in the middle of them [m] and orientation [rad]. Arms
+    /// sag, and their bases stand elsewhere than believed; the views cannot tell that from the camera's or the cube's
+    /// own place.
+    pub common: (f64, f64),
 }
 
 impl Default for Spreads {
@@ -91,6 +95,7 @@ impl Default for Spreads {
             cube: (0.01, 0.05),
             edge: 0.3e-3,
             arm: (0.7e-3, 1.0e-3),
+            common: (3.0e-3, 5.0e-3),
         }
     }
 }
@@ -101,8 +106,11 @@ pub struct Calibrated {
     /// What was found.
     pub setup: Setup,
     /// Standard deviations: fx, fy, cx, cy [px], k1, k2, the camera's place [m] and orientation [rad] each axis, the
-    /// cube's place and orientation, the edge [m].
+    /// cube's place and orientation, the edge [m]. Places are relative to what the arm's encoders say.
     pub deviations: [f64; GLOBALS],
+    /// Standard deviations of the camera's place [m] and orientation [rad], each axis, in the world (or on the flange)
+    /// as it is: with what all poses of the arm may be off alike.
+    pub in_truth: [f64; 6],
     /// Root mean square of the residuals [px].
     pub residual_px: f64,
     /// Root mean square of what the arm's poses were off [m], and [rad].
@@ -236,7 +244,7 @@ pub fn calibrate(
         }
     }
     let inverse = normal.cholesky().ok_or(NotCalibrated::Undetermined)?.inverse();
-    problem.result(&at, &residuals, &inverse, spread)
+    problem.result(&at, &residuals, &inverse, spread, spreads.common)
 }
 
 /// Standard deviation of the first guess of each unknown, counted from the guess.
@@ -379,6 +387,7 @@ impl Problem<'_> {
         residuals: &[f64],
         inverse: &DMatrix<f64>,
         spread: f64,
+        common: (f64, f64),
     ) -> Result<Calibrated, NotCalibrated> {
         let sigmas = self.views.iter().flat_map(|v| v.grooves.iter().map(|g| g.sigma.hypot(FLOOR)));
         let fitting: Vec<f64> = residuals
@@ -398,12 +407,37 @@ impl Problem<'_> {
                 .sum();
             (sum / (3 * views) as f64).sqrt()
         };
+        let setup = self.setup(x.as_slice());
+        let deviations: [f64; GLOBALS] =
+            std::array::from_fn(|k| spread * inverse[(k, k)].max(0.0).sqrt());
+        let common = self.common(&setup, common);
         Ok(Calibrated {
-            setup: self.setup(x.as_slice()),
-            deviations: std::array::from_fn(|k| spread * inverse[(k, k)].max(0.0).sqrt()),
+            setup,
+            deviations,
+            in_truth: std::array::from_fn(|k| deviations[6 + k].hypot(common[k])),
             residual_px,
             arm: (rms(0), rms(3)),
             grooves: fitting.len(),
+        })
+    }
+
+    /// What an error that all poses of the arm have in common makes of the camera's place and orientation: a standing
+    /// camera goes with the hand that shows the cube, turned about the middle of its places. That of a camera in a hand
+    /// goes into the place of the cube instead.
+    fn common(&self, setup: &Setup, (place, turn): (f64, f64)) -> [f64; 6] {
+        if self.rig == Rig::InHand {
+            return [0.0; 6];
+        }
+        let middle =
+            self.views.iter().map(|view| view.arm.translation.vector).sum::<Vector3<f64>>()
+                / self.views.len() as f64;
+        let lever = setup.camera.translation.vector - middle;
+        std::array::from_fn(|k| {
+            if k >= 3 {
+                return turn;
+            }
+            let across = (lever.norm_squared() - lever[k] * lever[k]).max(0.0).sqrt();
+            place.hypot(turn * across)
         })
     }
 }
@@ -411,7 +445,7 @@ impl Problem<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Translation3, UnitQuaternion, Vector3};
+    use nalgebra::{Translation3, UnitQuaternion};
     use rand::{Rng, SeedableRng};
     use rand_distr::{Distribution, StandardNormal};
     use rand_pcg::Pcg64;
@@ -531,6 +565,28 @@ mod tests {
         }
         let mean = squares.iter().sum::<f64>() / squares.len() as f64;
         assert!((0.1..4.0).contains(&mean), "{squares:?}");
+    }
+
+    #[test]
+    fn a_hand_that_sags_is_part_of_the_error_that_is_told_of_a_standing_camera() {
+        let truth = truth();
+        for seed in 0..4 {
+            let mut views = views(Rig::Standing, &truth, (0.3e-3, 0.5e-3), 25, seed);
+            // The encoders say that the hand is 4.6 mm higher than it hangs.
+            for view in &mut views {
+                view.arm.translation.z += 4.6e-3;
+            }
+
+            let found =
+                calibrate(Rig::Standing, &views, &guess(&truth), &Spreads::default()).unwrap();
+
+            let error = found.setup.camera.translation.vector - truth.camera.translation.vector;
+            assert!(error.norm() > 3.0 * found.deviations[6].max(found.deviations[8]), "{error}");
+            for k in 0..3 {
+                assert!(error[k].abs() < 3.0 * found.in_truth[k], "{error} {:?}", found.in_truth);
+            }
+            assert!(found.in_truth[0] < 0.01, "{:?}", found.in_truth);
+        }
     }
 
     #[test]

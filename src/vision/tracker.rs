@@ -1,8 +1,13 @@
 //! The cube over time: a constant-velocity Kalman filter, gated, with an honest age.
 //!
-//! - in: measured poses with their time and spread, in one fixed frame (the world's, or a standing camera's)
+//! The centre moves at a velocity that changes slowly; the orientation walks at random, its error kept as a small
+//! rotation. Both are gated: one face alone leaves two poses with nearly one centre, and only the angle tells that a
+//! measurement is the other one.
+//!
+//! - in: measured poses with their time and covariance, in one fixed frame (the world's, or a standing camera's)
 //! - out: predicted pose, velocity, uncertainty, the window to look at, the age of the last measurement
-//! - source: Kalman (1960) with white-noise acceleration; Bar-Shalom et al. (2001), ch. 6
+//! - source: Kalman (1960) with white-noise acceleration; Bar-Shalom et al. (2001), ch. 6; rotation errors as in
+//!   Markley, "Attitude error representations for Kalman filtering" (2003)
 
 use super::Rect;
 use super::detect::window_around;
@@ -19,19 +24,20 @@ pub struct TrackerSettings {
     /// Spectral density of the acceleration noise [m^2/s^3]: a hand that starts and stops at 0.2 m/s within
     /// 0.3 s has about 0.1.
     pub acceleration: f64,
-    /// A measurement farther away than this many standard deviations is not believed.
+    /// Spectral density of the turning as a random walk [rad^2/s]: a hand turns the cube by 0.1 rad within a second
+    /// without meaning to.
+    pub turning: f64,
+    /// A measurement whose centre or orientation is farther away than this many standard deviations is not believed.
     pub gate: f64,
     /// After so many measurements in a row that were not believed the track starts anew.
     pub patience: u32,
-    /// Share of the orientation's error that one measurement corrects, 0..=1.
-    pub smoothing: f64,
     /// A track whose last believed measurement is older than this is lost [s].
     pub lost_after: f64,
 }
 
 impl Default for TrackerSettings {
     fn default() -> Self {
-        Self { acceleration: 0.05, gate: 4.5, patience: 3, smoothing: 0.4, lost_after: 1.0 }
+        Self { acceleration: 0.05, turning: 0.01, gate: 4.5, patience: 3, lost_after: 1.0 }
     }
 }
 
@@ -40,10 +46,12 @@ impl Default for TrackerSettings {
 pub enum Update {
     /// The track begins with it, also after too many that were not believed.
     Started,
-    /// Believed; at so many standard deviations from the prediction.
+    /// Believed; at so many standard deviations from the prediction, in place or orientation.
     Accepted(f64),
-    /// Not believed; at so many standard deviations from the prediction.
+    /// Not believed; at so many standard deviations from the prediction, in place or orientation.
     Gated(f64),
+    /// Not newer than what was taken before: ignored, so that nothing counts twice.
+    Old,
 }
 
 /// Where the cube should be at a time.
@@ -75,6 +83,8 @@ pub struct Tracker {
     settings: TrackerSettings,
     track: Option<Track>,
     refused: u32,
+    /// Time of the newest measurement, believed or not [s].
+    newest: f64,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -85,6 +95,8 @@ struct Track {
     state: Vector6<f64>,
     covariance: Matrix6<f64>,
     orientation: UnitQuaternion<f64>,
+    /// Covariance of its error, a small rotation in the frame's axes.
+    turn_covariance: Matrix3<f64>,
 }
 
 /// Spread of the unknown velocity of a new track [m/s].
@@ -94,31 +106,44 @@ impl Tracker {
     /// Without a track.
     #[must_use]
     pub fn new(settings: TrackerSettings) -> Self {
-        Self { settings, track: None, refused: 0 }
+        Self { settings, track: None, refused: 0, newest: f64::NEG_INFINITY }
     }
 
     /// Forgets the track.
     pub fn reset(&mut self) {
-        self.track = None;
-        self.refused = 0;
+        *self = Self::new(self.settings);
     }
 
-    /// Takes a measured `frame_from_cube` of time `time` [s], its centre with covariance `spread` [m^2]. Times
-    /// must not decrease; an older measurement is taken as one of the track's own time.
-    pub fn update(&mut self, time: f64, measured: &Pose, spread: &Matrix3<f64>) -> Update {
+    /// Takes a measured `frame_from_cube` of time `time` [s]; `spread` is the covariance of a small error of it in the
+    /// frame's axes: place of the centre [m], rotation about it [rad].
+    pub fn update(&mut self, time: f64, measured: &Pose, spread: &Matrix6<f64>) -> Update {
+        if time <= self.newest {
+            return Update::Old;
+        }
+        self.newest = time;
         let lost = self.track.as_ref().is_none_or(|t| time - t.measured > self.settings.lost_after);
         let (Some(track), false) = (&mut self.track, lost) else {
             return self.start(time, measured, spread);
         };
+        let (place_spread, turn_spread) = parts(spread);
         let (state, covariance) = track.at(time, self.settings.acceleration);
+        let walked = self.settings.turning * (time - track.time);
+        let turn_covariance = track.turn_covariance + Matrix3::identity() * walked;
         let innovation: Vector3<f64> =
             measured.translation.vector - state.fixed_rows::<3>(0).into_owned();
+        // A cube looks the same in 24 orientations: the nearest one counts.
+        let relative = track.orientation.inverse() * measured.rotation;
+        let named_alike = measured.rotation * nearest_of_24(&relative).inverse();
+        let turn = (named_alike * track.orientation.inverse()).scaled_axis();
         let innovation_covariance: Matrix3<f64> =
-            covariance.fixed_view::<3, 3>(0, 0).into_owned() + spread;
-        let Some(factor) = innovation_covariance.cholesky() else {
+            covariance.fixed_view::<3, 3>(0, 0).into_owned() + place_spread;
+        let (Some(factor), Some(turn_factor)) =
+            (innovation_covariance.cholesky(), (turn_covariance + turn_spread).cholesky())
+        else {
             return Update::Gated(f64::INFINITY);
         };
-        let distance = innovation.dot(&factor.solve(&innovation)).sqrt();
+        let place_distance = innovation.dot(&factor.solve(&innovation)).sqrt();
+        let distance = place_distance.max(turn.dot(&turn_factor.solve(&turn)).sqrt());
         if !distance.is_finite() || distance > self.settings.gate {
             self.refused += 1;
             if self.refused >= self.settings.patience && distance.is_finite() {
@@ -135,29 +160,30 @@ impl Tracker {
         let keep = Matrix6::identity() - gain * h;
         track.state = state + gain * innovation;
         // Joseph's form stays positive for any gain.
-        track.covariance = keep * covariance * keep.transpose() + gain * spread * gain.transpose();
-        track.time = track.time.max(time);
-        track.measured = track.time;
-        // A cube looks the same in 24 orientations: the nearest one counts.
-        let relative = track.orientation.inverse() * measured.rotation;
-        let turn = nearest_of_24(&relative).inverse();
-        let target = measured.rotation * turn;
-        track.orientation =
-            track.orientation.try_slerp(&target, self.settings.smoothing, 1e-9).unwrap_or(target);
+        track.covariance =
+            keep * covariance * keep.transpose() + gain * place_spread * gain.transpose();
+        let gain = turn_factor.solve(&turn_covariance).transpose();
+        let keep = Matrix3::identity() - gain;
+        track.orientation = UnitQuaternion::from_scaled_axis(gain * turn) * track.orientation;
+        track.turn_covariance =
+            keep * turn_covariance * keep.transpose() + gain * turn_spread * gain.transpose();
+        (track.time, track.measured) = (time, time);
         Update::Accepted(distance)
     }
 
-    fn start(&mut self, time: f64, measured: &Pose, spread: &Matrix3<f64>) -> Update {
+    fn start(&mut self, time: f64, measured: &Pose, spread: &Matrix6<f64>) -> Update {
+        let (place_spread, turn_covariance) = parts(spread);
         let mut state = Vector6::zeros();
         state.fixed_rows_mut::<3>(0).copy_from(&measured.translation.vector);
         let mut covariance = Matrix6::identity() * STARTING_SPEED.powi(2);
-        covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(spread);
+        covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&place_spread);
         // The track keeps its name for the cube's axes when it starts anew.
         let orientation = self.track.as_ref().map_or(measured.rotation, |old| {
             let relative = old.orientation.inverse() * measured.rotation;
             measured.rotation * nearest_of_24(&relative).inverse()
         });
-        self.track = Some(Track { time, measured: time, state, covariance, orientation });
+        self.track =
+            Some(Track { time, measured: time, state, covariance, orientation, turn_covariance });
         self.refused = 0;
         Update::Started
     }
@@ -218,6 +244,11 @@ impl Tracker {
     }
 }
 
+/// Covariance of the place and of the rotation.
+fn parts(spread: &Matrix6<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
+    (spread.fixed_view::<3, 3>(0, 0).into_owned(), spread.fixed_view::<3, 3>(3, 3).into_owned())
+}
+
 impl Track {
     /// State and covariance at a later time.
     fn at(&self, time: f64, acceleration: f64) -> (Vector6<f64>, Matrix6<f64>) {
@@ -245,8 +276,9 @@ mod tests {
         Pose::translation(x, 0.1, z)
     }
 
-    fn spread() -> Matrix3<f64> {
-        Matrix3::from_diagonal(&Vector3::new(2e-4, 2e-4, 1e-3).map(|s: f64| s * s))
+    fn spread() -> Matrix6<f64> {
+        let deviations = Vector6::new(2e-4, 2e-4, 1e-3, 0.01, 0.01, 0.003);
+        Matrix6::from_diagonal(&deviations.map(|s: f64| s * s))
     }
 
     #[test]
@@ -302,6 +334,52 @@ mod tests {
         tracker.update(0.04, &other, &spread());
 
         assert!(tracker.predict(0.04).unwrap().pose.rotation.angle() < 0.03);
+    }
+
+    #[test]
+    fn the_other_pose_of_one_face_is_gated_by_its_angle_but_a_turning_cube_is_followed() {
+        let leaning = |x: f64| {
+            let mut pose = at(0.0, 0.7);
+            pose.rotation = UnitQuaternion::from_euler_angles(x, 0.0, 0.0);
+            pose
+        };
+        let mut tracker = Tracker::new(TrackerSettings::default());
+        for i in 0..10 {
+            tracker.update(0.04 * f64::from(i), &leaning(0.15), &spread());
+        }
+
+        let mirrored = tracker.update(0.40, &leaning(-0.15), &spread());
+
+        assert!(matches!(mirrored, Update::Gated(_)), "{mirrored:?}");
+        assert!(matches!(tracker.update(0.44, &leaning(0.15), &spread()), Update::Accepted(_)));
+        for i in 0..25_i32 {
+            // 0.4 rad/s.
+            let now = leaning(0.15 + 0.016 * f64::from(i));
+            let update = tracker.update(0.48 + 0.04 * f64::from(i), &now, &spread());
+            assert!(matches!(update, Update::Accepted(_)), "{i}: {update:?}");
+        }
+        let orientation = tracker.predict(1.44).unwrap().pose.rotation;
+        assert!((orientation.angle() - 0.534).abs() < 0.03, "{orientation}");
+    }
+
+    #[test]
+    fn a_measurement_that_was_taken_already_counts_for_nothing() {
+        let mut tracker = Tracker::new(TrackerSettings::default());
+        for i in 0..5 {
+            tracker.update(0.04 * f64::from(i), &at(0.0, 0.7), &spread());
+        }
+        let before = tracker.predict(0.2);
+
+        let again = tracker.update(0.16, &at(0.001, 0.7), &spread());
+        let older = tracker.update(0.10, &at(0.001, 0.7), &spread());
+        assert_eq!((again, older), (Update::Old, Update::Old));
+        assert_eq!(tracker.predict(0.2), before);
+
+        // Nor does one wrong picture start the track anew by being delivered again and again.
+        assert!(matches!(tracker.update(0.20, &at(0.3, 0.7), &spread()), Update::Gated(_)));
+        for _ in 0..5 {
+            assert_eq!(tracker.update(0.20, &at(0.3, 0.7), &spread()), Update::Old);
+        }
     }
 
     #[test]

@@ -14,7 +14,7 @@ use super::{DetectorSettings, FaceSighting, Method, Rect, Refusal, detect};
 use crate::cell::Intrinsics;
 use crate::spatial::Pose;
 use image::RgbImage;
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 
 /// Where the cube is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,6 +38,8 @@ pub struct CubeWatcher {
 /// Least standard deviation of a measured place along each axis [m]: what the residual does not know of
 /// (calibration, blur).
 const FLOOR: f64 = 0.0005;
+/// The same of the orientation about each axis [rad].
+const FLOOR_ANGLE: f64 = 0.005;
 /// A face whose edge is shorter than this is outside the work-space (Zieliński et al. 2007, p. 373) [px]. The
 /// paper's figure is 100 px; a face seen at 45 deg has a mean edge of 85 % of its full one.
 const LEAST_EDGE: f64 = 60.0;
@@ -66,7 +68,7 @@ impl CubeWatcher {
         }
     }
 
-    /// Takes a frame exposed at `time` [s]. Searched first is the window that the track predicts, or else the
+    /// Takes a frame exposed at `time` [s]; one that is not newer than the last changes nothing. Searched first is the window that the track predicts, or else the
     /// surroundings of `near` (centre in the world and reach [m]); `elsewhere` says whether the whole picture is
     /// searched when nothing is there.
     ///
@@ -92,8 +94,12 @@ impl CubeWatcher {
             self.search(image, window, elsewhere, predicted.as_ref())?
         };
         let rotation = self.world_from_camera.rotation.to_rotation_matrix();
-        let spread: Matrix3<f64> = location.covariance.fixed_view::<3, 3>(0, 0).into_owned();
-        let spread = rotation * spread * rotation.inverse() + Matrix3::identity() * FLOOR * FLOOR;
+        let mut turn = Matrix6::zeros();
+        turn.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());
+        turn.fixed_view_mut::<3, 3>(3, 3).copy_from(rotation.matrix());
+        let (place, angle) = (FLOOR * FLOOR, FLOOR_ANGLE * FLOOR_ANGLE);
+        let floor = Vector6::new(place, place, place, angle, angle, angle);
+        let spread = turn * location.covariance * turn.transpose() + Matrix6::from_diagonal(&floor);
         let measured = self.world_from_camera * location.camera_from_cube;
         if let Update::Gated(_) = self.tracker.update(time, &measured, &spread) {
             return Err(Refusal::NotExpected { matched: 0 });
