@@ -140,7 +140,7 @@ const LEAST: [(Kind, usize, usize); 13] = [
     (Kind::Stickerless, 12, 99),
     (Kind::WhiteBody, 12, 99),
     (Kind::Logo, 12, 99),
-    (Kind::Fingers, 7, 60),
+    (Kind::Fingers, 8, 70),
     (Kind::Dark, 12, 99),
     (Kind::Warm, 12, 92),
     (Kind::Cold, 12, 97),

@@ -117,6 +117,13 @@ fn face_json(face: &FaceSighting) -> Value {
     })
 }
 
+/// Said of faces whose places alone are known.
+const NO_COLOUR: &str = "no colour: the picture is in black and white";
+
+fn colourless(faces: &[FaceSighting]) -> bool {
+    faces.iter().all(|face| face.confidences.iter().all(|c| *c == 0.0))
+}
+
 /// `vision face IMAGE...`: the faces of each picture, or why there are none; one line a picture with `json`.
 /// A file that is no picture gets its line too; the flag is false when any picture showed no face.
 #[must_use]
@@ -131,14 +138,18 @@ pub fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
         // Writing to a string cannot fail.
         let _ = match (&found, json) {
             (Ok(faces), true) => {
-                let faces: Vec<Value> = faces.iter().map(face_json).collect();
-                writeln!(text, "{}", json!({ "image": name, "faces": faces }))
+                let mut line = json!({ "image": name, "faces": faces.iter().map(face_json).collect::<Vec<_>>() });
+                if colourless(faces) {
+                    line["reason"] = json!(NO_COLOUR);
+                }
+                writeln!(text, "{line}")
             }
             (Err(reason), true) => {
                 let reason = format!("{reason:#}");
                 writeln!(text, "{}", json!({ "image": name, "faces": [], "reason": reason }))
             }
             (Err(reason), false) => writeln!(text, "{name}: {reason:#}"),
+            (Ok(faces), false) if colourless(faces) => writeln!(text, "{name}: {NO_COLOUR}"),
             (Ok(faces), false) => faces.iter().enumerate().try_for_each(|(i, f)| {
                 let c = letters(f);
                 let weakest = f.confidences.iter().copied().fold(1.0, f64::min);
