@@ -329,3 +329,23 @@ fn chessboards_and_noise_end_in_time() {
     });
     limited("noise", 4 * SMALL, || look(&noise));
 }
+
+#[test]
+fn the_papers_stages_of_a_large_picture_are_bounded() {
+    let (width, height) = (8000usize, 6000usize);
+    let mut state = 1u64;
+    let noise: Vec<u8> = (0..3 * width * height)
+        .map(|_| {
+            state = state.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(0x1234_5678_9ABC_DEF1);
+            (state >> 56) as u8
+        })
+        .collect();
+    let _alone = memory::alone();
+
+    let taken = memory::most_held(|| {
+        let stages = Stages::run(&noise, width, height, &Filters::default());
+        let _ = stages.square();
+    });
+
+    assert!(taken < 4 * SMALL, "{taken} bytes of memory");
+}

@@ -1,7 +1,8 @@
 //! Pictures without a cube: what looks like a face of one is no sure face.
 //!
 //! Cloth, walls, windows, keyboards, charts, cubes of other sizes, drawn here in perspective, with blur, shade and noise.
-//! `cargo test --release --test vision_scenes -- --nocapture` prints how many of each are reported.
+//! `cargo test --release --test vision_scenes -- --nocapture` prints how many of each are reported;
+//! `VISION_PICTURES=100 VISION_SCENE=plaid` look longer, and at one.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
@@ -243,21 +244,30 @@ fn photograph(name: &str, seed: u64) -> RgbImage {
 
 #[test]
 fn pictures_without_a_cube_have_no_sure_face() {
+    let pictures = std::env::var("VISION_PICTURES").ok().and_then(|n| n.parse().ok());
+    let only = std::env::var("VISION_SCENE").ok();
     for (name, allowed) in SCENES {
+        if only.as_ref().is_some_and(|only| only != name) {
+            continue;
+        }
+        let pictures = pictures.unwrap_or(PICTURES);
         let mut reported = 0;
         let mut surest: f64 = 0.0;
         let mut sure = 0;
-        for seed in 0..PICTURES {
+        for seed in 0..pictures {
             let faces = detect(&photograph(name, seed), None, &DetectorSettings::default());
             let best = faces.map_or(0.0, |f| f[0].confidence);
             reported += usize::from(best > 0.0);
             surest = surest.max(best);
             sure += usize::from(best >= SURE);
         }
-        println!("{name:<18} {reported:2} of {PICTURES} reported, confidence at most {surest:.2}");
-        // Stripes that happen to have one width and nearly one colour are still taken for a face, once in ten cloths.
-        assert!(sure <= usize::from(name == "plaid"), "{name}: {surest:.2}");
-        assert!(reported <= allowed, "{name}: {reported} reported");
+        println!(
+            "{name:<18} {reported:2} of {pictures} reported, {sure} surely, confidence at most {surest:.2}"
+        );
+        if pictures == PICTURES {
+            assert_eq!(sure, 0, "{name}: {surest:.2}");
+            assert!(reported <= allowed, "{name}: {reported} reported");
+        }
     }
 }
 

@@ -115,20 +115,11 @@ enum What {
     Render(frames::RenderArgs),
     /// Show what each stage of the paper's method leaves of a picture: its regions, and the square they make
     ///
-    /// With -o, a picture of each stage (regions, area, boundary, circularity, quadrilaterals, neighbours) and one of
-    /// the result: the paper's square in magenta, the default detector's faces in yellow with the colours read.
+    /// With -o, a picture of each stage (regions, area, boundary, circularity, quadrilaterals, once: of several colour
+    /// ranges, neighbours) and one of the result: the paper's square in magenta, the default detector's faces in yellow
+    /// with the colours read. With --fx, the pose of the face by its four corner tiles, as the paper takes it.
     #[command(verbatim_doc_comment)]
-    Stages {
-        /// Picture files (PNG, JPEG)
-        #[arg(required = true)]
-        images: Vec<PathBuf>,
-        /// Folder for the pictures
-        #[arg(short, long)]
-        out: Option<PathBuf>,
-        /// One line of JSON a picture
-        #[arg(long)]
-        json: bool,
-    },
+    Stages(stages::StagesArgs),
 }
 
 /// Returns the exit code.
@@ -146,7 +137,7 @@ pub(super) fn look_at(args: &VisionArgs, output: &mut Output) -> anyhow::Result<
         What::Eval { manifest, json, misses } => {
             evaluate::evaluate(manifest, *json, *misses).map(|text| (text, true))
         }
-        What::Stages { images, out, json } => stages::stages(images, out.as_deref(), *json),
+        What::Stages(args) => stages::stages(args),
         What::Locate(args) => Ok(locate::locate(args)),
         What::Accuracy(args) => locate::accuracy(args),
         What::Render(args) => {

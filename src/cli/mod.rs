@@ -28,7 +28,7 @@ mod run;
 mod schema;
 mod shell;
 mod solve;
-pub mod stages;
+mod stages;
 mod tables;
 mod urdf;
 pub mod vision;

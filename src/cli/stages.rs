@@ -1,15 +1,20 @@
 //! `rubik-robot vision stages`: the paper's figure 4 of any picture.
 //!
 //! One picture a stage of [`crate::vision::paper`], with the regions that it left in their colours on the dimmed
-//! picture, and one with the result: the paper's square, and the faces that the default detector reports.
+//! picture, and one with the result: the paper's square, and the faces that the default detector reports. With the
+//! camera's optics, the pose that the paper takes of the square's four corner tiles.
 
+use super::locate::positive;
 use super::vision::load;
+use crate::spatial::Pose;
 use crate::vision::homography::Point;
-use crate::vision::paper::{Filters, Square, Stages};
-use crate::vision::{DetectorSettings, FaceSighting, Refusal, detect};
+use crate::vision::paper::{Filters, Square, Stages, classes};
+use crate::vision::{CubeSighting, DetectorSettings, FaceSighting, Lens, Refusal, detect, pose};
 use anyhow::{Context, Result};
+use clap::Args;
 use image::{Rgb, RgbImage};
-use serde_json::json;
+use nalgebra::Vector3;
+use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -17,13 +22,59 @@ use std::path::{Path, PathBuf};
 const SHADES: [[u8; 3]; 6] =
     [[255, 255, 255], [220, 20, 40], [0, 170, 70], [255, 220, 0], [255, 120, 0], [30, 90, 230]];
 
-/// A picture's stages: files in `folder` when there is one, one line of JSON or a short table. The flag is false
+#[derive(Debug, Default, Args)]
+pub(super) struct StagesArgs {
+    /// Picture files (PNG, JPEG)
+    #[arg(required = true)]
+    images: Vec<PathBuf>,
+    /// Folder for the pictures
+    #[arg(short, long)]
+    out: Option<PathBuf>,
+    /// Focal length along x [px]: with it the pose of the square's four corner tiles is told
+    #[arg(long, value_parser = positive)]
+    fx: Option<f64>,
+    /// Focal length along y [px]; that along x when not given
+    #[arg(long, value_parser = positive, requires = "fx")]
+    fy: Option<f64>,
+    /// Principal point, x [px], the first pixel's centre is 0; the picture's middle when not given
+    #[arg(long, allow_hyphen_values = true, requires = "fx")]
+    cx: Option<f64>,
+    /// Principal point, y [px]
+    #[arg(long, allow_hyphen_values = true, requires = "fx")]
+    cy: Option<f64>,
+    /// Length of the cube's edge [mm]
+    #[arg(long, default_value_t = 57.0, value_parser = positive)]
+    cube_mm: f64,
+    /// One line of JSON a picture
+    #[arg(long)]
+    json: bool,
+}
+
+impl StagesArgs {
+    fn lens(&self, image: &RgbImage) -> Option<Lens> {
+        let middle = |n: u32| 0.5 * (f64::from(n) - 1.0);
+        let fx = self.fx?;
+        Some(Lens {
+            focal: (fx, self.fy.unwrap_or(fx)),
+            centre: (
+                self.cx.unwrap_or(middle(image.width())),
+                self.cy.unwrap_or(middle(image.height())),
+            ),
+            radial: [0.0; 3],
+            tangential: [0.0; 2],
+        })
+    }
+}
+
+/// A picture's stages: files in a folder when there is one, one line of JSON or a short table. The flag is false
 /// when a picture could not be read.
 ///
 /// # Errors
 /// A folder or file that cannot be written.
-pub fn stages(images: &[PathBuf], folder: Option<&Path>, json: bool) -> Result<(String, bool)> {
+pub(super) fn stages(args: &StagesArgs) -> Result<(String, bool)> {
     let (mut text, mut all) = (String::new(), true);
+    let StagesArgs { images, json, .. } = args;
+    let (folder, json) = (args.out.as_deref(), *json);
     if let Some(folder) = folder {
         std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;
     }
@@ -46,67 +97,105 @@ pub fn stages(images: &[PathBuf], folder: Option<&Path>, json: bool) -> Result<(
         let (width, height) = (image.width() as usize, image.height() as usize);
         let stages = Stages::run(image.as_raw(), width, height, &Filters::default());
         let square = stages.square();
+        let pose = square.as_ref().ok().zip(args.lens(&image)).and_then(|(square, lens)| {
+            let pose = pose::locate(&square.face()?, lens, args.cube_mm * 1e-3);
+            pose.residual_px.is_finite().then_some(pose)
+        });
         let faces = detect(&image, None, &DetectorSettings::default());
         let files = match folder {
-            Some(folder) => write(&image, path, folder, &stages, &square, &faces)?,
+            Some(folder) => write(image, path, folder, &stages, &square, &faces)?,
             None => Vec::new(),
         };
-        text += &summary(&name, &stages, &square, &faces, &files, json);
+        let found = Found { stages, square, pose, faces, files };
+        text += &if json { found.json(&name) } else { found.words(&name) };
     }
     Ok((text, all))
 }
 
-fn summary(
-    name: &str,
-    stages: &Stages,
-    square: &Result<Square, Refusal>,
-    faces: &Result<Vec<FaceSighting>, Refusal>,
-    files: &[String],
-    json: bool,
-) -> String {
-    let corners = square.as_ref().map(|s| s.corners);
-    if json {
-        let counts: Vec<_> = stages
+/// What was found in one picture.
+struct Found {
+    stages: Stages,
+    square: Result<Square, Refusal>,
+    pose: Option<CubeSighting>,
+    faces: Result<Vec<FaceSighting>, Refusal>,
+    files: Vec<String>,
+}
+
+/// Three rows of four [m].
+fn rows(pose: &Pose) -> Value {
+    let matrix = pose.to_homogeneous();
+    (0..3).map(|r| json!((0..4).map(|c| matrix[(r, c)]).collect::<Vec<f64>>())).collect()
+}
+
+impl Found {
+    fn json(&self, name: &str) -> String {
+        let counts: Vec<_> = self
+            .stages
             .stages
             .iter()
-            .map(|s| json!({ "stage": s.name, "regions": s.left.len() }))
+            .map(|s| json!({ "stage": s.name, "regions": s.count }))
             .collect();
-        let square = match corners {
-            Ok(corners) => json!({ "corners": corners }),
+        let mut square = match &self.square {
+            Ok(square) => json!({ "corners": square.corners }),
             Err(reason) => json!({ "reason": reason.to_string() }),
         };
-        let faces = match faces {
+        if let Some(pose) = &self.pose {
+            square["camera_from_face"] = rows(&pose.camera_from_face);
+            square["residual_px"] = json!(pose.residual_px);
+            square["other"] = rows(&pose.other.0);
+            square["other_residual_px"] = json!(pose.other.1);
+        }
+        let faces = match &self.faces {
             Ok(faces) => json!(faces.len()),
             Err(reason) => json!(reason.to_string()),
         };
-        let line = json!({ "image": name, "stages": counts, "square": square, "detector": faces, "files": files });
-        return format!("{line}\n");
+        let line = json!({ "image": name, "stages": counts, "square": square, "detector": faces, "files": self.files });
+        format!("{line}\n")
     }
-    let mut text = format!("{name}\n");
-    for stage in &stages.stages {
-        let _ = writeln!(text, "  {:<15} {:6} regions", stage.name, stage.left.len());
+
+    fn words(&self, name: &str) -> String {
+        let mut text = format!("{name}\n");
+        for stage in &self.stages.stages {
+            let _ = writeln!(text, "  {:<15} {:6} regions", stage.name, stage.count);
+        }
+        let _ = match &self.square {
+            Ok(square) => writeln!(
+                text,
+                "  biggest square  corner centroids {}",
+                square.corners.map(|p| format!("{:.1},{:.1}", p.0, p.1)).join("  ")
+            ),
+            Err(reason) => writeln!(text, "  no square       {reason}"),
+        };
+        if let Some(pose) = &self.pose {
+            let place = pose.camera_from_face.translation.vector * 1e3;
+            let tilt = |pose: &Pose| (pose.rotation * Vector3::z()).z.clamp(-1.0, 1.0).acos();
+            let (tilt, other) = (tilt(&pose.camera_from_face), tilt(&pose.other.0));
+            let _ = writeln!(
+                text,
+                "  four-point pose face's centre at {:.1}, {:.1}, {:.1} mm, tilt {:.1} deg, corners {:.2} px off; the other pose has {:.1} deg, {:.2} px",
+                place.x,
+                place.y,
+                place.z,
+                tilt.to_degrees(),
+                pose.residual_px,
+                other.to_degrees(),
+                pose.other.1,
+            );
+        }
+        let _ = match &self.faces {
+            Ok(faces) => writeln!(text, "  the default detector reports {} face(s)", faces.len()),
+            Err(reason) => writeln!(text, "  the default detector: {reason}"),
+        };
+        for file in &self.files {
+            let _ = writeln!(text, "  {file}");
+        }
+        text
     }
-    let _ = match corners {
-        Ok(c) => writeln!(
-            text,
-            "  biggest square  corner centroids {}",
-            c.map(|p| format!("{:.1},{:.1}", p.0, p.1)).join("  ")
-        ),
-        Err(reason) => writeln!(text, "  no square       {reason}"),
-    };
-    let _ = match faces {
-        Ok(faces) => writeln!(text, "  the default detector reports {} face(s)", faces.len()),
-        Err(reason) => writeln!(text, "  the default detector: {reason}"),
-    };
-    for file in files {
-        let _ = writeln!(text, "  {file}");
-    }
-    text
 }
 
 /// One file a stage, and the result; their names.
 fn write(
-    image: &RgbImage,
+    image: RgbImage,
     path: &Path,
     folder: &Path,
     stages: &Stages,
@@ -121,14 +210,20 @@ fn write(
         files.push(file.display().to_string());
         Ok(())
     };
-    let mut dim = image.clone();
+    let (mut dim, classes) = classes(&image);
     for pixel in dim.pixels_mut() {
         let grey = pixel.0.iter().map(|&v| u32::from(v)).sum::<u32>() / 12;
         pixel.0 = [grey as u8; 3];
     }
     for (i, stage) in stages.stages.iter().enumerate() {
         let mut picture = dim.clone();
-        for &region in &stage.left {
+        // The first one shows specks, too, that are counted only.
+        for (pixel, class) in picture.pixels_mut().zip(&classes).filter(|_| i == 0) {
+            if let Some(shade) = SHADES.get(usize::from(*class)) {
+                pixel.0 = *shade;
+            }
+        }
+        for &region in stage.left.iter().filter(|_| i > 0) {
             let region = &stages.regions[region];
             for &(row, start, end) in &region.runs {
                 for x in start..end {
@@ -142,7 +237,7 @@ fn write(
         }
         save(&picture, &format!("{}-{}", i + 1, stage.name))?;
     }
-    let mut picture = image.clone();
+    let mut picture = image;
     for face in faces.as_ref().map_or(&[][..], Vec::as_slice) {
         outline(&mut picture, &face.corners, [255, 255, 0]);
         for (centre, colour) in face.centres.iter().zip(face.colours) {
@@ -153,7 +248,9 @@ fn write(
     if let Ok(square) = square {
         outline(&mut picture, &square.corners, [255, 0, 255]);
         for &tile in &square.tiles {
-            blot(&mut picture, stages.regions[tile].centre, 1.5, [255, 0, 255]);
+            let whole = |v: f64| (v + 0.5) * stages.step as f64 - 0.5;
+            let centre = stages.regions[tile].centre;
+            blot(&mut picture, (whole(centre.0), whole(centre.1)), 1.5, [255, 0, 255]);
         }
     }
     save(&picture, &format!("{}-result", stages.stages.len() + 1))?;
@@ -199,13 +296,19 @@ mod tests {
             .save(&picture)
             .unwrap();
 
-        let (text, all) = stages(&[picture], Some(&folder), true).unwrap();
+        let args = StagesArgs {
+            images: vec![picture],
+            out: Some(folder.clone()),
+            json: true,
+            ..StagesArgs::default()
+        };
+        let (text, all) = stages(&args).unwrap();
 
         let line: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert!(all);
-        assert_eq!(line["stages"].as_array().unwrap().len(), 6);
+        assert_eq!(line["stages"].as_array().unwrap().len(), 7);
         let files = line["files"].as_array().unwrap();
-        assert_eq!(files.len(), 7);
+        assert_eq!(files.len(), 8);
         for file in files {
             assert_eq!(load(Path::new(file.as_str().unwrap())).unwrap().dimensions(), (64, 48));
         }

@@ -4,12 +4,13 @@
 //! - out: [`FaceSighting`]s, best first, or a [`Refusal`]
 //! - source: own work on the paper's scheme (segmentation, filters, neighbours; Zieliński et al. 2007, p. 373)
 
-use super::classes::median;
+use super::doubts::{self, PERHAPS, hues};
 use super::homography::{self, GRID, OUTLINE, Point, apply};
 use super::lattice::{self, Lattice, Onward};
 pub(super) use super::patch::Patch;
 use super::patch::TileSample;
 use super::segment::{Edges, Tile, TileLimits};
+use super::sides::Sides;
 use super::{FaceSighting, Rect, Refusal, colours, paper};
 use image::RgbImage;
 use nalgebra::Matrix3;
@@ -45,18 +46,23 @@ impl Default for DetectorSettings {
             method: Method::Edges,
             least_width_px: 0.0,
             least_confidence: 0.4,
-            least_tiles: 6,
+            least_tiles: 5,
             most_pixels: 700_000,
         }
     }
 }
 
-/// Greatest confidence in what may be a face as well as something else.
-const PERHAPS: f64 = 0.6;
+/// Spread of an even tile (see [`TileSample`]).
+const EVEN: f64 = 0.08;
+/// Sides that a cell counts for whose surroundings do not lie where those of the other tiles do.
+const BOUND: u8 = 4;
 
 /// Limits of a tile's shape: generous, because the lattice decides.
 pub(super) const SHAPE: TileLimits =
     TileLimits { area: (12.0, f64::INFINITY), fullness: (0.78, 1.09), elongation: 4.5 };
+
+/// Limits of the form of tiles that are only to be counted.
+const SMALL: TileLimits = TileLimits { area: (3.0, 60.0), fullness: (0.6, 1.4), elongation: 4.5 };
 
 /// Finds the faces of cubes in an image, or in a window of it; best first.
 ///
@@ -128,18 +134,52 @@ impl Patch {
             }
             Method::Paper2007 => (paper::tiles(&self.rgb, self.width, self.height), None),
         };
-        let lattices = lattice::vote(&tiles, settings.least_tiles);
-        let (larger, lattices): (Vec<_>, Vec<_>) =
-            lattices.into_iter().partition(Lattice::is_larger);
-        let mut faces: Vec<FaceSighting> =
-            lattices.iter().map(|l| self.sighting(l, &tiles, edges.as_ref())).collect();
+        let mut lattices = lattice::vote(&tiles, settings.least_tiles);
+        let mut faces: Vec<FaceSighting> = Vec::new();
+        for i in 0..lattices.len() {
+            let mut seen = None;
+            if let Some((edges, threshold)) = &edges
+                && !lattices[i].is_larger()
+                && lattices[i].score() <= lattice::CERTAIN
+            {
+                let (better, shown) = self.mended(&lattices[i], &tiles, edges, *threshold);
+                if let Some(better) = better {
+                    let rivals = (0..lattices.len()).filter(|&j| j != i).map(|j| &lattices[j]);
+                    let met: Vec<&Lattice> =
+                        rivals.filter(|other| better.meets(other, &tiles)).collect();
+                    let larger = met.iter().any(|other| other.is_larger());
+                    if larger || met.iter().all(|other| other.score() < lattices[i].score()) {
+                        lattices[i] = better;
+                        lattice::look_beyond(&tiles, &mut lattices, i);
+                    }
+                    // What shares cells with a larger lattice is a part of it.
+                    if larger {
+                        lattices[i].onward = Onward::Larger;
+                    }
+                }
+                seen = Some(shown);
+            }
+            if !lattices[i].is_larger() {
+                faces.push(self.sighting(&lattices[i], &tiles, seen));
+            }
+        }
+        let larger: Vec<&Lattice> = lattices.iter().filter(|l| l.is_larger()).collect();
         faces.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+        // Two lattices of one face are fitted to the same sides.
+        let mut kept: Vec<FaceSighting> = Vec::with_capacity(faces.len());
+        for face in faces {
+            let centre = face.centres[4];
+            if !kept.iter().any(|k| lattice::encloses(&k.corners, centre)) {
+                kept.push(face);
+            }
+        }
+        let mut faces = kept;
         let best = faces.first().map(|f| f.confidence);
         faces.retain(|f| f.confidence >= settings.least_confidence);
         if !faces.is_empty() {
             return Ok(faces);
         }
-        let (brightest, clipped) = self.exposure();
+        let (brightest, clipped) = self.exposure_of(&tiles);
         Err(if brightest < 30 {
             Refusal::TooDark { brightest }
         } else if clipped > 0.35 {
@@ -148,6 +188,8 @@ impl Patch {
             Refusal::LargerLattice { beyond: larger.iter().map(|l| l.beyond).max().unwrap_or(0) }
         } else if let Some(confidence) = best {
             Refusal::Doubtful { confidence }
+        } else if let Some(width_px) = edges.and_then(|(edges, _)| self.small(&edges)) {
+            Refusal::TooSmall { width_px }
         } else if tiles.is_empty() {
             Refusal::NoTiles
         } else {
@@ -155,13 +197,68 @@ impl Patch {
         })
     }
 
-    /// A lattice as a face: places in the image, colours, confidence.
-    fn sighting(
+    /// Level of the brightest tenth of the candidates, and the share of them that clip: a cube in the dark before a bright
+    /// window is dark. Of few candidates the whole picture is judged.
+    fn exposure_of(&self, tiles: &[Tile]) -> (u8, f64) {
+        let mut levels: Vec<[u8; 2]> = tiles
+            .iter()
+            .filter_map(|tile| self.pixel(tile.centre))
+            .map(|[r, g, b]| [r.max(g).max(b) as u8, r.min(g).min(b) as u8])
+            .collect();
+        if levels.len() < 9 {
+            return self.exposure();
+        }
+        levels.sort_unstable();
+        let clipped = levels.iter().filter(|level| level[1] >= 250).count();
+        (levels[levels.len() * 9 / 10][0], clipped as f64 / levels.len() as f64)
+    }
+
+    /// Width of a face in the picture whose tiles are too small to be read [px].
+    fn small(&self, edges: &Edges) -> Option<f64> {
+        let mut tiles = Vec::new();
+        for threshold in [12, 20, 32, 50, 80] {
+            merge(&mut tiles, edges.tiles(threshold, &SMALL).0);
+        }
+        let lattices = lattice::vote(&tiles, 8);
+        let face = lattices
+            .iter()
+            .filter(|l| !l.is_larger() && l.onward == Onward::Ends && l.residual < 0.1)
+            .max_by(|a, b| a.score().total_cmp(&b.score()))?;
+        let corners = OUTLINE.map(|c| self.to_image(apply(&face.homography, c)));
+        let side = |i: usize| homography::distance(corners[i], corners[(i + 1) % 4]);
+        Some((0..4).map(side).fold(0.0, f64::max))
+    }
+
+    /// The lattice fitted to the sides of its tiles, if that makes it more certain, and what its cells show of them.
+    fn mended(
         &self,
         lattice: &Lattice,
         tiles: &[Tile],
-        edges: Option<&(Edges, u8)>,
-    ) -> FaceSighting {
+        edges: &Edges,
+        threshold: u8,
+    ) -> (Option<Lattice>, Seen) {
+        let h = &lattice.homography;
+        let sides = Sides::best(edges, threshold, h, 0.5 * lattice.sticker);
+        let agree = sides.total() >= doubts::AGREE;
+        // Where no sides agree, edges all around what is even make a tile.
+        let bound = GRID.map(|g| {
+            let tile =
+                edges.bound(h, g, threshold) && self.sample(h, g, lattice.sticker).spread < EVEN;
+            if tile { BOUND } else { 0 }
+        });
+        let certainty = doubts::certainty(lattice, &bound);
+        match Lattice::on(tiles, sides.homography, sides.sticker, &sides.seen) {
+            Some(better)
+                if better.count() >= 3 && doubts::certainty(&better, &sides.seen) >= certainty =>
+            {
+                (Some(better), Seen { sides: sides.seen, agree })
+            }
+            _ => (None, Seen { sides: bound, agree }),
+        }
+    }
+
+    /// A lattice as a face: places in the image, colours, confidence.
+    fn sighting(&self, lattice: &Lattice, tiles: &[Tile], seen: Option<Seen>) -> FaceSighting {
         let samples: [TileSample; 9] =
             std::array::from_fn(|i| self.sample(&lattice.homography, GRID[i], lattice.sticker));
         let rgb = samples.map(|s| s.rgb);
@@ -175,35 +272,25 @@ impl Patch {
                 *confidence *= 0.5;
             }
         }
-        // A cell without a region of its own may still be a tile: then its inside is even, and it ends where a tile does.
-        // What goes on evenly is what the cube lies on.
-        let ends = |i: usize| {
-            edges.is_none_or(|(edges, threshold)| {
-                edges.bound(&lattice.homography, GRID[i], *threshold)
-            })
-        };
-        let even = (0..9)
-            .filter(|&i| lattice.tiles[i].is_none() && samples[i].spread < 0.08 && ends(i))
-            .count() as f64;
-        let held = lattice.count() as f64;
-        let support = ((held + 0.6 * even - 4.5) / 4.5).clamp(0.0, 1.0);
-        // Six that agree in place, size and form are a face under a hand; they say no more than that. Two rows or two
-        // columns do not say on which side the third one is.
-        let lies = |along: fn(usize) -> usize| {
-            (0..3).all(|k| (0..9).any(|i| along(i) == k && lattice.tiles[i].is_some()))
-        };
-        let spans = lies(|i| i / 3) && lies(|i| i % 3);
-        let exact = held >= 6.0 && spans && lattice.residual < 0.03 && lattice.unevenness < 0.12;
-        let support = if exact { support.max(0.48) } else { support };
-        let fit = (-(lattice.residual / 0.10).powi(2)).exp();
+        // What covers a tile has a colour, too.
+        // A picture in black and white says nothing of colours.
+        if self.colourless() {
+            confidences = [0.0; 9];
+        }
+        let sides = seen.map_or([0; 9], |seen| seen.sides);
+        for i in (0..9).filter(|&i| seen.is_some() && lattice.tiles[i].is_none()) {
+            confidences[i] *= (f64::from(sides[i]) / 4.0).powi(2);
+        }
         let h = &lattice.homography;
         let stripes = 1.0 - (self.patchwork(h, &rgb) / 0.2).min(1.0) * (1.0 - PERHAPS);
-        let uneven = (lattice.unevenness / 0.5).powi(2);
         let pitch = homography::smallest_pitch(&GRID.map(|g| apply(h, g)));
-        let fullness = lattice.tiles.iter().flatten().map(|&t| tiles[t].fullness).sum::<f64>();
+        let held: Vec<&Tile> = lattice.tiles.iter().flatten().map(|&t| &tiles[t]).collect();
+        let fullness = held.iter().map(|t| t.fullness).sum::<f64>() / held.len() as f64;
         // Edges take about a pixel from each side of a tile.
-        let doubt = form(lattice.sticker + 2.0 / pitch, fullness / held) * variety(hues(&rgb));
-        let most = if lattice.onward == Onward::Ends { 1.0 } else { PERHAPS };
+        let doubt =
+            doubts::form(lattice.sticker + 2.0 / pitch, fullness) * doubts::variety(hues(&rgb));
+        let alike = seen.is_none_or(|seen| seen.agree);
+        let most = if lattice.onward == Onward::Ends && alike { 1.0 } else { PERHAPS };
         FaceSighting {
             corners: OUTLINE.map(|c| self.to_image(apply(&lattice.homography, c))),
             centres: std::array::from_fn(|i| {
@@ -219,67 +306,21 @@ impl Patch {
             confidences,
             confidence: {
                 // What may be a face is reported, but nobody is told that it is one for sure.
-                let found = support * fit * doubt * (-uneven).exp();
-                found.min((stripes * found).max(PERHAPS)).min(most)
+                let found = doubts::certainty(lattice, &sides) * doubt;
+                let cloth = stripes.min(doubts::unwoven(&rgb));
+                found.min((cloth * found).max(PERHAPS)).min(most)
             },
         }
     }
-
-    /// How much more the colour of the four lines of gaps between a face's tiles differs from line to line than along a
-    /// line, over how much it differs from the tiles', at most 1. A cube's body has one colour, and where there is none it
-    /// is the tiles beside that show, three of each line; stripes of a cloth have a colour each.
-    fn patchwork(&self, h: &Matrix3<f64>, rgb: &[[f64; 3]; 9]) -> f64 {
-        let mean = |line: f64, cell: f64, across: bool| {
-            let places = [-0.2, -0.1, 0.0, 0.1, 0.2].map(|k| cell + k);
-            let at = |t: f64| apply(h, if across { (t, line) } else { (line, t) });
-            let pixels: Vec<[f64; 3]> =
-                places.into_iter().filter_map(|t| self.pixel(at(t))).collect();
-            let n = pixels.len().max(1) as f64;
-            std::array::from_fn(|c| pixels.iter().map(|p| p[c]).sum::<f64>() / n)
-        };
-        let lines = [(-0.5, true), (0.5, true), (-0.5, false), (0.5, false)];
-        let gaps = lines.map(|(line, across)| [-1.0, 0.0, 1.0].map(|t| mean(line, t, across)));
-        let middle = |of: &[[f64; 3]]| -> [f64; 3] {
-            std::array::from_fn(|c| median(of.iter().map(|p| p[c]).collect()))
-        };
-        let apart =
-            |a: &[f64; 3], b: &[f64; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f64::max);
-        let gap = middle(gaps.as_flattened());
-        let own = gaps.map(|line| middle(&line));
-        let between = own.iter().map(|line| apart(line, &gap)).sum::<f64>() / 4.0;
-        let along =
-            gaps.iter().zip(&own).flat_map(|(line, own)| line.iter().map(|g| apart(g, own)));
-        let along = along.sum::<f64>() / 12.0;
-        ((between - along).max(0.0) / apart(&gap, &middle(rgb)).max(1.0)).min(1.0)
-    }
 }
 
-/// Largest difference of two tiles in the shares of red, green and blue in their light.
-fn hues(rgb: &[[f64; 3]; 9]) -> f64 {
-    let shares = rgb.map(|c| {
-        let linear = c.map(|v| colours::to_linear(v) + 0.002);
-        let sum: f64 = linear.iter().sum();
-        linear.map(|v| v / sum)
-    });
-    (0..3)
-        .map(|k| {
-            let level = |s: &[f64; 3]| s[k];
-            shares.iter().map(level).fold(0.0, f64::max)
-                - shares.iter().map(level).fold(1.0, f64::min)
-        })
-        .fold(0.0, f64::max)
-}
-
-/// What the colours say for a cube, 0..=1: nine tiles of one hue are a window, drawers, a floor more often than a face
-/// that is solved.
-fn variety(hues: f64) -> f64 {
-    PERHAPS + (1.0 - PERHAPS) * ((hues - 0.1) / 0.1).clamp(0.0, 1.0)
-}
-
-/// What the tiles' form says for a cube, 0..=1: their share of the pitch, and their mean fullness. Stickers leave little of
-/// the face free, as edges see it at least 0.7 of the pitch; discs have a fullness of 1.047.
-fn form(share: f64, fullness: f64) -> f64 {
-    ((share - 0.5) / 0.2).clamp(0.0, 1.0) * ((1.045 - fullness) / 0.015).clamp(0.0, 1.0)
+/// What a lattice's cells show of the sides of tiles.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    /// How many sides each cell shows.
+    sides: [u8; 9],
+    /// Tiles of a cube end at one distance from their middles; stripes of a cloth have a width each.
+    agree: bool,
 }
 
 /// Adds tiles, each once: of two at one place the larger stays unless it is ragged.
@@ -336,8 +377,13 @@ pub fn window_around(corners: &[Point], margin: f64) -> Option<Rect> {
 /// Places of the tile centres of an outline, for callers that know the corners only.
 #[must_use]
 pub fn centres_of(corners: &[Point; 4]) -> Option<[Point; 9]> {
-    // Four pairs are exact but fewer than `fit` wants for a homography: the edges' middles follow from the
-    // diagonals, so the quadrilateral's own map is used.
+    let unit = square_to(corners)?;
+    Some(GRID.map(|(x, y)| apply(&unit, ((x + 1.5) / 3.0, (y + 1.5) / 3.0))))
+}
+
+/// The map of the unit square's corners, clockwise from the origin, to four points: four pairs are exact, but fewer than
+/// [`homography::fit`] wants for a homography.
+pub(super) fn square_to(corners: &[Point; 4]) -> Option<Matrix3<f64>> {
     let (a, b, c, d) = (corners[0], corners[1], corners[2], corners[3]);
     let (dx1, dx2, sx) = (b.0 - c.0, d.0 - c.0, a.0 - b.0 + c.0 - d.0);
     let (dy1, dy2, sy) = (b.1 - c.1, d.1 - c.1, a.1 - b.1 + c.1 - d.1);
@@ -346,7 +392,7 @@ pub fn centres_of(corners: &[Point; 4]) -> Option<[Point; 9]> {
         return None;
     }
     let (g, h) = ((sx * dy2 - dx2 * sy) / det, (dx1 * sy - sx * dy1) / det);
-    let unit = Matrix3::new(
+    Some(Matrix3::new(
         b.0 - a.0 + g * b.0,
         d.0 - a.0 + h * d.0,
         a.0,
@@ -356,8 +402,7 @@ pub fn centres_of(corners: &[Point; 4]) -> Option<[Point; 9]> {
         g,
         h,
         1.0,
-    );
-    Some(GRID.map(|(x, y)| apply(&unit, ((x + 1.5) / 3.0, (y + 1.5) / 3.0))))
+    ))
 }
 
 /// The homography of a sighting's measured tiles.
@@ -441,6 +486,54 @@ mod tests {
         assert!(matches!(refusal(&drawing().render(), &least), Refusal::TooSmall { .. }));
         assert!(matches!(refusal(&RgbImage::new(1, 1), &settings), Refusal::TooFewPixels { .. }));
         assert!(matches!(refusal(&RgbImage::new(0, 0), &settings), Refusal::TooFewPixels { .. }));
+    }
+
+    #[test]
+    fn a_face_under_a_finger_is_found_and_hidden_tiles_are_uncertain() {
+        let face = Pose::from_parts(
+            Translation3::new(0.0, 0.0, 0.25),
+            UnitQuaternion::from_euler_angles(0.2, 0.15, 0.1),
+        );
+        let mut drawing = Drawing::new(CAMERA, vec![(face, COLOURS[0])]);
+        let whole = detect(&drawing.render(), None, &DetectorSettings::default()).unwrap();
+        // Two fingers: over a tile and the rim of the middle one, and over a corner.
+        drawing.bars.push((0, [-0.4, -3.0, 0.45, -0.15], [190.0, 140.0, 110.0]));
+        drawing.bars.push((0, [0.8, 0.7, 3.0, 1.4], [190.0, 140.0, 110.0]));
+
+        let found = detect(&drawing.render(), None, &DetectorSettings::default()).unwrap();
+
+        for (a, b) in found[0].corners.iter().zip(&whole[0].corners) {
+            assert!(homography::distance(*a, *b) < 3.0, "{a:?} {b:?}");
+        }
+        assert!(found[0].confidence < 0.8 && !found[0].seen[1] && !found[0].seen[8]);
+        assert!(found[0].confidences[1] < 0.2, "{:?}", found[0].confidences);
+    }
+
+    #[test]
+    fn a_picture_in_black_and_white_has_places_and_no_colours() {
+        let mut image = drawing().render();
+        for pixel in image.pixels_mut() {
+            let [r, g, b] = pixel.0.map(u32::from);
+            pixel.0 = [((3 * r + 6 * g + b) / 10) as u8; 3];
+        }
+
+        let faces = detect(&image, None, &DetectorSettings::default()).unwrap();
+
+        assert!(faces.iter().all(|face| face.confidences == [0.0; 9]));
+    }
+
+    #[test]
+    fn a_face_of_twenty_pixels_is_too_small() {
+        let face = Pose::translation(0.0, 0.0, 1.2);
+        let mut drawing = Drawing::new(CAMERA, vec![(face, COLOURS[0])]);
+        drawing.noise = 1.0;
+
+        let refused = detect(&drawing.render(), None, &DetectorSettings::default());
+
+        assert!(
+            matches!(refused, Err(Refusal::TooSmall { width_px }) if (15.0..25.0).contains(&width_px)),
+            "{refused:?}"
+        );
     }
 
     #[test]

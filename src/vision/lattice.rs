@@ -54,6 +54,97 @@ const LARGER: usize = 5;
 const LARGER_AT_BORDER: usize = 4;
 
 impl Lattice {
+    /// Tiles on the lattice of a homography, with their fit.
+    pub(super) fn of(
+        tiles: &[Tile],
+        homography: Matrix3<f64>,
+        held: [Option<usize>; 9],
+    ) -> Option<Self> {
+        let h = &homography;
+        let pitch = homography::smallest_pitch(&GRID.map(|g| apply(h, g)));
+        let placed: Vec<(Point, &Tile)> =
+            GRID.into_iter().zip(held).filter_map(|(g, tile)| Some((g, &tiles[tile?]))).collect();
+        let shapes: Vec<[f64; 3]> =
+            placed.iter().filter_map(|(g, tile)| shape_in_cell(h, *g, tile)).collect();
+        let n = shapes.len() as f64;
+        if shapes.is_empty() || shapes.len() < placed.len() {
+            return None;
+        }
+        let mean: [f64; 3] = std::array::from_fn(|k| shapes.iter().map(|s| s[k]).sum::<f64>() / n);
+        let sticker = (mean[0] * mean[1]).sqrt();
+        // Sides must be alike over the face, and the skew must be nought: tiles of another face lean otherwise.
+        let spread = shapes
+            .iter()
+            .map(|s| (s[0] - mean[0]).powi(2) + (s[1] - mean[1]).powi(2) + 2.0 * s[2].powi(2))
+            .sum::<f64>();
+        let unevenness = (spread / (2.0 * n)).sqrt() / sticker;
+        // Tiles are judged against the local pitch: the root of the cell's area.
+        let square = placed.iter().map(|(g, tile)| {
+            let pitch = cell_area(h, *g).abs().sqrt().min(2.0 * pitch);
+            (distance(tile.centre, apply(h, *g)) / pitch).powi(2)
+        });
+        // Eight parameters are fitted to 2n numbers: fewer freedoms make a small residual cheap.
+        let freedom = (2.0 * n - if n < 6.0 { 6.0 } else { 8.0 }).max(1.0);
+        let residual = (square.sum::<f64>() / freedom).sqrt();
+        Some(Self {
+            homography,
+            tiles: held,
+            residual,
+            unevenness,
+            sticker,
+            beyond: 0,
+            around: 16,
+            onward: Onward::Ends,
+        })
+    }
+
+    /// The same face on a homography that was fitted to the sides of its tiles: each cell takes the tile that lies in its
+    /// middle and has its form. `seen` are the sides that the cells show; a tile that lacks one must fit better, for it
+    /// is cut.
+    pub(super) fn on(
+        tiles: &[Tile],
+        homography: Matrix3<f64>,
+        sticker: f64,
+        seen: &[u8; 9],
+    ) -> Option<Self> {
+        let h = &homography;
+        let mut held = [None; 9];
+        for ((g, slot), seen) in GRID.into_iter().zip(&mut held).zip(seen) {
+            let (place, pitch) = (apply(h, g), cell_area(h, g).abs().sqrt());
+            let (off, odd) = if *seen == 4 { (0.12, 0.25) } else { (0.06, 0.12) };
+            let fits = |tile: &Tile| {
+                let off = off * pitch;
+                (tile.centre.0 - place.0).abs() < off
+                    && (tile.centre.1 - place.1).abs() < off
+                    && shape_in_cell(h, g, tile).is_some_and(|[a, b, skew]| {
+                        let alike = |side: f64| (side / sticker).ln().abs() < odd;
+                        alike(a) && alike(b) && skew.abs() < odd
+                    })
+            };
+            let nearest = tiles.iter().enumerate().filter(|(_, tile)| fits(tile));
+            *slot = nearest
+                .min_by(|a, b| distance(a.1.centre, place).total_cmp(&distance(b.1.centre, place)))
+                .map(|(i, _)| i);
+        }
+        let mut lattice = Self::of(tiles, homography, held)?;
+        // Nothing was fitted to these centres.
+        let n = lattice.count() as f64;
+        lattice.residual *=
+            ((2.0 * n - if n < 6.0 { 6.0 } else { 8.0 }).max(1.0) / (2.0 * n)).sqrt();
+        Some(lattice)
+    }
+
+    /// Whether two or more of the cells are where tiles of another lattice lie: two faces share none.
+    pub(super) fn meets(&self, other: &Self, tiles: &[Tile]) -> bool {
+        let h = &self.homography;
+        let shared = GRID.into_iter().filter(|&g| {
+            let (place, pitch) = (apply(h, g), cell_area(h, g).abs().sqrt());
+            let near = |&t: &usize| distance(tiles[t].centre, place) < 0.2 * pitch;
+            other.tiles.iter().flatten().any(near)
+        });
+        shared.count() >= 2
+    }
+
     /// How many cells are held.
     #[must_use]
     pub fn count(&self) -> usize {
@@ -105,7 +196,7 @@ const MOST_PROPOSALS: usize = 2000;
 
 /// Score from which nine tiles are one face beyond doubt. Nine tiles of two faces whose common edge is
 /// foreshortened like a gap reach 7.7 (in photographs), those of one face 8.1 to 8.7.
-const CERTAIN: f64 = 8.0;
+pub(super) const CERTAIN: f64 = 8.0;
 
 /// Tolerance of a tile's place while growing, in pitches.
 const GROWING: f64 = 0.28;
@@ -137,15 +228,25 @@ pub fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
     }
     let mut kept = distinct(found, tiles.len());
     for i in 0..kept.len() {
-        let onward = onward(tiles, &kept, i);
-        let lattice = &mut kept[i];
-        let uneven;
-        (lattice.beyond, uneven, lattice.around) = beyond(tiles, lattice);
-        // What goes on unevenly goes on perhaps: plaid, a shelf; by chance the faces beside.
-        let perhaps = onward == Onward::Ends && larger(uneven, lattice.around);
-        lattice.onward = if perhaps { Onward::Perhaps } else { onward };
+        go_on(tiles, &mut kept, i);
     }
     kept
+}
+
+/// Looks anew what lies beyond the nine cells of a lattice among others.
+pub(super) fn look_beyond(tiles: &[Tile], kept: &mut [Lattice], of: usize) {
+    go_on(&Places::new(tiles), kept, of);
+}
+
+/// Notes in a lattice how it goes on.
+fn go_on(tiles: &Places, kept: &mut [Lattice], of: usize) {
+    let onward = onward(tiles, kept, of);
+    let lattice = &mut kept[of];
+    let uneven;
+    (lattice.beyond, uneven, lattice.around) = beyond(tiles, lattice);
+    // What goes on unevenly goes on perhaps: plaid, a shelf; by chance the faces beside.
+    let perhaps = onward == Onward::Ends && larger(uneven, lattice.around);
+    lattice.onward = if perhaps { Onward::Perhaps } else { onward };
 }
 
 /// Tiles that are found by place.
@@ -576,7 +677,7 @@ fn settle_without(
         let corners = homography::OUTLINE.map(|c| apply(&h, c));
         let positive =
             homography::OUTLINE.iter().all(|c| h[(2, 0)] * c.0 + h[(2, 1)] * c.1 + h[(2, 2)] > 0.2);
-        if !positive || !pitch.is_finite() || pitch < 4.0 {
+        if !positive || !pitch.is_finite() || pitch < 2.5 {
             return None;
         }
         let (area, _) = homography::polygon(&corners);
@@ -626,46 +727,8 @@ fn settle_without(
                 continue;
             }
         }
-        let shapes: Vec<[f64; 3]> = held
-            .iter()
-            .enumerate()
-            .filter_map(|(i, t)| t.and_then(|t| shape_in_cell(&h, GRID[i], &tiles[t])))
-            .collect();
-        let n = shapes.len() as f64;
-        if shapes.len() < least {
-            return None;
-        }
-        let mean: [f64; 3] = std::array::from_fn(|k| shapes.iter().map(|s| s[k]).sum::<f64>() / n);
-        let sticker = (mean[0] * mean[1]).sqrt();
-        // Sides must be alike over the face, and the skew must be nought: tiles of another face lean otherwise.
-        let spread = shapes
-            .iter()
-            .map(|s| (s[0] - mean[0]).powi(2) + (s[1] - mean[1]).powi(2) + 2.0 * s[2].powi(2))
-            .sum::<f64>();
-        let unevenness = (spread / (2.0 * n)).sqrt() / sticker;
-        let square = held
-            .iter()
-            .enumerate()
-            .filter_map(|(i, t)| t.map(|t| error(i, t).powi(2)))
-            .sum::<f64>();
-        // Eight parameters are fitted to 2n numbers: fewer freedoms make a small residual cheap.
-        let freedom = (2.0 * n - if n < 6.0 { 6.0 } else { 8.0 }).max(1.0);
-        let residual = (square / freedom).sqrt();
-        if residual > 0.14 {
-            return None;
-        }
-        let (beyond, around) = (0, 16);
-        let tiles = held;
-        return Some(Lattice {
-            homography: h,
-            tiles,
-            residual,
-            unevenness,
-            sticker,
-            beyond,
-            around,
-            onward: Onward::Ends,
-        });
+        let lattice = Lattice::of(tiles, h, held)?;
+        return (lattice.residual <= 0.14).then_some(lattice);
     }
     None
 }
@@ -755,6 +818,62 @@ mod tests {
         let found = vote(&tiles, 5);
 
         assert_eq!(found.iter().map(Lattice::count).collect::<Vec<_>>(), [9, 9]);
+    }
+
+    /// Tiles of `rows` x `columns` cells of one plane, from the first face's top left on.
+    fn floor(rows: i32, columns: i32) -> Vec<Tile> {
+        (0..rows * columns)
+            .map(|i| tile(&oblique(), (f64::from(i % columns) - 1.0, f64::from(i / columns) - 1.0)))
+            .collect()
+    }
+
+    #[test]
+    fn what_goes_on_in_its_plane_is_larger_than_a_face() {
+        let larger = |rows, columns| {
+            let found = vote(&floor(rows, columns), 5);
+            !found.is_empty() && found.iter().all(Lattice::is_larger)
+        };
+
+        assert!(!larger(3, 3));
+        assert!(larger(4, 4) && larger(5, 5));
+        // Strips of width three have no more than three tiles on a side of the nine.
+        assert!(larger(4, 3) && larger(3, 4) && larger(3, 7));
+    }
+
+    #[test]
+    fn a_strip_that_goes_on_as_another_face_is_perhaps_one() {
+        let found = vote(&floor(6, 3), 5);
+
+        assert_eq!(found.len(), 2);
+        assert!(found.iter().all(|l| l.onward != Onward::Ends), "{found:?}");
+    }
+
+    #[test]
+    fn tiles_that_are_cut_are_let_go_on_a_lattice_of_sides() {
+        let h = oblique();
+        let mut tiles: Vec<Tile> = GRID.iter().map(|&g| tile(&h, g)).collect();
+        let (a, b) = (apply(&h, (0.0, 0.0)), apply(&h, (0.1, 0.0)));
+        tiles[4].centre.0 += b.0 - a.0;
+        let seen = |middle| std::array::from_fn(|i| if i == 4 { middle } else { 4 });
+
+        let cut = Lattice::on(&tiles, h, 0.8, &seen(3)).unwrap();
+        let whole = Lattice::on(&tiles, h, 0.8, &seen(4)).unwrap();
+
+        assert_eq!((cut.count(), cut.tiles[4]), (8, None));
+        assert!(cut.residual < 1e-6 && cut.unevenness < 1e-3, "{cut:?}");
+        assert_eq!((whole.count(), whole.tiles[4]), (9, Some(4)));
+    }
+
+    #[test]
+    fn lattices_that_share_cells_meet() {
+        let tiles = floor(5, 3);
+        let on = |by: f64| {
+            let shift = Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, by, 0.0, 0.0, 1.0);
+            Lattice::on(&tiles, oblique() * shift, 0.8, &[4; 9]).unwrap()
+        };
+
+        assert!(on(0.0).meets(&on(2.0), &tiles));
+        assert!(!on(0.0).meets(&on(3.0), &tiles));
     }
 
     #[test]

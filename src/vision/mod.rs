@@ -21,6 +21,7 @@ pub mod calibration;
 mod classes;
 pub mod colours;
 pub mod detect;
+mod doubts;
 mod edges;
 mod fit;
 pub mod homography;
@@ -33,6 +34,7 @@ pub mod pose;
 pub mod refine;
 pub mod segment;
 pub mod sensor;
+mod sides;
 pub mod table;
 #[cfg(test)]
 pub(crate) mod testing;
@@ -87,16 +89,16 @@ pub enum Refusal {
         /// Rows that were looked at.
         height: u32,
     },
-    /// The brightest hundredth is dark.
-    #[error("too dark: the brightest hundredth of the picture is at {brightest} of 255")]
+    /// What is brightest is dark.
+    #[error("too dark: the brightest that could be a tile is at {brightest} of 255")]
     TooDark {
-        /// Level of the 99th percentile, 0..=255.
+        /// Level of the brightest tenth of the candidates, or of the brightest hundredth of a picture without, 0..=255.
         brightest: u8,
     },
-    /// Much of the picture is clipped.
-    #[error("overexposed: {:.0} % of the picture is clipped", share * 100.0)]
+    /// Much of what could be tiles is clipped.
+    #[error("overexposed: {:.0} % of what could be tiles is clipped", share * 100.0)]
     Overexposed {
-        /// Share of clipped pixels, 0..=1.
+        /// Share of the candidates that clip, or of the pixels of a picture without, 0..=1.
         share: f64,
     },
     /// No region looks like a tile.

@@ -2,8 +2,10 @@
 //!
 //! Each of the three components of a pixel indexes a table of bit masks, one bit a colour range; the bitwise
 //! AND of the three is the set of ranges that the pixel lies in, so a colour may have several ranges without
-//! repeating the classification. Runs of one colour become regions, and filters remove those that are no
-//! tiles. The components are intensity, and red and blue chromaticity against it.
+//! repeating the classification. Runs of one range become regions, and filters remove those that are no
+//! tiles. The components are intensity, and two of chroma relative to it: red against green, and blue. In these
+//! the six colours are boxes, the same ones in bright and in dim light; intensity has bands that overlap, because
+//! what parts two tiles of one colour is how much darker the gap between them is, not how dark.
 //!
 //! Then the heuristics: the centre tile has the most neighbours, the corner tiles the fewest, and the tiles of a
 //! face have about the same area. Of several squares the biggest is the cube's; its corner tiles' centroids are
@@ -13,60 +15,78 @@
 //! - out: the regions that each stage left (the paper's figure 4), [`Tile`]s, a [`Square`] or a [`Refusal`]
 //! - source: Zieliński et al. (2007), p. 373; Bruce, Balch, Veloso (2000)
 
-use super::Refusal;
-use super::homography::{Point, distance, polygon};
-use super::segment::{Runs, Tile};
-use std::collections::BTreeMap;
+use super::detect::square_to;
+use super::homography::{GRID, OUTLINE, Point, apply, distance, polygon};
+use super::patch::reduced;
+use super::segment::{Runs, Tile, smooth};
+use super::{FaceSighting, Rect, Refusal};
+use image::RgbImage;
 
-/// One range of a colour: lowest and highest level of intensity, of red and of blue chromaticity.
+/// One range of a colour: lowest and highest level of intensity, of red against green, and of blue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ColourRange {
     /// Colour 0..=5 = white, red, green, yellow, orange, blue.
     pub colour: u8,
     /// Mean of the channels, 0..=255.
     pub intensity: (u8, u8),
-    /// Share of red in the sum of the channels, 0..=255 for 0..=1.
+    /// Red less green over the sum of the channels, 1..=255 for -1..=1; 128 is neither.
     pub red: (u8, u8),
-    /// Share of blue in the sum of the channels.
+    /// Share of blue in the sum of the channels, 0..=255 for 0..=1; a third is neither.
     pub blue: (u8, u8),
 }
 
-const fn range(colour: u8, intensity: (u8, u8), red: (u8, u8), blue: (u8, u8)) -> ColourRange {
-    ColourRange { colour, intensity, red, blue }
-}
-
-/// Ranges for ordinary light; bright and dim versions of a colour are ranges of their own.
-pub const RANGES: [ColourRange; 11] = [
-    range(0, (110, 255), (68, 100), (70, 104)),
-    range(0, (70, 110), (74, 96), (74, 98)),
-    range(1, (25, 85), (173, 255), (0, 60)),
-    range(1, (85, 150), (170, 255), (0, 56)),
-    range(2, (25, 90), (0, 66), (30, 92)),
-    range(2, (90, 200), (0, 74), (24, 84)),
-    range(3, (80, 255), (100, 137), (0, 62)),
-    range(4, (50, 110), (140, 172), (0, 52)),
-    range(4, (110, 220), (138, 168), (0, 62)),
-    range(5, (25, 90), (0, 70), (112, 255)),
-    range(5, (90, 200), (0, 76), (102, 255)),
+/// Chroma of the six colours as boxes of red against green, and of blue. They meet and overlap: a tile between two
+/// of them is a region in one of them at least.
+const CHROMA: [(u8, (u8, u8), (u8, u8)); 7] = [
+    (0, (115, 142), (64, 110)),
+    (1, (182, 255), (0, 110)),
+    (1, (158, 182), (40, 110)),
+    (2, (0, 118), (0, 112)),
+    (3, (112, 152), (0, 64)),
+    (4, (150, 190), (0, 52)),
+    (5, (0, 150), (104, 255)),
 ];
+
+/// Bands of intensity: each a factor of 2.5 wide, so that shade and noise stay within one, and a gap of less than
+/// half of its tiles' intensity outside. What is darker has no colour; what is darker still and grey is no white.
+const BANDS: [(u8, u8); 5] = [(18, 45), (28, 70), (45, 112), (70, 175), (110, 255)];
+
+/// The colours in every band but for white in the darkest two, where the cube's body and shadows lie.
+pub const RANGES: [ColourRange; RANGE_COUNT] = {
+    let mut ranges =
+        [ColourRange { colour: 0, intensity: (0, 0), red: (0, 0), blue: (0, 0) }; RANGE_COUNT];
+    let (mut c, mut n) = (0, 0);
+    while c < CHROMA.len() {
+        let (colour, red, blue) = CHROMA[c];
+        let mut band = if colour == 0 { 2 } else { 0 };
+        while band < BANDS.len() {
+            ranges[n] = ColourRange { colour, intensity: BANDS[band], red, blue };
+            n += 1;
+            band += 1;
+        }
+        c += 1;
+    }
+    ranges
+};
+const RANGE_COUNT: usize = CHROMA.len() * BANDS.len() - 2;
 
 /// The three tables of bit masks.
 #[derive(Debug, Clone)]
 pub struct Tables {
-    masks: [[u16; 256]; 3],
-    colour_of: [u8; 16],
+    masks: [[u64; 256]; 3],
+    colour_of: [u8; 64],
 }
 
 impl Tables {
-    /// Of at most 16 ranges.
+    /// Of at most 64 ranges.
     ///
     /// # Panics
     /// When there are more.
     #[must_use]
     pub fn new(ranges: &[ColourRange]) -> Self {
-        assert!(ranges.len() <= 16, "one bit a range");
-        let mut masks = [[0u16; 256]; 3];
-        let mut colour_of = [0; 16];
+        assert!(ranges.len() <= 64, "one bit a range");
+        let mut masks = [[0; 256]; 3];
+        let mut colour_of = [255; 64];
         for (bit, range) in ranges.iter().enumerate() {
             colour_of[bit] = range.colour;
             for (mask, (low, high)) in
@@ -80,25 +100,38 @@ impl Tables {
         Self { masks, colour_of }
     }
 
-    /// Colour 0..=5 of a pixel, or 255.
+    /// The ranges that a pixel lies in, a bit each.
+    #[must_use]
+    pub fn ranges(&self, [r, g, b]: [u8; 3]) -> u64 {
+        let (r, g, b) = (u32::from(r), u32::from(g), u32::from(b));
+        let sum = r + g + b;
+        let scale = SCALES[sum as usize];
+        let red = (127 * (sum + r - g) * scale / 255) >> 16;
+        self.masks[0][(sum / 3) as usize]
+            & self.masks[1][(red as usize + 1).min(255)]
+            & self.masks[2][((b * scale) >> 16) as usize]
+    }
+
+    /// Colour 0..=5 of a pixel, or 255: that of the first range it lies in.
     #[must_use]
     pub fn classify(&self, pixel: [u8; 3]) -> u8 {
-        let [r, g, b] = pixel.map(u32::from);
-        let sum = r + g + b;
-        // 255/sum in fixed point; the +1 keeps black from dividing by zero.
-        let scale = (255 << 8) / (sum + 1);
-        let set = self.masks[0][(sum / 3) as usize]
-            & self.masks[1][((r * scale) >> 8) as usize]
-            & self.masks[2][((b * scale) >> 8) as usize];
-        if set == 0 { 255 } else { self.colour_of[set.trailing_zeros() as usize] }
+        match self.ranges(pixel) {
+            0 => 255,
+            set => self.colour_of[set.trailing_zeros() as usize],
+        }
     }
 }
 
-/// Class of each pixel, 0..=5 or 255.
-#[must_use]
-pub fn classify(rgb: &[u8], tables: &Tables) -> Vec<u8> {
-    rgb.chunks_exact(3).map(|p| tables.classify([p[0], p[1], p[2]])).collect()
-}
+/// 255 over each sum of three channels, in units of 2^-16.
+const SCALES: [u32; 766] = {
+    let mut scales = [0; 766];
+    let mut sum = 1;
+    while sum < scales.len() {
+        scales[sum] = (255 << 16) / sum as u32;
+        sum += 1;
+    }
+    scales
+};
 
 /// A connected region of one colour.
 #[derive(Debug, Clone, PartialEq)]
@@ -170,23 +203,18 @@ impl Region {
     }
 }
 
-/// Length of the boundary: the sides of pixels whose neighbour is not in the region.
+/// Length of the boundary: the sides of pixels whose neighbour is not in the region, whose runs lie row by row.
 fn boundary(runs: &[(usize, usize, usize)]) -> f64 {
-    let mut rows: BTreeMap<usize, Vec<(usize, usize)>> = BTreeMap::new();
-    for &(row, start, end) in runs {
-        rows.entry(row).or_default().push((start, end));
-    }
-    let covered = |row: Option<&Vec<(usize, usize)>>, start: usize, end: usize| -> usize {
-        row.map_or(0, |others| {
-            others.iter().map(|o| o.1.min(end).saturating_sub(o.0.max(start))).sum()
-        })
-    };
     let mut length = 0;
-    for (row, own) in &rows {
-        let (above, below) = (row.checked_sub(1).and_then(|r| rows.get(&r)), rows.get(&(row + 1)));
-        for &(start, end) in own {
-            length += 2 + 2 * (end - start);
-            length -= covered(above, start, end) + covered(below, start, end);
+    let mut above = 0;
+    for (i, &(row, start, end)) in runs.iter().enumerate() {
+        length += 2 + 2 * (end - start);
+        let passed = |r: &(usize, usize, usize)| r.0 + 1 < row || (r.0 + 1 == row && r.2 <= start);
+        while above < i && passed(&runs[above]) {
+            above += 1;
+        }
+        for over in runs[above..i].iter().take_while(|r| r.0 + 1 == row && r.1 < end) {
+            length -= 2 * (over.2.min(end) - over.1.max(start));
         }
     }
     length as f64
@@ -252,8 +280,8 @@ fn quadrilateral(hull: &[Point]) -> f64 {
 pub struct Filters {
     /// Least area [px] and greatest share of the picture.
     pub area: (f64, f64),
-    /// Least and greatest boundary [px].
-    pub boundary: (f64, f64),
+    /// Greatest boundary, over that of a square of the same area.
+    pub boundary: f64,
     /// Least circularity.
     pub circularity: f64,
     /// Least shares of [`Region::convexity`].
@@ -266,7 +294,7 @@ impl Default for Filters {
     fn default() -> Self {
         Self {
             area: (20.0, 1.0 / 9.0),
-            boundary: (16.0, 4000.0),
+            boundary: 1.8,
             circularity: 0.5,
             convexity: (0.8, 0.75),
             neighbours: 2,
@@ -279,47 +307,69 @@ impl Default for Filters {
 pub struct Stage {
     /// One word.
     pub name: &'static str,
-    /// Indices of the regions that are left.
+    /// How many regions are left.
+    pub count: usize,
+    /// Their indices, but for those below the least area, which are counted only.
     pub left: Vec<usize>,
 }
 
 /// The regions of a picture, and what each filter in sequence left of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stages {
-    /// All regions of one colour.
+    /// So many pixels of the picture, across and down, are one of the regions'.
+    pub step: usize,
+    /// Regions of one colour range, of the least area or more.
     pub regions: Vec<Region>,
     /// The stages in their order; the first one left all.
     pub stages: Vec<Stage>,
 }
 
+/// Pictures with more pixels are reduced before they are looked at: this bounds time and memory.
+const MOST_PIXELS: usize = 2_100_000;
+
 impl Stages {
     /// Runs the method on interleaved RGB pixels.
     #[must_use]
     pub fn run(rgb: &[u8], width: usize, height: usize, filters: &Filters) -> Self {
-        let regions = regions(rgb, width, height);
+        let step = step_of(width, height);
+        if step > 1 {
+            let whole = Rect { x: 0, y: 0, width: width as u32, height: height as u32 };
+            let small = reduced(rgb, width, whole, step);
+            return Self::run_whole(&small, width / step, height / step, step, filters);
+        }
+        Self::run_whole(rgb, width, height, 1, filters)
+    }
+
+    fn run_whole(rgb: &[u8], width: usize, height: usize, step: usize, filters: &Filters) -> Self {
+        let (regions, count) = regions(rgb, width, height, filters.area.0);
         let most = filters.area.1 * (width * height) as f64;
-        let mut stages = vec![Stage { name: "regions", left: (0..regions.len()).collect() }];
-        let mut filter = |name, keep: &dyn Fn(&[usize], usize) -> bool| {
+        let mut stages = vec![Stage { name: "regions", count, left: (0..regions.len()).collect() }];
+        let mut filter = |name, keep: &mut dyn FnMut(&[usize], usize) -> bool| {
             let before = stages.last().map(|s| s.left.clone()).unwrap_or_default();
-            let left = before.iter().copied().filter(|&i| keep(&before, i)).collect();
-            stages.push(Stage { name, left });
+            let left: Vec<usize> = before.iter().copied().filter(|&i| keep(&before, i)).collect();
+            stages.push(Stage { name, count: left.len(), left });
         };
-        filter("area", &|_, i| (filters.area.0..=most).contains(&regions[i].area));
-        filter("boundary", &|_, i| {
-            (filters.boundary.0..=filters.boundary.1).contains(&regions[i].boundary)
+        filter("area", &mut |_, i| regions[i].area <= most);
+        filter("boundary", &mut |_, i| {
+            regions[i].boundary <= filters.boundary * 4.0 * regions[i].side()
         });
-        filter("circularity", &|_, i| regions[i].circularity() >= filters.circularity);
-        filter("quadrilaterals", &|_, i| {
+        filter("circularity", &mut |_, i| regions[i].circularity() >= filters.circularity);
+        filter("quadrilaterals", &mut |_, i| {
             let (full, four) = regions[i].convexity();
             full >= filters.convexity.0 && four >= filters.convexity.1
         });
+        let once = std::cell::OnceCell::new();
+        filter("once", &mut |all, i| {
+            let once: &Vec<bool> = once.get_or_init(|| each_once(&regions, all));
+            once[i]
+        });
         let near = std::cell::OnceCell::new();
-        filter("neighbours", &|all, i| {
+        filter("neighbours", &mut |all, i| {
             let near: &Near = near.get_or_init(|| Near::new(&regions, all));
             near.of(i).count() >= filters.neighbours
         });
         drop(near);
-        Self { regions, stages }
+        Self { step, regions, stages }
     }
 
     /// The regions that passed every filter.
@@ -353,12 +403,18 @@ impl Stages {
     /// fewest neighbours among the nine are its corners.
     fn around(&self, centre: usize, near: &Near) -> Option<Square> {
         let me = &self.regions[centre];
+        let metric = Metric::of(me);
+        // Distances are those on the face, as its centre tile shows it.
+        let from =
+            |i: usize, j: usize| metric.distance(self.regions[i].centre, self.regions[j].centre);
         let mut others: Vec<usize> = near
             .of(centre)
-            .filter(|&j| (0.5..2.0).contains(&(self.regions[j].area / me.area)))
+            .filter(|&j| {
+                (0.5..2.0).contains(&(self.regions[j].area / me.area))
+                    && (0.8..2.5).contains(&from(centre, j))
+            })
             .collect();
         others.sort_unstable();
-        let from = |i: usize, j: usize| distance(self.regions[i].centre, self.regions[j].centre);
         others.sort_by(|&a, &b| from(centre, a).total_cmp(&from(centre, b)));
         others.truncate(8);
         if others.len() < 8 {
@@ -375,15 +431,65 @@ impl Stages {
         let angle = |p: &Point| (p.1 - me.centre.1).atan2(p.0 - me.centre.0);
         corners.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
         let corners: [Point; 4] = corners.try_into().ok()?;
-        // The diagonals meet in the centre tile, and the sides are alike.
-        let middle = polygon(&corners).1;
+        // The nine lie where the four corners say, and the sides are alike.
+        let places = places(&corners)?;
         let sides: [f64; 4] = std::array::from_fn(|i| distance(corners[i], corners[(i + 1) % 4]));
         let (short, long) = (
             sides.iter().copied().fold(f64::INFINITY, f64::min),
             sides.iter().copied().fold(0.0, f64::max),
         );
-        let meets = distance(middle, me.centre) < 0.1 * long;
-        (meets && long < 2.2 * short).then_some(Square { corners, tiles: nine })
+        let lies = |place: &Point| {
+            nine.iter().any(|&i| distance(self.regions[i].centre, *place) < 0.1 * short)
+        };
+        (polygon(&corners).0 > 0.0 && places.iter().all(lies) && long < 2.2 * short).then(|| {
+            let share = nine.iter().map(|&i| self.regions[i].area).sum::<f64>()
+                / (2.25 * polygon(&corners).0);
+            let step = self.step as f64;
+            let whole = |p: Point| ((p.0 + 0.5) * step - 0.5, (p.1 + 0.5) * step - 0.5);
+            Square { corners: corners.map(whole), tiles: nine, sticker: share.sqrt().min(1.0) }
+        })
+    }
+}
+
+/// A picture as the method looks at it, reduced if it is large, and the colour 0..=5 of each of its pixels, or 255.
+#[must_use]
+pub fn classes(image: &RgbImage) -> (RgbImage, Vec<u8>) {
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let step = step_of(width, height);
+    let whole = Rect { x: 0, y: 0, width: image.width(), height: image.height() };
+    let small = reduced(image.as_raw(), width, whole, step);
+    let (width, height) = (width / step, height / step);
+    let tables = Tables::new(&RANGES);
+    let smooth = smooth(&small, width, height);
+    let classes = smooth.as_chunks::<3>().0.iter().map(|pixel| tables.classify(*pixel)).collect();
+    let small = RgbImage::from_raw(width as u32, height as u32, small).unwrap_or_default();
+    (small, classes)
+}
+
+/// How many pixels across and down become one.
+fn step_of(width: usize, height: usize) -> usize {
+    (1..).find(|step| (width / step) * (height / step) <= MOST_PIXELS).unwrap_or(1)
+}
+
+/// The plane in which a region is as long as wide: its unit is the side of the square that the region then is.
+struct Metric {
+    /// Inverse of the lower Cholesky factor of its moments, by rows without the zero.
+    inverse: (f64, f64, f64),
+}
+
+impl Metric {
+    fn of(region: &Region) -> Self {
+        let [xx, xy, yy] = region.moments;
+        let (a, unit) = (xx.sqrt(), 12f64.sqrt());
+        let b = xy / a;
+        let c = (yy - b * b).max(1e-9).sqrt();
+        Self { inverse: (1.0 / (a * unit), -b / (a * c * unit), 1.0 / (c * unit)) }
+    }
+
+    fn distance(&self, p: Point, q: Point) -> f64 {
+        let (dx, dy) = (q.0 - p.0, q.1 - p.1);
+        let (a, b, c) = self.inverse;
+        (a * dx).hypot(b * dx + c * dy)
     }
 }
 
@@ -393,45 +499,93 @@ const LEAST_WIDTH: f64 = 100.0;
 /// A face by the paper's heuristics.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Square {
-    /// Centroids of the corner tiles, clockwise on the screen from the top left [px].
+    /// Centroids of the corner tiles in the picture, clockwise on the screen from the top left [px].
     pub corners: [Point; 4],
     /// Its nine regions, the centre last.
     pub tiles: Vec<usize>,
+    /// Side of a tile as a share of the pitch.
+    pub sticker: f64,
 }
 
 impl Square {
     fn area(&self) -> f64 {
         area_of(&self.corners)
     }
+
+    /// The face that the paper takes its pose of: the four corner tiles are seen, the other places follow from them;
+    /// it has no colours.
+    #[must_use]
+    pub fn face(&self) -> Option<FaceSighting> {
+        let unit = square_to(&self.corners)?;
+        Some(FaceSighting {
+            corners: OUTLINE.map(|(x, y)| apply(&unit, (0.5 * (x + 1.0), 0.5 * (y + 1.0)))),
+            centres: places(&self.corners)?,
+            seen: GRID.map(|(x, y)| x * y != 0.0),
+            sticker: self.sticker,
+            rgb: [[0.0; 3]; 9],
+            colours: [0; 9],
+            confidences: [0.0; 9],
+            confidence: 0.0,
+        })
+    }
 }
 
-/// All regions of one colour.
-fn regions(rgb: &[u8], width: usize, height: usize) -> Vec<Region> {
-    let classes = classify(rgb, &Tables::new(&RANGES));
-    let mut all = Vec::new();
-    for colour in 0..6 {
-        let mut runs = Runs::default();
-        for y in 0..height {
-            let line = &classes[y * width..(y + 1) * width];
-            runs.begin_row();
-            let mut x = 0;
-            while x < width {
-                let Some(first) = line[x..].iter().position(|&c| c == colour) else { break };
-                let start = x + first;
-                let length = line[start..].iter().position(|&c| c != colour);
-                let end = length.map_or(width, |n| start + n);
-                runs.push(start, end, y);
-                x = end;
+/// Places of the nine tiles whose corner ones these are.
+fn places(corners: &[Point; 4]) -> Option<[Point; 9]> {
+    let unit = square_to(corners)?;
+    Some(GRID.map(|(x, y)| apply(&unit, (0.5 * (x + 1.0), 0.5 * (y + 1.0)))))
+}
+
+/// The regions of each range with so many pixels or more, and how many there are of any size.
+fn regions(rgb: &[u8], width: usize, height: usize, least: f64) -> (Vec<Region>, usize) {
+    let tables = Tables::new(&RANGES);
+    // Noise would tear what lies near a range's limit.
+    let rgb = smooth(rgb, width, height);
+    let mut runs: Vec<Runs> = RANGES.iter().map(|_| Runs::default()).collect();
+    let mut starts = [0; RANGE_COUNT];
+    for (y, line) in rgb.chunks_exact(3 * width.max(1)).enumerate() {
+        runs.iter_mut().for_each(Runs::begin_row);
+        let mut before = 0;
+        let sets = line.as_chunks::<3>().0.iter().map(|pixel| tables.ranges(*pixel));
+        for (x, set) in sets.chain([0]).enumerate() {
+            let mut changes = set ^ before;
+            while changes != 0 {
+                let bit = changes.trailing_zeros() as usize;
+                changes &= changes - 1;
+                if set >> bit & 1 == 1 {
+                    starts[bit] = x;
+                } else {
+                    runs[bit].push(starts[bit], x, y);
+                }
             }
+            before = set;
         }
-        let (labelled, count) = runs.labelled();
-        let mut members: Vec<Vec<(usize, usize, usize)>> = vec![Vec::new(); count];
-        for (region, row, start, end) in labelled {
-            members[region].push((row, start, end));
-        }
-        all.extend(members.into_iter().map(|runs| Region::new(colour, runs)));
     }
-    all
+    let (mut all, mut count) = (Vec::new(), 0);
+    for (runs, range) in runs.into_iter().zip(RANGES) {
+        let (regions, any) = runs.regions(least as usize);
+        all.extend(regions.into_iter().map(|runs| Region::new(range.colour, runs)));
+        count += any;
+    }
+    (all, count)
+}
+
+/// Which regions stay where several ranges have one at the same place: the one most like a parallelogram, the larger
+/// of equals.
+fn each_once(regions: &[Region], among: &[usize]) -> Vec<bool> {
+    let worth = |i: usize| {
+        regions[i].area.powf(0.3) * (1.0 - 2.0 * (regions[i].tile().fullness - 1.0).abs())
+    };
+    let mut order = among.to_vec();
+    order.sort_by(|&a, &b| worth(b).total_cmp(&worth(a)).then(a.cmp(&b)));
+    let near = Near::new(regions, among);
+    let mut stays = vec![false; regions.len()];
+    for i in order {
+        let reach = 0.35 * regions[i].side();
+        let apart = |j: usize| distance(regions[i].centre, regions[j].centre);
+        stays[i] = !near.of(i).any(|j| stays[j] && apart(j) < reach);
+    }
+    stays
 }
 
 /// Regions that are found by place: a cloth has tens of thousands of them.
@@ -541,13 +695,57 @@ mod tests {
         let stages = Stages::run(&rgb, width, height, &Filters::default());
         let square = stages.square().unwrap();
 
-        let counts: Vec<usize> = stages.stages.iter().map(|s| s.left.len()).collect();
-        assert_eq!((counts[0], counts[5]), (10, 9), "{counts:?}");
+        let counts: Vec<usize> = stages.stages.iter().map(|s| s.count).collect();
+        assert_eq!(counts[6], 9, "{counts:?}");
         assert!(counts.is_sorted_by(|a, b| a >= b));
         assert_eq!(
             square.corners.map(|c| (c.0.round(), c.1.round())),
             [(36.0, 36.0), (116.0, 36.0), (116.0, 116.0), (36.0, 116.0)]
         );
+    }
+
+    #[test]
+    fn noise_and_dim_light_leave_the_square() {
+        let (mut rgb, width, height) = picture(40);
+        let mut state = 1u32;
+        for value in &mut rgb {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let noise = f64::from(state >> 24) / 255.0 - 0.5;
+            *value = (f64::from(*value) * 0.4 + 28.0 * noise).clamp(0.0, 255.0) as u8;
+        }
+
+        let square = Stages::run(&rgb, width, height, &Filters::default()).square();
+
+        assert!(square.is_ok(), "{square:?}");
+    }
+
+    #[test]
+    fn a_large_picture_is_reduced_and_told_in_its_own_pixels() {
+        let (rgb, width, height) = picture(400);
+
+        let stages = Stages::run(&rgb, width, height, &Filters::default());
+        let square = stages.square().unwrap();
+
+        assert!(stages.step > 1);
+        assert!(distance(square.corners[0], (359.5, 359.5)) < 4.0, "{:?}", square.corners);
+    }
+
+    #[test]
+    fn four_corner_tiles_make_the_pose() {
+        let (rgb, width, height) = picture(40);
+        let lens = crate::vision::Lens {
+            focal: (600.0, 600.0),
+            centre: (76.0, 76.0),
+            radial: [0.0; 3],
+            tangential: [0.0; 2],
+        };
+        let square = Stages::run(&rgb, width, height, &Filters::default()).square().unwrap();
+
+        let pose = crate::vision::locate(&square.face().unwrap(), lens, 0.057);
+
+        // A pitch of 19 mm is 40 px wide.
+        let place = pose.camera_from_face.translation.vector;
+        assert!((place.z - 0.285).abs() < 0.003 && place.xy().norm() < 0.001, "{place}");
     }
 
     #[test]

@@ -23,36 +23,8 @@ pub(super) struct Patch {
 impl Patch {
     /// Copies a window that lies inside the image; `step` x `step` pixels become one.
     pub(super) fn new(image: &RgbImage, window: Rect, step: usize) -> Self {
-        let stride = 3 * image.width() as usize;
-        let raw = image.as_raw();
+        let rgb = reduced(image.as_raw(), image.width() as usize, window, step);
         let (width, height) = (window.width as usize / step, window.height as usize / step);
-        let mut rgb = Vec::with_capacity(3 * width * height);
-        // Sums of `step` rows, then of `step` pixels of these.
-        let mut sums = vec![0u32; 3 * width * step];
-        let n = (step * step) as u32;
-        for y in 0..height {
-            let row = (window.y as usize + y * step) * stride + 3 * window.x as usize;
-            if step == 1 {
-                rgb.extend_from_slice(&raw[row..row + 3 * width]);
-                continue;
-            }
-            sums.fill(0);
-            for dy in 0..step {
-                let line = &raw[row + dy * stride..][..3 * width * step];
-                for (sum, value) in sums.iter_mut().zip(line) {
-                    *sum += u32::from(*value);
-                }
-            }
-            for block in sums.chunks_exact(3 * step) {
-                let mut pixel = [n / 2; 3];
-                for one in block.chunks_exact(3) {
-                    for (sum, value) in pixel.iter_mut().zip(one) {
-                        *sum += value;
-                    }
-                }
-                rgb.extend(pixel.map(|sum| (sum / n) as u8));
-            }
-        }
         let origin = (f64::from(window.x), f64::from(window.y));
         Self { rgb, width, height, step, origin }
     }
@@ -91,6 +63,13 @@ impl Patch {
         (percentile(&counts, total, 0.99), f64::from(clipped) / f64::from(total.max(1)))
     }
 
+    /// Whether hardly any pixel has a colour.
+    pub(super) fn colourless(&self) -> bool {
+        let pixels = || self.rgb.chunks_exact(3).step_by(7);
+        let coloured = pixels().filter(|p| p[0].max(p[1]).max(p[2]) - p[0].min(p[1]).min(p[2]) > 8);
+        500 * coloured.count() <= pixels().len()
+    }
+
     /// Samples the inside of the tile at grid place `g`.
     pub(super) fn sample(&self, h: &Matrix3<f64>, g: Point, sticker: f64) -> TileSample {
         let reach = 0.36 * sticker.clamp(0.4, 0.95);
@@ -103,6 +82,40 @@ impl Patch {
         }
         TileSample::new(pixels)
     }
+}
+
+/// The pixels of a window that lies inside a picture `columns` wide; `step` x `step` of them become one.
+pub(super) fn reduced(raw: &[u8], columns: usize, window: Rect, step: usize) -> Vec<u8> {
+    let stride = 3 * columns;
+    let (width, height) = (window.width as usize / step, window.height as usize / step);
+    let mut rgb = Vec::with_capacity(3 * width * height);
+    // Sums of `step` rows, then of `step` pixels of these.
+    let mut sums = vec![0u32; 3 * width * step];
+    let n = (step * step) as u32;
+    for y in 0..height {
+        let row = (window.y as usize + y * step) * stride + 3 * window.x as usize;
+        if step == 1 {
+            rgb.extend_from_slice(&raw[row..row + 3 * width]);
+            continue;
+        }
+        sums.fill(0);
+        for dy in 0..step {
+            let line = &raw[row + dy * stride..][..3 * width * step];
+            for (sum, value) in sums.iter_mut().zip(line) {
+                *sum += u32::from(*value);
+            }
+        }
+        for block in sums.chunks_exact(3 * step) {
+            let mut pixel = [n / 2; 3];
+            for one in block.chunks_exact(3) {
+                for (sum, value) in pixel.iter_mut().zip(one) {
+                    *sum += value;
+                }
+            }
+            rgb.extend(pixel.map(|sum| (sum / n) as u8));
+        }
+    }
+    rgb
 }
 
 /// Share of the gap beside a tile that is looked at, and levels between which a rim pixel counts.

@@ -176,7 +176,7 @@ fn runs_below(line: &[u8], threshold: u8, mut run: impl FnMut(usize, usize)) {
 }
 
 /// [1 2 1] / 4 along both directions; borders are repeated.
-fn smooth(rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
+pub(super) fn smooth(rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
     let row = 3 * width;
     let mut out = vec![0u8; rgb.len()];
     if width < 3 || height < 3 {
@@ -295,22 +295,32 @@ impl Runs {
         i
     }
 
-    /// The region of each run as a number, the runs as (row, first, one after the last), and how many regions.
-    pub(super) fn labelled(mut self) -> (Vec<(usize, usize, usize, usize)>, usize) {
-        let mut slot = vec![usize::MAX; self.all.len()];
+    /// The runs (row, first, one after the last) of each region of `least` pixels or more, row by row, and how many
+    /// regions there are of any size.
+    pub(super) fn regions(mut self, least: usize) -> (Vec<Vec<(usize, usize, usize)>>, usize) {
+        let mut areas = vec![0u32; self.all.len()];
+        for i in 0..self.all.len() {
+            let root = self.root(i as u32) as usize;
+            areas[root] += self.all[i].end - self.all[i].start;
+        }
+        let count = areas.iter().filter(|&&area| area > 0).count();
+        // From here on the entry of a root is its region's number.
         let mut regions = 0;
-        let runs = (0..self.all.len())
-            .map(|i| {
-                let root = self.root(i as u32) as usize;
-                if slot[root] == usize::MAX {
-                    slot[root] = regions;
-                    regions += 1;
-                }
-                let run = self.all[i];
-                (slot[root], run.y as usize, run.start as usize, run.end as usize)
-            })
-            .collect();
-        (runs, regions)
+        for area in &mut areas {
+            let small = (*area as usize) < least.max(1);
+            *area = if small { u32::MAX } else { regions };
+            regions += u32::from(!small);
+        }
+        let mut members = vec![Vec::new(); regions as usize];
+        for i in 0..self.all.len() {
+            let number = areas[self.root(i as u32) as usize];
+            let run = self.all[i];
+            if number != u32::MAX {
+                let run = (run.y as usize, run.start as usize, run.end as usize);
+                members[number as usize].push(run);
+            }
+        }
+        (members, count)
     }
 
     /// The regions that look like tiles, and the number of all regions.

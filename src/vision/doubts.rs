@@ -1,0 +1,265 @@
+//! What speaks for a lattice's being a face of a cube, and what against it.
+//!
+//! Windows, cloth, drawers, charts and keypads have lattices of nine, too. A confidence of [`PERHAPS`] or less says that
+//! the nine may be something else; how each rule came about stands with it.
+//!
+//! - in: a [`Lattice`], the sides of its tiles that are seen, the picture
+//! - out: factors 0..=1
+//! - source: own work
+
+use super::classes::median;
+use super::colours;
+use super::homography::apply;
+use super::lattice::Lattice;
+use super::patch::Patch;
+use nalgebra::Matrix3;
+
+/// Greatest confidence in what may be a face as well as something else.
+pub(super) const PERHAPS: f64 = 0.6;
+
+/// How certain the places of the tiles alone make a face, 0..=1; `sides` are those that each cell shows.
+pub(super) fn certainty(lattice: &Lattice, sides: &[u8; 9]) -> f64 {
+    let fit = (-(lattice.residual / 0.10).powi(2)).exp();
+    let even = (-(lattice.unevenness / 0.5).powi(2)).exp();
+    support(lattice, sides) * fit * even
+}
+
+/// By how many of the nine tiles a face is borne out, 0..=1.
+fn support(lattice: &Lattice, sides: &[u8; 9]) -> f64 {
+    // A cell without a region of its own may still be a tile: then it ends where a tile does, on all sides, or on those
+    // that nothing covers. What goes on evenly is what the cube lies on.
+    let free = (0..9).filter(|&i| lattice.tiles[i].is_none());
+    let shown: f64 = free.map(|i| SHOWN[usize::from(sides[i])]).sum();
+    let held = lattice.count();
+    let support = ((held as f64 + shown - 4.5) / 4.5).clamp(0.0, 1.0);
+    // Two rows or two columns do not say on which side the third one is.
+    let lies = |along: fn(usize) -> usize| {
+        (0..3).all(|k| {
+            let mut line = (0..9).filter(|&i| along(i) == k);
+            // Three of the sides may be the next line's.
+            line.clone().map(|i| sides[i]).sum::<u8>() >= 5
+                || line.any(|i| lattice.tiles[i].is_some() || sides[i] >= 3)
+        })
+    };
+    if !(lies(|i| i / 3) && lies(|i| i % 3)) {
+        return support.min(NOWHERE);
+    }
+    // Six that agree in place, size and form are a face under a hand, and so are four with what the others show; they
+    // say no more than that.
+    let enough = held >= 6 || (held >= 4 && sides.iter().sum::<u8>() >= MANY);
+    let exact = enough && lattice.residual < 0.03 && lattice.unevenness < 0.12;
+    if exact { support.max(0.48) } else { support }
+}
+
+/// Support of tiles that leave a row or a column open: nobody is told.
+const NOWHERE: f64 = 0.35;
+
+/// From this many of 36 sides on nothing covers the face, and its tiles are alike.
+pub(super) const AGREE: u8 = 30;
+
+/// From this many of 36 sides on a face is seen.
+const MANY: u8 = 20;
+
+/// What a cell that no region holds counts for by how many of a tile's sides it shows. One side is the next tile's.
+const SHOWN: [f64; 5] = [0.0, 0.0, 0.35, 0.5, 0.6];
+
+/// Largest difference of two tiles in the shares of red, green and blue in their light.
+pub(super) fn hues(rgb: &[[f64; 3]; 9]) -> f64 {
+    let shares = rgb.map(|c| {
+        let linear = c.map(|v| colours::to_linear(v) + 0.002);
+        let sum: f64 = linear.iter().sum();
+        linear.map(|v| v / sum)
+    });
+    (0..3)
+        .map(|k| {
+            let level = |s: &[f64; 3]| s[k];
+            shares.iter().map(level).fold(0.0, f64::max)
+                - shares.iter().map(level).fold(1.0, f64::min)
+        })
+        .fold(0.0, f64::max)
+}
+
+/// What the colours say for a cube, 0..=1: nine tiles of one hue are a window, drawers, a floor more often than a face
+/// that is solved.
+pub(super) fn variety(hues: f64) -> f64 {
+    PERHAPS + (1.0 - PERHAPS) * ((hues - 0.1) / 0.1).clamp(0.0, 1.0)
+}
+
+/// What the colours' places say for a cube, 0..=1: where a cloth's stripes cross, each colour is its row's and its column's
+/// together, and a chessboard has every other one. A face that looks like that may be such a thing.
+pub(super) fn unwoven(rgb: &[[f64; 3]; 9]) -> f64 {
+    let (mut all, mut crossed, mut chequered) = (0.0, 0.0, 0.0);
+    for c in 0..3 {
+        let mean = |of: &dyn Fn(usize) -> bool| {
+            let levels: Vec<f64> = (0..9).filter(|&j| of(j)).map(|j| rgb[j][c]).collect();
+            levels.iter().sum::<f64>() / levels.len() as f64
+        };
+        let whole = mean(&|_| true);
+        for (i, level) in rgb.iter().map(|p| p[c]).enumerate() {
+            let (row, column) = (mean(&|j| j / 3 == i / 3), mean(&|j| j % 3 == i % 3));
+            all += (level - whole).powi(2);
+            crossed += (level - row - column + whole).powi(2);
+            chequered += (level - mean(&|j| j % 2 == i % 2)).powi(2);
+        }
+    }
+    let share = (f64::min(crossed, chequered) / f64::max(all, 1.0)).sqrt();
+    PERHAPS + (1.0 - PERHAPS) * ((share - WOVEN) / 0.1).clamp(0.0, 1.0)
+}
+
+/// Share of the tiles' differences that stripes, or a chessboard, leave unexplained. Of six colours drawn at random 0.7 is
+/// usual.
+const WOVEN: f64 = 0.15;
+
+/// What the tiles' form says for a cube, 0..=1: their share of the pitch, and their mean fullness. Stickers leave little of
+/// the face free, as edges see it at least 0.7 of the pitch; discs have a fullness of 1.047.
+pub(super) fn form(share: f64, fullness: f64) -> f64 {
+    ((share - 0.5) / 0.2).clamp(0.0, 1.0) * ((1.045 - fullness) / 0.015).clamp(0.0, 1.0)
+}
+
+impl Patch {
+    /// How much more the colour of the four lines of gaps between a face's tiles differs from line to line than along a
+    /// line, over how much it differs from the tiles', at most 1. A cube's body has one colour, and where there is none it
+    /// is the tiles beside that show, three of each line; stripes of a cloth have a colour each.
+    pub(super) fn patchwork(&self, h: &Matrix3<f64>, rgb: &[[f64; 3]; 9]) -> f64 {
+        let mean = |line: f64, cell: f64, across: bool| {
+            let places = [-0.2, -0.1, 0.0, 0.1, 0.2].map(|k| cell + k);
+            let at = |t: f64| apply(h, if across { (t, line) } else { (line, t) });
+            let pixels: Vec<[f64; 3]> =
+                places.into_iter().filter_map(|t| self.pixel(at(t))).collect();
+            let n = pixels.len().max(1) as f64;
+            std::array::from_fn(|c| pixels.iter().map(|p| p[c]).sum::<f64>() / n)
+        };
+        let lines = [(-0.5, true), (0.5, true), (-0.5, false), (0.5, false)];
+        let gaps = lines.map(|(line, across)| [-1.0, 0.0, 1.0].map(|t| mean(line, t, across)));
+        let middle = |of: &[[f64; 3]]| -> [f64; 3] {
+            std::array::from_fn(|c| median(of.iter().map(|p| p[c]).collect()))
+        };
+        let apart =
+            |a: &[f64; 3], b: &[f64; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f64::max);
+        let gap = middle(gaps.as_flattened());
+        let own = gaps.map(|line| middle(&line));
+        let between = own.iter().map(|line| apart(line, &gap)).sum::<f64>() / 4.0;
+        let along =
+            gaps.iter().zip(&own).flat_map(|(line, own)| line.iter().map(|g| apart(g, own)));
+        let along = along.sum::<f64>() / 12.0;
+        ((between - along).max(0.0) / apart(&gap, &middle(rgb)).max(1.0)).min(1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vision::homography::GRID;
+    use crate::vision::lattice::Onward;
+    use crate::vision::{Rect, testing::STICKERS};
+    use image::{Rgb, RgbImage};
+
+    /// An exact lattice that holds these cells.
+    fn lattice(held: [bool; 9]) -> Lattice {
+        Lattice {
+            homography: Matrix3::new(20.0, 0.0, 40.0, 0.0, 20.0, 40.0, 0.0, 0.0, 1.0),
+            tiles: std::array::from_fn(|i| held[i].then_some(i)),
+            residual: 0.01,
+            unevenness: 0.02,
+            sticker: 0.8,
+            beyond: 0,
+            around: 16,
+            onward: Onward::Ends,
+        }
+    }
+
+    fn without(cells: &[usize]) -> Lattice {
+        lattice(std::array::from_fn(|i| !cells.contains(&i)))
+    }
+
+    #[test]
+    fn six_exact_tiles_are_a_face_where_they_span_it() {
+        let none = [0; 9];
+
+        assert!(support(&without(&[]), &none) > 0.99);
+        assert!(support(&without(&[0, 4, 8]), &none) >= 0.48);
+        assert!(support(&without(&[0, 1, 2]), &none) <= NOWHERE);
+        assert!(support(&without(&[2, 5, 8]), &none) <= NOWHERE);
+        let mut rough = without(&[0, 4, 8]);
+        rough.unevenness = 0.2;
+        assert!(support(&rough, &none) < 0.4);
+    }
+
+    #[test]
+    fn four_tiles_are_a_face_with_enough_sides_of_the_others() {
+        let few = without(&[1, 2, 4, 5, 6]);
+
+        assert!(support(&few, &[4, 1, 2, 4, 1, 1, 0, 4, 4]) >= 0.48);
+        assert!(support(&few, &[4, 0, 0, 4, 0, 0, 0, 4, 4]) < 0.1);
+        // The sides that a row of nothing shows are the next row's.
+        let row = without(&[0, 1, 2]);
+        assert!(support(&row, &[1, 2, 1, 4, 4, 4, 4, 4, 4]) <= NOWHERE);
+        assert!(support(&row, &[2, 2, 1, 4, 4, 4, 4, 4, 4]) >= 0.48);
+    }
+
+    #[test]
+    fn cells_without_a_region_count_by_the_sides_they_show() {
+        let seven = without(&[0, 8]);
+
+        let by = |n| support(&seven, &[n, 4, 4, 4, 4, 4, 4, 4, n]);
+
+        assert!(by(1) < by(2) && by(2) < by(3) && by(3) < by(4) && by(4) < 1.0);
+        assert_eq!(by(0), by(1));
+    }
+
+    #[test]
+    fn discs_and_small_pictures_on_a_wall_have_another_form() {
+        assert!(form(0.85, 1.01) > 0.99);
+        assert_eq!(form(0.85, 1.047), 0.0);
+        assert!(form(0.55, 1.0) < 0.3);
+    }
+
+    #[test]
+    fn one_hue_is_no_sure_face() {
+        let shade = |i: usize| [140.0, 95.0, 60.0].map(|c: f64| c * (0.8 + 0.04 * i as f64));
+
+        assert!(variety(hues(&std::array::from_fn(shade))) < 0.65);
+        assert!(variety(hues(&std::array::from_fn(|i| STICKERS[i % 6]))) > 0.99);
+    }
+
+    #[test]
+    fn stripes_that_cross_and_chessboards_are_no_sure_face() {
+        let stripes = [[200.0, 40.0, 30.0], [20.0, 90.0, 160.0], [90.0, 180.0, 60.0]];
+        let cloth = std::array::from_fn(|i| {
+            std::array::from_fn(|c| 0.5 * stripes[i % 3][c] + 0.5 * stripes[2 - i / 3][c])
+        });
+        let board = std::array::from_fn(|i| stripes[i % 2]);
+        let face = [0, 1, 2, 3, 4, 5, 4, 1, 0].map(|c| STICKERS[c]);
+
+        assert!(unwoven(&cloth) <= PERHAPS && unwoven(&board) <= PERHAPS);
+        assert!(unwoven(&face) > 0.99);
+        let mut one = [STICKERS[0]; 9];
+        one[5] = STICKERS[1];
+        assert!(unwoven(&one) > 0.99);
+    }
+
+    #[test]
+    fn gaps_of_a_colour_each_are_a_cloths() {
+        let gaps = [[20.0; 3], [220.0, 30.0, 30.0], [30.0, 60.0, 220.0], [230.0, 220.0, 40.0]];
+        let picture = |gap: &dyn Fn(usize) -> [f64; 3]| {
+            let image = RgbImage::from_fn(80, 80, |x, y| {
+                let line = |v: u32| if (28..=32).contains(&v) { 1 } else { 2 };
+                let on = |v: u32| (28..=32).contains(&v) || (48..=52).contains(&v);
+                let pixel = match (on(x), on(y)) {
+                    (true, _) => gap(line(x)),
+                    (_, true) => gap(line(y) + 1),
+                    _ => STICKERS[((x / 20 + 3 * (y / 20)) % 6) as usize],
+                };
+                Rgb(pixel.map(|v| v as u8))
+            });
+            let whole = Rect { x: 0, y: 0, width: 80, height: 80 };
+            let patch = Patch::new(&image, whole, 1);
+            let h = without(&[]).homography;
+            let rgb = GRID.map(|g| patch.sample(&h, g, 0.7).rgb);
+            patch.patchwork(&h, &rgb)
+        };
+
+        assert!(picture(&|_| gaps[0]) < 0.02);
+        assert!(picture(&|line| gaps[line]) > 0.2);
+    }
+}

@@ -1,0 +1,243 @@
+//! The sides of a face's tiles: a tile that a finger cuts, or a reflection, still shows where its other sides are.
+//!
+//! From each cell of a lattice lines are followed outwards, four ways, until the first edge. On the sides of a tile
+//! they end at one distance from the cell's middle, the same for all tiles of a face; on a finger's outline, or
+//! where nothing is, they do not. The lattice is fitted to the ends that agree, and what agrees then is seen.
+//!
+//! - in: [`Edges`], a first homography of the face, half a tile's side in pitches
+//! - out: the homography that fits the sides, and which sides of the nine tiles are seen
+//! - source: own work; least squares on lines by the direct linear transform with Tukey's weights
+
+use super::homography::{self, GRID, Point, apply};
+use super::segment::Edges;
+use nalgebra::{Matrix3, SMatrix, SVector};
+
+/// The sides of nine tiles.
+#[derive(Debug, Clone)]
+pub(super) struct Sides {
+    /// Takes (column - 1, row - 1) to pixels.
+    pub(super) homography: Matrix3<f64>,
+    /// How many sides of each tile are seen, 0..=4.
+    pub(super) seen: [u8; 9],
+    /// Side of a tile as edges bound it, in pitches.
+    pub(super) sticker: f64,
+}
+
+/// Where lines start beside a cell's middle, in pitches: beyond a maker's mark, and off the corners.
+const ALONG: [f64; 5] = [-0.24, -0.12, 0.0, 0.12, 0.24];
+/// How many of them must end on a side.
+const ENOUGH: usize = 3;
+/// The four ways outwards.
+const WAYS: [Point; 4] = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)];
+
+/// The end of a line.
+#[derive(Debug, Clone, Copy)]
+struct End {
+    cell: usize,
+    way: usize,
+    /// From the cell's middle, in pitches.
+    distance: f64,
+    pixel: Point,
+}
+
+impl Sides {
+    /// How many sides are seen in all.
+    pub(super) fn total(&self) -> u8 {
+        self.seen.iter().sum()
+    }
+
+    /// The same, or the face a row or a column over, when that shows clearly more sides: a face of which one row is hidden
+    /// was perhaps taken with a row of nothing.
+    pub(super) fn best(edges: &Edges, threshold: u8, start: &Matrix3<f64>, half: f64) -> Self {
+        let mut best = Self::fit(edges, threshold, start, half);
+        let lacks = |line: [usize; 3]| line.iter().map(|&i| best.seen[i]).sum::<u8>() <= 3;
+        let over = [
+            ([0, 3, 6], (1.0, 0.0)),
+            ([2, 5, 8], (-1.0, 0.0)),
+            ([0, 1, 2], (0.0, 1.0)),
+            ([6, 7, 8], (0.0, -1.0)),
+        ];
+        let shifts: Vec<Point> =
+            over.into_iter().filter(|(line, _)| lacks(*line)).map(|(_, shift)| shift).collect();
+        for (x, y) in shifts {
+            let shift = Matrix3::new(1.0, 0.0, x, 0.0, 1.0, y, 0.0, 0.0, 1.0);
+            let moved = best.homography * shift;
+            if (moved[(2, 2)]).abs() > 1e-6 {
+                let other =
+                    Self::fit(edges, threshold, &(moved / moved[(2, 2)]), 0.5 * best.sticker);
+                if other.total() >= best.total() + 2 {
+                    best = other;
+                }
+            }
+        }
+        best
+    }
+
+    /// Fits the homography to the tiles' sides, from one that is up to a fifth of a pitch off.
+    pub(super) fn fit(edges: &Edges, threshold: u8, start: &Matrix3<f64>, half: f64) -> Self {
+        let mut h = *start;
+        let mut half = half;
+        for reach in [0.22, 0.16, 0.11, 0.08] {
+            let ends = ends(edges, threshold, &h, half - reach - 0.02);
+            let near = |end: &&End| (end.distance - half).abs() < reach;
+            let mut distances: Vec<f64> = ends.iter().filter(near).map(|e| e.distance).collect();
+            distances.sort_by(f64::total_cmp);
+            if let Some(middle) = distances.get(distances.len() / 2) {
+                half = *middle;
+            }
+            let Some(fitted) = solve(&ends, &h, half, reach) else { break };
+            h = fitted;
+        }
+        let pitch = homography::smallest_pitch(&GRID.map(|g| apply(&h, g)));
+        // Nearer to this tile's side than to the next tile's.
+        let nearer = (0.8 * (0.5 - half)).max(0.7 / pitch);
+        let reach = (1.2 / pitch).clamp(0.05, 0.10).min(nearer);
+        let mut counts = [[0; 4]; 9];
+        for end in ends(edges, threshold, &h, half - reach - 0.03) {
+            counts[end.cell][end.way] += usize::from((end.distance - half).abs() < reach);
+        }
+        let seen = counts.map(|sides| sides.iter().filter(|&&n| n >= ENOUGH).count() as u8);
+        Self { homography: h, seen, sticker: 2.0 * half }
+    }
+}
+
+/// Where the lines end that start in the clear, `from` pitches from the middle of their cells.
+fn ends(edges: &Edges, threshold: u8, h: &Matrix3<f64>, from: f64) -> Vec<End> {
+    let strength = |p: Point| {
+        let (x, y) = (p.0.round(), p.1.round());
+        // The picture's border is an edge of nothing.
+        let (right, bottom) = (edges.width as f64 - 2.0, edges.height as f64 - 2.0);
+        let inside = x > 1.0 && y > 1.0 && x < right && y < bottom;
+        inside.then(|| edges.strength[y as usize * edges.width + x as usize])
+    };
+    let from = from.max(0.12);
+    let mut ends = Vec::with_capacity(180);
+    for (cell, g) in GRID.into_iter().enumerate() {
+        for (way, (nx, ny)) in WAYS.into_iter().enumerate() {
+            let place = |out: f64, along: f64| {
+                apply(h, (g.0 + nx * out - ny * along, g.1 + ny * out + nx * along))
+            };
+            let pitch = homography::distance(place(0.0, 0.0), place(0.5, 0.0)) * 2.0;
+            let step = 0.5 / pitch.max(1.0);
+            for along in ALONG {
+                let mut out = from;
+                while out < 0.7 {
+                    let pixel = place(out, along);
+                    match strength(pixel) {
+                        None => break,
+                        Some(s) if s >= threshold => {
+                            if out > from {
+                                ends.push(End { cell, way, distance: out, pixel });
+                            }
+                            break;
+                        }
+                        Some(_) => out += step,
+                    }
+                }
+            }
+        }
+    }
+    ends
+}
+
+/// The homography whose tiles' sides lie at the ends, each weighted by how near it was.
+fn solve(ends: &[End], h: &Matrix3<f64>, half: f64, reach: f64) -> Option<Matrix3<f64>> {
+    let middle = apply(h, (0.0, 0.0));
+    let scale = homography::distance(middle, apply(h, (1.0, 1.0)));
+    let mut normal = SMatrix::<f64, 8, 8>::zeros();
+    let mut right = SVector::<f64, 8>::zeros();
+    let mut count = 0;
+    for end in ends {
+        let off = (end.distance - half) / reach;
+        if off.abs() >= 1.0 {
+            continue;
+        }
+        count += 1;
+        let weight = (1.0 - off * off).powi(2);
+        let (u, v) = ((end.pixel.0 - middle.0) / scale, (end.pixel.1 - middle.1) / scale);
+        let (g, (nx, ny)) = (GRID[end.cell], WAYS[end.way]);
+        // One coordinate of the place in the face is known: that of the side.
+        let (row, target) = if ny == 0.0 {
+            let x = g.0 + nx * half;
+            (SVector::<f64, 8>::from([u, v, 1.0, 0.0, 0.0, 0.0, -x * u, -x * v]), x)
+        } else {
+            let y = g.1 + ny * half;
+            (SVector::<f64, 8>::from([0.0, 0.0, 0.0, u, v, 1.0, -y * u, -y * v]), y)
+        };
+        normal += weight * row * row.transpose();
+        right += weight * row * target;
+    }
+    if count < 24 {
+        return None;
+    }
+    let g = normal.cholesky()?.solve(&right);
+    let inner = Matrix3::new(g[0], g[1], g[2], g[3], g[4], g[5], g[6], g[7], 1.0);
+    let outer = Matrix3::new(scale, 0.0, middle.0, 0.0, scale, middle.1, 0.0, 0.0, 1.0);
+    let fitted = outer * inner.try_inverse()?;
+    let fitted = fitted / fitted[(2, 2)];
+    let moved = |p: Point| homography::distance(apply(&fitted, p), apply(h, p)) / scale;
+    homography::OUTLINE.iter().all(|c| moved(*c) < 0.6).then_some(fitted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix3;
+
+    const TRUTH: [f64; 9] = [33.0, 5.0, 120.0, -4.0, 30.0, 100.0, 0.02, -0.03, 1.0];
+
+    /// Edges of a face of nine tiles with sides of 0.8, the hidden ones of these cells gone.
+    fn edges(hidden: &[usize]) -> (Edges, Matrix3<f64>) {
+        let truth = Matrix3::from_row_slice(&TRUTH);
+        let inverse = truth.try_inverse().unwrap();
+        let mut rgb = Vec::new();
+        for (y, x) in (0..200).flat_map(|y| (0..240).map(move |x| (y, x))) {
+            let (u, v) = apply(&inverse, (f64::from(x), f64::from(y)));
+            let (a, b) = (u.round(), v.round());
+            let cell = (a.abs() <= 1.0 && b.abs() <= 1.0).then(|| (3.0 * b + a + 4.0) as usize);
+            let on = (u - a).abs().max((v - b).abs()) < 0.4;
+            let tile = cell.is_some_and(|cell| on && !hidden.contains(&cell));
+            rgb.extend(if tile { [210, 60, 40] } else { [20, 20, 20] });
+        }
+        (Edges::new(&rgb, 240, 200), truth)
+    }
+
+    fn apart(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
+        let at = |g: &Point| homography::distance(apply(a, *g), apply(b, *g));
+        homography::OUTLINE.iter().map(at).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn the_sides_of_six_tiles_put_a_crooked_lattice_right() {
+        let (edges, truth) = edges(&[1, 4, 6]);
+        let mut crooked = truth;
+        crooked[(0, 2)] += 4.0;
+        crooked[(0, 0)] *= 0.95;
+
+        let sides = Sides::fit(&edges, 30, &crooked, 0.37);
+
+        assert!(apart(&crooked, &truth) > 4.0);
+        assert!(apart(&sides.homography, &truth) < 1.5, "{}", apart(&sides.homography, &truth));
+        assert_eq!(sides.seen, [4, 0, 4, 4, 0, 4, 0, 4, 4]);
+    }
+
+    #[test]
+    fn a_face_taken_with_a_row_of_nothing_is_found_a_row_over() {
+        let (edges, truth) = edges(&[0]);
+        let below = truth * Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0);
+
+        let stays = Sides::fit(&edges, 30, &below, 0.38);
+        let moved = Sides::best(&edges, 30, &below, 0.38);
+
+        assert_eq!((stays.total(), moved.total()), (24, 32));
+        assert!(apart(&moved.homography, &truth) < 1.5);
+    }
+
+    #[test]
+    fn the_border_of_a_picture_is_no_side() {
+        let edges = Edges::new(&[90; 3 * 60 * 60], 60, 60);
+        let h = Matrix3::new(25.0, 0.0, 30.0, 0.0, 25.0, 30.0, 0.0, 0.0, 1.0);
+
+        assert_eq!(Sides::fit(&edges, 30, &h, 0.4).total(), 0);
+    }
+}
