@@ -102,8 +102,9 @@ impl Runner {
         let mut command = Command::new(&self.program);
         command.arg("run").arg(&self.scenario);
         command
-            .args(["--json", "--ui", "none", "--with-parent", "--seed"])
-            .arg(job.seed.to_string());
+            .args(["--json", "--ui", "none", "--seed"])
+            .arg(job.seed.to_string())
+            .arg("--with-parent");
         for option in self.set.iter().chain(&job.set) {
             command.args([OsString::from("--set"), option.into()]);
         }
