@@ -50,8 +50,6 @@ pub(super) struct Crossing {
     pub(super) filled: f64,
     /// Pixels a pitch along the normal.
     pub(super) scale: f64,
-    /// Standard deviation of the blur, where it is known, at least a pixel [px].
-    pub(super) blur: f64,
 }
 
 /// Size of the stickers.
@@ -301,7 +299,6 @@ impl<'a> Probe<'a> {
             .filter_map(|((_, across), groove)| across.open(groove.as_ref()?))
             .collect();
         let gaps = Gaps::median(&open).or(gaps);
-        let known = out.len();
         for ((side, across), groove) in inner.iter().zip(&grooves) {
             if let Some(groove) = groove {
                 across.between(side, groove, share, gaps.as_ref(), out);
@@ -315,11 +312,6 @@ impl<'a> Probe<'a> {
                 if let Some(across) = self.across(&side, camera_from_face, share) {
                     across.outside(&side, share, tolerance, gaps.as_ref(), out);
                 }
-            }
-        }
-        if let Some(gaps) = gaps {
-            for crossing in &mut out[known..] {
-                crossing.blur = gaps.blur.max(1.0);
             }
         }
         gaps
@@ -484,7 +476,7 @@ impl Across {
             blur = (spread * spread - over * over / 12.0).max(0.16).sqrt();
             width = b - a - 2.5 * filled * blur;
             filled = 2.0 * tail(0.5 * width / blur);
-            if filled.is_nan() || filled >= MOST_FILLED {
+            if !(filled < MOST_FILLED) {
                 return None;
             }
         }
@@ -553,7 +545,6 @@ impl Across {
             sigma,
             filled,
             scale: self.scale,
-            blur: 1.0,
         }
     }
 

@@ -25,7 +25,7 @@ use nalgebra::{Matrix6, SMatrix, SVector, Translation3, UnitQuaternion, Vector3}
 const FLOOR_MIDDLE: f64 = 0.04;
 const FLOOR_EDGE: f64 = 0.08;
 const FLOOR_SHARE: f64 = 0.001;
-/// The same where few pixels are a pitch, over the blur squared: blur reaches from edge to edge.
+/// The same where few pixels are a pitch [px^2]: blur reaches from edge to edge.
 const FLOOR_NARROW: f64 = 1.2;
 /// Share of these errors that edges have in common along a side of a face, and the gaps of a face: what lies beyond is
 /// the same for them all. Averaging does not make it smaller.
@@ -327,7 +327,7 @@ fn unsaid(crossing: &Crossing) -> f64 {
     floor
         .hypot(crossing.filled)
         .hypot(FLOOR_SHARE * crossing.scale)
-        .hypot(FLOOR_NARROW * crossing.blur.powi(2) / crossing.scale)
+        .hypot(FLOOR_NARROW / crossing.scale)
 }
 
 /// Standard deviation of a crossing: noise and what the model leaves unsaid [px].
