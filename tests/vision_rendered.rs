@@ -2,7 +2,7 @@
 //!
 //! `cargo test --release --test vision_rendered -- --nocapture` prints the table.
 
-use nalgebra::{Point3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use rubik_robot::cell::{Camera, Intrinsics, Mount};
@@ -10,10 +10,7 @@ use rubik_robot::hw::plant::render::{Look, Renderer, cube_alone};
 use rubik_robot::spatial::{Pose, pose_from_axes};
 use rubik_robot::vision::colours::{decide_cube, decide_face};
 use rubik_robot::vision::detect::window_around;
-use rubik_robot::vision::pose::nearest_of_24;
-use rubik_robot::vision::{
-    CubeLocation, DetectorSettings, Method, detect, locate_cube, locate_in, read_face,
-};
+use rubik_robot::vision::{DetectorSettings, Method, detect, locate_cube, locate_in, read_face};
 use std::hint::black_box;
 
 const EDGE: f64 = 0.057;
@@ -166,75 +163,6 @@ fn the_cube_is_localised_in_drawn_light() {
     assert!(Errors::rms(&faces.sideways) < 0.1 && Errors::p95(&faces.sideways) < 0.25);
     assert!(Errors::rms(&faces.depth) < 0.8 && Errors::p95(&faces.depth) < 2.0);
     assert!(cubes.depth.len() > 40 && Errors::rms(&cubes.sideways) < 0.2);
-}
-
-/// Squared error of the pose over the covariance told, of six freedoms; up to the 24 names of the cube's axes.
-fn nees(found: &CubeLocation, truth: &Pose) -> f64 {
-    let relative = found.camera_from_cube.rotation.inverse() * truth.rotation;
-    let alike = found.camera_from_cube.rotation * nearest_of_24(&relative);
-    let turn = (alike * truth.rotation.inverse()).scaled_axis();
-    let shift = found.camera_from_cube.translation.vector - truth.translation.vector;
-    let error = Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z);
-    found.covariance.cholesky().map_or(f64::INFINITY, |c| error.dot(&c.solve(&error)))
-}
-
-/// NEES of many frames of a cube of so many pixels, sharp or blurred beyond; of one face and of more, and how many were
-/// sure of a wrong orientation.
-fn consistency(width_px: f64, blur: f32, frames: u64) -> ([Vec<f64>; 2], usize) {
-    let mut random = Pcg64::seed_from_u64(11);
-    let (mut all, mut wrong) = ([Vec::new(), Vec::new()], 0);
-    for frame in 0..frames {
-        let facelets = std::array::from_fn(|_| random.random_range(0..6));
-        let mut world_from_cube = cube_before(&mut random, 0.7);
-        world_from_cube.translation.y *= 100.0 / width_px;
-        let mut look = Look::draw(frame);
-        (look.sensor.read_noise, look.sensor.shot_noise) = (6.0, 0.0);
-        let mut image = Renderer::new(camera(), look, frame)
-            .render(&cube_alone(world_from_cube, EDGE, facelets), 1.0);
-        if blur > 0.0 {
-            image = image::imageops::blur(&image, blur);
-        }
-        let camera = camera();
-        let Mount::World { world_from_camera } = camera.mount else { unreachable!() };
-        let truth = world_from_camera.inverse() * world_from_cube;
-        let found = detect(&image, None, &DetectorSettings::default())
-            .ok()
-            .and_then(|s| locate_in(&image, &s, &camera.intrinsics, EDGE, None));
-        let Some(found) = found else { continue };
-        let turned = |pose: &Pose| {
-            let relative = pose.rotation.inverse() * truth.rotation;
-            (nearest_of_24(&relative).inverse() * relative).angle()
-        };
-        let off = turned(&found.camera_from_cube);
-        // The other pose of one face is another matter: it is told.
-        if off > 0.26
-            || found.other.is_some_and(|other| turned(&other.camera_from_cube) < 0.5 * off)
-        {
-            wrong += usize::from(off > 0.26 && found.certainty() > 0.95);
-            continue;
-        }
-        all[usize::from(found.used.len() > 1)].push(nees(&found, &truth));
-    }
-    (all, wrong)
-}
-
-#[test]
-fn the_covariance_tells_the_error_of_small_and_of_blurred_cubes() {
-    for (width_px, blur) in [(50.0, 0.0), (60.0, 0.0), (100.0, 0.0), (100.0, 1.5)] {
-        let (all, wrong) = consistency(width_px, blur, 80);
-        for (mut values, faces) in all.into_iter().zip(["one face", "two or three faces"]) {
-            values.sort_by(f64::total_cmp);
-            let mean = values.iter().sum::<f64>() / values.len() as f64;
-            let (median, p95) = (values[values.len() / 2], values[values.len() * 95 / 100]);
-            println!(
-                "{width_px} px, blur {blur} px, {faces}: {} frames, NEES mean {mean:.1}, median {median:.1}, p95 {p95:.1}",
-                values.len()
-            );
-            assert!(values.len() >= 25, "{}", values.len());
-            assert!((0.3..9.0).contains(&mean) && p95 < 26.0, "{width_px} px, {faces}");
-        }
-        assert!(wrong <= 1, "{width_px} px: {wrong} sure of a wrong orientation");
-    }
 }
 
 /// The postument's hand camera looks from 0.2 m at a face of the cube that the track's gripper holds from the

@@ -136,9 +136,7 @@ struct FaceTruth {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct FrameTruth {
     pub(super) image: String,
-    #[serde(default)]
     width: u32,
-    #[serde(default)]
     height: u32,
     pub(super) intrinsics: Optics,
     pub(super) cube_mm: f64,

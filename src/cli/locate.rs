@@ -27,9 +27,7 @@ Answers, one line a picture:
   covariance         6x6 of a small error of camera_from_cube in the camera's axes: x, y, z [m], then the rotation
                      about the cube's centre [rad]; of noise and model, not of the optics given
   confidence         how certain it is that a cube was seen, 0 to 1
-  other              where one face alone leaves two poses, the one that was not chosen: its camera_from_cube, residual_px
-                     and probability beside the chosen one
-  certainty          how probable the chosen one is beside it: 1 where there is no other
+  other              the second pose that fits, where one face alone leaves two
   faces              those that were used, dominant one first
   reason             in place of all these when there is no pose
 Examples:
@@ -176,12 +174,7 @@ fn answer(name: &str, location: &CubeLocation) -> Value {
         "covariance": covariance,
         "residual_px": location.residual_px,
         "confidence": confidence(location),
-        "certainty": location.certainty(),
-        "other": location.other.as_ref().map(|other| json!({
-            "camera_from_cube": rows(&other.camera_from_cube),
-            "residual_px": other.residual_px,
-            "probability": other.probability,
-        })),
+        "other": location.other.as_ref().map(rows),
         "faces": faces,
     })
 }
@@ -202,16 +195,7 @@ fn words(location: &CubeLocation) -> String {
         if location.used.len() == 1 { "" } else { "s" },
         confidence(location),
         location.residual_px,
-        location.other.map_or_else(String::new, |other| {
-            let relative =
-                location.camera_from_cube.rotation.inverse() * other.camera_from_cube.rotation;
-            format!(
-                "; leaning the other way, {:.0} deg from this, it fits with {:.2} px: {:.1} % probable",
-                relative.angle().to_degrees(),
-                other.residual_px,
-                other.probability * 100.0
-            )
-        }),
+        if location.other.is_some() { ", another orientation fits, too" } else { "" },
     )
 }
 
@@ -219,8 +203,7 @@ fn words(location: &CubeLocation) -> String {
 #[command(after_help = "\
 Localises the cube in every frame of a folder that `vision render` wrote and compares with the truth beside them.
 Lateral is across the sight to the point, depth along it. NEES: squared error over the covariance reported; 6 on
-average when the covariance is right (5.3 at the median, 12.6 at 95 %). Leaning wrongly: frames whose orientation is
-off by more than 15 deg, and those of them that were told as certain (more than 95 %).
+average when the covariance is right (5.3 at the median, 12.6 at 95 %).
 Examples:
   rubik-robot vision accuracy frames
   rubik-robot vision accuracy frames --focal-error-percent 1
@@ -282,8 +265,6 @@ fn quantile(values: &[f64], share: f64) -> f64 {
 
 /// A dominant face farther from the truth than this is a wrong report [m].
 const ASTRAY: f64 = 0.015;
-/// An orientation farther from the truth than this is another pose's [rad].
-const LEANING: f64 = 0.26;
 
 /// The table, and whether every frame gave a pose.
 ///
@@ -295,7 +276,6 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(String, bool)> {
         [Errors::default(), Errors::default(), Errors::default()];
     let (mut nees, mut times, mut misses) = (Vec::new(), Vec::new(), Vec::new());
     let mut turns = Vec::new();
-    let (mut leaning, mut certain) = (0, 0);
     for frame in &frames {
         let image = load(&args.folder.join(&frame.image))?;
         let lens = scaled(&frame.intrinsics, 1.0 + args.focal_error_percent / 100.0);
@@ -327,10 +307,6 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(String, bool)> {
             truth.translation.vector.into(),
         );
         let error = error_of(&location.camera_from_cube, &truth);
-        if error.fixed_rows::<3>(3).norm() > LEANING {
-            leaning += 1;
-            certain += u32::from(location.certainty() > 0.95);
-        }
         turns.push(error.fixed_rows::<3>(3).norm());
         nees.extend(nees_of(&error, &location.covariance));
     }
@@ -342,7 +318,7 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(String, bool)> {
             "face_centre": face.json(), "cube_centre_several_faces": several.json(),
             "cube_centre_one_face": single.json(), "rotation_rms_deg": turn.to_degrees(),
             "nees_mean": mean, "nees_median": quantile(&nees, 0.5), "nees_p95": quantile(&nees, 0.95),
-            "leaning_wrongly": leaning, "certain_of_it": certain, "median_ms": quantile(&times, 0.5), "misses": misses });
+            "median_ms": quantile(&times, 0.5), "misses": misses });
         return Ok((format!("{object}\n"), all));
     }
     let mut out = String::from(
@@ -353,7 +329,7 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(String, bool)> {
     out += &single.line("centre of the cube, one face");
     writeln!(
         out,
-        "rotation {:.2} deg r.m.s.; NEES mean {mean:.1}, median {:.1}, p95 {:.1}; {leaning} leaning wrongly, {certain} certain of it; {} of {} frames, median {:.1} ms (with detection)",
+        "rotation {:.2} deg r.m.s.; NEES mean {mean:.1}, median {:.1}, p95 {:.1}; {} of {} frames, median {:.1} ms (with detection)",
         turn.to_degrees(),
         quantile(&nees, 0.5),
         quantile(&nees, 0.95),

@@ -46,8 +46,6 @@ pub(super) struct Crossing {
     pub(super) measured: f64,
     /// Standard deviation of that, of the noise alone [px].
     pub(super) sigma: f64,
-    /// The same of what light that blur brings into the gap beside an edge may do; 0 where it cancels [px].
-    pub(super) filled: f64,
     /// Pixels a pitch along the normal.
     pub(super) scale: f64,
 }
@@ -102,15 +100,12 @@ const DEPTH: (f64, f64) = (0.29, 0.14);
 const TAPS: usize = 96;
 /// Least contrast of an edge, of 255 (Euclidean in RGB), beside five times the noise.
 const CONTRAST: f32 = 14.0;
-/// A gap shows its own colour when less of its middle is light from beside it.
-const MOST_FILLED: f64 = 0.35;
-/// Its edges are measured one by one when less is, or when they are so many pixels apart; otherwise it is a line.
-const OPEN: f64 = 0.2;
+/// A gap shows its own colour from this width on [px].
 const WIDE_GAP: f64 = 3.0;
-/// What a groove as narrow as the blur adds to the standard deviation of its place, and a gap of unknown colour to that
-/// of an edge [px].
-const NARROW: f64 = 0.1;
-const RIM: f64 = 0.3;
+/// What a groove as narrow as the blur adds to the standard deviation of its place, and a rim of unknown colour to that
+/// of an outer edge [px].
+const NARROW: f64 = 0.07;
+const RIM: f64 = 0.2;
 /// A side seen at fewer pixels a pitch is not measured.
 const LEAST_PITCH: f64 = 5.0;
 /// The same along sides of faces that are nearly edge-on.
@@ -263,18 +258,19 @@ impl<'a> Probe<'a> {
     }
 
     /// Appends what can be measured of a face; edges are sought up to `tolerance` pitches from their prediction.
-    /// `gaps` is what is known of the gaps from a face with wider ones; returned is what to go on with.
+    /// `body` is the colour between the stickers if it is known from a face with wider gaps; returned is the one to
+    /// go on with.
     pub(super) fn measure(
         &self,
         face: usize,
         camera_from_face: &Pose,
         share: f64,
         tolerance: f64,
-        gaps: Option<Gaps>,
+        body: Option<Rgb>,
         out: &mut Vec<Crossing>,
-    ) -> Option<Gaps> {
+    ) -> Option<Rgb> {
         if self.width < 2 || self.height < 2 {
-            return gaps;
+            return body;
         }
         let side = |line: f64, cell: f64, way: usize| {
             let (across, along) =
@@ -292,16 +288,15 @@ impl<'a> Probe<'a> {
         }
         let grooves: Vec<Option<Groove>> =
             inner.iter().map(|(_, across)| across.groove(share, tolerance)).collect();
-        // Where the gaps are too narrow to show their own colour, another face's must serve.
-        let open: Vec<Gaps> = inner
-            .iter()
-            .zip(&grooves)
-            .filter_map(|((_, across), groove)| across.open(groove.as_ref()?))
-            .collect();
-        let gaps = Gaps::median(&open).or(gaps);
+        // Where the gap is too narrow to show its own colour, another face's must serve.
+        let wide = inner.iter().zip(&grooves).filter_map(|((_, across), groove)| {
+            let groove = groove.as_ref().filter(|g| g.detour)?;
+            (across.width(groove)? >= WIDE_GAP).then(|| across.profile.taps[groove.middle])
+        });
+        let body = median(&wide.collect::<Vec<Rgb>>()).or(body);
         for ((side, across), groove) in inner.iter().zip(&grooves) {
             if let Some(groove) = groove {
-                across.between(side, groove, share, gaps.as_ref(), out);
+                across.between(side, groove, share, body, out);
             }
         }
         for (way, cell) in cells {
@@ -310,11 +305,11 @@ impl<'a> Probe<'a> {
                 side.across = (sign * side.across.0, sign * side.across.1);
                 side.outer = true;
                 if let Some(across) = self.across(&side, camera_from_face, share) {
-                    across.outside(&side, share, tolerance, gaps.as_ref(), out);
+                    across.outside(&side, share, tolerance, body, out);
                 }
             }
         }
-        gaps
+        body
     }
 
     /// The profile across a side; `None` where it leaves the image or the face is seen too obliquely.
@@ -358,58 +353,16 @@ impl<'a> Probe<'a> {
     }
 }
 
-/// What the gaps between the stickers are like.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Gaps {
-    /// Their colour without the light that blur brings in from beside them.
-    body: Rgb,
-    /// Their width, in pitches.
-    width: f64,
-    /// Standard deviation of the blur [px].
-    blur: f64,
-}
-
-impl Gaps {
-    /// The median of each number.
-    fn median(all: &[Self]) -> Option<Self> {
-        let middle = |number: &dyn Fn(&Self) -> f64| {
-            let mut numbers: Vec<f64> = all.iter().map(number).collect();
-            numbers.sort_by(f64::total_cmp);
-            numbers[numbers.len() / 2]
-        };
-        (!all.is_empty()).then(|| Self {
-            body: std::array::from_fn(|c| middle(&|gaps| f64::from(gaps.body[c])) as f32),
-            width: middle(&|gaps| gaps.width),
-            blur: middle(&|gaps| gaps.blur),
-        })
+/// Median of each channel.
+fn median(colours: &[Rgb]) -> Option<Rgb> {
+    if colours.is_empty() {
+        return None;
     }
-
-    /// The colour against which an edge lies half way when `width` pixels of the body separate it from `next`: blur brings
-    /// the next colour in.
-    fn beyond(&self, width: f64, next: Rgb) -> Rgb {
-        let share = 2.0 * tail(width / self.blur) as f32;
-        std::array::from_fn(|c| (1.0 - share) * self.body[c] + share * next[c])
-    }
-
-    /// Share of light from beside it in the middle of a gap where a pitch has so many pixels.
-    fn filled(&self, scale: f64) -> f64 {
-        2.0 * tail(0.5 * self.width * scale / self.blur)
-    }
-
-    /// By how much such light may shift the edge of a tile that `width` pixels of the body separate from `next` [px]: what
-    /// comes over the gap, and half of what is in its middle and makes the body look brighter than it is. A dark tile's
-    /// edge is shifted more.
-    fn doubt(&self, scale: f64, width: f64, tile: Rgb, next: Rgb) -> f64 {
-        let contrast = |colour| f64::from(length(difference(colour, self.body)));
-        let ratio = (contrast(next) / contrast(tile).max(1.0)).min(4.0);
-        self.blur * (2.0 * tail(width / self.blur) * ratio + 0.5 * self.filled(scale))
-    }
-}
-
-/// Share of a normal distribution beyond so many standard deviations, after Abramowitz and Stegun 26.2.18 (to 3e-4).
-fn tail(x: f64) -> f64 {
-    let x = x.max(0.0);
-    0.5 / (1.0 + x * (0.196_854 + x * (0.115_194 + x * (0.000_344 + x * 0.019_527)))).powi(4)
+    Some(std::array::from_fn(|c| {
+        let mut levels: Vec<f32> = colours.iter().map(|rgb| rgb[c]).collect();
+        levels.sort_by(f32::total_cmp);
+        levels[levels.len() / 2]
+    }))
 }
 
 /// A profile across a side and where it lies.
@@ -457,33 +410,16 @@ impl Across {
         Some(Groove { first, second, middle, detour, reach, inner })
     }
 
-    /// The gap of a groove that is wide enough, against the blur, to show its own colour.
-    fn open(&self, groove: &Groove) -> Option<Gaps> {
-        if !groove.detour {
-            return None;
-        }
+    /// Width of a groove at half its depth [px].
+    fn width(&self, groove: &Groove) -> Option<f64> {
         let here = self.profile.taps[groove.middle];
-        let half_way =
-            |plateau, way, last| self.profile.half_way(groove.middle, plateau, here, way, last);
-        let (a, slope_a) = half_way(groove.first.0, -1, groove.inner.0)?;
-        let (b, slope_b) = half_way(groove.second.0, 1, groove.inner.1)?;
-        // The normal distribution's density is 0.4 in its middle; the slope is a mean over three steps. What light fills
-        // the gap makes it look flatter and wider than it is.
-        let over = 3.0 * self.profile.step;
-        let (mut filled, mut width, mut blur) = (0.0, b - a, 0.0);
-        for _ in 0..4 {
-            let spread: f64 = 0.8 / ((slope_a + slope_b) * (1.0 - filled));
-            blur = (spread * spread - over * over / 12.0).max(0.16).sqrt();
-            width = b - a - 2.5 * filled * blur;
-            filled = 2.0 * tail(0.5 * width / blur);
-            if !(filled < MOST_FILLED) {
-                return None;
-            }
-        }
-        let share = filled as f32;
-        let beside = |c: usize| 0.5 * (groove.first.0[c] + groove.second.0[c]);
-        let body = std::array::from_fn(|c| (here[c] - share * beside(c)) / (1.0 - share));
-        Some(Gaps { body, width: width / self.scale, blur })
+        let half_way = |plateau, way, last| {
+            self.profile.half_way(groove.middle, plateau, here, way, last).map(|(at, _)| at)
+        };
+        Some(
+            half_way(groove.second.0, 1, groove.inner.1)?
+                - half_way(groove.first.0, -1, groove.inner.0)?,
+        )
     }
 
     /// Place of a line or step that is as narrow as the blur: the colours on either side and a bump of any colour
@@ -532,7 +468,7 @@ impl Across {
         ((best.1 - start).abs() < 1.5).then_some(best.1)
     }
 
-    fn crossing(&self, side: &Side, kind: Kind, (at, sigma, filled): (f64, f64, f64)) -> Crossing {
+    fn crossing(&self, side: &Side, kind: Kind, at: f64, sigma: f64) -> Crossing {
         let measured = if kind == Kind::Gap { at } else { self.origin + at };
         let (face, across, side) = (side.face, side.across, side.middle);
         Crossing {
@@ -543,7 +479,6 @@ impl Across {
             normal: self.normal,
             measured,
             sigma,
-            filled,
             scale: self.scale,
         }
     }
@@ -554,15 +489,13 @@ impl Across {
         side: &Side,
         groove: &Groove,
         share: f64,
-        gaps: Option<&Gaps>,
+        body: Option<Rgb>,
         out: &mut Vec<Crossing>,
     ) {
         let profile = &self.profile;
         let gap = 0.5 * (1.0 - share) * self.scale;
         let ((first, noise_a), (second, noise_b)) = (groove.first, groove.second);
-        let mut push = |kind, at, sigma, filled| {
-            out.push(self.crossing(side, kind, (at, sigma, filled)));
-        };
+        let mut push = |kind, at, sigma| out.push(self.crossing(side, kind, at, sigma));
         if groove.detour {
             let here = profile.taps[groove.middle];
             let edge = |(plateau, noise): (Rgb, f32), beyond: Rgb, way: isize, last: usize| {
@@ -577,31 +510,24 @@ impl Across {
             let b = edge(groove.second, here, 1, groove.inner.1);
             match (a, b) {
                 (Some(a), Some(b)) => {
-                    let wide = b.0 - a.0 >= WIDE_GAP;
-                    let apart = gaps.filter(|gaps| wide || gaps.filled(self.scale) < OPEN);
-                    let apart = apart.and_then(|gaps| {
-                        let width = gaps.width * self.scale;
-                        let beyond = |next| gaps.beyond(width, next);
-                        let a = edge(groove.first, beyond(second), -1, groove.inner.0)?;
-                        let b = edge(groove.second, beyond(first), 1, groove.inner.1)?;
-                        let doubt = |tile, next| gaps.doubt(self.scale, width, tile, next);
-                        Some((a, b, doubt(first, second), doubt(second, first)))
-                    });
-                    let noise = |a: (f64, f64), b: (f64, f64)| a.1.hypot(b.1);
-                    if let Some((a, b, over, under)) = apart {
-                        // Light shifts both edges outwards: their middle feels the difference.
-                        let (middle, apart) = (0.5 * (a.0 + b.0), b.0 - a.0);
-                        push(Kind::Middle, middle, 0.5 * noise(a, b), 0.5 * (over - under).abs());
-                        push(Kind::Gap, apart, noise(a, b), over.hypot(under));
-                    } else if let Some(middle) = self.line(groove, 0.5 * (a.0 + b.0)) {
-                        push(Kind::Middle, middle, 0.5 * noise(a, b), NARROW);
-                        // A gap that is as narrow as the blur looks wider than it is.
-                        let wider = RIM + 0.6 * (3.5 - b.0 + a.0).max(0.0);
-                        push(Kind::Gap, b.0 - a.0, noise(a, b), wider);
+                    let half = 0.5 * (a.0 + b.0);
+                    let narrow = b.0 - a.0 < WIDE_GAP;
+                    let middle = if narrow { self.line(groove, half) } else { Some(half) };
+                    if let Some(middle) = middle {
+                        let more = if narrow { NARROW } else { 0.0 };
+                        push(Kind::Middle, middle, (0.5 * a.1.hypot(b.1)).hypot(more));
+                    }
+                    // The width needs the gap's own colour, which a narrow one does not show.
+                    let beyond = body.unwrap_or(here);
+                    if let (Some(a), Some(b)) = (
+                        edge(groove.first, beyond, -1, groove.inner.0),
+                        edge(groove.second, beyond, 1, groove.inner.1),
+                    ) {
+                        push(Kind::Gap, b.0 - a.0, a.1.hypot(b.1));
                     }
                 }
-                (Some(a), None) => push(Kind::First, a.0, a.1, RIM),
-                (None, Some(b)) => push(Kind::Second, b.0, b.1, RIM),
+                (Some(a), None) => push(Kind::First, a.0, a.1),
+                (None, Some(b)) => push(Kind::Second, b.0, b.1),
                 (None, None) => {}
             }
             return;
@@ -617,9 +543,9 @@ impl Across {
         };
         let sigma = f64::from(noise_a.max(noise_b) / direct) / slope;
         if gap < 0.6 || at.abs() < 0.4 * gap {
-            push(Kind::Middle, at, sigma, 0.0);
+            push(Kind::Middle, at, sigma);
         } else if at.abs() > 0.6 * gap {
-            push(if at < 0.0 { Kind::First } else { Kind::Second }, at, sigma, RIM);
+            push(if at < 0.0 { Kind::First } else { Kind::Second }, at, sigma);
         }
     }
 
@@ -629,7 +555,7 @@ impl Across {
         side: &Side,
         share: f64,
         tolerance: f64,
-        gaps: Option<&Gaps>,
+        body: Option<Rgb>,
         out: &mut Vec<Crossing>,
     ) {
         let (profile, scale) = (&self.profile, self.scale);
@@ -652,11 +578,7 @@ impl Across {
         let beyond = (beyond + 1).min(profile.count - 1);
         // Light from beyond fills a narrow rim: its own colour is that of the wider gaps.
         let here = profile.taps[beyond];
-        let next = profile.taps[profile.count - 1];
-        let (rim, filled) = gaps.map_or((here, RIM), |gaps| {
-            let width = 0.5 * gaps.width * scale;
-            (gaps.beyond(width, next), gaps.doubt(scale, width, plateau, next))
-        });
+        let rim = body.unwrap_or(here);
         let contrast = length(difference(plateau, rim));
         if contrast < CONTRAST.max(5.0 * noise) {
             return;
@@ -665,8 +587,9 @@ impl Across {
         if (at - edge).abs() > tolerance * scale + 1.0 {
             return;
         }
-        let sigma = f64::from(noise / contrast) / slope;
-        out.push(self.crossing(side, Kind::Outer, (at, sigma, filled)));
+        let more = if body.is_none() { RIM } else { 0.0 };
+        let sigma = (f64::from(noise / contrast) / slope).hypot(more);
+        out.push(self.crossing(side, Kind::Outer, at, sigma));
     }
 }
 

@@ -32,7 +32,7 @@ pub struct CubeLocation {
     /// The faces that were used, dominant one first.
     pub faces: Vec<FaceSighting>,
     /// The other orientation, when one face alone cannot tell two apart.
-    pub other: Option<Other>,
+    pub other: Option<Pose>,
     /// Where the faces that took part lie in the cube's frame, dominant one first: origin in the face's centre, x
     /// along its columns, y along its rows, z into the cube.
     pub used: Vec<Pose>,
@@ -40,35 +40,7 @@ pub struct CubeLocation {
     pub sightings: Vec<usize>,
 }
 
-/// The pose that was not chosen.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Other {
-    /// As [`CubeLocation::camera_from_cube`].
-    pub camera_from_cube: Pose,
-    /// Root mean square of its reprojection error [px].
-    pub residual_px: f64,
-    /// How probable it is beside the chosen one, 0..=0.5.
-    pub probability: f64,
-}
-
 impl CubeLocation {
-    /// How probable the chosen orientation is, 0.5..=1.
-    #[must_use]
-    pub fn certainty(&self) -> f64 {
-        self.other.map_or(1.0, |other| 1.0 - other.probability)
-    }
-
-    /// As the other one of a pose that was preferred. Of eighteen coordinates, each with the better pose's error.
-    fn beside(&self, preferred: &Self) -> Other {
-        let least = preferred.residual_px.min(self.residual_px).max(CENTROID);
-        let excess = (self.residual_px.powi(2) - preferred.residual_px.powi(2)) / least.powi(2);
-        Other {
-            camera_from_cube: self.camera_from_cube,
-            residual_px: self.residual_px,
-            probability: 1.0 / (1.0 + (9.0 * excess.max(0.0)).exp()),
-        }
-    }
-
     /// The dominant face: origin in its centre, z into the cube.
     #[must_use]
     pub fn camera_from_face(&self) -> Pose {
@@ -82,9 +54,6 @@ impl CubeLocation {
         self.faces.get(place)
     }
 }
-
-/// Least standard deviation of a centroid [px].
-const CENTROID: f64 = 0.1;
 
 /// Localises a face from the centroids of its tiles.
 ///
@@ -178,9 +147,9 @@ pub fn locate_cube(
             sightings: (0..members.len()).collect(),
         };
         match &mut best {
-            Some((least, kept)) if *least <= cost => kept.other = Some(location.beside(kept)),
+            Some((least, kept)) if *least <= cost => kept.other = Some(location.camera_from_cube),
             Some((least, kept)) => {
-                let other = kept.beside(&location);
+                let other = kept.camera_from_cube;
                 (*least, *kept) = (cost, location);
                 kept.other = Some(other);
             }

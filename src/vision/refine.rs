@@ -2,8 +2,7 @@
 //!
 //! The model is the cube with nine square stickers a face whose size is not known: their share of the pitch and
 //! what blur adds to them are estimated along with the pose. Faces that the detector missed take part as soon as
-//! edges are where the pose says. Between the two poses that one face leaves all edges decide together, those of faces
-//! seen nearly edge-on too; the other one is told with its probability.
+//! edges are where the pose says, which also decides between the two poses that one face leaves.
 //!
 //! - in: image, [`Lens`], the cube's edge [m], first poses from centroids
 //! - out: [`CubeLocation`] with its covariance
@@ -12,9 +11,7 @@
 use super::FaceSighting;
 use super::edges::{Crossing, Kind, Probe, Stickers};
 use super::fit::moved;
-use super::pose::{
-    CubeLocation, Other, cube_from_face, cube_rotations, locate_cube, nearest_of_24,
-};
+use super::pose::{CubeLocation, cube_from_face, cube_rotations, locate_cube};
 use super::undistort::Lens;
 use crate::spatial::Pose;
 use image::RgbImage;
@@ -22,18 +19,13 @@ use nalgebra::{Matrix6, SMatrix, SVector, Translation3, UnitQuaternion, Vector3}
 
 /// What the model leaves unsaid, as a standard deviation of each kind of crossing [px], and as a share of a pitch:
 /// uneven stickers, shade, interpolation, the mosaic.
-const FLOOR_MIDDLE: f64 = 0.04;
-const FLOOR_EDGE: f64 = 0.08;
-const FLOOR_SHARE: f64 = 0.001;
-/// The same where few pixels are a pitch [px^2]: blur reaches from edge to edge.
-const FLOOR_NARROW: f64 = 1.2;
-/// Share of these errors that edges have in common along a side of a face, and the gaps of a face: what lies beyond is
-/// the same for them all. Averaging does not make it smaller.
-const COMMON: f64 = 0.5;
-/// Spread of what blur adds to all edges of stickers [px].
+const FLOOR_MIDDLE: f64 = 0.05;
+const FLOOR_EDGE: f64 = 0.10;
+const FLOOR_GAP: f64 = 0.25;
+const FLOOR_SHARE: f64 = 0.002;
+/// Spread of what blur adds to all edges of stickers, and of what it adds to outer ones beyond that [px].
 const BLOOM: f64 = 0.4;
-/// Spread of what it adds to all outer ones beyond that [px], and in shares of what light fills the gaps.
-const OUTER: (f64, f64) = (0.05, 0.5);
+const OUTER: f64 = 0.1;
 /// Tolerances of the passes, in pitches.
 const PASSES: [f64; 3] = [0.16, 0.09, 0.06];
 /// A face takes part with so many crossings that fit.
@@ -44,17 +36,10 @@ const TRACKED: usize = 13;
 const FITS: f64 = 3.5;
 /// Two poses whose rotations differ by less are one [rad].
 const SAME: f64 = 0.03;
-/// A second pose is told when it is at least so probable.
-const POSSIBLE: f64 = 1e-3;
-/// What an edge in its place says for a pose, as a logarithm: it could be anywhere within the tolerance.
-const FOUND: f64 = 2.0;
-/// What edges of a face that is seen nearly edge-on err by, beyond others [px].
-const SHALLOW: f64 = 0.25;
-/// Errors of so many standard deviations begin to count less.
-const ROBUST: f64 = 2.4;
-/// A pose as far from a rough one as this is improbable [rad], by this logarithm.
-const HINTED: f64 = 0.2;
-const SURPRISE: f64 = 6.0;
+/// A second pose is kept when its support is at least this share of the first one's.
+const RIVAL: f64 = 0.9;
+/// So many more edges on faces seen nearly edge-on decide between two poses.
+const TELLING: usize = 3;
 /// A pass that moved the edges by less is the last one [px].
 const SETTLED: f64 = 0.04;
 /// Least cosine between the sight and a face's normal.
@@ -77,8 +62,7 @@ pub fn locate_in(
     let mut poses: Vec<Fitted> =
         fit(image, lens, edge, &coarse.camera_from_cube, share).into_iter().collect();
     // Two starts that are nearly one end in one.
-    let other = coarse.other.map(|other| other.camera_from_cube);
-    if let Some(start) = other.filter(|other| apart(other, &coarse.camera_from_cube)) {
+    if let Some(start) = coarse.other.filter(|o| apart(o, &coarse.camera_from_cube)) {
         poses.extend(fit(image, lens, edge, &start, share));
     }
     // One face leaves two poses; where both starts ended in one of them, the other is its mirror image.
@@ -91,28 +75,26 @@ pub fn locate_in(
             poses.extend(fit(image, lens, edge, &start, share));
         }
     }
-    // All that the picture shows decides, and what is known beforehand.
-    let spread = poses.iter().map(|p| p.spread).fold(f64::INFINITY, f64::min);
-    let several = poses.len() > 1;
-    let mut poses: Vec<(f64, Fitted)> = poses
-        .into_iter()
-        .map(|fitted| {
-            if !several {
-                return (0.0, fitted);
-            }
-            let seen = evidence(image, lens, edge, &fitted, spread);
-            (seen - hint.map_or(0.0, |hint| surprise(&fitted.pose, hint)), fitted)
-        })
-        .collect();
-    poses.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut poses = poses.into_iter();
-    let Some((most, fitted)) = poses.next() else { return Some(coarse) };
-    let other = poses.find(|(_, p)| apart(&p.pose, &fitted.pose)).map(|(less, p)| Other {
-        camera_from_cube: p.pose,
-        residual_px: p.residual_px,
-        probability: 1.0 / (1.0 + (most - less).exp()),
-    });
-    let mut location = fitted.location(other.filter(|other| other.probability >= POSSIBLE));
+    let mut poses: Vec<(usize, Fitted)> =
+        poses.into_iter().map(|p| (sides(image, lens, edge, &p.pose, share), p)).collect();
+    // Faces seen edge-on say which way the cube leans; where there are none, how well the edges fit.
+    let (most, fewest) = (
+        poses.iter().map(|p| p.0).max().unwrap_or(0),
+        poses.iter().map(|p| p.0).min().unwrap_or(0),
+    );
+    let told = most >= fewest + TELLING;
+    if told {
+        poses.retain(|p| p.0 + TELLING > most);
+    }
+    poses.sort_by(|a, b| b.1.support.total_cmp(&a.1.support));
+    let mut poses = poses.into_iter().map(|p| p.1);
+    let Some(fitted) = poses.next() else { return Some(coarse) };
+    // Only a pose that the edges bear out as well, or nearly so, remains a second one.
+    let other = poses
+        .filter(|r| r.support > RIVAL * fitted.support)
+        .map(|r| r.pose)
+        .find(|r| apart(r, &fitted.pose));
+    let mut location = fitted.location(other);
     // Faces that were detected keep the axes of their reading order.
     for (index, used) in location.used.iter_mut().enumerate() {
         let near = |p: &Pose| (p.translation.vector - used.translation.vector).norm() < 0.1 * edge;
@@ -154,45 +136,21 @@ fn mirrored(camera_from_cube: &Pose, cube_from_face: &Pose) -> Pose {
     )
 }
 
-/// How well the edges of all faces in sight are where a pose has them, also those of faces that are only a few pixels
-/// deep, as a logarithm of a probability against that of edges by chance. `spread`: by how much errors exceed what is
-/// expected.
-fn evidence(image: &RgbImage, lens: &Lens, edge: f64, fitted: &Fitted, spread: f64) -> f64 {
+/// How many edges between tiles are where a pose has them on the faces beside the one that looks at the camera most, even
+/// if these are a few pixels deep only.
+fn sides(image: &RgbImage, lens: &Lens, edge: f64, camera_from_cube: &Pose, share: f64) -> usize {
+    let probe = Probe::new(image, lens, edge / 3.0).grazing();
     let mut faces: Vec<Pose> = cube_rotations()
         .step_by(4)
-        .map(|r| fitted.pose * cube_from_face(&r.to_rotation_matrix(), edge))
+        .map(|r| camera_from_cube * cube_from_face(&r.to_rotation_matrix(), edge))
         .filter(|face| facing(face) > 0.0)
         .collect();
     faces.sort_by(|a, b| facing(b).total_cmp(&facing(a)));
-    let (pitch, share) = (edge / 3.0, fitted.stickers.share);
-    let mut probe = Probe::new(image, lens, pitch);
-    let (mut crossings, mut gaps) = (Vec::new(), None);
-    for (i, face) in faces.iter().enumerate() {
-        gaps = probe.measure(i, face, share, PASSES[2], gaps, &mut crossings);
-        probe = probe.grazing();
+    let mut crossings = Vec::new();
+    for (i, face) in faces.iter().enumerate().skip(1) {
+        probe.measure(i, face, share, PASSES[1], None, &mut crossings);
     }
-    let tells = |c: &&Crossing| match c.kind {
-        Kind::Gap => false,
-        // Beside a face that is not there is the dominant one, and an edge.
-        Kind::Outer => c.face == 0,
-        Kind::Middle | Kind::First | Kind::Second => true,
-    };
-    let logarithm = |c: &Crossing| {
-        let error = c.measured - c.predicted(lens, &faces[c.face], pitch, fitted.stickers);
-        // What lies beyond a side of the dominant face shifts all of its edges: two of them say little more than one.
-        // Those of a face that is a few pixels deep err by more.
-        let (weight, shallow) = if c.face == 0 { (0.5, 0.0) } else { (1.0, SHALLOW) };
-        let share = error / (ROBUST * spread * deviation(c).hypot(shallow));
-        weight * (FOUND - 0.5 * (ROBUST * ROBUST) * (share * share).ln_1p()).max(-FOUND)
-    };
-    crossings.iter().filter(tells).map(logarithm).sum()
-}
-
-/// How improbable a pose is after a rough one, as a logarithm; bounded, for that may be wrong.
-fn surprise(camera_from_cube: &Pose, hint: &Pose) -> f64 {
-    let relative = camera_from_cube.rotation.inverse() * hint.rotation;
-    let angle = (nearest_of_24(&relative).inverse() * relative).angle();
-    SURPRISE * (angle / HINTED).powi(2).min(1.0)
+    crossings.iter().filter(|c| !matches!(c.kind, Kind::Gap | Kind::Outer)).count()
 }
 
 /// A pose with what bears it out.
@@ -202,13 +160,12 @@ struct Fitted {
     residual_px: f64,
     /// Faces that take part, by the number of fitting crossings.
     faces: Vec<(Pose, usize)>,
-    stickers: Stickers,
-    /// By how much the errors exceed what was expected, at least 1.
-    spread: f64,
+    /// Sum over crossings of how well they fit.
+    support: f64,
 }
 
 impl Fitted {
-    fn location(self, other: Option<Other>) -> CubeLocation {
+    fn location(self, other: Option<Pose>) -> CubeLocation {
         // The dominant face looks most towards the camera.
         let mut used: Vec<Pose> = self.faces.iter().map(|(face, _)| *face).collect();
         used.sort_by(|a, b| facing(&(self.pose * b)).total_cmp(&facing(&(self.pose * a))));
@@ -231,8 +188,6 @@ fn facing(camera_from_face: &Pose) -> f64 {
     (camera_from_face.rotation * Vector3::z()).dot(&sight) / sight.norm()
 }
 
-/// Groups of crossings that err alike: five a face.
-const GROUPS: usize = 30;
 /// Unknowns: six of the pose, the stickers' share, bloom and outer bloom.
 type Unknowns = SVector<f64, 9>;
 
@@ -294,6 +249,7 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
     if faces.is_empty() {
         return None;
     }
+    let support = solved.residuals.iter().map(|r| (1.0 - (r / FITS).powi(2)).max(0.0)).sum::<f64>();
     let squares: Vec<f64> = crossings
         .iter()
         .zip(&solved.residuals)
@@ -301,14 +257,7 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
         .map(|(c, r)| (r * deviation(c)).powi(2))
         .collect();
     let residual_px = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
-    Some(Fitted {
-        pose: model.pose,
-        covariance: solved.covariance,
-        residual_px,
-        faces,
-        stickers: model.stickers,
-        spread: solved.spread,
-    })
+    Some(Fitted { pose: model.pose, covariance: solved.covariance, residual_px, faces, support })
 }
 
 /// Crossings of each face that fit.
@@ -321,30 +270,15 @@ fn counts(crossings: &[Crossing], solved: &Solved) -> [usize; 6] {
     counts
 }
 
-/// Standard deviation of what the model leaves unsaid of a crossing [px].
-fn unsaid(crossing: &Crossing) -> f64 {
-    let floor = if crossing.kind == Kind::Middle { FLOOR_MIDDLE } else { FLOOR_EDGE };
-    floor
-        .hypot(crossing.filled)
-        .hypot(FLOOR_SHARE * crossing.scale)
-        .hypot(FLOOR_NARROW / crossing.scale)
-}
-
 /// Standard deviation of a crossing: noise and what the model leaves unsaid [px].
 fn deviation(crossing: &Crossing) -> f64 {
-    crossing.sigma.hypot(unsaid(crossing))
-}
-
-/// Which crossings err alike: those of the outer side of a face, and the gaps of a face.
-fn group(crossing: &Crossing) -> Option<usize> {
-    let (x, y) = crossing.across;
-    let within = match crossing.kind {
-        Kind::Outer if x.abs() > y.abs() => usize::from(x > 0.0),
-        Kind::Outer => 2 + usize::from(y > 0.0),
-        Kind::Gap => 4,
-        Kind::Middle | Kind::First | Kind::Second => return None,
+    let floor = match crossing.kind {
+        Kind::Middle => FLOOR_MIDDLE,
+        // A gap that is as narrow as the blur looks wider than it is.
+        Kind::Gap => FLOOR_GAP + 0.6 * (3.5 - crossing.measured).max(0.0),
+        Kind::First | Kind::Second | Kind::Outer => FLOOR_EDGE,
     };
-    Some(5 * crossing.face + within)
+    (crossing.sigma.powi(2) + floor.powi(2) + (FLOOR_SHARE * crossing.scale).powi(2)).sqrt()
 }
 
 /// The cube as it is believed to be.
@@ -387,9 +321,6 @@ impl Model<'_> {
             return None;
         }
         let deviations: Vec<f64> = crossings.iter().map(deviation).collect();
-        let groups: Vec<Option<usize>> = crossings.iter().map(group).collect();
-        let shared: Vec<f64> =
-            crossings.iter().zip(&deviations).map(|(c, d)| COMMON * unsaid(c) / d).collect();
         let here = self.predict(crossings, &Unknowns::zeros());
         let error: Vec<f64> = crossings
             .iter()
@@ -405,9 +336,6 @@ impl Model<'_> {
                 rows[i][k] = (ahead - here[i]) / (step[k] * deviations[i]);
             }
         }
-        let outer = crossings.iter().filter(|c| c.kind == Kind::Outer);
-        let (filled, count) = outer.fold((0.0, 0.0), |(f, n), c| (f + c.filled, n + 1.0));
-        let outer = OUTER.0.hypot(OUTER.1 * filled / f64::max(count, 1.0));
         let mut residuals = error.clone();
         let mut spread = spread_of(&residuals);
         let mut solution = None;
@@ -417,35 +345,22 @@ impl Model<'_> {
             let mut right = Unknowns::zeros();
             let now = &self.stickers;
             for (k, belief, width) in
-                [(6, share - now.share, 0.15), (7, -now.bloom, BLOOM), (8, -now.outer, outer)]
+                [(6, share - now.share, 0.15), (7, -now.bloom, BLOOM), (8, -now.outer, OUTER)]
             {
                 normal[(k, k)] = (spread / width).powi(2);
                 right[k] = belief * (spread / width).powi(2);
             }
-            // Cauchy's weights, with a scale that follows the residuals' own.
-            let weights: Vec<f64> =
-                residuals.iter().map(|r| 1.0 / (1.0 + (r / (ROBUST * spread)).powi(2))).collect();
-            let mut sums = [Shared::default(); GROUPS];
-            for (i, (row, e)) in rows.iter().zip(&error).enumerate() {
-                let weight = weights[i];
+            for ((row, e), r) in rows.iter().zip(&error).zip(&residuals) {
+                // Cauchy's weights, with a scale that follows the residuals' own.
+                let weight = 1.0 / (1.0 + (r / (2.4 * spread)).powi(2));
                 normal.syger(weight, row, row, 1.0);
                 right += row * (weight * e);
-                if let Some(group) = groups[i] {
-                    sums[group].add(row, *e, shared[i], weight);
-                }
-            }
-            // What a group has in common is one more unknown, eliminated.
-            for sum in sums.iter().filter(|sum| sum.weight > 0.0) {
-                let share = 1.0 / (1.0 + sum.weight);
-                normal.syger(-share, &sum.row, &sum.row, 1.0);
-                right -= sum.row * (share * sum.error);
             }
             normal.fill_upper_triangle_with_lower_triangle();
             let factor = normal.cholesky()?;
             let step = factor.solve(&right);
-            for (i, (row, e)) in rows.iter().zip(&error).enumerate() {
-                let common = groups[i].map_or(0.0, |group| sums[group].common(&step));
-                residuals[i] = e - row.dot(&step) - shared[i] * common;
+            for ((row, e), r) in rows.iter().zip(&error).zip(&mut residuals) {
+                *r = e - row.dot(&step);
             }
             spread = spread_of(&residuals);
             solution = Some((step, factor.inverse()));
@@ -456,27 +371,6 @@ impl Model<'_> {
             rows.iter().zip(&deviations).map(|(row, d)| (row.dot(&step) * d).powi(2)).sum();
         let shift = (moved / rows.len() as f64).sqrt();
         Some(Solved { step, residuals, spread, covariance, shift })
-    }
-}
-
-/// Sums over crossings that err alike, each with its share of the common error.
-#[derive(Clone, Copy, Default)]
-struct Shared {
-    row: Unknowns,
-    error: f64,
-    weight: f64,
-}
-
-impl Shared {
-    fn add(&mut self, row: &Unknowns, error: f64, share: f64, weight: f64) {
-        self.row += row * (weight * share);
-        self.error += error * weight * share;
-        self.weight += weight * share * share;
-    }
-
-    /// The common error after a step, in its standard deviations.
-    fn common(&self, step: &Unknowns) -> f64 {
-        (self.error - self.row.dot(step)) / (1.0 + self.weight)
     }
 }
 
@@ -582,66 +476,6 @@ mod tests {
 
         assert!(error(&found.camera_from_cube, &truth).xy().norm() < 0.2e-3);
         assert_eq!(refine_in(&image, &CAMERA, EDGE, &far), None);
-    }
-
-    /// One face alone, so small that its perspective hardly tells which way it leans.
-    fn lone_face(lean: f64, seed: u64) -> (Pose, RgbImage) {
-        let mut truth = pose((lean, 0.0), 0.2);
-        truth.translation.z = 0.8;
-        let mut drawing = drawing(&truth, seed);
-        drawing.faces.retain(|(face, _)| facing(face) > 0.8);
-        (truth, drawing.render())
-    }
-
-    #[test]
-    fn of_two_poses_of_one_face_both_are_told_and_the_track_decides() {
-        let mut told = 0;
-        for seed in 0..8 {
-            let (truth, image) = lone_face(0.15, seed);
-            let Ok(faces) = detect(&image, None, &DetectorSettings::default()) else { continue };
-            let found = locate_in(&image, &faces, &CAMERA, EDGE, None).unwrap();
-            let Some(other) = found.other else { continue };
-            let turn = |pose: &Pose| error(pose, &truth).fixed_rows::<3>(3).norm();
-            let both = [turn(&found.camera_from_cube), turn(&other.camera_from_cube)];
-            assert!(both[0].min(both[1]) < 0.15, "{seed}: {both:?}");
-            assert!(other.probability <= 0.5 && found.certainty() >= 0.5);
-            if other.probability < 0.05 {
-                continue;
-            }
-            told += 1;
-            for hint in [found.camera_from_cube, other.camera_from_cube] {
-                let tracked = locate_in(&image, &faces, &CAMERA, EDGE, Some(&hint)).unwrap();
-                let apart = error(&tracked.camera_from_cube, &hint).fixed_rows::<3>(3).norm();
-                assert!(apart < 0.1, "{seed}: {apart} {other:?}");
-            }
-        }
-        assert!(told > 1, "{told}");
-    }
-
-    #[test]
-    fn edges_by_chance_beside_a_face_do_not_outweigh_the_face() {
-        let (truth, _) = lone_face(0.0, 1);
-        let mut truth = truth;
-        truth.translation.z = 0.37;
-        truth.rotation =
-            UnitQuaternion::from_scaled_axis(Vector3::new(0.3, 0.0, 0.0)) * truth.rotation;
-        let mut drawing = drawing(&truth, 4);
-        drawing.faces.retain(|(face, _)| facing(face) > 0.8);
-        // Stripes where the mirrored pose would have a side.
-        for k in 0..24 {
-            let at = -1.5 + 0.125 * f64::from(k);
-            for side in [(-2.2, -1.55), (1.55, 2.2)] {
-                let grey = if k % 2 == 0 { 40.0 } else { 200.0 };
-                drawing.bars.push((0, [at, side.0, at + 0.125, side.1], [grey; 3]));
-            }
-        }
-        let image = drawing.render();
-        let faces = detect(&image, None, &DetectorSettings::default()).unwrap();
-
-        let found = locate_in(&image, &faces, &CAMERA, EDGE, None).unwrap();
-
-        let turn = error(&found.camera_from_cube, &truth).fixed_rows::<3>(3).norm();
-        assert!(turn < 0.05, "{turn} {:?}", found.other);
     }
 
     #[test]
