@@ -216,7 +216,7 @@ impl Poses {
         self.photos += 1;
         if apart(&found.camera_from_cube) > 5.0 {
             self.mirrored += 1;
-            self.told += usize::from(found.other.is_some_and(|o| apart(&o.camera_from_cube) < 5.0));
+            self.told += usize::from(found.other.is_some_and(|o| apart(&o) < 5.0));
         }
         let error = found.camera_from_cube.translation.vector - place * (EDGE / 3.0);
         let sight = place.normalize();

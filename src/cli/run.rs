@@ -36,6 +36,10 @@ Progress goes to stderr, the summary to stdout. With --json the last line of std
 At a terminal the operator's page is served at http://127.0.0.1:8780/, and stays up when the run is over;
 --ui tui shows the run in the terminal instead, --ui none does neither.
 With a face the idle task waits for orders by hand until its operator ends it, which is its good end (exit code 0).")]
+#[allow(
+    clippy::struct_excessive_bools,
+    reason = "switches of the command line, independent of each other"
+)]
 pub(super) struct RunArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,

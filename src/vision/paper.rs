@@ -35,9 +35,12 @@ pub struct ColourRange {
     pub blue: (u8, u8),
 }
 
+/// Least and greatest value of a component.
+type Interval = (u8, u8);
+
 /// Chroma of the six colours as boxes of red against green, and of blue. They meet and overlap: a tile between two
 /// of them is a region in one of them at least.
-const CHROMA: [(u8, (u8, u8), (u8, u8)); 7] = [
+const CHROMA: [(u8, Interval, Interval); 7] = [
     (0, (115, 142), (64, 110)),
     (1, (182, 255), (0, 110)),
     (1, (158, 182), (40, 110)),
@@ -468,7 +471,9 @@ pub fn classes(image: &RgbImage) -> (RgbImage, Vec<u8>) {
 
 /// How many pixels across and down become one.
 fn step_of(width: usize, height: usize) -> usize {
-    (1..).find(|step| (width / step) * (height / step) <= MOST_PIXELS).unwrap_or(1)
+    (1..=width.max(height).max(1))
+        .find(|step| (width / step) * (height / step) <= MOST_PIXELS)
+        .unwrap_or(1)
 }
 
 /// The plane in which a region is as long as wide: its unit is the side of the square that the region then is.

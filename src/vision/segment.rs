@@ -235,6 +235,9 @@ pub(super) struct Runs {
     cursor: usize,
 }
 
+/// Pixels side by side: row, first, one after the last.
+pub(super) type Stretch = (usize, usize, usize);
+
 #[derive(Debug, Clone, Copy)]
 struct Run {
     start: u32,
@@ -297,7 +300,7 @@ impl Runs {
 
     /// The runs (row, first, one after the last) of each region of `least` pixels or more, row by row, and how many
     /// regions there are of any size.
-    pub(super) fn regions(mut self, least: usize) -> (Vec<Vec<(usize, usize, usize)>>, usize) {
+    pub(super) fn regions(mut self, least: usize) -> (Vec<Vec<Stretch>>, usize) {
         let mut areas = vec![0u32; self.all.len()];
         for i in 0..self.all.len() {
             let root = self.root(i as u32) as usize;

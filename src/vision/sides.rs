@@ -194,7 +194,7 @@ mod tests {
         for (y, x) in (0..200).flat_map(|y| (0..240).map(move |x| (y, x))) {
             let (u, v) = apply(&inverse, (f64::from(x), f64::from(y)));
             let (a, b) = (u.round(), v.round());
-            let cell = (a.abs() <= 1.0 && b.abs() <= 1.0).then(|| (3.0 * b + a + 4.0) as usize);
+            let cell = (a.abs() <= 1.0 && b.abs() <= 1.0).then_some((3.0 * b + a + 4.0) as usize);
             let on = (u - a).abs().max((v - b).abs()) < 0.4;
             let tile = cell.is_some_and(|cell| on && !hidden.contains(&cell));
             rgb.extend(if tile { [210, 60, 40] } else { [20, 20, 20] });
