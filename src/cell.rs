@@ -63,7 +63,7 @@ pub struct Gripper {
     pub opening_offset: f64,
     /// Encoder increments per revolution of the jaw motor.
     pub increments: f64,
-    /// Current that holds a grip force: A per N (the axis controller limits the current).
+    /// Current that holds a grip force: A per N.
     pub amperes_per_newton: f64,
 }
 

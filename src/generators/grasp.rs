@@ -7,7 +7,7 @@
 use super::{Compliance, Inputs, Next, Outcome, Selector};
 use crate::motion::{ArmState, Depth, JawCommand, PERIOD};
 
-/// How far below the width that is held the jaw's set value goes, so that the current limit rules [m].
+/// How far below the width that is held the jaw's set value goes, so that the grip rules [m].
 pub(super) const SQUEEZE: f64 = 0.002;
 /// The jaws count as standing when they move less than this in [`STILL`] seconds [m].
 const STAND: f64 = 0.0001;

@@ -13,6 +13,8 @@ use std::f64::consts::TAU;
 /// Speed of the set value that is still taken [rad/s of the motor]: the original's limit, 20 rad in 2 ms.
 const FASTEST: f64 = 1e4;
 
+/// What stands at an end of its stroke is seen a little beyond it, and a motion begins where it is seen [m]. It is led back.
+const BEYOND: f64 = 1e-3;
 /// How much faster than told a jaw may seem, and by how much time two readings may be further apart [s].
 const FASTER: f64 = 1.3;
 const LATE: f64 = 0.002;
@@ -113,7 +115,7 @@ impl Jaw {
         if !(value.is_finite() && command.force_limit.is_finite()) {
             return Err(MoveRefused::NotANumber);
         }
-        if !(low..=high).contains(&value) {
+        if !(low - BEYOND..=high + BEYOND).contains(&value) {
             return Err(MoveRefused::JointLimit { axis: AXES, value, low, high });
         }
         let increments = (self.increments_of(value) - self.set_increments).abs();
@@ -126,7 +128,9 @@ impl Jaw {
 
     /// Goes to the command's opening in periods `begin..=end`.
     pub fn start(&mut self, command: &JawCommand, begin: u64, end: u64) {
-        (self.from, self.to, self.begin, self.end) = (self.opening, command.opening, begin, end);
+        let (low, high) = self.gripper.opening;
+        let to = command.opening.max(low).min(high);
+        (self.from, self.to, self.begin, self.end) = (self.opening, to, begin, end);
         self.grip = command.force_limit.max(0.0);
         self.stops = command.stops;
     }
@@ -428,6 +432,10 @@ mod tests {
         let command = |opening| JawCommand { opening, force_limit: 30.0, stops: Depth::One };
 
         assert_eq!(jaw(0).check(&command(0.0571), 1.0), Ok(()));
+        assert_eq!(jaw(0).check(&command(0.0527), 1.0), Ok(()), "as it is seen at its end");
+        let mut led = jaw(0);
+        led.start(&command(0.0527), 1, 100);
+        assert_eq!(led.to, 0.053);
         assert!(matches!(
             jaw(0).check(&command(0.050), 1.0),
             Err(MoveRefused::JointLimit { axis: 7, value: 0.050, .. })
