@@ -332,6 +332,8 @@ fn chessboards_and_noise_end_in_time() {
 
 #[test]
 fn the_papers_stages_of_a_large_picture_are_bounded() {
+    // Before the picture: it is no other test's memory.
+    let _alone = memory::alone();
     let (width, height) = (8000usize, 6000usize);
     let mut state = 1u64;
     let noise: Vec<u8> = (0..3 * width * height)
@@ -340,7 +342,6 @@ fn the_papers_stages_of_a_large_picture_are_bounded() {
             (state >> 56) as u8
         })
         .collect();
-    let _alone = memory::alone();
 
     let taken = memory::most_held(|| {
         let stages = Stages::run(&noise, width, height, &Filters::default());
