@@ -1,7 +1,7 @@
 //! Everything under `scenarios/faults/`: what the plant then does, what the operator is told, and the exit code.
 //!
 //! The plant is looked at after each period by a judge that no part of the controller knows of; exit codes and messages
-//! are those of the program itself.
+//! are those of the program itself. `FAULT_SEEDS=100 cargo test --release --test faults` tries a hundred seeds of each.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
@@ -36,9 +36,36 @@ fn path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/faults").join(format!("{name}.toml"))
 }
 
-fn seen(name: &str, keys: &[&str]) -> Seen {
-    let keys: Vec<Override> = keys.iter().map(|key| Override::parse(key).unwrap()).collect();
-    let scenario = scenario::load(&path(name), &keys).unwrap_or_else(|e| panic!("{e}"));
+/// Holds a check against as many seeds as `FAULT_SEEDS` says, one without it, and names all those at which it fails.
+fn each_seed(check: impl Fn(Seed) + std::panic::RefUnwindSafe) {
+    let seeds = std::env::var("FAULT_SEEDS").map_or(1, |seeds| seeds.parse().unwrap());
+    let fails = |seed: &u64| std::panic::catch_unwind(|| check(Seed(*seed))).is_err();
+    let failed: Vec<u64> = (1..=seeds).filter(fails).collect();
+    assert!(failed.is_empty(), "{} of {seeds} seeds fail: {failed:?}", failed.len());
+}
+
+/// Of everything that is drawn in a run.
+#[derive(Debug, Clone, Copy)]
+struct Seed(u64);
+
+impl Seed {
+    fn seen(self, name: &str, keys: &[&str]) -> Seen {
+        let seed = format!("seed={}", self.0);
+        let keys = keys.iter().copied().chain([seed.as_str()]);
+        seen(name, &keys.map(|key| Override::parse(key).unwrap()).collect::<Vec<_>>())
+    }
+
+    /// The period in which the layer passes 30 deg: where most faults of a turn begin.
+    fn turned_30(self) -> u64 {
+        let seen = self.seen("jam", &["fault.0.magnitude=0"]);
+        assert_eq!(seen.summary.outcome, Outcome::Solved, "{}", seen.summary.reason);
+        let passes = |m: &&Moment| m.turned.to_degrees().abs() >= 30.0;
+        seen.moments.iter().find(passes).unwrap().period
+    }
+}
+
+fn seen(name: &str, keys: &[Override]) -> Seen {
+    let scenario = scenario::load(&path(name), keys).unwrap_or_else(|e| panic!("{e}"));
     let notes = Arc::new(Mutex::new((Vec::new(), None)));
     let keeps = Arc::clone(&notes);
     let judge: actors::Judge = Box::new(move |period, plant| {
@@ -112,135 +139,154 @@ impl Seen {
     }
 }
 
-/// The period in which the layer passes 30 deg: where most faults of a turn begin.
-fn turned_30() -> u64 {
-    let seen = seen("jam", &["fault.0.magnitude=0"]);
-    assert_eq!(seen.summary.outcome, Outcome::Solved, "{}", seen.summary.reason);
-    let passes = |m: &&Moment| m.turned.to_degrees().abs() >= 30.0;
-    seen.moments.iter().find(passes).unwrap().period
-}
-
 #[test]
 fn a_frozen_counter_stops_its_arm_and_the_other_one_holds_the_cube() {
-    let begin = turned_30();
-    let seen = seen("encoder_freeze", &[]);
-    seen.stops(0, begin..=begin + 16);
-    seen.is_held_by([true, true]);
+    each_seed(|seed| {
+        let begin = seed.turned_30();
+        let seen = seed.seen("encoder_freeze", &[]);
+        seen.stops(0, begin..=begin + 16);
+        seen.is_held_by([true, true]);
+    });
 }
 
 #[test]
 fn a_jumping_counter_stops_its_arm_at_once() {
-    let begin = turned_30();
-    let seen = seen("encoder_jump", &[]);
-    seen.stops(0, begin..=begin + 10);
-    seen.is_held_by([true, true]);
+    each_seed(|seed| {
+        let begin = seed.turned_30();
+        let seen = seed.seen("encoder_jump", &[]);
+        seen.stops(0, begin..=begin + 10);
+        seen.is_held_by([true, true]);
+    });
 }
 
 #[test]
 fn over_current_and_a_limit_switch_take_the_power_off_one_arm_only() {
-    let begin = turned_30();
-    let seen_current = seen("over_current", &[]);
-    seen_current.stops(1, begin..=begin + 10);
-    seen_current.is_held_by([true, true]);
+    each_seed(|seed| {
+        let begin = seed.turned_30();
+        let seen_current = seed.seen("over_current", &[]);
+        seen_current.stops(1, begin..=begin + 10);
+        seen_current.is_held_by([true, true]);
 
-    let seen = seen("limit_switch", &[]);
-    seen.stops(0, 950..=954);
-    seen.is_held_by([false, true]);
+        let seen = seed.seen("limit_switch", &[]);
+        seen.stops(0, 950..=954);
+        seen.is_held_by([false, true]);
+    });
 }
 
 #[test]
 fn a_force_that_is_none_moves_nothing() {
-    let begin = turned_30();
-    for name in ["force_dropout", "force_nan", "force_saturation"] {
-        let seen = seen(name, &[]);
-        seen.stops(0, begin..=begin + 4);
-        seen.is_held_by([true, true]);
-        // From the reading on: less than the way of two periods of the turn.
-        assert!(seen.way(0, begin, begin + 4) < 2e-4, "{name}: {}", seen.way(0, begin, begin + 4));
-    }
+    each_seed(|seed| {
+        let begin = seed.turned_30();
+        for name in ["force_dropout", "force_nan", "force_saturation"] {
+            let seen = seed.seen(name, &[]);
+            seen.stops(0, begin..=begin + 4);
+            seen.is_held_by([true, true]);
+            // From the reading on: less than the way of two periods of the turn.
+            assert!(
+                seen.way(0, begin, begin + 4) < 2e-4,
+                "{name}: {}",
+                seen.way(0, begin, begin + 4)
+            );
+        }
+    });
 }
 
 #[test]
 fn a_sudden_bias_breaks_the_turn_off_before_it_has_moved_an_arm() {
-    let begin = turned_30();
-    let seen = seen("force_bias", &[]);
-    assert_eq!(seen.summary.outcome, Outcome::Failed);
-    assert!(seen.way(1, begin, seen.last()) < 2e-3, "{}", seen.way(1, begin, seen.last()));
-    assert!(seen.summary.peak_force_n.unwrap() < 20.0);
-    seen.is_held_by([true, true]);
+    each_seed(|seed| {
+        let begin = seed.turned_30();
+        let seen = seed.seen("force_bias", &[]);
+        assert_eq!(seen.summary.outcome, Outcome::Failed);
+        assert!(seen.way(1, begin, seen.last()) < 2e-3, "{}", seen.way(1, begin, seen.last()));
+        assert!(seen.summary.peak_force_n.unwrap() < 20.0);
+        seen.is_held_by([true, true]);
+    });
 }
 
 #[test]
 fn pads_without_friction_slip_and_the_plant_knows() {
-    let seen = seen("slip", &[]);
-    assert!(seen.verdict.counts.slips > 0);
-    assert!(seen.summary.turned_deg.unwrap() < 80.0, "{:?}", seen.summary.turned_deg);
-    assert_eq!(seen.summary.outcome, Outcome::Failed);
+    each_seed(|seed| {
+        let seen = seed.seen("slip", &[]);
+        assert!(seen.verdict.counts.slips > 0);
+        assert!(seen.summary.turned_deg.unwrap() < 80.0, "{:?}", seen.summary.turned_deg);
+        assert_eq!(seen.summary.outcome, Outcome::Failed);
+    });
 }
 
 #[test]
 fn a_hand_that_loses_the_cube_lets_it_fall_onto_the_tray() {
-    let seen = seen("drop", &[]);
-    assert_eq!(seen.verdict.counts.drops, 1);
-    assert!(matches!(seen.verdict.cube, Whereabouts::Tray { .. }), "{:?}", seen.verdict.cube);
-    let events = &seen.verdict.events;
-    let dropped = events.iter().find(|e| matches!(e.what, Incident::Drop { .. })).unwrap();
-    assert!((1000..1005).contains(&dropped.period), "{dropped:?}");
-    assert_ne!(seen.summary.outcome, Outcome::Solved);
+    each_seed(|seed| {
+        let seen = seed.seen("drop", &[]);
+        assert_eq!(seen.verdict.counts.drops, 1);
+        assert!(matches!(seen.verdict.cube, Whereabouts::Tray { .. }), "{:?}", seen.verdict.cube);
+        let events = &seen.verdict.events;
+        let dropped = events.iter().find(|e| matches!(e.what, Incident::Drop { .. })).unwrap();
+        assert!((1000..1005).contains(&dropped.period), "{dropped:?}");
+        assert_ne!(seen.summary.outcome, Outcome::Solved);
+    });
 }
 
 #[test]
 fn a_jam_lets_no_layer_turn_and_forces_stay_within_limits() {
-    let seen = seen("jam", &[]);
-    let turned = seen.summary.turned_deg.unwrap();
-    assert!((29.0..33.0).contains(&turned), "{turned}");
-    // The turn is broken off and eased back long before a layer has stood still for 3 s.
-    assert!(seen.summary.reason.contains("stands still"), "{}", seen.summary.reason);
-    assert!(seen.summary.peak_force_n.unwrap() < 20.0);
-    assert_eq!(seen.summary.outcome, Outcome::Failed);
+    each_seed(|seed| {
+        let seen = seed.seen("jam", &[]);
+        let turned = seen.summary.turned_deg.unwrap();
+        assert!((29.0..33.0).contains(&turned), "{turned}");
+        // The turn is broken off and eased back long before a layer has stood still for 3 s.
+        assert!(seen.summary.reason.contains("stands still"), "{}", seen.summary.reason);
+        assert!(seen.summary.peak_force_n.unwrap() < 20.0);
+        assert_eq!(seen.summary.outcome, Outcome::Failed);
+    });
 }
 
 #[test]
 fn a_turn_that_did_not_happen_leaves_the_cube_as_it_was_and_is_felt_by_nobody() {
-    let fine = seen("turn_undone", &["fault.0.turned_deg=179"]);
-    assert_eq!(fine.summary.outcome, Outcome::Solved);
-    let seen = seen("turn_undone", &[]);
-    assert_eq!(seen.summary.cube_end, seen.summary.cube_start);
-    assert!(seen.summary.turned_deg.unwrap().abs() < 5.0);
-    assert_eq!((seen.verdict.counts.slips, seen.verdict.counts.drops), (0, 0));
-    let (with, without) = (seen.summary.peak_force_n.unwrap(), fine.summary.peak_force_n.unwrap());
-    assert!((with - without).abs() < 1.0, "{with} {without}");
-    assert!(seen.moments.iter().all(|m| m.openings.iter().all(|o| *o > 0.05)));
+    each_seed(|seed| {
+        let fine = seed.seen("turn_undone", &["fault.0.turned_deg=179"]);
+        assert_eq!(fine.summary.outcome, Outcome::Solved);
+        let seen = seed.seen("turn_undone", &[]);
+        assert_eq!(seen.summary.cube_end, seen.summary.cube_start);
+        assert!(seen.summary.turned_deg.unwrap().abs() < 5.0);
+        assert_eq!((seen.verdict.counts.slips, seen.verdict.counts.drops), (0, 0));
+        let (with, without) =
+            (seen.summary.peak_force_n.unwrap(), fine.summary.peak_force_n.unwrap());
+        assert!((with - without).abs() < 1.0, "{with} {without}");
+        assert!(seen.moments.iter().all(|m| m.openings.iter().all(|o| *o > 0.05)));
+    });
 }
 
 #[test]
 fn one_missed_period_is_counted_and_twenty_stop_both_arms_as_a_jump_of_the_clock_does() {
-    let begin = turned_30();
-    let one = seen("missed_period", &[]);
-    assert_eq!(one.summary.outcome, Outcome::Solved, "{}", one.summary.reason);
+    each_seed(|seed| {
+        let begin = seed.turned_30();
+        let one = seed.seen("missed_period", &[]);
+        assert_eq!(one.summary.outcome, Outcome::Solved, "{}", one.summary.reason);
 
-    for name in ["missed_periods", "clock_jump"] {
-        let seen = seen(name, &[]);
-        // 0.1 s to come to a stand under power, and the drives off after 0.2 s.
-        for arm in [0, 1] {
-            let cut = seen.cut(arm).unwrap();
-            assert!((begin + 90..begin + 130).contains(&cut), "{name}: arm {arm} at {cut}");
-            assert!(seen.way(arm, cut, seen.last()) < 1e-3);
+        for name in ["missed_periods", "clock_jump"] {
+            let seen = seed.seen(name, &[]);
+            // 0.1 s to come to a stand under power, and the drives off after 0.2 s.
+            for arm in [0, 1] {
+                let cut = seen.cut(arm).unwrap();
+                assert!((begin + 90..begin + 130).contains(&cut), "{name}: arm {arm} at {cut}");
+                assert!(seen.way(arm, cut, seen.last()) < 1e-3);
+            }
+            assert!(seen.summary.peak_force_n.unwrap() < 20.0);
+            seen.is_held_by([true, true]);
         }
-        assert!(seen.summary.peak_force_n.unwrap() < 20.0);
-        seen.is_held_by([true, true]);
-    }
+    });
 }
 
 #[test]
 fn an_emergency_stop_takes_the_power_off_both_arms_and_they_stay_where_they_are() {
-    let begin = turned_30();
-    let seen = seen("emergency_stop", &[]);
-    for arm in [0, 1] {
-        assert!((begin..begin + 5).contains(&seen.cut(arm).unwrap()), "{:?}", seen.cut(arm));
-        assert!(seen.way(arm, begin + 5, seen.last()) < 1e-3);
-    }
-    seen.is_held_by([true, true]);
+    each_seed(|seed| {
+        let begin = seed.turned_30();
+        let seen = seed.seen("emergency_stop", &[]);
+        for arm in [0, 1] {
+            assert!((begin..begin + 5).contains(&seen.cut(arm).unwrap()), "{:?}", seen.cut(arm));
+            assert!(seen.way(arm, begin + 5, seen.last()) < 1e-3);
+        }
+        seen.is_held_by([true, true]);
+    });
 }
 
 /// Both arms are under power and stand, at most so many periods after the trouble began.
@@ -256,78 +302,90 @@ fn both_hold(seen: &Seen, begin: u64, within: u64) {
 
 #[test]
 fn arms_hold_when_an_actor_panics_or_hangs_or_no_heart_beats() {
-    let begin = turned_30();
-    // 0.1 s until it is noticed, where it is not at once, and 0.25 s until regulators and layer are at rest.
-    let mid_turn = [("heart_beat_loss", 190), ("panic_edp", 140), ("actor_hang", 210)];
-    for (name, within) in mid_turn {
-        let seen = seen(name, &[]);
-        both_hold(&seen, begin, within);
-        seen.is_held_by([true, true]);
-    }
-    for name in ["panic_ecp", "panic_mp"] {
-        let seen = seen(name, &[]);
-        let noticed = (seen.summary.sim_time_s / 0.002).round() as u64;
-        both_hold(&seen, noticed, 130);
-        seen.is_held_by([false, true]);
-    }
+    each_seed(|seed| {
+        let begin = seed.turned_30();
+        // 0.1 s until it is noticed, where it is not at once, and 0.25 s until regulators and layer are at rest.
+        let mid_turn = [("heart_beat_loss", 190), ("panic_edp", 140), ("actor_hang", 210)];
+        for (name, within) in mid_turn {
+            let seen = seed.seen(name, &[]);
+            both_hold(&seen, begin, within);
+            seen.is_held_by([true, true]);
+        }
+        for name in ["panic_ecp", "panic_mp"] {
+            let seen = seed.seen(name, &[]);
+            let noticed = (seen.summary.sim_time_s / 0.002).round() as u64;
+            both_hold(&seen, noticed, 130);
+            seen.is_held_by([false, true]);
+        }
+    });
 }
 
 #[test]
 fn messages_that_come_late_or_twice_change_no_result() {
-    for name in ["late_message", "duplicated_message", "disk_full"] {
-        let seen = seen(name, &[]);
-        assert_eq!(seen.summary.outcome, Outcome::Solved, "{name}: {}", seen.summary.reason);
-        assert!((seen.summary.turned_deg.unwrap() - 90.0).abs() < 2.0);
-    }
-    // What comes twice is obeyed once: nothing is moved by it.
-    let never = seen("duplicated_message", &["fault.0.turned_deg=180"]);
-    assert_eq!(seen("duplicated_message", &[]).summary.hash, never.summary.hash);
+    each_seed(|seed| {
+        for name in ["late_message", "duplicated_message", "disk_full"] {
+            let seen = seed.seen(name, &[]);
+            assert_eq!(seen.summary.outcome, Outcome::Solved, "{name}: {}", seen.summary.reason);
+            assert!((seen.summary.turned_deg.unwrap() - 90.0).abs() < 2.0);
+        }
+        // What comes twice is obeyed once: nothing is moved by it.
+        let never = seed.seen("duplicated_message", &["fault.0.turned_deg=180"]);
+        assert_eq!(seed.seen("duplicated_message", &[]).summary.hash, never.summary.hash);
+    });
 }
 
 #[test]
 fn a_push_breaks_the_turn_off_within_a_tenth_of_a_second() {
-    let begin = turned_30();
-    let seen = seen("push", &[]);
-    assert_eq!(seen.summary.outcome, Outcome::Failed);
-    // Nothing turns any more, whatever else there is to be done before the run is over.
-    let turned = |period: u64| seen.at(period).turned.to_degrees().abs();
-    let later = turned(seen.last()) - turned(begin + 50);
-    assert!(later.abs() < 1.0, "{later} deg");
-    assert!(turned(seen.last()) < 35.0, "{}", turned(seen.last()));
-    assert_eq!(seen.verdict.counts.drops, 0);
+    each_seed(|seed| {
+        let begin = seed.turned_30();
+        let seen = seed.seen("push", &[]);
+        assert_eq!(seen.summary.outcome, Outcome::Failed);
+        // Nothing turns any more, whatever else there is to be done before the run is over.
+        let turned = |period: u64| seen.at(period).turned.to_degrees().abs();
+        let later = turned(seen.last()) - turned(begin + 50);
+        assert!(later.abs() < 1.0, "{later} deg");
+        assert!(turned(seen.last()) < 35.0, "{}", turned(seen.last()));
+        assert_eq!(seen.verdict.counts.drops, 0);
+    });
 }
 
 #[test]
 fn wrong_calibrations_are_taken_up_and_fingers_of_wrong_length_judged_by_the_plant() {
-    for name in ["jaw_calibration", "base_calibration", "under_constrained"] {
-        let seen = seen(name, &[]);
-        assert_eq!(seen.summary.outcome, Outcome::Solved, "{name}: {}", seen.summary.reason);
-        assert!(seen.summary.peak_force_n.unwrap() < 20.0);
-    }
-    let over = seen("over_constrained", &[]);
-    assert_eq!(over.summary.outcome, Outcome::Failed);
-    assert_eq!(over.summary.cube_end, over.summary.cube_start, "nothing turns");
-    assert_eq!(over.verdict.counts.drops, 0);
+    each_seed(|seed| {
+        for name in ["jaw_calibration", "base_calibration", "under_constrained"] {
+            let seen = seed.seen(name, &[]);
+            assert_eq!(seen.summary.outcome, Outcome::Solved, "{name}: {}", seen.summary.reason);
+            assert!(seen.summary.peak_force_n.unwrap() < 20.0);
+        }
+        let over = seed.seen("over_constrained", &[]);
+        assert_eq!(over.summary.outcome, Outcome::Failed);
+        assert_eq!(over.summary.cube_end, over.summary.cube_start, "nothing turns");
+        assert_eq!(over.verdict.counts.drops, 0);
+    });
 }
 
 #[test]
 fn an_arm_that_is_blind_stands_within_a_tenth_of_a_second_and_goes_on_when_it_sees() {
-    for name in ["camera_blackout", "camera_silent", "late_frames"] {
-        let seen = seen(name, &[]);
-        // From 4 s on, for 2 s; a pose of 0.1 s is still followed, and then the arm brakes.
-        let blind = seen.way(0, 2100, 2990);
-        let sees = seen.way(0, 3010, 3900);
-        assert!(blind < 2e-3, "{name}: the arm goes {blind} m blindly");
-        assert!(sees > 0.01, "{name}: it goes on, {sees} m");
-        assert_eq!(seen.summary.outcome, Outcome::Solved, "{name}: {}", seen.summary.reason);
-    }
+    each_seed(|seed| {
+        for name in ["camera_blackout", "camera_silent", "late_frames"] {
+            let seen = seed.seen(name, &[]);
+            // From 4 s on, for 2 s; a pose of 0.1 s is still followed, and then the arm brakes.
+            let blind = seen.way(0, 2100, 2990);
+            let sees = seen.way(0, 3010, 3900);
+            assert!(blind < 2e-3, "{name}: the arm goes {blind} m blindly");
+            assert!(sees > 0.01, "{name}: it goes on, {sees} m");
+            assert_eq!(seen.summary.outcome, Outcome::Solved, "{name}: {}", seen.summary.reason);
+        }
+    });
 }
 
 #[test]
 fn an_operator_who_draws_back_is_not_followed_into_the_cell_and_gets_rid_of_the_cube_later() {
-    let seen = seen("withdraw", &[]);
-    assert_eq!(seen.summary.outcome, Outcome::Solved, "{}", seen.summary.reason);
-    assert_eq!(seen.verdict.counts.drops, 0);
+    each_seed(|seed| {
+        let seen = seed.seen("withdraw", &[]);
+        assert_eq!(seen.summary.outcome, Outcome::Solved, "{}", seen.summary.reason);
+        assert_eq!(seen.verdict.counts.drops, 0);
+    });
 }
 
 /// File, exit code, and what the operator reads.
@@ -370,26 +428,32 @@ const TOLD: &[(&str, i32, &[&str])] = &[
 
 #[test]
 fn every_fault_ends_with_the_exit_code_of_its_class_and_is_told_with_its_place() {
-    for (name, code, words) in TOLD {
-        let mut run = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
-        run.args(["run", "--json"]).arg(path(name)).env("RUST_LOG", "warn").env("NO_COLOR", "1");
-        let file = std::env::temp_dir().join(format!("rubik-faults-{}.mcap", std::process::id()));
-        if *name == "disk_full" {
-            run.arg("--record").arg(&file);
+    each_seed(|seed| {
+        for (name, code, words) in TOLD {
+            let mut run = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
+            run.args(["run", "--json", "--seed", &seed.0.to_string()])
+                .arg(path(name))
+                .env("RUST_LOG", "warn")
+                .env("NO_COLOR", "1");
+            let file =
+                std::env::temp_dir().join(format!("rubik-faults-{}.mcap", std::process::id()));
+            if *name == "disk_full" {
+                run.arg("--record").arg(&file);
+            }
+            let run = run.output().unwrap();
+            let _ = std::fs::remove_file(file);
+            let out = String::from_utf8(run.stdout).unwrap();
+            let err = String::from_utf8(run.stderr).unwrap();
+            let last = out.lines().last().unwrap_or_default();
+            assert_eq!(run.status.code(), Some(*code), "{name}: {last}\n{err}");
+            for word in *words {
+                assert!(
+                    last.contains(word) || err.contains(word),
+                    "{name}: no `{word}` in\n{last}\n{err}"
+                );
+            }
         }
-        let run = run.output().unwrap();
-        let _ = std::fs::remove_file(file);
-        let out = String::from_utf8(run.stdout).unwrap();
-        let err = String::from_utf8(run.stderr).unwrap();
-        let last = out.lines().last().unwrap_or_default();
-        assert_eq!(run.status.code(), Some(*code), "{name}: {last}\n{err}");
-        for word in *words {
-            assert!(
-                last.contains(word) || err.contains(word),
-                "{name}: no `{word}` in\n{last}\n{err}"
-            );
-        }
-    }
+    });
 }
 
 #[test]
@@ -409,8 +473,10 @@ fn every_scenario_of_a_fault_is_tested_here() {
 
 #[test]
 fn a_run_with_faults_repeats_to_the_bit_and_a_fault_that_never_comes_changes_nothing() {
-    let hash = |keys: &[&str]| seen("encoder_jump", keys).summary.hash;
-    assert_eq!(hash(&[]), hash(&[]));
-    let never = hash(&["fault.0.turned_deg=180"]);
-    assert_eq!(never, seen("over_current", &["fault.0.nth=9"]).summary.hash);
+    each_seed(|seed| {
+        let hash = |keys: &[&str]| seed.seen("encoder_jump", keys).summary.hash;
+        assert_eq!(hash(&[]), hash(&[]));
+        let never = hash(&["fault.0.turned_deg=180"]);
+        assert_eq!(never, seed.seen("over_current", &["fault.0.nth=9"]).summary.hash);
+    });
 }

@@ -167,6 +167,28 @@ fn before_that_only_relative_motor_moves_are_taken() {
 }
 
 #[test]
+fn an_arm_that_is_held_back_does_not_begin_to_home() {
+    let mut rig = Rig::new([true, false]);
+    rig.tick(10);
+    rig.switches.hold.store(true, Ordering::Release);
+    rig.tick(1);
+    let before = rig.state(1).motors;
+
+    rig.links[1].send(ServoCommand::Synchronise).unwrap();
+    rig.tick(200);
+
+    let state = rig.state(1);
+    assert_eq!(state.synchronisation, Synchronisation::No);
+    assert_eq!(state.refused, Some(MoveRefused::HeldBack));
+    assert!(state.motors.0.iter().zip(before.0).all(|(m, b)| (m - b).abs() < 0.05));
+
+    rig.switches.hold.store(false, Ordering::Release);
+    rig.links[1].send(ServoCommand::Synchronise).unwrap();
+    rig.tick(200);
+    assert!(matches!(rig.state(1).synchronisation, Synchronisation::Under { .. }));
+}
+
+#[test]
 fn an_emergency_stop_ends_homing_and_a_second_one_goes_on_where_it_was() {
     let mut rig = Rig::new([true, false]);
     rig.links[1].send(ServoCommand::Synchronise).unwrap();
@@ -181,7 +203,11 @@ fn an_emergency_stop_ends_homing_and_a_second_one_goes_on_where_it_was() {
     assert_eq!(rig.state(1).fault, Some(ArmFault::EmergencyStop));
     assert_eq!(rig.state(1).synchronisation, Synchronisation::No);
     rig.switches.emergency.store(false, Ordering::Release);
-    rig.links[1].send(ServoCommand::Reset).unwrap();
+    // While one arm is stopped by a fault the other one stands by, and does not home.
+    for link in &mut rig.links {
+        link.send(ServoCommand::Reset).unwrap();
+    }
+    rig.tick(2);
     rig.links[1].send(ServoCommand::Synchronise).unwrap();
     rig.tick(3);
 

@@ -69,6 +69,8 @@ pub enum Found {
     Face(Box<FaceReading>),
     /// Nothing, and why.
     Nothing(String),
+    /// Nothing was sought: the picture is for people.
+    Unsought,
 }
 
 impl Board {

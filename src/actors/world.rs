@@ -132,6 +132,13 @@ impl FrameSource for Blinkered {
             reason: "its picture has not come yet".into(),
         })
     }
+
+    fn glance(&mut self, period: u64) -> Option<Frame> {
+        let blinkers = &self.blinkers;
+        // A late camera's pictures stand in a queue.
+        let well = !blinkers.is_silent() && !blinkers.is_dark() && blinkers.late() == 0.0;
+        well.then(|| self.source.glance(period))?
+    }
 }
 
 /// A frame source for each camera of the cell.

@@ -39,7 +39,7 @@ impl fmt::Debug for Piece {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ImpossibleCube {
     /// A colour is there more or less than nine times.
-    #[error("{count} stickers of colour {} instead of 9", colour.letter())]
+    #[error("{count} stickers have the colour of face {}, not 9", colour.letter())]
     ColourCount {
         /// The face whose centre has this colour on a solved cube.
         colour: Face,
@@ -47,7 +47,7 @@ pub enum ImpossibleCube {
         count: usize,
     },
     /// Two centres have one colour.
-    #[error("the centres of {} and {} both have colour {}", first.letter(), second.letter(), colour.letter())]
+    #[error("the centres of {} and {} both have the colour of face {}", first.letter(), second.letter(), colour.letter())]
     CentreTwice {
         /// That colour.
         colour: Face,
@@ -301,12 +301,12 @@ mod tests {
         nine[0] = 1;
         assert_eq!(
             reason(Facelets::try_from(nine).unwrap()),
-            "8 stickers of colour U instead of 9"
+            "8 stickers have the colour of face U, not 9"
         );
         nine[4] = 1;
         assert_eq!(
             reason(Facelets::try_from(nine).unwrap()),
-            "the centres of U and R both have colour R"
+            "the centres of U and R both have the colour of face R"
         );
         assert_eq!(
             reason(swapped(&[(8, 20)])),

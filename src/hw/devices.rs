@@ -247,13 +247,12 @@ impl Devices {
     pub fn check_grip(&self, arms: &[Arm], grip: f64, cards: bool) -> Result<(), NoDevice> {
         for arm in arms {
             let devices = self.of_effector(&arm.name)?;
-            let has_track = arm.model.has_track;
             let limit = if cards {
                 let card = devices.isa.clone().unwrap_or_default();
                 let card = card.arm(arm, &devices.max_currents).map_err(NoDevice)?;
                 f64::from(card.max_currents[AXES]) / card.units_per_ampere[AXES]
             } else {
-                devices.limits(has_track)[AXES]
+                devices.limits()[AXES]
             };
             let needs = grip * arm.gripper.amperes_per_newton;
             if needs > limit {
@@ -290,7 +289,7 @@ impl Devices {
                 Ok(SerialArm {
                     name: arm.name.clone(),
                     axes: devices.lines(arm.model.has_track)?,
-                    max_currents: devices.limits(arm.model.has_track),
+                    max_currents: devices.limits(),
                     force: devices.sensor(arm.sensor.range)?,
                 })
             })
@@ -337,13 +336,10 @@ const NO_PORTS: &str =
 
 impl EffectorDevices {
     /// Motor currents at which serial controllers stop [A], the jaw's last.
-    fn limits(&self, has_track: bool) -> [f64; AXES + 1] {
-        let originals = if has_track {
-            [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0, 0.2]
-        } else {
-            [0.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0, 0.2]
-        };
-        std::array::from_fn(|axis| self.max_currents.get(axis).copied().unwrap_or(originals[axis]))
+    fn limits(&self) -> [f64; AXES + 1] {
+        /// Of both of the original's arms.
+        const ORIGINAL: [f64; AXES + 1] = [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0, 0.2];
+        std::array::from_fn(|axis| self.max_currents.get(axis).copied().unwrap_or(ORIGINAL[axis]))
     }
 
     fn lines(&self, has_track: bool) -> Result<[Option<Line>; AXES + 1], NoDevice> {

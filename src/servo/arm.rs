@@ -166,7 +166,7 @@ impl ArmServo {
             self.skipped(outside.skipped);
         }
         if let Some(why) = outside.brake {
-            self.brake_for(period, why);
+            self.brake(period, why);
         }
         if let Some(fault) = outside.trip {
             self.trip(period, fault);
@@ -175,18 +175,13 @@ impl ArmServo {
     }
 
     /// Stops the arm until [`ServoCommand::Reset`]: drives off, brakes on. The first fault stays.
-    pub fn trip(&mut self, period: u64, fault: ArmFault) {
+    fn trip(&mut self, period: u64, fault: ArmFault) {
         self.fault.get_or_insert(fault);
         self.hold(period);
     }
 
     /// Brings the arm to a stand within about 0.1 s: set values that stop dead trip the power stages.
-    pub fn brake(&mut self, period: u64) {
-        self.brake_for(period, MoveRefused::BrokenOff);
-    }
-
-    /// The same for another reason.
-    pub fn brake_for(&mut self, period: u64, why: MoveRefused) {
+    fn brake(&mut self, period: u64, why: MoveRefused) {
         if self.running.is_none() && self.waiting.is_none() && self.homing.is_none() {
             return;
         }
@@ -198,10 +193,10 @@ impl ArmServo {
         self.refused = Some(why);
     }
 
-    /// Whether the other arm is stopped by a fault, or an actor is gone. When it becomes so, an arm under force control yields for half a
-    /// second where it yields, without a velocity of its own, and then holds; any other comes to a stand. It takes no
-    /// motion until that is over.
-    pub fn stand_by(&mut self, period: u64, stopped: bool) {
+    /// Whether the other arm is stopped by a fault, or an actor is gone. When it becomes so, an arm under force control
+    /// yields for half a second where it yields, without a velocity of its own, and then holds; any other comes to a
+    /// stand. It takes no motion, and does not home, until that is over.
+    fn stand_by(&mut self, period: u64, stopped: bool) {
         let begins = stopped && !self.stands_by;
         self.stands_by = stopped;
         if !begins || self.fault.is_some() {
@@ -213,13 +208,13 @@ impl ArmServo {
             self.hold(period);
             self.running = Some(path);
         } else {
-            self.brake(period);
+            self.brake(period, MoveRefused::HeldBack);
         }
         self.refused = Some(MoveRefused::HeldBack);
     }
 
     /// Breaks off what is going on and keeps the present set values.
-    pub fn hold(&mut self, period: u64) {
+    fn hold(&mut self, period: u64) {
         self.running = None;
         self.waiting = None;
         self.homing = None;
@@ -235,7 +230,7 @@ impl ArmServo {
     }
 
     /// So many periods were missed before the next one.
-    pub fn skipped(&mut self, missed: u64) {
+    fn skipped(&mut self, missed: u64) {
         self.gap = Gap::Passed;
         self.watch.skipped(missed);
         self.jaw.skipped(missed);
@@ -282,6 +277,9 @@ impl ArmServo {
             }
             ServoCommand::ForceSettings(settings) => self.late.settings = settings,
             ServoCommand::Reset => self.reset(reading),
+            ServoCommand::Synchronise if self.stands_by => {
+                self.refused = Some(MoveRefused::HeldBack);
+            }
             ServoCommand::Synchronise => {
                 if self.fault.is_none() && !self.synchronised {
                     self.hold(period);

@@ -152,18 +152,22 @@ impl SerialPort {
             }
         }
         let Some((effector, index, fault)) = first else { return Ok(()) };
-        let arm = &self.arms[effector];
-        let path = arm.lines[index].map_or("", |line| self.lines.path(line));
         let more = match others {
             0 => String::new(),
             1 => "; another line failed with it".to_owned(),
             n => format!("; {n} other lines failed with it"),
         };
-        let axis = if index == AXES { "jaw".to_owned() } else { format!("axis {index}") };
-        let at = period as f64 * PERIOD;
-        let reason =
-            format!("{}, {axis} ({path}): {fault}, in period {period} ({at:.3} s){more}", arm.name);
+        let (at, line) = (period as f64 * PERIOD, self.line_of(effector, index));
+        let reason = format!("{line}: {fault}, in period {period} ({at:.3} s){more}");
         Err(PortFault { effector, reason })
+    }
+
+    /// Effector, axis and device of a line, for people.
+    fn line_of(&self, effector: usize, index: usize) -> String {
+        let arm = &self.arms[effector];
+        let path = arm.lines[index].map_or("", |line| self.lines.path(line));
+        let axis = if index == AXES { "jaw".to_owned() } else { format!("axis {index}") };
+        format!("{}, {axis} ({path})", arm.name)
     }
 
     fn misses_all(&self) -> bool {
@@ -221,15 +225,8 @@ impl SerialPort {
         }
         let silent = self.unsettled();
         let effector = silent[0].0;
-        let lines: Vec<_> = silent
-            .into_iter()
-            .map(|(effector, index)| {
-                let arm = &self.arms[effector];
-                let path = arm.lines[index].map_or("", |line| self.lines.path(line));
-                let axis = if index == AXES { "jaw".to_owned() } else { format!("axis {index}") };
-                format!("{}, {axis} ({path})", arm.name)
-            })
-            .collect();
+        let lines: Vec<_> =
+            silent.into_iter().map(|(effector, index)| self.line_of(effector, index)).collect();
         let reason = format!("{}: no answer within 1 s of the start", lines.join("; "));
         Err(PortFault { effector, reason })
     }
@@ -323,8 +320,9 @@ pub(crate) fn hand_over(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut 
         reading.sync_switches |= bit(axis.sync_switch());
         reading.encoder_zeros |= bit(axis.sync_zero());
         reading.synchronised &= !bit(!axis.synchronised());
-        reading.upper_limits |= bit(axis.at_limits().0);
-        reading.lower_limits |= bit(axis.at_limits().1);
+        let (upper, lower) = axis.at_limits();
+        reading.upper_limits |= bit(upper);
+        reading.lower_limits |= bit(lower);
         reading.guessed |= bit(axis.is_guessed());
         if index == AXES {
             reading.jaw_count = axis.count();
