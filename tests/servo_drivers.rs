@@ -157,6 +157,28 @@ fn arms_hold_when_the_heart_beat_stops() {
 }
 
 #[test]
+fn after_a_second_without_a_heart_beat_the_drives_go_off() {
+    let mut port = Motors::new(2);
+    let (mut core, links, switches) = core(&mut port, Box::new(NoRecords));
+    let mut cut = None;
+
+    for period in 1..=900 {
+        if period <= 200 {
+            switches.beats.fetch_add(1, Ordering::Relaxed);
+        }
+        core.period(period, &mut port).unwrap();
+        if period > 1 && !(port.enabled[0] || port.enabled[1]) {
+            cut.get_or_insert(period);
+        }
+    }
+
+    assert!(cut.is_some_and(|cut| (700..=702).contains(&cut)), "{cut:?}");
+    for link in &links {
+        assert!(matches!(link.state().fault, Some(ArmFault::HeartBeat { .. })));
+    }
+}
+
+#[test]
 fn a_port_that_fails_ends_the_virtual_run_with_its_reason() {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_time()

@@ -69,8 +69,6 @@ pub enum Found {
     Face(Box<FaceReading>),
     /// Nothing, and why.
     Nothing(String),
-    /// Nothing was sought: the picture is for people.
-    Unsought,
 }
 
 impl Board {

@@ -443,7 +443,6 @@ fn found_in(view: &mut CameraView, cell: &Cell, camera: usize, sight: &Sight) {
             view.found = false;
             view.words.clone_from(why);
         }
-        Found::Unsought => "a glance at the work".clone_into(&mut view.words),
         Found::Cube(world_from_cube, speed) => {
             let Mount::World { world_from_camera } = cell.cameras[camera].mount else { return };
             let camera_from_cube = world_from_camera.inverse() * world_from_cube;

@@ -11,7 +11,7 @@ use super::ui::Notice;
 use crate::cell::Cell;
 use crate::desk::{Behind, desk};
 use crate::hw::driver::{NoRecords, RecordSink, ServoRecord};
-use crate::motion::{AXES, ArmFault, ArmState, JointPositions, PERIOD, Synchronisation};
+use crate::motion::{AXES, ArmFault, ArmState, JointPositions, Synchronisation};
 use crate::operator::{Class, Command, ControlView, OutcomeView, Said, Services, Snapshot};
 use crate::record::reading::{End, Label, Message, Piece, Reading, Unreadable};
 use crate::record::sensed::{self, Sensed};
@@ -32,8 +32,6 @@ use std::time::{Duration, Instant};
 const REFRESH: Duration = Duration::from_millis(50);
 /// Periods of 2 ms between two states of an arm that are kept; what is largest in between is kept with them.
 const STATES: u32 = 20;
-/// A picture and what was found in it are at most so far apart [s].
-const TOGETHER: f64 = 0.2;
 /// As fast as it goes, in times of real time.
 const FASTEST: f64 = 200.0;
 
@@ -157,17 +155,10 @@ impl Show {
                 from.string()?;
                 let jpeg = Arc::new(from.u8_sequence()?.to_vec());
                 // A picture follows what was found in it.
-                let Some(camera) = self.camera_of(topic) else { return Ok(()) };
-                let looked = loading.looked.take().filter(|(by, _)| *by == camera);
-                match looked.and_then(|(_, at)| self.events.get_mut(at)) {
-                    Some((at, What::Sight(_, _, picture, _))) if time - *at < TOGETHER => {
-                        *picture = Some(jpeg);
-                    }
-                    _ => {
-                        let period = (time / PERIOD).round() as u64;
-                        let glance = What::Sight(camera, period, Some(jpeg), Found::Unsought);
-                        self.events.push((time, glance));
-                    }
+                if let Some((_, at)) = loading.looked.take()
+                    && let Some((_, What::Sight(_, _, picture, _))) = self.events.get_mut(at)
+                {
+                    *picture = Some(jpeg);
                 }
             }
             _ if topic.ends_with("/servo") => {
@@ -185,11 +176,6 @@ impl Show {
     #[must_use]
     pub fn ending(&self) -> String {
         format!("{}: {}", self.outcome.verdict, self.outcome.reason)
-    }
-
-    fn camera_of(&self, topic: &str) -> Option<usize> {
-        let name = topic.strip_prefix('/')?.strip_suffix("/image")?;
-        self.scenario.controller.cell.cameras.iter().position(|camera| camera.name == name)
     }
 
     fn camera(&self, sensor: &str) -> Option<usize> {

@@ -32,8 +32,6 @@ use tracing::Instrument as _;
 
 /// While tracking, a picture is kept each 0.2 s.
 const KEPT_PERIODS: u64 = 100;
-/// While nothing is tracked, people are shown a picture each 2 s.
-const GLANCE_PERIODS: u64 = 1000;
 
 /// A picture older than this is not what the camera sees now [s].
 const STALE: f64 = 0.1;
@@ -211,7 +209,6 @@ pub(super) fn spawn(name: &str, parts: Parts, care: &Care) -> VspHandle {
 impl Vsp {
     async fn run(mut self) {
         let mut next_frame = 0;
-        let mut next_glance = GLANCE_PERIODS;
         loop {
             let tracking = *self.tracking.borrow_and_update();
             tokio::select! {
@@ -239,28 +236,8 @@ impl Vsp {
                         next_frame += self.frame_periods;
                     }
                 },
-                () = self.clock.until(next_glance), if !tracking && self.has_onlookers() => {
-                    self.glance().await;
-                    next_glance = self.clock.period() + GLANCE_PERIODS;
-                },
             }
         }
-    }
-
-    /// Whether somebody sees what a stand-alone camera sees while the task does not.
-    fn has_onlookers(&self) -> bool {
-        let sees_the_cell = self.watcher.is_some() && self.playback.is_none();
-        sees_the_cell && (self.show.is_some() || self.recorder.0.is_on())
-    }
-
-    /// Shows and keeps a picture in which nothing is sought. No part of the task hears of it, and it takes none of its time.
-    async fn glance(&mut self) {
-        let Some(mut source) = self.source.take() else { return };
-        let period = self.clock.period();
-        let looks = move || ((source.glance(period), source), Effort(0.0));
-        let Some((frame, source)) = self.work.run(looks).await else { return };
-        self.source = Some(source);
-        self.kept_and_shown(frame, 0, || Found::Unsought);
     }
 
     async fn localise(&mut self, period: u64) {
@@ -438,9 +415,9 @@ impl Vsp {
         apart: u64,
         found: &dyn Fn() -> Found,
     ) {
-        let (recorder, _) = &self.recorder;
+        let (recorder, camera) = &self.recorder;
         let now = self.clock.period();
-        recorder.note_some(now, || {
+        recorder.note(now, || {
             let (sensor, asked) = (self.name.clone(), asked.to_owned());
             let found = match found() {
                 Found::Cube(world_from_cube, speed) => {
@@ -448,15 +425,9 @@ impl Vsp {
                 }
                 Found::Face(reading) => Ok(kept::Found::Face(*reading)),
                 Found::Nothing(reason) => Err(reason),
-                Found::Unsought => return None,
             };
-            Some(Entry::Sensed(Sensed { period, sensor, asked, found }))
+            Entry::Sensed(Sensed { period, sensor, asked, found })
         });
-        self.kept_and_shown(frame, apart, found);
-    }
-
-    fn kept_and_shown(&mut self, frame: Option<Frame>, apart: u64, found: impl FnOnce() -> Found) {
-        let (recorder, camera) = &self.recorder;
         if let Some(frame) = frame.as_ref().filter(|_| recorder.is_on())
             && self.kept.is_none_or(|last| last + apart <= frame.period)
         {

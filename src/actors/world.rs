@@ -132,13 +132,6 @@ impl FrameSource for Blinkered {
             reason: "its picture has not come yet".into(),
         })
     }
-
-    fn glance(&mut self, period: u64) -> Option<Frame> {
-        let blinkers = &self.blinkers;
-        // A late camera's pictures stand in a queue.
-        let well = !blinkers.is_silent() && !blinkers.is_dark() && blinkers.late() == 0.0;
-        well.then(|| self.source.glance(period))?
-    }
 }
 
 /// A frame source for each camera of the cell.
@@ -337,7 +330,9 @@ impl Port for World {
         }
         if let (Err(fault), Kind::Bridge(_)) = (&done, &self.kind) {
             // The operator learns it now; the task would only learn it when it asks an arm for something.
-            tracing::error!("bridge lost: {fault}; power is off, brakes are on");
+            tracing::error!(
+                "bridge lost: {fault}; every controller was told to switch off, and nobody knows whether those that do not answer did"
+            );
             self.control.send_replace(Control::Terminated);
         }
         done?;

@@ -18,11 +18,6 @@ pub trait FrameSource: Send {
     /// # Errors
     /// [`NoFrame`] with the reason.
     fn grab(&mut self, period: u64, exposure: f64) -> Result<Frame, NoFrame>;
-
-    /// A frame for people, beside those that a task asks for. `None` where every frame counts, or there is none.
-    fn glance(&mut self, _period: u64) -> Option<Frame> {
-        None
-    }
 }
 
 /// There is no frame.

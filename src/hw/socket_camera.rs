@@ -171,10 +171,6 @@ impl FrameSource for SocketCamera {
             .ok_or_else(|| self.refuse("a frame that is shorter than it says".into()))?;
         Ok(Frame { period: self.offset.ours(period, header.period), image })
     }
-
-    fn glance(&mut self, period: u64) -> Option<Frame> {
-        self.grab(period, 1.0).ok()
-    }
 }
 
 #[cfg(test)]

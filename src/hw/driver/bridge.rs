@@ -199,11 +199,18 @@ impl BridgePort {
     pub fn fetch(&mut self, period: u64, readings: &mut [ArmReading]) -> Result<(), BridgeLost> {
         let latest = *self.readings.read();
         let fresh = latest.period + 1 == period;
-        if latest.period > self.seen.period {
+        let new = latest.period > self.seen.period;
+        if new {
             let periods = (latest.period - self.seen.period) as i64;
             let pairs = latest.readings.iter().zip(&self.seen.readings);
             for (steps, (now, before)) in self.steps.iter_mut().zip(pairs) {
+                let zeroed = now.synchronised & !before.synchronised;
                 for (i, mean) in steps.iter_mut().enumerate() {
+                    if zeroed & (1 << i) != 0 {
+                        // The counter was set, the axis has gone nowhere.
+                        *mean = 0;
+                        continue;
+                    }
                     let step = (counter(now, i) - counter(before, i)) / periods;
                     *mean += (step - *mean) / Self::STEPS;
                 }
@@ -221,7 +228,8 @@ impl BridgePort {
                 reading.guessed = u8::MAX;
             }
         }
-        self.late_in_a_row = if fresh { 0 } else { self.late_in_a_row + 1 };
+        // A bridge that is always a period behind is late, but not silent.
+        self.late_in_a_row = if new || fresh { 0 } else { self.late_in_a_row + 1 };
         self.late += u64::from(!fresh);
         if self.broken.load(Ordering::Acquire) || self.late_in_a_row * self.length > Self::LOST {
             return Err(BridgeLost { periods: self.late_in_a_row });
@@ -255,4 +263,144 @@ fn counter(reading: &ArmReading, axis: usize) -> i64 {
 pub struct BridgeLost {
     /// How long.
     pub periods: u64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Mutex;
+
+    /// The servo's side alone, and where a bridge would put its readings.
+    fn port() -> (triple_buffer::Input<Readings>, BridgePort) {
+        let (drives, _) = rtrb::RingBuffer::<Drives>::new(64);
+        let start = Readings::default();
+        let (outgoing, readings) = triple_buffer::triple_buffer(&start);
+        let port = BridgePort {
+            drives,
+            readings,
+            broken: Arc::default(),
+            bridge: std::thread::current(),
+            late: 0,
+            late_in_a_row: 0,
+            seen: start,
+            steps: [[0; AXES + 1]; MOST],
+            length: 2_000_000,
+        };
+        (outgoing, port)
+    }
+
+    fn read(period: u64, count: i64, synchronised: u8) -> Readings {
+        let mut readings = Readings { period, ..Readings::default() };
+        readings.readings[0].counts[3] = count;
+        readings.readings[0].synchronised = synchronised;
+        readings
+    }
+
+    fn fetched(port: &mut BridgePort, period: u64) -> Result<ArmReading, BridgeLost> {
+        let mut readings = [ArmReading::default()];
+        port.fetch(period, &mut readings).map(|()| readings[0])
+    }
+
+    #[test]
+    fn a_counter_that_is_read_late_goes_on_for_ten_periods_and_is_said_to_be_guessed() {
+        let (mut bridge, mut servo) = port();
+        for period in 1..=40 {
+            bridge.write(read(period, 90 * period as i64, u8::MAX));
+            assert_eq!(fetched(&mut servo, period + 1).unwrap().guessed, 0);
+        }
+
+        let guesses: Vec<_> = (42..62).map(|p| fetched(&mut servo, p).unwrap()).collect();
+
+        let steps: Vec<_> = guesses.windows(2).map(|g| g[1].counts[3] - g[0].counts[3]).collect();
+        assert!(steps[..9].iter().all(|step| (80..=90).contains(step)), "{steps:?}");
+        assert!(steps[9..].iter().all(|step| *step == 0), "{steps:?}");
+        assert!(guesses.iter().all(|g| g.guessed == u8::MAX));
+    }
+
+    #[test]
+    fn a_counter_that_is_set_at_its_zero_has_gone_nowhere() {
+        let (mut bridge, mut servo) = port();
+        for period in 1..=20 {
+            bridge.write(read(period, 50_000, 0));
+            fetched(&mut servo, period + 1).unwrap();
+        }
+        bridge.write(read(21, 12, 1 << 3));
+        assert_eq!(fetched(&mut servo, 22).unwrap().counts[3], 12);
+
+        assert_eq!(fetched(&mut servo, 23).unwrap().counts[3], 12);
+    }
+
+    #[test]
+    fn a_bridge_is_lost_after_a_tenth_of_a_second_without_readings_and_not_for_being_a_period_behind()
+     {
+        let (mut bridge, mut servo) = port();
+        for period in 1..=200 {
+            bridge.write(read(period, 0, 0));
+            fetched(&mut servo, period + 2).unwrap();
+        }
+        assert_eq!(servo.late(), 200);
+
+        let lost = (203..).find(|period| fetched(&mut servo, *period).is_err());
+
+        assert_eq!(lost, Some(203 + 50));
+    }
+
+    #[test]
+    fn an_order_to_switch_off_that_was_overtaken_stays() {
+        let on = ArmDrive { enabled: true, ..ArmDrive::default() };
+        let zero = ArmDrive { synchronise: 1 << 2, ..on };
+        let of = |drive| Drives { period: 1, drives: [drive; MOST] };
+
+        assert!(!of(on).instead_of(&of(ArmDrive::OFF)).drives[0].enabled);
+        assert!(!of(ArmDrive::OFF).instead_of(&of(on)).drives[0].enabled);
+        assert_eq!(of(on).instead_of(&of(zero)).drives[3].synchronise, 1 << 2);
+    }
+
+    /// When it was told to drive or to stop.
+    #[derive(Clone, Default)]
+    struct Told(Arc<Mutex<Vec<(Instant, bool)>>>);
+
+    impl Port for Told {
+        fn exchange(
+            &mut self,
+            _: u64,
+            drives: &[ArmDrive],
+            _: &mut [ArmReading],
+        ) -> Result<(), PortFault> {
+            self.0.lock().unwrap().push((Instant::now(), drives[0].enabled));
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn drives_go_off_when_the_servo_says_nothing_for_a_fifth_of_a_second_and_when_it_is_gone() {
+        let told = Told::default();
+        let first = [ArmReading::default()];
+        let (bridge, mut servo) =
+            Bridge::spawn(told.clone(), &first, 6, 2_000_000, |_, _| ()).unwrap();
+        let on = ArmDrive { enabled: true, ..ArmDrive::default() };
+        let off = |count: usize| {
+            let begun = Instant::now();
+            loop {
+                let told = told.0.lock().unwrap();
+                let offs: Vec<_> = told.iter().filter(|(_, on)| !on).map(|(at, _)| *at).collect();
+                if offs.len() >= count {
+                    return offs[count - 1];
+                }
+                drop(told);
+                assert!(begun.elapsed() < Duration::from_secs(30), "it is never told to stop");
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        };
+
+        let silent_since = Instant::now();
+        servo.send(1, &[on]);
+        assert!(off(1) - silent_since >= SILENCE);
+
+        servo.send(2, &[on]);
+        drop(servo);
+        off(2);
+        assert!(bridge.join().unwrap().1.is_none());
+        assert!(told.0.lock().unwrap().last().is_some_and(|(_, on)| !on));
+    }
 }

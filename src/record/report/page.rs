@@ -320,8 +320,6 @@ fn timing(html: &mut String, story: &Story) {
 fn chosen(story: &Story) -> Vec<(&Shot, String)> {
     /// Faces from the beginning and from the end.
     const FACES: (usize, usize) = (6, 3);
-    /// Steps of the plan, grasps and turns.
-    const STEPS: usize = 9;
     let mut chosen = Vec::new();
     let standalone: Vec<_> = story.shots.iter().filter(|s| s.camera == "standalone").collect();
     if let Some((found, _)) = story.seen.first()
@@ -358,23 +356,8 @@ fn chosen(story: &Story) -> Vec<(&Shot, String)> {
             chosen.push((shot, words));
         }
     }
-    let work = story.steps.iter().enumerate().filter_map(|(i, (begun, what))| {
-        let end = story.steps.get(i + 1).map_or(story.end, |(next, _)| *next);
-        let amid = 0.5 * (begun + end);
-        let shots = standalone.iter().filter(|s| s.time > *begun && s.time < end);
-        let shot = shots.min_by(|a, b| (a.time - amid).abs().total_cmp(&(b.time - amid).abs()))?;
-        Some((*shot, what.clone()))
-    });
-    chosen.extend(spread(&work.collect::<Vec<_>>(), STEPS));
     chosen.sort_by(|a, b| a.0.time.total_cmp(&b.0.time));
     chosen
-}
-
-/// So many of all, evenly from the first one to the last one.
-fn spread<T: Clone>(all: &[T], count: usize) -> Vec<T> {
-    let count = count.min(all.len());
-    let gaps = count.saturating_sub(1).max(1);
-    (0..count).map(|k| all[k * (all.len() - 1) / gaps].clone()).collect()
 }
 
 fn pictures(html: &mut String, story: &Story) {
@@ -581,34 +564,6 @@ mod tests {
 
         assert!(html.contains("held by neither hand, as the controller believed"), "{html}");
         assert!(!html.contains("with the operator"));
-    }
-
-    #[test]
-    fn grasps_and_turns_are_shown_as_they_happen() {
-        let what = |i: u32| format!("track turns {i}");
-        let mut story = Story { end: 200.0, ..Story::default() };
-        story.steps = (0..40).map(|i| (f64::from(5 * i), what(i))).collect();
-        let shot = |time| Shot { time, camera: "standalone".into(), jpeg: vec![] };
-        story.shots = (1..60).map(|i| shot(f64::from(2 * i))).collect();
-
-        let chosen = chosen(&story);
-
-        let work: Vec<_> = chosen.iter().filter(|(_, words)| words.contains("turns")).collect();
-        assert_eq!(work.len(), 9);
-        assert_eq!((work[0].1.as_str(), work[0].0.time), ("track turns 0", 2.0));
-        // The last one of which there is a picture.
-        assert_eq!((work[8].1.as_str(), work[8].0.time), ("track turns 23", 118.0));
-    }
-
-    #[test]
-    fn so_many_are_spread_over_all() {
-        for all in 0..30 {
-            let some = spread(&(0..all).collect::<Vec<usize>>(), 9);
-            assert_eq!(some.len(), all.min(9));
-            assert!(some.windows(2).all(|pair| pair[0] < pair[1]), "{some:?}");
-            let ends = (some.first().copied(), some.last().copied());
-            assert_eq!(ends, (0..all).next().map_or((None, None), |_| (Some(0), Some(all - 1))));
-        }
     }
 
     #[test]

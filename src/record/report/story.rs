@@ -1,7 +1,6 @@
 //! What a report tells, gathered from a recording in one pass.
 
 use crate::operator::Said;
-use crate::record::belief;
 use crate::record::cdr::{Malformed, Reader};
 use crate::record::reading::{End, Label, Message, Piece, Reading, Unreadable};
 use crate::record::sensed::{Found, Sensed};
@@ -40,8 +39,6 @@ pub struct Story {
     pub looks: Vec<u64>,
     /// Where the cube really was: time [s], its centre [m].
     pub cube: Vec<(f64, Point3<f64>)>,
-    /// Steps of the plan, as the controller took them up: when [s], and what it says.
-    pub steps: Vec<(f64, String)>,
     /// The latest plan: what, why, how long [s].
     pub plan: Vec<(String, String, f64)>,
     /// Letters as read, believed, and in the plant; empty where unknown.
@@ -144,7 +141,6 @@ impl Story {
                     self.holders.push((time, holders));
                 }
             }
-            "/belief" => self.step(time, Reader::new(data)?.string()?),
             "/plan" => {
                 let mut from = stamped(data)?;
                 let (what, why) = (from.string_sequence()?, from.string_sequence()?);
@@ -174,14 +170,6 @@ impl Story {
             _ => {}
         }
         Ok(())
-    }
-
-    fn step(&mut self, time: f64, belief: &str) {
-        let Some(picture) = belief::read(belief) else { return };
-        let Some(line) = picture.step.and_then(|step| picture.plan.get(step)) else { return };
-        if self.steps.last().is_none_or(|(_, before)| *before != line.what) {
-            self.steps.push((time, line.what.clone()));
-        }
     }
 
     fn sensed(&mut self, time: f64, sensed: &Sensed) {

@@ -421,10 +421,6 @@ impl FrameSource for PlantCamera {
         }
         Ok(Frame { period: scene.period, image: self.renderer.render(&scene, exposure) })
     }
-
-    fn glance(&mut self, period: u64) -> Option<Frame> {
-        self.grab(period, 1.0).ok()
-    }
 }
 
 #[cfg(test)]
