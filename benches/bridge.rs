@@ -92,7 +92,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut readings = [ArmReading::default(); 2];
     port.exchange(0, &[ArmDrive::OFF; 2], &mut readings)?;
     let mut times = Histogram::default();
-    let mut missed = 0u64;
+    let (mut missed, mut cut) = (0u64, 0u64);
     let mut next = Clock.now() + PERIOD_NANOS;
     for period in 1..=PERIODS {
         Clock.wait_until(next, 0);
@@ -100,6 +100,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         port.exchange(period, &[drive; 2], &mut readings)?;
         times.record(Clock.now() - begun);
         next = (next + PERIOD_NANOS).max(Clock.now());
+        let before = missed;
         while let Ok(note) = noted.pop() {
             missed += match note.what {
                 What::Missed { .. } => 1,
@@ -107,6 +108,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 _ => 0,
             };
         }
+        cut += u64::from(missed > before);
     }
     stop.store(true, Ordering::Release);
     let course = server.join().map_err(|_| "the emulator died")?.map_err(|e| e.to_string())?;
@@ -118,6 +120,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         "{PERIODS} exchanges with {axes} axes: p50 {p50:.0}, p99 {p99:.0}, p99.9 {p999:.0}, max {:.0} us",
         times.max() as f64 * 1e-3
     );
+    println!("exchanges that were cut short, since an answer had not come: {cut} of {PERIODS}");
     println!(
         "answers missed: {missed} of {}; the emulator stood still for {} periods",
         PERIODS * axes as u64,

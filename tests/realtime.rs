@@ -6,10 +6,13 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
 #![allow(unsafe_code, reason = "an allocator, a signal handler and a system call filter")]
 
+use nalgebra::Point3;
 use rubik_robot::hw::driver::{
     Core, RecordSink, ServoLink, ServoRecord, Switches, WallOptions, link, spawn_wall,
 };
-use rubik_robot::motion::{Direction, Frame, Motion, MoveCommand};
+use rubik_robot::motion::{
+    Depth, Direction, Frame, JawCommand, JointPositions, Motion, MotorPositions, MoveCommand,
+};
 use rubik_robot::servo::ServoCommand;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -18,7 +21,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 mod servo_rig;
-use servo_rig::{Motors, config};
+use servo_rig::{Motors, START, config};
 
 thread_local! {
     static MARKED: Cell<bool> = const { Cell::new(false) };
@@ -157,6 +160,42 @@ fn filter_system_calls() {
     CALLS.store(0, Ordering::Relaxed);
 }
 
+/// The step at which the emergency stop is pressed.
+const STOPPED: usize = 9;
+
+/// All that an EDP may order: each kind of motion, jaws, what is refused, a stop and a new beginning.
+fn commands() -> Vec<ServoCommand> {
+    let go = |motion| ServoCommand::Move {
+        command: MoveCommand { motion, periods: 35, jaw: None },
+        start: 0,
+    };
+    let mut directions = [Direction::HOLD; 6];
+    directions[2] = Direction::Guarded { velocity: 0.005, admittance: 1e-3, inertia: 20.0 };
+    let guarded = go(Motion::Task { frame: Frame::Tool, directions });
+    let (mut near, mut by) = (START, MotorPositions::default());
+    near.0[1] += 0.01;
+    by.0[2] = 0.5;
+    let at = config().model.base_from_flange(&START) * config().flange_from_tool;
+    let jaw = JawCommand { opening: 0.06, force_limit: 20.0, stops: Depth::Two };
+    let closing = MoveCommand { motion: Motion::Hold, periods: 35, jaw: Some(jaw) };
+    vec![
+        guarded,
+        guarded,
+        go(Motion::Joints(near)),
+        go(Motion::Pose(at)),
+        go(Motion::MotorsBy(by)),
+        ServoCommand::Move { command: closing, start: 0 },
+        ServoCommand::Bias,
+        go(Motion::Joints(JointPositions([f64::NAN; 7]))),
+        guarded,
+        guarded,
+        ServoCommand::Reset,
+        ServoCommand::Payload { weight: 5.0, centre: Point3::origin() },
+        ServoCommand::Synchronise,
+        guarded,
+    ]
+}
+
 /// Runs the real thread on motors in position-force control; returns allocations, system calls and records.
 fn run(sin: Sin) -> [u64; 3] {
     let seen: Arc<[AtomicU64; 3]> = Arc::default();
@@ -175,10 +214,6 @@ fn run(sin: Sin) -> [u64; 3] {
     let options = WallOptions { missed_limit: u64::MAX, ..WallOptions::default() };
     let wall = spawn_wall(core, port, |_, _| {}, options).unwrap();
 
-    let mut directions = [Direction::HOLD; 6];
-    directions[2] = Direction::Guarded { velocity: 0.005, admittance: 1e-3, inertia: 20.0 };
-    let motion = Motion::Task { frame: Frame::Tool, directions };
-    let command = MoveCommand { motion, periods: 50, jaw: None };
     let holds = Arc::new(AtomicBool::new(sin == Sin::WaitsForALock));
     let on = Arc::clone(&holds);
     let holder = std::thread::spawn(move || {
@@ -189,15 +224,20 @@ fn run(sin: Sin) -> [u64; 3] {
             std::thread::sleep(Duration::from_millis(5));
         }
     });
-    for _ in 0..10 {
+    for (step, command) in commands().into_iter().enumerate() {
         for link in &mut links {
-            let _ = link.send(ServoCommand::Move { command, start: 0 });
+            let _ = link.send(command);
         }
+        // A stop amid a motion, and both arms take up work again.
+        switches.emergency.store(step == STOPPED, Ordering::Release);
         switches.beats.fetch_add(1, Ordering::Relaxed);
         std::thread::sleep(Duration::from_millis(80));
     }
     holds.store(false, Ordering::Release);
     holder.join().unwrap();
+    let state = *links[1].state();
+    assert!(state.fault.is_none(), "{:?}", state.fault);
+    assert_ne!(state.desired_joints, START, "it has been moved");
     let _ = wall.stop();
     seen.each_ref().map(|n| n.load(Ordering::Relaxed))
 }

@@ -159,7 +159,7 @@ fn arms_hold_when_the_heart_beat_stops() {
 #[test]
 fn after_a_second_without_a_heart_beat_the_drives_go_off() {
     let mut port = Motors::new(2);
-    let (mut core, links, switches) = core(&mut port, Box::new(NoRecords));
+    let (mut core, mut links, switches) = core(&mut port, Box::new(NoRecords));
     let mut cut = None;
 
     for period in 1..=900 {
@@ -173,7 +173,7 @@ fn after_a_second_without_a_heart_beat_the_drives_go_off() {
     }
 
     assert!(cut.is_some_and(|cut| (700..=702).contains(&cut)), "{cut:?}");
-    for link in &links {
+    for link in &mut links {
         assert!(matches!(link.state().fault, Some(ArmFault::HeartBeat { .. })));
     }
 }

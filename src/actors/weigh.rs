@@ -31,6 +31,8 @@ const STEP: u32 = 20;
 /// Time that the arm stands before it is listened to, and is listened to [s].
 const SETTLES: f64 = 0.8;
 const LISTENS: f64 = 0.6;
+/// The sensor may take so many times as long.
+const PATIENCE: u32 = 5;
 /// Joints stay this far from their limits [rad].
 const MARGIN: f64 = 0.05;
 /// Where the wrist goes from the start: offsets of pitch q4, roll q5, tool's roll q6 [deg].
@@ -148,7 +150,12 @@ impl Scale {
     fn step(&mut self) -> Result<(), Error> {
         if let Some(next) = &mut self.next {
             Clock.wait_until(*next, 0);
-            *next = (*next + PERIOD_NANOS).max(Clock.now());
+            *next += PERIOD_NANOS;
+            let missed = Clock.now().saturating_sub(*next).div_ceil(PERIOD_NANOS);
+            if missed > 0 {
+                *next += missed * PERIOD_NANOS;
+                self.core.skipped(missed);
+            }
         }
         if self.interrupted.load(Ordering::Acquire) {
             return Err(refuse(MoveRefused::BrokenOff));
@@ -217,10 +224,25 @@ impl Scale {
             self.step()?;
         }
         let count = (LISTENS / PERIOD) as u32;
-        let mut sum = Wrench::default();
-        for _ in 0..count {
+        let (mut sum, mut taken) = (Wrench::default(), 0);
+        // What is held from before, or no number, weighs nothing.
+        for _ in 0..PATIENCE * count {
             self.step()?;
-            sum = sum + self.core.readings()[arm].wrench_on_sensor;
+            let reading = &self.core.readings()[arm];
+            let wrench = reading.wrench_on_sensor;
+            let numbers = wrench.force.iter().chain(wrench.torque.iter()).all(|c| c.is_finite());
+            if numbers && !reading.wrench_is_old {
+                (sum, taken) = (sum + wrench, taken + 1);
+            }
+            if taken == count {
+                break;
+            }
+        }
+        if taken < count {
+            let of = PATIENCE * count;
+            let silent = format!("the force sensor gave {taken} readings in {of} periods");
+            let cause = NonFatal::NoReading(silent);
+            return Err(Error::NonFatal { actor: "weigh".into(), place: "listen", cause });
         }
         let joints = self.check(arm)?.joints;
         let share = 1.0 / f64::from(count);

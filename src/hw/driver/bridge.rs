@@ -19,6 +19,9 @@ const MOST: usize = 4;
 /// Time without drives after which the arms are switched off: the servo is stuck.
 const SILENCE: Duration = Duration::from_millis(200);
 
+/// Time without drives after which controllers may have stopped by themselves.
+const STALL: Duration = Duration::from_millis(40);
+
 #[derive(Debug, Clone, Copy)]
 struct Drives {
     period: u64,
@@ -123,16 +126,16 @@ impl<P: Port + 'static> Bridge<P> {
                     std::thread::park_timeout(Duration::from_millis(10));
                     continue;
                 };
-                heard = Instant::now();
+                let gap = std::mem::replace(&mut heard, Instant::now()).elapsed();
                 while !port.each_counts()
                     && let Ok(newer) = incoming.pop()
                 {
                     next = newer.instead_of(&next);
                 }
                 let Drives { period, drives } = next;
-                if let Err(fault) =
-                    port.exchange(period, &drives[..arms], &mut latest.readings[..arms])
-                {
+                let readings = &mut latest.readings[..arms];
+                if let Err(mut fault) = port.exchange(period, &drives[..arms], readings) {
+                    fault.reason += &stalled(gap);
                     return give_up(port, fault);
                 }
                 latest.period = period;
@@ -252,6 +255,13 @@ impl BridgePort {
     }
 }
 
+/// What a fault is to be judged by where nothing was ordered for long before it: controllers stop by themselves then.
+fn stalled(gap: Duration) -> String {
+    let ms = gap.as_millis();
+    let long = gap > STALL;
+    long.then(|| format!("; before that this machine sent nothing for {ms} ms")).unwrap_or_default()
+}
+
 /// Counter of an axis, the jaw's last.
 fn counter(reading: &ArmReading, axis: usize) -> i64 {
     reading.counts.get(axis).copied().unwrap_or(reading.jaw_count)
@@ -346,8 +356,14 @@ mod tests {
     }
 
     #[test]
+    fn a_fault_after_a_stall_of_this_machine_is_said_to_come_after_it() {
+        assert_eq!(stalled(Duration::from_millis(6)), "");
+        assert!(stalled(Duration::from_millis(58)).contains("sent nothing for 58 ms"));
+    }
+
+    #[test]
     fn an_order_to_switch_off_that_was_overtaken_stays() {
-        let on = ArmDrive { enabled: true, ..ArmDrive::default() };
+        let on = ArmDrive { enabled: true, ..ArmDrive::OFF };
         let zero = ArmDrive { synchronise: 1 << 2, ..on };
         let of = |drive| Drives { period: 1, drives: [drive; MOST] };
 
@@ -378,7 +394,7 @@ mod tests {
         let first = [ArmReading::default()];
         let (bridge, mut servo) =
             Bridge::spawn(told.clone(), &first, 6, 2_000_000, |_, _| ()).unwrap();
-        let on = ArmDrive { enabled: true, ..ArmDrive::default() };
+        let on = ArmDrive { enabled: true, ..ArmDrive::OFF };
         let off = |count: usize| {
             let begun = Instant::now();
             loop {
