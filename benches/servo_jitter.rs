@@ -31,6 +31,8 @@ struct Kind {
     what: What,
     late: Histogram<u64>,
     jitter: Histogram<u64>,
+    /// From a period's begin to its end: reading, computing, handing over to the bridge and waking it.
+    work: Histogram<u64>,
     /// 99 % of each round [us].
     p99: Vec<f64>,
     missed: u64,
@@ -45,15 +47,17 @@ enum What {
 
 impl Kind {
     fn new(name: &'static str, loaded: bool, what: What) -> Self {
-        let (late, jitter) = (rig::histogram(), rig::histogram());
-        Self { name, loaded, what, late, jitter, p99: Vec::new(), missed: 0 }
+        let [late, jitter, work] = std::array::from_fn(|_| rig::histogram());
+        Self { name, loaded, what, late, jitter, work, p99: Vec::new(), missed: 0 }
     }
 
     fn round(&mut self) {
         let load = self.loaded.then(Load::start);
         let mut late = rig::histogram();
         match self.what {
-            What::Servo(spin) => self.missed += servo(spin, &mut late, &mut self.jitter),
+            What::Servo(spin) => {
+                self.missed += servo(spin, [&mut late, &mut self.jitter, &mut self.work]);
+            }
             What::Cyclictest => cyclictest(&mut late),
         }
         drop(load);
@@ -99,6 +103,8 @@ fn main() {
             ("p999_us", quiet.share(0.999)),
             ("max_us", quiet.share(1.0)),
             ("missed", Some(quiet.missed as f64)),
+            ("work_p50_us", Some(rig::us(&quiet.work, 0.5))),
+            ("work_p99_us", Some(rig::us(&quiet.work, 0.99))),
             ("jitter_p99_us", Some(rig::us(&quiet.jitter, 0.99))),
             ("spin_p50_us", spun.share(0.5)),
             ("spin_p99_us", spun.share(0.99)),
@@ -132,6 +138,12 @@ fn main() {
             println!("p99 of \"{}\" to cyclictest's, median of rounds: {ratio:.2}", name(ours));
         }
     }
+    println!(
+        "work of a period of two arms, with the hand-over to the bridge: p50 {:.1}, p99 {:.1}, p99.9 {:.1} us",
+        rig::us(&quiet.work, 0.5),
+        rig::us(&quiet.work, 0.99),
+        rig::us(&quiet.work, 0.999)
+    );
     for kind in [quiet, spun] {
         println!(
             "\n{}: lateness, and jitter of the period (p99 {:.1} us)",
@@ -167,7 +179,7 @@ fn ratio(ours: &Kind, theirs: &Kind) -> Option<f64> {
 }
 
 /// The wall driver as a run starts it; adds to the histograms and returns the missed periods.
-fn servo(spin: u64, late: &mut Histogram<u64>, jitter: &mut Histogram<u64>) -> u64 {
+fn servo(spin: u64, [late, jitter, work]: [&mut Histogram<u64>; 3]) -> u64 {
     let (mut links, ends): (Vec<_>, Vec<_>) = (0..2).map(|_| link()).unzip();
     let mut port = rig::Still::new();
     let switches = Arc::new(Switches::default());
@@ -180,7 +192,8 @@ fn servo(spin: u64, late: &mut Histogram<u64>, jitter: &mut Histogram<u64>) -> u
     let Ok(wall) = spawn_wall(core, port, |_, _| {}, options) else { return 0 };
     std::thread::sleep(SECOND);
     let timing = wall.stop().timing;
-    for (from, to) in [(&timing.wake_up, late), (&timing.jitter, jitter)] {
+    let pairs = [(&timing.wake_up, late), (&timing.jitter, jitter), (&timing.work, work)];
+    for (from, to) in pairs {
         for (nanos, count) in from.classes() {
             to.saturating_record_n(nanos, count);
         }

