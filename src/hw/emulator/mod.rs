@@ -156,7 +156,7 @@ impl<P: Port> Emulator<P> {
                 ..EffectorDevices::default()
             })
             .collect();
-        Devices { effector, camera: Vec::new() }
+        Devices { emulated: true, effector, camera: Vec::new() }
     }
 
     /// The world.
