@@ -250,3 +250,17 @@ fn what_a_killed_emulator_left_behind_is_refused() {
     let empty = robot.start(&["--set", "bridge.devices=\"\""]).wait_with_output().unwrap();
     assert_eq!(empty.status.code(), Some(2), "{}", stderr(&empty));
 }
+
+#[test]
+fn a_fault_at_no_time_is_refused() {
+    for time in ["-1", "nan", "inf"] {
+        let fault = format!("track.3@{time}");
+        let out = program()
+            .args(["emulate", "scenarios/hardware.toml", "--unplug", &fault])
+            .output()
+            .unwrap();
+
+        assert_eq!(out.status.code(), Some(2), "{fault}: {}", stderr(&out));
+        assert!(stderr(&out).contains("0 or more"), "{}", stderr(&out));
+    }
+}
