@@ -235,3 +235,32 @@ fn without_a_robot_the_user_is_told_what_to_do() {
     assert_eq!(virtual_pace.status.code(), Some(2));
     assert!(stderr(&virtual_pace).contains("wall clock only"), "{}", stderr(&virtual_pace));
 }
+
+#[test]
+fn what_a_killed_emulator_left_behind_is_refused() {
+    let mut robot = Robot::new("left", &[]);
+    robot.emulator.kill().unwrap();
+    robot.emulator.wait().unwrap();
+    assert!(robot.folder.join("devices.toml").exists());
+
+    let out = robot.start(&[]).wait_with_output().unwrap();
+
+    assert_eq!(out.status.code(), Some(4), "{}", stderr(&out));
+    assert!(stderr(&out).contains("the emulator that wrote it has ended"), "{}", stderr(&out));
+    let empty = robot.start(&["--set", "bridge.devices=\"\""]).wait_with_output().unwrap();
+    assert_eq!(empty.status.code(), Some(2), "{}", stderr(&empty));
+}
+
+#[test]
+fn a_fault_at_no_time_is_refused() {
+    for time in ["-1", "nan", "inf"] {
+        let fault = format!("track.3@{time}");
+        let out = program()
+            .args(["emulate", "scenarios/hardware.toml", "--unplug", &fault])
+            .output()
+            .unwrap();
+
+        assert_eq!(out.status.code(), Some(2), "{fault}: {}", stderr(&out));
+        assert!(stderr(&out).contains("0 or more"), "{}", stderr(&out));
+    }
+}

@@ -12,7 +12,9 @@ use crate::hw::plant::render::PlantCamera;
 use crate::hw::plant::{Plant, Verdict};
 use crate::motion::PERIOD;
 use crate::scenario::{Scenario, keys};
-use std::os::unix::fs::DirBuilderExt;
+use std::fs::File;
+use std::io::{ErrorKind, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -56,8 +58,12 @@ impl Drop for Sockets {
     }
 }
 
-/// A file of devices that goes away with them.
-struct DeviceFile(PathBuf);
+/// A file of devices that goes away with them. It is locked until then: after `kill -9` it is left behind, and its lines'
+/// names become others'.
+struct DeviceFile {
+    path: PathBuf,
+    file: File,
+}
 
 impl DeviceFile {
     /// Appears at once and whole.
@@ -66,18 +72,63 @@ impl DeviceFile {
         let text = format!(
             "# Devices of a running `rubik-robot emulate`; they go away with it.\n\n{text}"
         );
+        let fail = |why: &str| format!("{}: {why}", path.display());
+        may_be_replaced(path).map_err(|why| fail(&why))?;
         let new = path.with_extension(format!("new-{}", std::process::id()));
-        std::fs::write(&new, text)
-            .and_then(|()| std::fs::rename(&new, path))
-            .map_err(|e| format!("{}: {e}", path.display()))?;
-        Ok(Self(path.to_owned()))
+        // An emulator of the same number, which was killed, may have left one.
+        let _ = std::fs::remove_file(&new);
+        locked(&new, &text)
+            .and_then(|file| std::fs::rename(&new, path).map(|()| file))
+            .map(|file| Self { path: path.to_owned(), file })
+            .map_err(|e| {
+                let _ = std::fs::remove_file(&new);
+                fail(&e.to_string())
+            })
+    }
+
+    /// Whether its name is still its own.
+    fn is_there(&self) -> std::io::Result<bool> {
+        let (at, own) = (std::fs::symlink_metadata(&self.path)?, self.file.metadata()?);
+        Ok((at.dev(), at.ino()) == (own.dev(), own.ino()))
     }
 }
 
 impl Drop for DeviceFile {
     fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
+        if self.is_there().unwrap_or(false) {
+            let _ = std::fs::remove_file(&self.path);
+        }
     }
+}
+
+/// A new file with this text, which nobody else may read, and which is locked before it has any. In a folder that
+/// others may write to, too, a name can be theirs: nothing that is there already is opened.
+fn locked(path: &Path, text: &str) -> std::io::Result<File> {
+    let mut file = File::options().write(true).create_new(true).mode(0o600).open(path)?;
+    file.try_lock().map_err(std::io::Error::from)?;
+    file.write_all(text.as_bytes())?;
+    Ok(file)
+}
+
+/// Whether what stands there, if anything does, is this user's and nobody needs it; or why not.
+fn may_be_replaced(path: &Path) -> Result<(), String> {
+    let there = match std::fs::symlink_metadata(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        Err(error) => return Err(error.to_string()),
+        Ok(there) => there,
+    };
+    if !there.is_file() {
+        return Err("not a regular file, and not replaced".to_owned());
+    }
+    if there.uid() != rustix::process::geteuid().as_raw() {
+        return Err("another user's file, and not replaced".to_owned());
+    }
+    if Devices::load(path).is_ok_and(|devices| devices.emulated) {
+        return Err(
+            "another emulator is running behind it; name another file by --devices".to_owned()
+        );
+    }
+    Ok(())
 }
 
 /// Emulates a scenario's cell until its controller has left, or a signal comes. `devices` is the file that tells a
@@ -151,4 +202,74 @@ pub fn emulate(
         course,
         time: course.periods as f64 * PERIOD,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A folder of its own.
+    struct Folder(PathBuf);
+
+    impl Folder {
+        fn new(name: &str) -> Self {
+            let path = std::env::temp_dir().join(format!("rubik-{name}-{}", std::process::id()));
+            std::fs::create_dir_all(&path).unwrap();
+            Self(path)
+        }
+
+        fn devices(&self) -> PathBuf {
+            self.0.join("devices.toml")
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    fn emulated() -> Devices {
+        Devices { emulated: true, ..Devices::default() }
+    }
+
+    #[test]
+    fn a_file_holds_while_its_emulator_lives_and_no_longer() {
+        let folder = Folder::new("lives");
+        let path = folder.devices();
+
+        let file = DeviceFile::write(&path, &emulated()).unwrap();
+        assert_eq!(Devices::load(&path), Ok(emulated()));
+        let second = DeviceFile::write(&path, &emulated()).err().unwrap_or_default();
+        assert!(second.contains("another emulator is running"), "{second}");
+        // Killed: the file stays, its lock does not.
+        let left = std::fs::read_to_string(&path).unwrap();
+        drop(file);
+        assert!(!path.exists());
+        std::fs::write(&path, left).unwrap();
+
+        let told = Devices::load(&path).unwrap_err().to_string();
+        assert!(told.ends_with("the emulator that wrote it has ended"), "{told}");
+        assert!(DeviceFile::write(&path, &emulated()).is_ok());
+    }
+
+    #[test]
+    fn nothing_is_written_through_a_link_nor_taken_away_from_a_successor() {
+        let folder = Folder::new("link");
+        let (path, other) = (folder.devices(), folder.0.join("other"));
+        std::fs::write(&other, "other").unwrap();
+        std::os::unix::fs::symlink(&other, &path).unwrap();
+
+        let told = DeviceFile::write(&path, &emulated()).err().unwrap_or_default();
+        assert!(told.contains("not replaced"), "{told}");
+        assert_eq!(std::fs::read_to_string(&other).unwrap(), "other");
+
+        std::fs::remove_file(&path).unwrap();
+        let file = DeviceFile::write(&path, &emulated()).unwrap();
+        std::fs::rename(&other, &path).unwrap();
+        drop(file);
+        assert!(path.exists());
+        let left = std::fs::read_dir(&folder.0).unwrap().count();
+        assert_eq!(left, 1, "only the successor is left");
+    }
 }

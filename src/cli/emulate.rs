@@ -57,6 +57,10 @@ pub(super) struct EmulateArgs {
     /// Silence a force sensor; repeatable
     #[arg(long, value_name = "EFFECTOR@S")]
     silence: Vec<String>,
+    /// Axis controllers that follow their last order for ever, instead of braking after 50 ms without one: what an arm
+    /// does after a controller was killed that no watchdog looks after
+    #[arg(long)]
+    no_watchdog: bool,
     /// Go on after the controller has left, until Ctrl-C
     #[arg(long)]
     stay: bool,
@@ -107,6 +111,7 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
         faults,
         seed: scenario.seed,
         leaves_after: (!args.stay).then_some(LEAVES),
+        no_watchdog: args.no_watchdog,
     };
     let devices =
         args.devices.clone().unwrap_or_else(|| scenario.bridge.devices_at(&scenario.path));
@@ -175,7 +180,10 @@ fn at(text: &str, arms: &[Arm], with_axis: bool) -> Result<At, String> {
     let example = if with_axis { "track.3@20" } else { "track@20" };
     let wrong = || format!("wanted something like {example}");
     let (place, time) = text.split_once('@').ok_or_else(wrong)?;
-    let time = time.parse().map_err(|_| wrong())?;
+    let time: f64 = time.parse().map_err(|_| wrong())?;
+    if !(0.0..f64::INFINITY).contains(&time) {
+        return Err("a time is a number of seconds, 0 or more".to_owned());
+    }
     let (name, axis) = if with_axis {
         let (name, axis) = place.split_once('.').ok_or_else(wrong)?;
         (name, axis.parse().ok().filter(|axis| *axis <= AXES).ok_or_else(wrong)?)
@@ -260,9 +268,14 @@ mod tests {
 
         assert_eq!(at("track.3@20", &arms, true), Ok(At { effector: 0, axis: 3, time: 20.0 }));
         assert_eq!(at("postument.7@0.5", &arms, true), Ok(At { effector: 1, axis: 7, time: 0.5 }));
+        assert_eq!(at("track.3@0", &arms, true), Ok(At { effector: 0, axis: 3, time: 0.0 }));
         assert_eq!(at("postument@4", &arms, false), Ok(At { effector: 1, axis: 0, time: 4.0 }));
         for wrong in ["track.8@1", "track@1", "track.3", "left.3@1", "track.3@soon"] {
             assert!(at(wrong, &arms, true).is_err(), "{wrong}");
+        }
+        for time in ["-1", "NaN", "inf", "1e400"] {
+            let told = at(&format!("track.3@{time}"), &arms, true).unwrap_err();
+            assert!(told.contains("0 or more"), "{time}: {told}");
         }
     }
 }

@@ -11,13 +11,38 @@ use super::serial::axis::Rules;
 use super::serial::{AXIS_BAUD, Line, SerialArm, SerialPort};
 use crate::cell::Arm;
 use crate::motion::AXES;
+use serde::de::{Deserializer, Error as _};
 use serde::{Deserialize, Serialize};
+use std::ffi::OsString;
+use std::fs::{File, TryLockError};
+use std::io::Read;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
+use toml::Spanned;
+
+/// Where an emulator writes its file and a bridge looks for one, unless they are told another place: the user's own
+/// folder for what lives as long as a session, or the one for temporary files.
+#[must_use]
+pub fn usual_place() -> PathBuf {
+    place(std::env::var_os("XDG_RUNTIME_DIR"), std::env::temp_dir())
+}
+
+fn place(own: Option<OsString>, temporary: PathBuf) -> PathBuf {
+    let own = own.map(PathBuf::from).filter(|own| own.is_absolute() && own.is_dir());
+    own.unwrap_or(temporary).join("rubik-robot-devices.toml")
+}
+
+/// No file of devices is larger [bytes].
+const LARGEST: u64 = 1 << 20;
 
 /// All devices.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Devices {
+    /// An emulator stands behind them, for as long as it holds a lock on the file: the names of its lines are others'
+    /// after its end.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub emulated: bool,
     /// By effector.
     #[serde(default)]
     pub effector: Vec<EffectorDevices>,
@@ -37,15 +62,18 @@ pub struct EffectorDevices {
     /// `net_ft:ADDRESS:PORT`, `ft_controller:DEVICE`, or "none".
     pub force: String,
     /// Scale of a Net F/T box, from its configuration page [1/N].
+    #[serde(deserialize_with = "scale")]
     pub counts_per_newton: f64,
     /// As above [1/Nm].
+    #[serde(deserialize_with = "scale")]
     pub counts_per_newton_metre: f64,
     /// First I/O port of the parallel interface (PCI-1751) by which an `ft_controller` tells its readings, as `lspci -v`
     /// has it; without one they come by the line.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ft_parallel: Option<u16>,
-    /// Motor currents of axes 0..=6 and the jaw at which their controllers stop [A]. Where they are left out they are the
-    /// original's: its serial controllers' or its ISA cards'.
+    /// Motor currents of axes 0..=6 and the jaw at which their controllers stop [A]; the first may be 0 where there is no
+    /// track. Where they are left out they are the original's: its serial controllers' or its ISA cards'.
+    #[serde(deserialize_with = "currents")]
     pub max_currents: Vec<f64>,
     /// Its ISA card. For bridge.kind = "isa".
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -138,7 +166,7 @@ impl IsaDevice {
             units_per_ampere =
                 units.try_into().map_err(|_| "units_per_ampere wants 8 numbers".to_owned())?;
         }
-        if !units_per_ampere.iter().all(|units| *units > 0.0) {
+        if !units_per_ampere.iter().all(|units| units.is_finite() && *units > 0.0) {
             return Err("units_per_ampere wants numbers above 0".to_owned());
         }
         for axis in &self.resolvers {
@@ -155,8 +183,14 @@ impl IsaDevice {
             return Err(format!("power_axis: there is no axis {}", self.power_axis));
         }
         let mut limits = original.max_currents;
-        for (axis, amperes) in max_currents.iter().enumerate().take(AXES + 1) {
-            limits[axis] = (amperes * units_per_ampere[axis]).round().clamp(0.0, 255.0) as u8;
+        for (axis, amperes) in max_currents.iter().enumerate().take(AXES + 1).skip(first) {
+            let units = (amperes * units_per_ampere[axis]).round();
+            if !(1.0..=255.0).contains(&units) {
+                return Err(format!(
+                    "max_currents: axis {axis}: {amperes} A are {units} units of the card, which takes 1 to 255"
+                ));
+            }
+            limits[axis] = units as u8;
         }
         Ok(IsaArm {
             name: arm.name.clone(),
@@ -213,14 +247,22 @@ impl Devices {
     /// Reads a file.
     ///
     /// # Errors
-    /// What is wrong with it, and where.
+    /// What is wrong with it, and where; or its emulator has ended.
     pub fn load(path: &Path) -> Result<Self, NoDevice> {
         let fail = |why: &str| NoDevice(format!("{}: {why}", path.display()));
-        let text = std::fs::read_to_string(path).map_err(|e| fail(&e.to_string()))?;
-        toml::from_str(&text).map_err(|error| {
-            let line = error.span().map_or(1, |s| text[..s.start].matches('\n').count() + 1);
-            NoDevice(format!("{}:{line}: {}", path.display(), error.message()))
-        })
+        let (file, text) = read(path).map_err(|e| fail(&e.to_string()))?;
+        let devices = parse(&text).map_err(|(at, why)| {
+            let line = text[..at].matches('\n').count() + 1;
+            NoDevice(format!("{}:{line}: {why}", path.display()))
+        })?;
+        if !devices.emulated {
+            return Ok(devices);
+        }
+        match file.try_lock_shared() {
+            Err(TryLockError::WouldBlock) => Ok(devices),
+            Ok(()) => Err(fail("the emulator that wrote it has ended")),
+            Err(TryLockError::Error(error)) => Err(fail(&error.to_string())),
+        }
     }
 
     /// As a file.
@@ -249,10 +291,11 @@ impl Devices {
             let devices = self.of_effector(&arm.name)?;
             let limit = if cards {
                 let card = devices.isa.clone().unwrap_or_default();
-                let card = card.arm(arm, &devices.max_currents).map_err(NoDevice)?;
+                let fail = |why| NoDevice(format!("effector \"{}\", isa: {why}", arm.name));
+                let card = card.arm(arm, &devices.max_currents).map_err(fail)?;
                 f64::from(card.max_currents[AXES]) / card.units_per_ampere[AXES]
             } else {
-                devices.limits()[AXES]
+                devices.limits(arm.model.has_track)?[AXES]
             };
             let needs = grip * arm.gripper.amperes_per_newton;
             if needs > limit {
@@ -289,7 +332,7 @@ impl Devices {
                 Ok(SerialArm {
                     name: arm.name.clone(),
                     axes: devices.lines(arm.model.has_track)?,
-                    max_currents: devices.limits(),
+                    max_currents: devices.limits(arm.model.has_track)?,
                     force: devices.sensor(arm.sensor.range)?,
                 })
             })
@@ -330,16 +373,118 @@ impl Devices {
     }
 }
 
+/// A file that is open, and its text. What is no regular file may have no end, or never begin.
+fn read(path: &Path) -> std::io::Result<(File, String)> {
+    let flags = libc::O_NONBLOCK | libc::O_NOCTTY;
+    let file = File::options().read(true).custom_flags(flags).open(path)?;
+    if !file.metadata()?.is_file() {
+        return Err(std::io::Error::other("not a regular file"));
+    }
+    let mut text = String::new();
+    if (&file).take(LARGEST + 1).read_to_string(&mut text)? as u64 > LARGEST {
+        return Err(std::io::Error::other("larger than 1 MiB"));
+    }
+    Ok((file, text))
+}
+
+/// The devices of a text, or where something is wrong in it, and what.
+fn parse(text: &str) -> Result<Devices, (usize, String)> {
+    let wrong = |error: toml::de::Error| {
+        (error.span().map_or(0, |span| span.start), error.message().to_owned())
+    };
+    let devices = toml::from_str(text).map_err(wrong)?;
+    let lines: Lines = toml::from_str(text).map_err(wrong)?;
+    lines.twice().map_or(Ok(devices), Err)
+}
+
+/// The names of lines with their places in a file.
+#[derive(Deserialize)]
+struct Lines {
+    #[serde(default)]
+    effector: Vec<LinesOfEffector>,
+}
+
+#[derive(Deserialize)]
+struct LinesOfEffector {
+    #[serde(default)]
+    axes: Vec<Spanned<String>>,
+    force: Option<Spanned<String>>,
+}
+
+impl Lines {
+    /// The first line that stands there again: two axes behind one line would be driven in turn.
+    fn twice(&self) -> Option<(usize, String)> {
+        let mut seen: Vec<PathBuf> = Vec::new();
+        for line in self.effector.iter().flat_map(|e| e.axes.iter().chain(&e.force)) {
+            let name = line.get_ref().strip_prefix("ft_controller:").unwrap_or(line.get_ref());
+            if name.is_empty() || name == "none" {
+                continue;
+            }
+            // Two names may be one device's.
+            let device = std::fs::canonicalize(name).unwrap_or_else(|_| name.into());
+            if seen.contains(&device) {
+                return Some((line.span().start, format!("{name} is named twice")));
+            }
+            seen.push(device);
+        }
+        None
+    }
+}
+
+fn scale<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    let scale = f64::deserialize(from)?;
+    if scale.is_finite() && scale > 0.0 {
+        Ok(scale)
+    } else {
+        Err(D::Error::custom(format!("a scale is a number above 0, not {scale}")))
+    }
+}
+
+/// Limits that controllers can be told: in 16 bits of milliamperes.
+const CURRENTS: std::ops::RangeInclusive<f64> = 0.001..=65.5;
+
+fn currents<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f64>, D::Error> {
+    let currents = Vec::<f64>::deserialize(from)?;
+    if !currents.is_empty() && currents.len() != AXES + 1 {
+        let count = currents.len();
+        return Err(D::Error::custom(format!(
+            "max_currents: wanted {} numbers, for axes 0 to 6 and the jaw, found {count}",
+            AXES + 1
+        )));
+    }
+    for (axis, amperes) in currents.iter().enumerate() {
+        let unused = axis == 0 && *amperes == 0.0;
+        if !unused && !CURRENTS.contains(amperes) {
+            return Err(D::Error::custom(format!(
+                "max_currents: axis {axis}: {amperes} A is outside {}..{} A",
+                CURRENTS.start(),
+                CURRENTS.end()
+            )));
+        }
+    }
+    Ok(currents)
+}
+
 #[cfg(not(feature = "isa"))]
 const NO_PORTS: &str =
     "this program was built without port instructions: cargo build --release --features isa";
 
 impl EffectorDevices {
     /// Motor currents at which serial controllers stop [A], the jaw's last.
-    fn limits(&self) -> [f64; AXES + 1] {
+    ///
+    /// # Errors
+    /// There is none for the track.
+    fn limits(&self, has_track: bool) -> Result<[f64; AXES + 1], NoDevice> {
         /// Of both of the original's arms.
         const ORIGINAL: [f64; AXES + 1] = [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0, 0.2];
-        std::array::from_fn(|axis| self.max_currents.get(axis).copied().unwrap_or(ORIGINAL[axis]))
+        if has_track && self.max_currents.first() == Some(&0.0) {
+            let name = &self.name;
+            return Err(NoDevice(format!(
+                "effector \"{name}\": max_currents: axis 0: the track does not move with 0 A"
+            )));
+        }
+        let limit = |axis: usize| self.max_currents.get(axis).copied().unwrap_or(ORIGINAL[axis]);
+        Ok(std::array::from_fn(limit))
     }
 
     fn lines(&self, has_track: bool) -> Result<[Option<Line>; AXES + 1], NoDevice> {
@@ -392,6 +537,24 @@ impl EffectorDevices {
     }
 }
 
+/// Asks for the ports of an ISA card; the right belongs to the calling thread and those that it starts.
+///
+/// # Errors
+/// What was denied.
+#[cfg(feature = "isa")]
+pub fn ask_ports(offset: u16) -> Result<(), String> {
+    super::isa::PortIo::open(offset, None).map(drop)
+}
+
+/// Refuses: without the feature `isa` there are no ports.
+///
+/// # Errors
+/// Always.
+#[cfg(not(feature = "isa"))]
+pub fn ask_ports(_: u16) -> Result<(), String> {
+    Err(NO_PORTS.to_owned())
+}
+
 /// The parallel interface at these ports.
 #[cfg(feature = "isa")]
 fn words(base: u16) -> Result<Box<dyn Words>, String> {
@@ -412,6 +575,7 @@ mod tests {
     #[test]
     fn a_file_comes_back_and_its_faults_have_a_line() {
         let devices = Devices {
+            emulated: false,
             effector: vec![EffectorDevices {
                 name: "track".into(),
                 axes: vec!["/dev/ttyMI0".into(), String::new()],
@@ -430,6 +594,104 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         assert!(wrong.contains("unknown field `speed`") && wrong.contains(".toml:"), "{wrong}");
         assert!(Devices::load(&path).unwrap_err().to_string().contains("No such file"));
+    }
+
+    /// What a file of this text is refused with.
+    fn refused(name: &str, text: &str) -> String {
+        let path = std::env::temp_dir().join(format!("rubik-{name}-{}.toml", std::process::id()));
+        std::fs::write(&path, text).unwrap();
+        let refused = Devices::load(&path).err().map(|e| e.to_string()).unwrap_or_default();
+        std::fs::remove_file(&path).unwrap();
+        refused
+    }
+
+    #[test]
+    fn what_is_no_file_or_has_no_end_is_refused_at_once() {
+        use rustix::fs::{CWD, FileType, Mode, mknodat};
+        let fifo = std::env::temp_dir().join(format!("rubik-fifo-{}.toml", std::process::id()));
+        mknodat(CWD, &fifo, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+
+        for path in [fifo.clone(), "/dev/zero".into(), std::env::temp_dir()] {
+            let told = Devices::load(&path).unwrap_err().to_string();
+            assert_eq!(told, format!("{}: not a regular file", path.display()));
+        }
+        std::fs::remove_file(&fifo).unwrap();
+        let full = "#".repeat(1 << 20);
+        assert_eq!(refused("full", &full), "");
+        assert!(refused("fuller", &format!("{full}#")).ends_with("larger than 1 MiB"));
+    }
+
+    #[test]
+    fn values_that_no_device_has_are_refused_with_their_line() {
+        let told =
+            |key: &str| refused("values", &format!("[[effector]]\nname = \"track\"\n\n{key}\n"));
+
+        let nine = told("max_currents = [1, 1, 1, 1, 1, 1, 1, 1, 1]");
+        assert!(nine.contains(".toml:4: max_currents: wanted 8 numbers"), "{nine}");
+        for (amperes, good) in [
+            ("nan", false),
+            ("-5", false),
+            ("1e9", false),
+            ("inf", false),
+            ("0", false),
+            ("65.6", false),
+            ("65.5", true),
+        ] {
+            let told = told(&format!("max_currents = [0, 1, 1, {amperes}, 1, 1, 1, 1]"));
+            assert_eq!(told.is_empty(), good, "{amperes}: {told}");
+            assert!(good || told.contains(".toml:4: max_currents: axis 3: "), "{told}");
+        }
+        assert!(told("max_currents = [-1, 1, 1, 1, 1, 1, 1, 1]").contains("axis 0: -1 A"));
+        for (key, good) in [
+            ("counts_per_newton = 0.0", false),
+            ("counts_per_newton = nan", false),
+            ("counts_per_newton_metre = -1.0", false),
+            ("counts_per_newton_metre = inf", false),
+            ("counts_per_newton = 1000", true),
+            ("max_currents = []", true),
+        ] {
+            let told = told(key);
+            assert_eq!(told.is_empty(), good, "{key}: {told}");
+            assert!(good || told.contains(".toml:4: a scale is a number above 0"), "{told}");
+        }
+    }
+
+    #[test]
+    fn a_track_needs_a_current_and_another_arm_none_for_it() {
+        let mut max_currents = vec![1.0; AXES + 1];
+        max_currents[0] = 0.0;
+        let devices = EffectorDevices { max_currents, ..EffectorDevices::default() };
+
+        assert!(devices.limits(true).unwrap_err().to_string().contains("axis 0"));
+        assert_eq!(devices.limits(false).unwrap()[1..], [1.0; AXES]);
+    }
+
+    #[test]
+    fn a_line_that_is_named_twice_is_refused_where_it_stands_again() {
+        let told = refused(
+            "twice",
+            "[[effector]]\nname = \"a\"\naxes = [\"\", \"/dev/nosuch1\",\n\"/dev/nosuch2\"]\nforce = \"none\"\n\
+             [[effector]]\nname = \"b\"\nforce = \"none\"\naxes = [\"\",\n\"/dev/nosuch2\"]\n",
+        );
+        assert!(told.ends_with(".toml:10: /dev/nosuch2 is named twice"), "{told}");
+
+        let sensor = refused(
+            "shared",
+            "[[effector]]\naxes = [\"\", \"/dev/./null\"]\nforce = \"ft_controller:/dev/null\"\n",
+        );
+        assert!(sensor.ends_with(".toml:3: /dev/null is named twice"), "{sensor}");
+    }
+
+    #[test]
+    fn the_usual_place_is_the_users_own_where_there_is_one() {
+        let name = "rubik-robot-devices.toml";
+        let (own, temporary) = (std::env::temp_dir(), PathBuf::from("/elsewhere"));
+
+        assert_eq!(place(Some(own.clone().into()), temporary.clone()), own.join(name));
+        for none in [None, Some(""), Some("relative"), Some("/no/such/folder")] {
+            let place = place(none.map(OsString::from), temporary.clone());
+            assert_eq!(place, temporary.join(name), "{none:?}");
+        }
     }
 
     #[test]
@@ -454,6 +716,9 @@ mod tests {
         let of_track = card.arm(track, &[]).unwrap();
         assert_eq!((of_track.first_pointer, of_track.divisor), (0xc0, 4));
         assert_eq!(of_track.max_currents, [0x30, 0x30, 0x30, 0x30, 0x30, 0x30, 0x10, 0x27]);
+        let beyond = card.arm(postument, &[0.0, 18.7]).err().unwrap_or_default();
+        assert!(beyond.contains("axis 1: 18.7 A are 256 units"), "{beyond}");
+        assert!(card.arm(track, &[0.0, 2.0]).is_err());
         let of_postument = card.arm(postument, &[0.0, 2.0]).unwrap();
         assert_eq!((of_postument.first_pointer, of_postument.divisor), (0xc1, 8));
         assert_eq!(of_postument.max_currents[1..], [27, 0xff, 0xff, 0xff, 0xff, 0x10, 0x20]);

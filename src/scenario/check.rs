@@ -21,6 +21,11 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     let folder = path.parent().unwrap_or(Path::new(""));
     let root = draft.root;
     bridge(root.bridge.kind, root.pace, reader);
+    if root.bridge.devices.as_ref().is_some_and(|file| file.trim().is_empty()) {
+        let reason = "`bridge.devices`: the name of a file is empty".to_owned();
+        let advice = "leave it out for the file that `rubik-robot emulate` writes".to_owned();
+        help(reader, "bridge.devices", reason, Some(advice));
+    }
     let arms: Vec<Option<Arm>> =
         draft.effectors.iter().map(|e| arm(e, &key("effector", &e.name), folder, reader)).collect();
     names("effector", draft.effectors.iter().map(|e| e.name.as_str()), reader);
@@ -687,6 +692,24 @@ mod tests {
             "{told}"
         );
         assert!(told.contains("--pace real-time"), "{told}");
+    }
+
+    #[test]
+    fn a_file_of_devices_has_a_name() {
+        let told = faults("[bridge]\ndevices = \"\"\n", &[]);
+        assert!(
+            told.contains("t.toml:2:11: `bridge.devices`: the name of a file is empty"),
+            "{told}"
+        );
+
+        let at = |text: &str| {
+            read(Path::new("cell/t.toml"), text, &[])
+                .unwrap()
+                .bridge
+                .devices_at(Path::new("cell/t.toml"))
+        };
+        assert_eq!(at("[bridge]\ndevices = \"robot.toml\"\n"), Path::new("cell/robot.toml"));
+        assert_eq!(at(""), crate::hw::devices::usual_place());
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! come from the 2008 sources of the original where they exist, and were chosen for this cell otherwise.
 
 use super::section::{section, words};
+use crate::hw::devices::usual_place;
 
 words! {
     /// What a run is to do.
@@ -112,8 +113,9 @@ section! {
     Bridge {
         /// The simulated plant, or real controllers.
         kind: BridgeKind = BridgeKind::Plant;
-        /// File that names the devices of real controllers, from the scenario's folder; `rubik-robot emulate` writes it.
-        devices: String = "/tmp/rubik-robot-devices.toml".to_owned();
+        /// File that names the devices of real controllers, from the scenario's folder. When not given:
+        /// `rubik-robot-devices.toml` in `$XDG_RUNTIME_DIR`, or else in /tmp, where `rubik-robot emulate` writes it.
+        devices: Option<String> = None;
         /// Answers that one axis misses in a row before its line is given up.
         missed_answers: u32 = 3, 1.0..=50.0;
     }
@@ -131,7 +133,8 @@ impl Bridge {
     /// Where the file of devices is, for the scenario at `path`.
     #[must_use]
     pub fn devices_at(&self, path: &std::path::Path) -> std::path::PathBuf {
-        path.parent().map_or_else(Default::default, |folder| folder.join(&self.devices))
+        let Some(devices) = &self.devices else { return usual_place() };
+        path.parent().map_or_else(Default::default, |folder| folder.join(devices))
     }
 }
 

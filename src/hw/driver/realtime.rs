@@ -2,6 +2,7 @@
 //! of libc that the standard library does not have.
 #![allow(unsafe_code, reason = "scheduling and absolute sleep exist in libc only")]
 
+use rustix::process::{Resource, getrlimit};
 use std::fs::File;
 use std::io::Write;
 
@@ -31,10 +32,7 @@ impl RealTime {
             // SAFETY: no memory of ours is passed.
             unsafe { libc::prctl(libc::PR_SET_TIMERSLACK, 1) };
         }
-        // SAFETY: no memory of ours is passed.
-        if unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) } != 0 {
-            warnings.push(denied("memory can be paged out (mlockall)"));
-        }
+        warnings.extend(lock_memory(Lockable::now()));
         let awake = File::options()
             .write(true)
             .open("/dev/cpu_dma_latency")
@@ -44,6 +42,55 @@ impl RealTime {
                 .push(format!("the processor may sleep deeply (/dev/cpu_dma_latency): {error}"));
         }
         Self { warnings, _awake: awake.ok() }
+    }
+}
+
+/// How much memory this process may keep from being paged out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Lockable {
+    All,
+    /// So many bytes.
+    Limited(u64),
+}
+
+impl Lockable {
+    fn now() -> Self {
+        let status = std::fs::read_to_string("/proc/thread-self/status").unwrap_or_default();
+        Self::of(getrlimit(Resource::Memlock).current, &status)
+    }
+
+    /// By the limit, `None` for none, and by the thread's capabilities, as `/proc` tells them.
+    fn of(limit: Option<u64>, status: &str) -> Self {
+        /// Its bit among the capabilities.
+        const CAP_IPC_LOCK: u32 = 14;
+        let effective = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
+        let capabilities = effective.and_then(|bits| u64::from_str_radix(bits.trim(), 16).ok());
+        match limit {
+            Some(bytes) if capabilities.unwrap_or(0) >> CAP_IPC_LOCK & 1 == 0 => {
+                Self::Limited(bytes)
+            }
+            _ => Self::All,
+        }
+    }
+}
+
+/// Keeps memory from being paged out; what was denied. Under a limit memory that is asked for later is left alone:
+/// whatever went beyond the limit would not be given at all, which ends a program.
+fn lock_memory(lockable: Lockable) -> Option<String> {
+    let flags = match lockable {
+        Lockable::All => libc::MCL_CURRENT | libc::MCL_FUTURE,
+        Lockable::Limited(_) => libc::MCL_CURRENT,
+    };
+    // SAFETY: no memory of ours is passed.
+    if unsafe { libc::mlockall(flags) } != 0 {
+        return Some(denied("memory can be paged out (mlockall)"));
+    }
+    match lockable {
+        Lockable::All => None,
+        Lockable::Limited(bytes) => Some(format!(
+            "memory that is asked for from now on can be paged out (mlockall: RLIMIT_MEMLOCK is {} KiB, not unlimited)",
+            bytes / 1024
+        )),
     }
 }
 
@@ -131,6 +178,18 @@ impl Clock {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn memory_of_later_is_locked_only_where_nothing_limits_it() {
+        const NONE: &str = "Name:\tx\nCapEff:\t0000000000000000\n";
+        const IPC_LOCK: &str = "CapEff:\t0000000000004000\n";
+        let limit = 8 << 20;
+
+        assert_eq!(Lockable::of(Some(limit), NONE), Lockable::Limited(limit));
+        assert_eq!(Lockable::of(Some(limit), ""), Lockable::Limited(limit));
+        assert_eq!(Lockable::of(Some(limit), IPC_LOCK), Lockable::All);
+        assert_eq!(Lockable::of(None, NONE), Lockable::All);
+    }
 
     #[test]
     fn waiting_ends_not_before_the_time() {

@@ -1,6 +1,7 @@
 //! A serial axis controller, emulated: it takes orders byte by byte and answers each with what its axis shows.
 //!
-//! - its power stage follows pulse widths in [`Mode::Pwm`] only; when no order has come for 50 ms it brakes
+//! - its power stage follows pulse widths in [`Mode::Pwm`] only; when no order has come for 50 ms it brakes, unless it
+//!   has no watchdog
 //! - a current that is above its limit for 0.1 s is an over-current
 //! - what it answers with was latched at the plant's last period, but for the counter, which goes on through the period
 
@@ -22,6 +23,8 @@ pub struct AxisController {
     /// Plant periods in a row in which the current was above that.
     above: u32,
     synchronise: bool,
+    /// Brakes when no order comes.
+    watchdog: bool,
     silent: u32,
     /// Bytes of the order that is under way.
     pending: [u8; ORDER],
@@ -43,6 +46,7 @@ impl Default for AxisController {
             max_current: u16::MAX,
             above: 0,
             synchronise: false,
+            watchdog: true,
             silent: 0,
             pending: [0; ORDER],
             length: 0,
@@ -54,6 +58,12 @@ impl Default for AxisController {
 }
 
 impl AxisController {
+    /// One that follows its last order for ever.
+    #[must_use]
+    pub fn without_watchdog() -> Self {
+        Self { watchdog: false, ..Self::default() }
+    }
+
     /// Takes a byte when `share` of the plant's period has passed; the answer when it completes an order.
     pub fn hear(&mut self, byte: u8, share: f64) -> Option<Status> {
         self.pending[self.length] = byte;
@@ -124,7 +134,7 @@ impl AxisController {
         let over_current = status.over_current || self.above > TRIPS;
         self.status = Status { over_current, ..status };
         self.silent = self.silent.saturating_add(1);
-        if self.silent > SILENCE && self.mode == Mode::Pwm {
+        if self.watchdog && self.silent > SILENCE && self.mode == Mode::Pwm {
             self.mode = Mode::Error;
             self.width = 0;
         }
@@ -137,6 +147,7 @@ impl AxisController {
             status,
             before: Some(status.count),
             reset_at: Some(status.count),
+            watchdog: self.watchdog,
             ..Self::default()
         };
     }
@@ -202,6 +213,23 @@ mod tests {
             controller.latch(Status::default());
         }
         assert!(!controller.is_on() && controller.answer(1.0).error);
+    }
+
+    #[test]
+    fn without_a_watchdog_it_follows_its_last_order_for_ever_even_after_a_reset() {
+        let mut controller = AxisController::without_watchdog();
+
+        for _ in 0..2 {
+            controller.reset();
+            tell(&mut controller, &Order::Set(Parameter::Mode(Mode::Pwm)).encode());
+            tell(&mut controller, &PWM.encode());
+            for _ in 0..100 * SILENCE {
+                controller.latch(Status::default());
+            }
+
+            assert!(controller.is_on() && controller.width() == 77);
+            assert!(!controller.answer(1.0).error);
+        }
     }
 
     #[test]

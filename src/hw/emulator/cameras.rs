@@ -3,7 +3,7 @@
 use crate::hw::camera::FrameSource;
 use crate::hw::driver::step_back;
 use crate::hw::socket_camera::{Header, REQUEST, decode_request};
-use std::io::{Read, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -73,6 +73,7 @@ fn serve(
 ) -> std::io::Result<()> {
     stream.set_nonblocking(false)?;
     stream.set_read_timeout(Some(LOOK))?;
+    stream.set_write_timeout(Some(LOOK))?;
     loop {
         let mut request = [0; REQUEST];
         let mut length = 0;
@@ -80,7 +81,7 @@ fn serve(
             match stream.read(&mut request[length..]) {
                 Ok(0) => return Ok(()),
                 Ok(n) => length += n,
-                Err(e) if e.kind() == std::io::ErrorKind::WouldBlock => {}
+                Err(e) if e.kind() == ErrorKind::WouldBlock => {}
                 Err(e) => return Err(e),
             }
             if ends.load(Ordering::Acquire) {
@@ -98,7 +99,62 @@ fn serve(
             }
         };
         let header = Header { length: bytes.len() as u64, ..header };
-        stream.write_all(&header.encode())?;
-        stream.write_all(&bytes)?;
+        if !(write(&mut stream, &header.encode(), ends)? && write(&mut stream, &bytes, ends)?) {
+            return Ok(());
+        }
+    }
+}
+
+/// Writes all bytes; `false` when it was to end before a client had read them.
+fn write(stream: &mut UnixStream, mut bytes: &[u8], ends: &AtomicBool) -> std::io::Result<bool> {
+    while !bytes.is_empty() {
+        match stream.write(bytes) {
+            Ok(0) => return Err(ErrorKind::WriteZero.into()),
+            Ok(n) => bytes = &bytes[n..],
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
+            Err(e) => return Err(e),
+        }
+        if ends.load(Ordering::Acquire) {
+            return Ok(bytes.is_empty());
+        }
+    }
+    Ok(true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hw::camera::{Frame, NoFrame};
+    use crate::hw::socket_camera::encode_request;
+    use std::time::Instant;
+
+    /// Frames that no socket's buffer holds.
+    struct Large;
+
+    impl FrameSource for Large {
+        fn grab(&mut self, period: u64, _: f64) -> Result<Frame, NoFrame> {
+            Ok(Frame { period, image: image::RgbImage::new(2000, 2000) })
+        }
+    }
+
+    #[test]
+    fn a_client_that_does_not_read_does_not_hold_up_the_end() {
+        let path =
+            std::env::temp_dir().join(format!("rubik-robot-deaf-{}.sock", std::process::id()));
+        let server = CameraServer::start(&path, Box::new(Large)).unwrap();
+        let mut client = UnixStream::connect(&path).unwrap();
+        client.write_all(&encode_request(1, 0.01)).unwrap();
+        // The first byte shows that the frame is under way.
+        client.read_exact(&mut [0]).unwrap();
+
+        let begun = Instant::now();
+        let (tell, told) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            drop(server);
+            tell.send(())
+        });
+
+        assert!(told.recv_timeout(Duration::from_secs(20)).is_ok(), "{:?}", begun.elapsed());
+        assert!(!path.exists());
     }
 }

@@ -1,5 +1,6 @@
 //! Faults of lines, as an emulator makes them: at random by a seeded generator, or at a set time.
 
+use crate::motion::PERIOD;
 use rand::Rng;
 use rand_pcg::Pcg64;
 
@@ -10,7 +11,7 @@ pub struct At {
     pub effector: usize,
     /// 0 the track, 7 the jaw.
     pub axis: usize,
-    /// Since the first order came [s].
+    /// Since the first order came [s], not negative.
     pub time: f64,
 }
 
@@ -38,6 +39,11 @@ pub struct LineFaults {
 pub(super) struct Chance {
     pub(super) faults: LineFaults,
     random: Pcg64,
+}
+
+/// Takes out what is due so long after the first order [periods]: each happens once, and none is passed over.
+pub(super) fn due(faults: &mut Vec<At>, now: u64) -> impl Iterator<Item = At> {
+    faults.extract_if(.., move |at| (at.time / PERIOD) as u64 <= now)
 }
 
 impl Chance {
@@ -73,6 +79,20 @@ impl Chance {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn each_fault_happens_once_and_those_of_the_very_beginning_too() {
+        let at = |axis, time| At { effector: 0, axis, time };
+        let mut faults = vec![at(1, 0.0), at(2, 0.1), at(3, 0.004)];
+
+        let mut axes = |now| due(&mut faults, now).map(|at| at.axis).collect::<Vec<_>>();
+
+        // The first order is a period old when it is asked first.
+        assert_eq!(axes(1), [1]);
+        assert_eq!(axes(49), [3]);
+        assert_eq!(axes(50), [2]);
+        assert!(axes(51).is_empty());
+    }
 
     #[test]
     fn shares_are_kept_and_a_corrupt_answer_has_one_wrong_bit() {

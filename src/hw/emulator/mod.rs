@@ -69,6 +69,8 @@ pub struct EmulatorOptions {
     pub seed: u64,
     /// Ends by itself this long after the last order [s]; `None` never.
     pub leaves_after: Option<f64>,
+    /// Controllers without a watchdog: they follow their last order for ever.
+    pub no_watchdog: bool,
 }
 
 /// How an emulation went.
@@ -121,10 +123,8 @@ impl<P: Port> Emulator<P> {
         world
             .exchange(0, &drives, &mut readings)
             .map_err(|fault| std::io::Error::other(fault.to_string()))?;
-        let arms = arms
-            .iter()
-            .map(|arm| Arm::open(arm, options.sensors))
-            .collect::<std::io::Result<Vec<_>>>()?;
+        let arms =
+            arms.iter().map(|arm| Arm::open(arm, &options)).collect::<std::io::Result<Vec<_>>>()?;
         let mut this = Self {
             world,
             arms,
@@ -156,7 +156,7 @@ impl<P: Port> Emulator<P> {
                 ..EffectorDevices::default()
             })
             .collect();
-        Devices { effector, camera: Vec::new() }
+        Devices { emulated: true, effector, camera: Vec::new() }
     }
 
     /// The world.
@@ -255,19 +255,16 @@ impl<P: Port> Emulator<P> {
     fn fail(&mut self) {
         let Some((first, _)) = self.orders else { return };
         let now = self.course.periods - first;
-        let due = |at: &At| (at.time / PERIOD) as u64 == now;
-        let faults = &self.chance.faults;
-        for (effector, arm) in self.arms.iter_mut().enumerate() {
-            for axis in 0..=AXES {
-                let here = |at: &&At| at.effector == effector && at.axis == axis && due(at);
-                if faults.resets.iter().any(|at| here(&at)) {
-                    arm.controllers[axis].reset();
-                }
-                if faults.unplugged.iter().any(|at| here(&at)) {
-                    arm.lines[axis] = None;
-                }
-            }
-            arm.silent |= faults.silenced.iter().any(|at| at.effector == effector && due(at));
+        let faults = &mut self.chance.faults;
+        let arms = &mut self.arms;
+        for at in faults::due(&mut faults.resets, now) {
+            arms[at.effector].controllers[at.axis].reset();
+        }
+        for at in faults::due(&mut faults.unplugged, now) {
+            arms[at.effector].lines[at.axis] = None;
+        }
+        for at in faults::due(&mut faults.silenced, now) {
+            arms[at.effector].silent = true;
         }
     }
 
@@ -297,7 +294,7 @@ impl<P> std::fmt::Debug for Emulator<P> {
 }
 
 impl Arm {
-    fn open(arm: &EmulatedArm, sensors: SensorKind) -> std::io::Result<Self> {
+    fn open(arm: &EmulatedArm, options: &EmulatorOptions) -> std::io::Result<Self> {
         let mut lines = [const { None }; AXES + 1];
         for (axis, line) in lines.iter_mut().enumerate() {
             if axis > 0 || arm.has_track {
@@ -308,9 +305,15 @@ impl Arm {
             name: arm.name.clone(),
             has_track: arm.has_track,
             lines,
-            controllers: std::array::from_fn(|_| AxisController::default()),
+            controllers: std::array::from_fn(|_| {
+                if options.no_watchdog {
+                    AxisController::without_watchdog()
+                } else {
+                    AxisController::default()
+                }
+            }),
             heard: 0,
-            sensor: match sensors {
+            sensor: match options.sensors {
                 SensorKind::NetFt => Sensor::net()?,
                 SensorKind::Controller => Sensor::controller()?,
             },

@@ -77,7 +77,6 @@ struct Axis {
     counter: Counter,
     /// What it is still to be told.
     commands: VecDeque<u16>,
-    /// In the last period it was told a command.
     /// Pulse width that it was told last.
     width: i16,
     /// It was asked to synchronise in the last period.

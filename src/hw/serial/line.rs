@@ -10,7 +10,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{FlockOperation, Mode, OFlags};
 use rustix::io::{Errno, read, write};
 use rustix::termios::{
-    ControlModes, OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr,
+    ControlModes, OptionalActions, QueueSelector, Termios, tcflush, tcgetattr, tcsetattr,
 };
 use std::os::fd::{AsFd, OwnedFd};
 use std::time::{Duration, Instant};
@@ -20,11 +20,13 @@ pub const AXIS_BAUD: u32 = 921_600;
 /// The most lines that are served at once.
 pub const MOST: usize = 32;
 
-/// A serial line that never blocks.
+/// A serial line that never blocks. When it is closed it is set as it was before.
 #[derive(Debug)]
 pub struct Line {
     path: String,
     fd: OwnedFd,
+    /// How it was set, where that could be read.
+    before: Option<Termios>,
 }
 
 impl Line {
@@ -39,9 +41,10 @@ impl Line {
         // Two programs on one line would drive the axis in turn.
         rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive)
             .map_err(|_| format!("{path}: another program has it open"))?;
-        set_up(&fd, baud, two_stop_bits).map_err(|e| fail("not a serial line", e))?;
-        tcflush(&fd, QueueSelector::IOFlush).map_err(|e| fail("flush", e))?;
-        Ok(Self { path: path.to_owned(), fd })
+        let line = Self { path: path.to_owned(), before: tcgetattr(&fd).ok(), fd };
+        set_up(&line.fd, baud, two_stop_bits).map_err(|e| fail("not a serial line", e))?;
+        tcflush(&line.fd, QueueSelector::IOFlush).map_err(|e| fail("flush", e))?;
+        Ok(line)
     }
 
     /// The device's name.
@@ -80,6 +83,15 @@ impl Line {
             Ok(n) => Some(n),
             Err(Errno::AGAIN | Errno::INTR) => Some(0),
             Err(_) => None,
+        }
+    }
+}
+
+impl Drop for Line {
+    fn drop(&mut self) {
+        if let Some(before) = &self.before {
+            // The last orders go out at the speed that they were written for. A line that is gone has no settings.
+            let _ = tcsetattr(&self.fd, OptionalActions::Drain, before);
         }
     }
 }
@@ -266,6 +278,24 @@ mod tests {
 
     fn soon() -> Instant {
         Instant::now() + Duration::from_millis(500)
+    }
+
+    #[test]
+    fn a_line_is_set_as_before_when_it_is_closed() {
+        let far = Pty::open().unwrap();
+        let look = || {
+            let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+            let fd = rustix::fs::open(far.path(), flags, Mode::empty()).unwrap();
+            let modes = tcgetattr(&fd).unwrap();
+            (modes.output_speed(), modes.control_modes.contains(ControlModes::CSTOPB))
+        };
+        assert_eq!(look(), (38_400, false));
+
+        let line = Line::open(far.path(), AXIS_BAUD, true).unwrap();
+        assert_eq!(look(), (AXIS_BAUD, true));
+        drop(line);
+
+        assert_eq!(look(), (38_400, false));
     }
 
     #[test]

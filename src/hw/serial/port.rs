@@ -41,6 +41,15 @@ struct Arm {
     force: Box<dyn ForceSource>,
 }
 
+/// What silence means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    /// A line that has not answered yet has time until the start is over.
+    Start,
+    /// It is a fault after a few periods.
+    Run,
+}
+
 /// All arms.
 pub struct SerialPort {
     arms: Vec<Arm>,
@@ -128,6 +137,10 @@ impl SerialPort {
             return self.wait_for_all(period);
         }
         self.all_missed = 0;
+        self.judge_each(period, Phase::Run)
+    }
+
+    fn judge_each(&mut self, period: u64, phase: Phase) -> Result<(), PortFault> {
         let mut first: Option<(usize, usize, AxisFault)> = None;
         let mut others = 0;
         for (effector, arm) in self.arms.iter_mut().enumerate() {
@@ -140,6 +153,12 @@ impl SerialPort {
                 }
                 let what = match arm.axes[index].take(self.lines.answer(line)) {
                     Ok(Answer::Taken) => continue,
+                    // A controller that is still booting is silent and takes nothing.
+                    Ok(Answer::Missed(_)) | Err(AxisFault::Silent(_) | AxisFault::Untaken(_))
+                        if phase == Phase::Start =>
+                    {
+                        continue;
+                    }
                     Ok(Answer::Missed(_)) => What::Missed { axis: index },
                     Ok(Answer::Impossible(_)) => What::Impossible { axis: index },
                     Err(fault) => {
@@ -209,15 +228,12 @@ impl SerialPort {
     /// # Errors
     /// The lines that have not answered within a second.
     fn begin(&mut self) -> Result<(), PortFault> {
-        let off = [ArmDrive::OFF; 2];
+        let off = vec![ArmDrive::OFF; self.arms.len()];
         let begun = Instant::now();
         while begun.elapsed() < FIRST {
             let turn = Instant::now();
             self.talk(&off);
-            // Whoever is not there yet is no fault of a line.
-            if !self.misses_all() {
-                self.judge(0)?;
-            }
+            self.judge_each(0, Phase::Start)?;
             if self.unsettled().is_empty() {
                 return Ok(());
             }
@@ -349,5 +365,83 @@ impl Drop for SerialPort {
 impl std::fmt::Debug for SerialPort {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("SerialPort").field("lines", &self.lines.len()).finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hw::emulator::AxisController;
+    use crate::hw::emulator::pty::Pty;
+    use crate::hw::force::NoSensor;
+    use crate::hw::serial::AXIS_BAUD;
+    use crate::hw::serial::frame::ORDER;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::thread::JoinHandle;
+
+    /// An arm of one axis, whose controller boots after a while: what it was told before is lost.
+    fn booting(after: Duration, stop: &Arc<AtomicBool>) -> (SerialArm, JoinHandle<()>) {
+        let far = Pty::open().unwrap();
+        let mut axes = [const { None }; AXES + 1];
+        axes[1] = Some(Line::open(far.path(), AXIS_BAUD, true).unwrap());
+        let stop = Arc::clone(stop);
+        let thread = std::thread::spawn(move || {
+            std::thread::sleep(after);
+            let mut bytes = [0; ORDER];
+            while far.read(&mut bytes) > 0 {}
+            let mut controller = AxisController::default();
+            while !stop.load(Ordering::Acquire) {
+                let length = far.read(&mut bytes);
+                for byte in &bytes[..length] {
+                    if let Some(answer) = controller.hear(*byte, 1.0) {
+                        assert!(far.write(&answer.encode()));
+                    }
+                }
+                std::thread::sleep(Duration::from_micros(200));
+            }
+        });
+        let (name, force) = ("arm".to_owned(), Box::new(NoSensor));
+        (SerialArm { name, axes, max_currents: [1.0; AXES + 1], force }, thread)
+    }
+
+    #[test]
+    fn a_controller_that_boots_later_than_the_others_is_waited_for_whatever_arm_it_is_of() {
+        let stop = Arc::new(AtomicBool::new(false));
+        let late = Duration::from_millis(300);
+        let (arms, threads): (Vec<_>, Vec<_>) = [Duration::ZERO, Duration::ZERO, late]
+            .map(|after| booting(after, &stop))
+            .into_iter()
+            .unzip();
+        let mut port = SerialPort::new(arms, Rules::default(), Notes::none());
+        // These tests share the processor with others.
+        port.patience = Duration::from_millis(20);
+
+        let begun = Instant::now();
+        let done = port.exchange(0, &[ArmDrive::OFF; 3], &mut [ArmReading::default(); 3]);
+
+        assert_eq!(done, Ok(()));
+        assert!(begun.elapsed() > Duration::from_millis(200), "{:?}", begun.elapsed());
+        drop(port);
+        stop.store(true, Ordering::Release);
+        threads.into_iter().for_each(|thread| thread.join().unwrap());
+    }
+
+    #[test]
+    fn once_it_has_begun_a_line_that_falls_silent_is_a_fault() {
+        let stop = Arc::new(AtomicBool::new(false));
+        let (arms, threads): (Vec<_>, Vec<_>) =
+            [Duration::ZERO; 2].map(|after| booting(after, &stop)).into_iter().unzip();
+        let mut port = SerialPort::new(arms, Rules::default(), Notes::none());
+        port.patience = Duration::from_millis(20);
+        let mut readings = [ArmReading::default(); 2];
+        port.exchange(0, &[ArmDrive::OFF; 2], &mut readings).unwrap();
+
+        stop.store(true, Ordering::Release);
+        threads.into_iter().for_each(|thread| thread.join().unwrap());
+        let fault = (1..10)
+            .find_map(|period| port.exchange(period, &[ArmDrive::OFF; 2], &mut readings).err());
+
+        assert!(fault.is_some_and(|fault| fault.reason.contains("no answer for 3 periods")));
     }
 }
