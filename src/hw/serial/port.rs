@@ -429,19 +429,22 @@ mod tests {
 
     #[test]
     fn once_it_has_begun_a_line_that_falls_silent_is_a_fault() {
-        let stop = Arc::new(AtomicBool::new(false));
-        let (arms, threads): (Vec<_>, Vec<_>) =
-            [Duration::ZERO; 2].map(|after| booting(after, &stop)).into_iter().unzip();
+        let stops = [false; 2].map(|stops| Arc::new(AtomicBool::new(stops)));
+        let (arms, mut threads): (Vec<_>, Vec<_>) =
+            stops.iter().map(|stop| booting(Duration::ZERO, stop)).unzip();
         let mut port = SerialPort::new(arms, Rules::default(), Notes::none());
         port.patience = Duration::from_millis(20);
         let mut readings = [ArmReading::default(); 2];
         port.exchange(0, &[ArmDrive::OFF; 2], &mut readings).unwrap();
 
-        stop.store(true, Ordering::Release);
-        threads.into_iter().for_each(|thread| thread.join().unwrap());
+        stops[1].store(true, Ordering::Release);
+        threads.remove(1).join().unwrap();
         let fault = (1..10)
             .find_map(|period| port.exchange(period, &[ArmDrive::OFF; 2], &mut readings).err());
 
         assert!(fault.is_some_and(|fault| fault.reason.contains("no answer for 3 periods")));
+        drop(port);
+        stops[0].store(true, Ordering::Release);
+        threads.remove(0).join().unwrap();
     }
 }
