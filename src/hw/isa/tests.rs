@@ -324,7 +324,11 @@ impl Whole {
         let config = PlantConfig { synchronised, ..PlantConfig::new(cell.clone()) };
         let plant = Plant::new(config, 1).unwrap();
         let arms = &cell.arms;
-        let cards = arms.iter().map(|arm| IsaDevice::default().arm(arm, &[255.0; 7]).unwrap());
+        let cards = arms.iter().map(|arm| {
+            let device = IsaDevice::default();
+            let most = device.arm(arm, &[]).unwrap().units_per_ampere.map(|units| 255.0 / units);
+            device.arm(arm, &most).unwrap()
+        });
         let (to, told) = notes();
         let mut cards = Carded::new(plant, cards.collect(), to).unwrap();
         let gains = ServoGains::parse(IRP6).unwrap();
