@@ -82,12 +82,18 @@ impl Show {
                 .map_err(|why| Unreadable::Message { topic: message.channel.topic.clone(), why })?;
         }
         let summary: Option<Summary> = serde_json::from_str(label.of("summary", "json")).ok();
-        show.outcome = match (summary, reading.end()) {
-            (Some(summary), _) => outcome(&summary),
-            (None, Some(End::Cut(why))) => {
-                cut_off(&format!("the recording is cut off after {:.1} s: {why}", show.end))
+        let flaw = reading.end().and_then(End::flaw);
+        let flaw = flaw.map(|(how, why)| {
+            format!("the recording is {how} after {:.1} s: {why}", show.end)
+        });
+        show.outcome = match (summary, flaw) {
+            (Some(summary), flaw) => {
+                let told = flaw.map(|text| What::Message(Class::Warning, "ui".to_owned(), text));
+                show.events.extend(told.map(|what| (show.end, what)));
+                outcome(&summary)
             }
-            (None, _) => cut_off("the recording does not say how the run ended"),
+            (None, Some(flaw)) => cut_off(&flaw),
+            (None, None) => cut_off("the recording does not say how the run ended"),
         };
         show.events.sort_by(|a, b| a.0.total_cmp(&b.0));
         Ok(show)

@@ -43,9 +43,9 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
         complain(&format!("{}: {error}", args.output.display()));
         return Ok(WRONG);
     }
-    if let Some(why) = &story.cut {
+    if let Some((how, why)) = &story.cut {
         complain(&format!(
-            "{}: cut off: {why}; the page tells what is there",
+            "{}: {how}: {why}; the page tells what is there",
             args.recording.display()
         ));
     }

@@ -39,18 +39,19 @@ fn title(story: &Story) -> String {
 fn head(html: &mut String, story: &Story, title: &str) {
     let (class, word, reason) = match &story.summary {
         Some(summary) => {
-            let end = story.phases.last().filter(|_| story.label.metadata.contains_key("summary"));
             let word = match (summary.exit_code(), summary.task.as_str()) {
                 (0, "solve") => "Solved",
                 (0, _) => "Done",
                 _ if summary.outcome == crate::record::summary::Outcome::Failed => "Failed",
                 _ => "Aborted",
             };
-            let _ = end;
             let class = if summary.exit_code() == 0 { "good" } else { "bad" };
             (class, word, summary.reason.clone())
         }
-        None => ("bad", "Cut off", "the recording ends before the run does".to_owned()),
+        None => {
+            let word = if matches!(story.cut, Some(("damaged", _))) { "Damaged" } else { "Cut off" };
+            ("bad", word, "the recording ends before the run does".to_owned())
+        }
     };
     let _ = write!(
         html,
@@ -58,10 +59,10 @@ fn head(html: &mut String, story: &Story, title: &str) {
         escaped(title),
         escaped(&capital(&reason))
     );
-    if let Some(why) = &story.cut {
+    if let Some((how, why)) = &story.cut {
         let _ = write!(
             html,
-            "<p class=warn>The recording is cut off after {:.1} s ({}). What is here is what was saved.</p>",
+            "<p class=warn>The recording is {how} after {:.1} s ({}). What is here is what was saved.</p>",
             story.end,
             escaped(why)
         );

@@ -49,8 +49,8 @@ pub struct Story {
     pub operator: Vec<(f64, String)>,
     /// When the recording ends [s].
     pub end: f64,
-    /// Why it ends in the middle.
-    pub cut: Option<String>,
+    /// How it ends in the middle, and why.
+    pub cut: Option<(&'static str, String)>,
     /// Messages in the recording.
     pub count: u64,
 }
@@ -115,9 +115,7 @@ pub fn gather<R: Read>(from: R) -> Result<Story, Unreadable> {
         return Err(Unreadable::Missing("not a recording of this program".to_owned()));
     }
     story.summary = serde_json::from_str(story.label.of("summary", "json")).ok();
-    if let Some(End::Cut(why)) = reading.end() {
-        story.cut = Some(why.clone());
-    }
+    story.cut = reading.end().and_then(End::flaw).map(|(how, why)| (how, why.to_owned()));
     Ok(story)
 }
 
