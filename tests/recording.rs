@@ -175,6 +175,7 @@ impl std::io::Seek for Slow {
 
 #[test]
 fn what_a_recorder_loses_is_told_in_its_file_and_in_the_report() {
+    use rubik_robot::operator::Class;
     use rubik_robot::record::recorder::{Entry, Patience, Recorder};
     use rubik_robot::record::sheet::About;
 
@@ -192,7 +193,7 @@ fn what_a_recorder_loses_is_told_in_its_file_and_in_the_report() {
     let device = Slow(std::fs::File::create(&path).unwrap());
     let recorder = Recorder::begin(device, about, Patience::Never).unwrap();
     for period in 0..100_000 {
-        recorder.note(period, || Entry::Log(20, "test".into(), "a word".into()));
+        recorder.note(period, || Entry::Log(Class::Info, "test".into(), "a word".into()));
     }
     let written = recorder.finish().unwrap();
 
@@ -443,7 +444,8 @@ fn a_flipped_bit_anywhere_is_told_and_nothing_wrong_is_read() {
     let (path, _) = recorded("flipped.mcap", "scenarios/idle.toml", &IDLE);
     let bytes = std::fs::read(&path).unwrap();
     let whole = messages(Reading::new(&bytes[..]));
-    let end = records(&bytes, 0x0f)[0].start;
+    // Up to the record that holds the sum of all that is before it.
+    let end = records(&bytes, 0x0f)[0].start - 9;
 
     for at in (0..end).step_by((end / 61) | 1) {
         let mut flipped = bytes.clone();

@@ -86,8 +86,7 @@ pub fn verify(path: &Path, scenario: &Scenario, attended: bool) -> Result<Verifi
     // Known only now that it was read to its end.
     verified.cut = playback.cut();
     if verified.compared == 0 && verified.divergence.is_none() {
-        let whys =
-            [verified.cut.map(|how| format!("the recording is {how}")), verified.ended];
+        let whys = [verified.cut.map(|how| format!("the recording is {how}")), verified.ended];
         let why = whys.into_iter().flatten().next();
         let why = why.unwrap_or_else(|| "the recording holds no whole servo period".to_owned());
         return Err(Unverified::Nothing(why));

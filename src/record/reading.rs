@@ -13,6 +13,7 @@ use mcap::McapError;
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::{BTreeMap, VecDeque};
+use std::fmt::Display;
 use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -160,15 +161,15 @@ impl<R: Read> Reading<R> {
     }
 
     /// The file ends here: the check of what is held will not come.
-    fn cut(&mut self, why: &impl ToString) {
+    fn cut(&mut self, why: &dyn Display) {
         self.release();
         self.end = Some(End::Cut(why.to_string()));
     }
 
     /// Something is not as it was written: nothing of its chunk is believed.
-    fn damaged(&mut self, why: &impl ToString) {
+    fn damaged(&mut self, why: &dyn Display) {
         self.held = (Vec::new(), 0);
-        self.end = Some(End::Damaged(format!("before byte {}: {}", self.at, why.to_string())));
+        self.end = Some(End::Damaged(format!("before byte {}: {why}", self.at)));
     }
 
     fn release(&mut self) {

@@ -512,6 +512,7 @@ mod tests {
             verdict: "failed".into(),
             good: false,
             reason: "jam at face R".into(),
+            time: Some(11.5),
             figures: vec![],
         };
         let text = drawn(
