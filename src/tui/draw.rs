@@ -52,12 +52,13 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
     frame.render_widget(arm_table(app, narrow), arms);
     // Where there is little room, it is for the words of whoever has some: a plan needs none before there is one.
     let stops = s.outcome.is_some() || s.arms.iter().any(|arm| arm.fault.is_some());
-    let planless = narrow && s.plan.is_empty() && !stops && !s.services.manual;
+    let told = stops || s.services.manual;
+    let planless = narrow && s.plan.is_empty() && !told;
     let plan = if planless { Constraint::Length(11) } else { Constraint::Fill(1) };
-    let actors = Constraint::Min(match narrow {
-        true if stops || s.services.manual => 26,
-        true => 35,
-        false => 48,
+    let actors = Constraint::Min(match (narrow, told) {
+        (false, _) => 48,
+        (true, true) => 26,
+        (true, false) => 35,
     });
     let columns = [Constraint::Length(25), plan, actors];
     let [net, plan, actors] = Layout::horizontal(columns).areas(middle);
