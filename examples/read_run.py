@@ -9,6 +9,7 @@ import sys
 from mcap_ros2.reader import read_ros2_messages
 
 grip = {}
+cube = "not known"
 for message in read_ros2_messages(sys.argv[1], topics=["/phase", "/rosout", "/cube", "/track/servo"]):
     seconds, ros = message.log_time_ns * 1e-9, message.ros_msg
     match message.channel.topic:

@@ -175,6 +175,7 @@ impl std::io::Seek for Slow {
 
 #[test]
 fn what_a_recorder_loses_is_told_in_its_file_and_in_the_report() {
+    use rubik_robot::operator::Class;
     use rubik_robot::record::recorder::{Entry, Patience, Recorder};
     use rubik_robot::record::sheet::About;
 
@@ -192,7 +193,7 @@ fn what_a_recorder_loses_is_told_in_its_file_and_in_the_report() {
     let device = Slow(std::fs::File::create(&path).unwrap());
     let recorder = Recorder::begin(device, about, Patience::Never).unwrap();
     for period in 0..100_000 {
-        recorder.note(period, || Entry::Log(20, "test".into(), "a word".into()));
+        recorder.note(period, || Entry::Log(Class::Info, "test".into(), "a word".into()));
     }
     let written = recorder.finish().unwrap();
 
@@ -423,6 +424,74 @@ fn a_file_cut_anywhere_is_read_to_the_cut_and_recovered() {
     }
     // What stands in the second half of the file is not lost with its last chunk.
     assert!(most > whole.len() / 2, "{most} of {}", whole.len());
+}
+
+/// Where the records of a kind stand in a file, without their lengths.
+fn records(bytes: &[u8], wanted: u8) -> Vec<std::ops::Range<usize>> {
+    let (mut at, mut found) = (8, Vec::new());
+    while at + 9 < bytes.len() {
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        if bytes[at] == wanted {
+            found.push(at + 9..at + 9 + length);
+        }
+        at += 9 + length;
+    }
+    found
+}
+
+#[test]
+fn a_flipped_bit_anywhere_is_told_and_nothing_wrong_is_read() {
+    let (path, _) = recorded("flipped.mcap", "scenarios/idle.toml", &IDLE);
+    let bytes = std::fs::read(&path).unwrap();
+    let whole = messages(Reading::new(&bytes[..]));
+    // Up to the record that holds the sum of all that is before it.
+    let end = records(&bytes, 0x0f)[0].start - 9;
+
+    for at in (0..end).step_by((end / 61) | 1) {
+        let mut flipped = bytes.clone();
+        flipped[at] ^= 0x10;
+
+        let mut reading = Reading::new(&flipped[..]);
+        let read = messages(reading.by_ref());
+
+        assert!(reading.end().unwrap().flaw().is_some(), "byte {at} of {end}");
+        let mut rest = whole.iter();
+        assert!(read.iter().all(|message| rest.any(|w| w == message)), "byte {at} of {end}");
+    }
+}
+
+#[test]
+fn a_damaged_recording_is_called_so_by_every_command() {
+    let time = ["--set", "idle.time_s=4"];
+    let (path, _) = recorded("whole_before.mcap", "scenarios/idle.toml", &time);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let whole = messages(Reading::new(&bytes[..]));
+    let chunks = records(&bytes, 0x06);
+    let chunk = &chunks[chunks.len() * 2 / 3];
+    bytes[chunk.start.midpoint(chunk.end)] ^= 1;
+    let damaged = place("damaged.mcap");
+    std::fs::write(&damaged, &bytes).unwrap();
+    let name = damaged.to_str().unwrap();
+
+    let (code, verdict, stderr) = verify(&damaged, &[]);
+    assert_eq!((code, &verdict["same"]), (Some(0), &true.into()), "{verdict} {stderr}");
+    assert!(verdict["cut"].as_str().unwrap().starts_with("damaged (before byte "), "{verdict}");
+    assert!(verdict["compared"].as_u64().unwrap() > 100, "{verdict}");
+
+    assert!(reported(&damaged).contains("The recording is damaged after "));
+
+    let shown = program(&["replay", name, "--ui", "none"]);
+    let told = String::from_utf8(shown.stderr).unwrap();
+    assert!(told.contains("the recording is damaged after "), "{told}");
+
+    let to = place("recovered.mcap");
+    let saved = program(&["recover", name, "-o", to.to_str().unwrap()]);
+    let told = String::from_utf8(saved.stderr).unwrap();
+    assert!(told.contains("it was damaged: before byte "), "{told}");
+    let read = messages(open(&to).unwrap());
+    assert!(read.len() > 100 && read.len() < whole.len(), "{} of {}", read.len(), whole.len());
+    let same = |(a, b): (&Message, &Message)| (a.time, &a.data) == (b.time, &b.data);
+    assert!(read.iter().zip(&whole).all(same), "what was saved is as it was written");
 }
 
 /// The numbers of what is told of a recording: in the file, and lost.

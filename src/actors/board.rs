@@ -1,6 +1,7 @@
 //! The board: the latest word of every actor and arm, for the UI. Whoever writes replaces what stood there, and never
 //! waits for a reader; the real-time thread does not write here, its records come by the ring.
 
+use crate::cell::Cell;
 use crate::generators::Behaviour;
 use crate::hw::driver::{RecordSink, ServoRecord, Switches};
 use crate::motion::ArmState;
@@ -34,6 +35,8 @@ pub struct Latest {
     pub manual: bool,
     /// What each camera's VSP saw last.
     pub sights: Vec<Option<Sight>>,
+    /// The cell as a calibration found it, until the UI has taken it.
+    pub calibrated: Option<Box<Cell>>,
     /// Of a real-time run: how punctual the servo is, and the length of its period [s].
     pub punctual: Option<(Arc<Switches>, f64)>,
 }
@@ -47,6 +50,28 @@ pub struct ArmLatest {
     pub peak: (f64, f64),
     /// Largest distance of the tool from its set place since the last look.
     pub following: f64,
+}
+
+/// The largest values of an effector over some periods.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Peaks {
+    /// Norm of the force at the tool [N].
+    pub force: f64,
+    /// Norm of the torque at the tool [Nm].
+    pub torque: f64,
+    /// Distance of the tool from its set place [m].
+    pub following: f64,
+}
+
+impl Peaks {
+    /// Takes a period in.
+    pub fn take(&mut self, state: &ArmState) {
+        self.force = self.force.max(state.wrench_in_tool.force.norm());
+        self.torque = self.torque.max(state.wrench_in_tool.torque.norm());
+        let (set, is) = (&state.desired_base_from_tool, &state.base_from_tool);
+        let off = (set.translation.vector - is.translation.vector).norm();
+        self.following = self.following.max(off);
+    }
 }
 
 /// What a camera's VSP saw.
@@ -77,6 +102,15 @@ impl Board {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// What an effector came to beside the states that are shown.
+    pub fn peaked(&self, arm: usize, peaks: &Peaks) {
+        if let Some(arm) = self.latest().arms.get_mut(arm) {
+            arm.peak.0 = arm.peak.0.max(peaks.force);
+            arm.peak.1 = arm.peak.1.max(peaks.torque);
+            arm.following = arm.following.max(peaks.following);
+        }
+    }
+
     /// A camera's VSP has looked.
     pub fn saw(&self, camera: usize, sight: Sight) {
         let mut latest = self.latest();
@@ -98,12 +132,9 @@ impl Board {
             latest.arms.resize(index + 1, ArmLatest::default());
         }
         let arm = &mut latest.arms[index];
-        let wrench = &state.wrench_in_tool;
-        arm.peak.0 = arm.peak.0.max(wrench.force.norm());
-        arm.peak.1 = arm.peak.1.max(wrench.torque.norm());
-        let (set, is) = (&state.desired_base_from_tool, &state.base_from_tool);
-        let off = (set.translation.vector - is.translation.vector).norm();
-        arm.following = arm.following.max(off);
+        let mut peaks = Peaks { force: arm.peak.0, torque: arm.peak.1, following: arm.following };
+        peaks.take(state);
+        (arm.peak, arm.following) = ((peaks.force, peaks.torque), peaks.following);
         arm.state = *state;
     }
 }

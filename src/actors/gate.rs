@@ -99,6 +99,8 @@ impl From<Word> for Said {
 impl Inner {
     fn take(&self, word: Said) {
         match word {
+            // Whoever hears it has begun: before the start there is no period.
+            Said::Start => {}
             Said::Run => drop(self.control.send_replace(Control::Running)),
             Said::Pause => drop(self.control.send_replace(Control::Paused)),
             Said::Terminate => drop(self.control.send_replace(Control::Terminated)),

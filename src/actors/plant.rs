@@ -14,6 +14,7 @@ use crate::hw::plant::{
 };
 use crate::hw::serial::axis::Rules;
 use crate::motion::JointPositions;
+use crate::operator::Class;
 use crate::reach::{Meeting, MeetingTable};
 use crate::record::recorder::{Entry, Recorder};
 use crate::scenario::Scenario;
@@ -279,7 +280,7 @@ impl Tattler {
             let word = self.words.get_mut(index).map(std::mem::take).unwrap_or_default();
             if !word.is_empty() {
                 let text = format!("injected fault: {word}");
-                self.recorder.note(tick, || Entry::Log(30, "plant".to_owned(), text));
+                self.recorder.note(tick, || Entry::Log(Class::Warning, "plant".to_owned(), text));
             }
         }
     }

@@ -53,6 +53,7 @@ pub struct Presenter {
     views: Vec<CameraView>,
     looked: Vec<Option<Instant>>,
     hand: Option<Target>,
+    stage: Stage,
 }
 
 impl Presenter {
@@ -84,6 +85,7 @@ impl Presenter {
             looked: vec![None; cell.cameras.len()],
             views,
             hand: None,
+            stage: stage.clone(),
             cell,
         };
         (presenter, stage)
@@ -158,6 +160,9 @@ impl Presenter {
         let board = self.board.clone();
         let mut latest = board.latest();
         let time = self.time_of(&latest);
+        if let Some(cell) = latest.calibrated.take() {
+            self.calibrated(*cell, behind);
+        }
         let new = self.take_pictures(&mut latest);
         let arms: Vec<ArmLatest> = latest.arms.clone();
         for arm in &mut latest.arms {
@@ -224,6 +229,23 @@ impl Presenter {
         behind.snapshots.send_replace(Arc::new(snapshot));
     }
 
+    /// The cameras are elsewhere than the scenario has them.
+    fn calibrated(&mut self, cell: Cell, behind: &Behind) {
+        self.stage.cameras = cameras(&cell);
+        self.stage.edge = cell.cube.edge;
+        self.cell = cell;
+        behind.stage.send_replace(Arc::new(self.stage.clone()));
+    }
+
+    /// A camera's VSP has delivered, with a picture or without.
+    pub fn sees(&mut self, period: u64, found: &Found) {
+        if let Found::Cube(world_from_cube, speed) = *found
+            && self.hand.is_none_or(|hand| hand.period <= period)
+        {
+            self.hand = Some(Target { world_from_cube, speed, period });
+        }
+    }
+
     fn measure(&mut self, time: f64) {
         let (at, then, _) = self.factor;
         let passed = at.elapsed();
@@ -237,9 +259,7 @@ impl Presenter {
         let mut new = false;
         for (camera, sight) in latest.sights.iter_mut().enumerate() {
             let Some(sight) = sight else { continue };
-            if let Found::Cube(world_from_cube, speed) = sight.found {
-                self.hand = Some(Target { world_from_cube, speed, period: sight.period });
-            }
+            self.sees(sight.period, &sight.found);
             let soon =
                 self.looked.get(camera).copied().flatten().is_some_and(|at| at.elapsed() < PICTURE);
             let Some(image) = sight.image.take_if(|_| !soon) else { continue };
@@ -501,6 +521,18 @@ pub(super) fn poses(arm: &crate::cell::Arm) -> Vec<(String, JointPositions)> {
     poses
 }
 
+fn cameras(cell: &Cell) -> Vec<CameraStage> {
+    let camera = |camera: &crate::cell::Camera| {
+        let (arm, pose): (Option<usize>, Pose) = match camera.mount {
+            Mount::World { world_from_camera } => (None, world_from_camera),
+            Mount::Flange { arm, flange_from_camera } => (Some(arm), flange_from_camera),
+        };
+        let size = (camera.intrinsics.width, camera.intrinsics.height);
+        CameraStage { name: camera.name.clone(), arm, pose, size }
+    };
+    cell.cameras.iter().map(camera).collect()
+}
+
 /// What does not change.
 fn stage(scenario: &Scenario) -> Stage {
     let config = &scenario.controller;
@@ -513,14 +545,6 @@ fn stage(scenario: &Scenario) -> Stage {
         opening: arm.gripper.opening,
         poses: poses(arm).into_iter().map(|p| p.0).collect(),
     };
-    let camera = |camera: &crate::cell::Camera| {
-        let (arm, pose): (Option<usize>, Pose) = match camera.mount {
-            Mount::World { world_from_camera } => (None, world_from_camera),
-            Mount::Flange { arm, flange_from_camera } => (Some(arm), flange_from_camera),
-        };
-        let size = (camera.intrinsics.width, camera.intrinsics.height);
-        CameraStage { name: camera.name.clone(), arm, pose, size }
-    };
     let solve = config.task.word() != "idle";
     Stage {
         title: scenario.path.display().to_string(),
@@ -532,7 +556,7 @@ fn stage(scenario: &Scenario) -> Stage {
         plant: if scenario.bridge.kind.is_hardware() { "hardware" } else { "simulated plant" }
             .to_owned(),
         arms: cell.arms.iter().map(arm).collect(),
-        cameras: cell.cameras.iter().map(camera).collect(),
+        cameras: cameras(cell),
         solids: arm_solids(cell),
         edge: cell.cube.edge,
         hand_zone: solve.then_some(cell.hand.world_from_cube),
@@ -614,6 +638,33 @@ mod tests {
         presenter.publish(&behind, Control::Running, 0.0);
 
         assert_eq!(behind.snapshots.borrow().time, 0.5, "500 periods of 1 ms");
+    }
+
+    #[test]
+    fn what_is_found_is_painted_by_the_calibrated_camera() {
+        let (mut presenter, before, board) = presenter();
+        stand(&board, &presenter);
+        let (_, behind) = crate::desk::desk();
+        let mut cell = presenter.cell.clone();
+        let Mount::World { world_from_camera } = &mut cell.cameras[0].mount else { panic!() };
+        let world_from_cube = *world_from_camera * Pose::translation(0.0, 0.0, 1.0);
+        world_from_camera.translation.vector.x += 0.05;
+        let look = || Sight {
+            period: 500,
+            image: Some(image::RgbImage::new(4, 4)),
+            found: Found::Cube(world_from_cube, 0.0),
+        };
+        board.saw(0, look());
+        presenter.publish(&behind, Control::Running, 0.0);
+        let first = behind.snapshots.borrow().cameras[0].outlines.clone();
+
+        board.latest().calibrated = Some(Box::new(cell));
+        std::thread::sleep(PICTURE);
+        board.saw(0, look());
+        presenter.publish(&behind, Control::Running, 0.0);
+
+        assert!(behind.snapshots.borrow().cameras[0].outlines != first);
+        assert!(behind.stage.borrow().cameras[0].pose != before.cameras[0].pose);
     }
 
     #[test]

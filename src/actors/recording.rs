@@ -20,28 +20,28 @@ pub(super) const SCENES: u64 = 20;
 /// Keeps a notice.
 pub(super) fn note(recorder: &Recorder, notice: &Notice) {
     let at = |seconds: f64| (seconds / PERIOD).round() as u64;
-    let log = |seconds: f64, level: u8, who: &str, text: &str| {
-        recorder.note(at(seconds), || Entry::Log(level, who.to_owned(), text.to_owned()));
+    let log = |seconds: f64, class: Class, who: &str, text: &str| {
+        recorder.note(at(seconds), || Entry::Log(class, who.to_owned(), text.to_owned()));
     };
     match notice {
         Notice::Phase(time, name) => {
             recorder.note(at(*time), || Entry::Phase(name.clone(), String::new()));
-            log(*time, 20, "mp", &format!("phase: {name}"));
+            log(*time, Class::Info, "mp", &format!("phase: {name}"));
         }
-        Notice::Note(time, text) => log(*time, 20, "mp", text),
-        Notice::Warning(time, text) => log(*time, 30, "mp", text),
+        Notice::Note(time, text) => log(*time, Class::Info, "mp", text),
+        Notice::Warning(time, text) => log(*time, Class::Warning, "mp", text),
         Notice::Error(time, error) => {
             let (class, actor) = class(error);
-            let level = match class {
-                Class::Info => 20,
-                Class::Warning | Class::NonFatal => 30,
-                Class::System => 40,
-                Class::Fatal => 50,
-            };
-            log(*time, level, actor, &error.to_string());
+            log(*time, class, actor, &error.to_string());
         }
         Notice::Over(_) => {}
     }
+}
+
+/// Keeps the operator's start, for which a run has waited.
+pub(super) fn started(recorder: &Recorder) {
+    let text = || serde_json::to_string(&Said::Start).unwrap_or_default();
+    recorder.note(0, || Entry::Operator(text()));
 }
 
 /// Servo records go to the recorder, too.

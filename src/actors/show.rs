@@ -3,7 +3,7 @@
 //! - in: a recording, commands of the operator
 //! - out: snapshots and pictures at a desk, by the presenter that a run has; nothing is computed anew
 
-use super::board::{Board, Found, Seen, Sight};
+use super::board::{Board, Found, Peaks, Seen, Sight};
 use super::control::Control;
 use super::present::Presenter;
 use super::supervisor::outcome;
@@ -17,12 +17,13 @@ use crate::record::reading::{End, Label, Message, Piece, Reading, Unreadable};
 use crate::record::sensed::{self, Sensed};
 use crate::record::summary::Summary;
 use crate::record::tick::Tick;
-use crate::record::{belief, cdr};
+use crate::record::{belief, calibration, cdr, standard};
 use crate::scenario::Scenario;
 use crate::servo::ServoCommand;
 use crate::servo::io::Outside;
 use crate::servo::period::Length;
 use crate::tasks::Picture;
+use std::collections::BTreeMap;
 use std::io::Read;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -47,7 +48,8 @@ pub struct Show {
 
 /// What happens.
 enum What {
-    Arm(Box<ServoRecord>, String),
+    /// A state, why the arm stopped, and what it came to since the state before.
+    Arm(Box<ServoRecord>, String, Peaks),
     Belief(Box<Picture>),
     Sight(usize, u64, Option<Arc<Vec<u8>>>, Found),
     Phase(String),
@@ -81,13 +83,19 @@ impl Show {
             show.take(time, &message, &mut loading)
                 .map_err(|why| Unreadable::Message { topic: message.channel.topic.clone(), why })?;
         }
+        calibration::apply(&label, &mut show.scenario.controller.cell);
         let summary: Option<Summary> = serde_json::from_str(label.of("summary", "json")).ok();
-        show.outcome = match (summary, reading.end()) {
-            (Some(summary), _) => outcome(&summary),
-            (None, Some(End::Cut(why))) => {
-                cut_off(&format!("the recording is cut off after {:.1} s: {why}", show.end))
+        let flaw = reading.end().and_then(End::flaw);
+        let flaw =
+            flaw.map(|(how, why)| format!("the recording is {how} after {:.1} s: {why}", show.end));
+        show.outcome = match (summary, flaw) {
+            (Some(summary), flaw) => {
+                let told = flaw.map(|text| What::Message(Class::Warning, "ui".to_owned(), text));
+                show.events.extend(told.map(|what| (show.end, what)));
+                outcome(&summary)
             }
-            (None, _) => cut_off("the recording does not say how the run ended"),
+            (None, Some(flaw)) => cut_off(&flaw),
+            (None, None) => cut_off("the recording does not say how the run ended"),
         };
         show.events.sort_by(|a, b| a.0.total_cmp(&b.0));
         Ok(show)
@@ -115,15 +123,7 @@ impl Show {
                 }
             }
             "/rosout" => {
-                from.time()?;
-                let level = from.u8()?;
-                let (who, text) = (from.string()?, from.string()?);
-                let class = match level {
-                    0..=20 => Class::Info,
-                    21..=30 => Class::Warning,
-                    31..=40 => Class::System,
-                    _ => Class::Fatal,
-                };
+                let (class, who, text) = standard::read_log(&mut from)?;
                 // Phases tell of themselves.
                 if !text.starts_with("phase: ") {
                     let what = What::Message(class, who.to_owned(), text.to_owned());
@@ -163,8 +163,8 @@ impl Show {
             }
             _ if topic.ends_with("/servo") => {
                 let tick = Tick::read(&message.data)?;
-                if let Some((record, fault)) = loading.tick(&tick) {
-                    self.events.push((time, What::Arm(Box::new(record), fault)));
+                if let Some((record, peaks)) = loading.tick(&tick) {
+                    self.events.push((time, What::Arm(Box::new(record), tick.fault, peaks)));
                 }
             }
             _ => {}
@@ -191,6 +191,7 @@ impl Show {
         let (mut time, mut speed, mut paused) = (0.0, speed, false);
         let mut last = Instant::now();
         while !stop.load(Ordering::Acquire) {
+            let mut sought = false;
             while let Some(command) = commands.as_mut().and_then(|c| c.try_recv().ok()) {
                 match command {
                     Command::Start | Command::Resume => paused = false,
@@ -198,11 +199,16 @@ impl Show {
                     Command::Speed { factor } if factor.is_finite() => speed = factor.max(0.0),
                     Command::Seek { time: to } if to.is_finite() => {
                         time = to.clamp(0.0, self.end);
-                        stand = Stand { number: stand.number, ..Stand::new(self, behind) };
+                        sought = true;
                     }
                     Command::Quit | Command::Terminate => return,
                     _ => {}
                 }
+            }
+            // Of several wishes at once the last one counts.
+            if sought {
+                stand = Stand { number: stand.number, ..Stand::new(self, behind) };
+                stand.skip(time);
             }
             let factor = if speed == 0.0 { FASTEST } else { speed };
             let passed = last.elapsed().as_secs_f64();
@@ -225,6 +231,7 @@ fn cut_off(reason: &str) -> OutcomeView {
         verdict: "cut off".to_owned(),
         good: false,
         reason: reason.to_owned(),
+        time: None,
         figures: Vec::new(),
     }
 }
@@ -234,7 +241,7 @@ struct Loading {
     cell: Cell,
     /// Servo periods between two states.
     states: u64,
-    arms: Vec<(ArmState, f64)>,
+    arms: Vec<(ArmState, Peaks)>,
     /// The camera that looked last, and where its sight stands.
     looked: Option<(usize, usize)>,
 }
@@ -242,34 +249,31 @@ struct Loading {
 impl Loading {
     fn new(scenario: &Scenario) -> Self {
         let cell = scenario.controller.cell.clone();
-        let arms = cell.arms.iter().map(|_| (ArmState::default(), 0.0)).collect();
+        let arms = cell.arms.iter().map(|_| (ArmState::default(), Peaks::default())).collect();
         let states = Length::of_seconds(scenario.real_time.period).count(STATES).into();
         Self { cell, states, arms, looked: None }
     }
 
-    /// A state now and then, with the largest force in between.
-    fn tick(&mut self, tick: &Tick) -> Option<(ServoRecord, String)> {
+    /// A state now and then, with the largest values in between.
+    fn tick(&mut self, tick: &Tick) -> Option<(ServoRecord, Peaks)> {
         let index = usize::from(tick.arm);
-        let (arm, (state, most)) = (self.cell.arms.get(index)?, self.arms.get_mut(index)?);
+        let (arm, (state, peaks)) = (self.cell.arms.get(index)?, self.arms.get_mut(index)?);
         if let Ok(Some(ServoCommand::Move { command, start })) = tick.order() {
             state.command_end = start.max(tick.period) + u64::from(command.periods);
         }
-        let force = tick.wrench_in_tool.force.norm();
-        if force >= *most {
-            (*most, state.wrench_in_tool) = (force, tick.wrench_in_tool);
-        }
-        if tick.period % self.states != 1 % self.states {
-            return None;
-        }
-        *most = 0.0;
         let tool =
             |joints: &JointPositions| arm.model.base_from_flange(joints) * arm.flange_from_tool;
         state.period = tick.period;
         state.joints = JointPositions(tick.joints);
         state.desired_joints = JointPositions(tick.desired_joints);
-        state.motors = arm.model.motors(&state.joints);
         state.base_from_tool = tool(&state.joints);
         state.desired_base_from_tool = tool(&state.desired_joints);
+        state.wrench_in_tool = tick.wrench_in_tool;
+        peaks.take(state);
+        if tick.period % self.states != 1 % self.states {
+            return None;
+        }
+        state.motors = arm.model.motors(&state.joints);
         state.jaw_opening = tick.jaw_opening;
         state.jaw_force = tick.jaw_force;
         // What it was is in the words; that it was one is enough here.
@@ -286,7 +290,7 @@ impl Loading {
             drive: tick.drive,
             state: *state,
         };
-        Some((record, tick.fault.clone()))
+        Some((record, std::mem::take(peaks)))
     }
 }
 
@@ -319,21 +323,36 @@ impl<'a> Stand<'a> {
         Self { show, to, board, presenter, inner, next: 0, faults, number: 0, over: false }
     }
 
-    fn show(&mut self, time: f64, paused: bool, speed: f64) {
+    /// Goes to a time at once: what arms felt on the way is no peak of the moment.
+    fn skip(&mut self, time: f64) {
+        self.events(time);
+        for arm in &mut self.board.latest().arms {
+            (arm.peak, arm.following) = ((0.0, 0.0), 0.0);
+        }
+    }
+
+    /// What happens until a time. Of beliefs and of each camera's pictures only the last counts: to copy and to decode
+    /// all of them on the way took longer than whoever seeks waits.
+    fn events(&mut self, time: f64) {
+        let show = self.show;
         let mut sink = Seen { to: NoRecords, board: Some(self.board.clone()) };
-        while let Some((at, what)) = self.show.events.get(self.next).filter(|(at, _)| *at <= time) {
+        let (mut belief, mut looks) = (None, BTreeMap::new());
+        while let Some((at, what)) = show.events.get(self.next).filter(|(at, _)| *at <= time) {
             match what {
-                What::Arm(record, fault) => {
-                    if let Some(now) = self.faults.get_mut(usize::from(record.arm)) {
+                What::Arm(record, fault, peaks) => {
+                    let arm = usize::from(record.arm);
+                    if let Some(now) = self.faults.get_mut(arm) {
                         now.clone_from(fault);
                     }
                     sink.record(record);
+                    self.board.peaked(arm, peaks);
                 }
-                What::Belief(picture) => {
-                    self.board.latest().picture = Some(picture.as_ref().clone());
-                }
+                What::Belief(picture) => belief = Some(picture),
                 What::Sight(camera, period, jpeg, found) => {
-                    self.sight(*camera, *period, jpeg.as_deref(), found);
+                    self.presenter.sees(*period, found);
+                    if let Some(jpeg) = jpeg {
+                        looks.insert(*camera, (*period, jpeg, found));
+                    }
                 }
                 What::Phase(name) => self.presenter.notice(&Notice::Phase(*at, name.clone())),
                 What::Message(class, who, text) => {
@@ -346,6 +365,18 @@ impl<'a> Stand<'a> {
             }
             self.next += 1;
         }
+        if let Some(picture) = belief {
+            self.board.latest().picture = Some(picture.as_ref().clone());
+        }
+        for (camera, (period, jpeg, found)) in looks {
+            let image = image::load_from_memory_with_format(jpeg, image::ImageFormat::Jpeg).ok();
+            let image = image.map(image::DynamicImage::into_rgb8);
+            self.board.saw(camera, Sight { period, image, found: found.clone() });
+        }
+    }
+
+    fn show(&mut self, time: f64, paused: bool, speed: f64) {
+        self.events(time);
         if time >= self.show.end && !self.over {
             self.over = true;
             self.presenter.notice(&Notice::Over(self.show.outcome.clone()));
@@ -353,19 +384,6 @@ impl<'a> Stand<'a> {
         let control = if paused { Control::Paused } else { Control::Running };
         self.presenter.publish(&self.inner, control, speed);
         self.forward(paused);
-    }
-
-    /// A picture that nobody has taken yet is not lost to a look without one.
-    fn sight(&self, camera: usize, period: u64, jpeg: Option<&Vec<u8>>, found: &Found) {
-        let decode = |jpeg: &Vec<u8>| {
-            image::load_from_memory_with_format(jpeg, image::ImageFormat::Jpeg).ok()
-        };
-        let waiting = || {
-            let mut latest = self.board.latest();
-            latest.sights.get_mut(camera)?.as_mut()?.image.take()
-        };
-        let image = jpeg.and_then(decode).map(image::DynamicImage::into_rgb8).or_else(waiting);
-        self.board.saw(camera, Sight { period, image, found: found.clone() });
     }
 
     fn forward(&mut self, paused: bool) {
@@ -387,6 +405,50 @@ impl<'a> Stand<'a> {
 }
 
 impl Show {
+    /// Moments in the middle of the plan's steps, so many at most, spread from the first step to the last: time [s], the
+    /// step in words, and what the operator saw.
+    #[must_use]
+    pub fn moments(&self, most: usize) -> Vec<(f64, String, Arc<Snapshot>)> {
+        let steps = self.steps();
+        let count = most.min(steps.len());
+        let behind = desk().1;
+        let mut stand = Stand::new(self, &behind);
+        (0..count)
+            .map(|i| {
+                let (time, words) = &steps[i * (steps.len() - 1) / (count - 1).max(1)];
+                stand.skip(*time);
+                stand.show(*time, true, 1.0);
+                (*time, words.clone(), Arc::clone(&behind.snapshots.borrow()))
+            })
+            .collect()
+    }
+
+    /// The middle of each step of the plans [s], and the step in words.
+    fn steps(&self) -> Vec<(f64, String)> {
+        let (mut steps, mut now, mut begun) = (Vec::new(), None, None);
+        let mut ends = |begun: &mut Option<(f64, String)>, time: f64| {
+            steps.extend(begun.take().map(|(from, words)| (f64::midpoint(from, time), words)));
+        };
+        for (time, what) in &self.events {
+            match what {
+                // The last step is shown until the run ends, and is over before.
+                What::Phase(_) => ends(&mut begun, *time),
+                What::Belief(picture) => {
+                    let line = |step: usize| Some((step, picture.plan.get(step)?.what.clone()));
+                    let step = picture.step.and_then(line);
+                    if step != now {
+                        ends(&mut begun, *time);
+                        begun = step.clone().map(|(_, words)| (*time, words));
+                        now = step;
+                    }
+                }
+                _ => {}
+            }
+        }
+        ends(&mut begun, self.end);
+        steps
+    }
+
     /// Phases and messages, each with its time [s], for whoever has no face.
     pub fn told(&self) -> impl Iterator<Item = (f64, String)> {
         self.events.iter().filter_map(|(time, what)| match what {
@@ -396,5 +458,115 @@ impl Show {
             What::Operator(words) => Some((*time, format!("operator: {words}"))),
             What::Arm(..) | What::Belief(_) | What::Sight(..) => None,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::operator::PlanLine;
+    use nalgebra::Vector3;
+
+    fn scenario() -> Scenario {
+        crate::scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap()
+    }
+
+    fn show(events: Vec<(f64, What)>, end: f64) -> Show {
+        let title = String::new();
+        Show { scenario: scenario(), title, events, end, outcome: cut_off("") }
+    }
+
+    fn record(period: u64) -> ServoRecord {
+        let joints = scenario().controller.cell.arms[0].start;
+        ServoRecord {
+            period,
+            arm: 0,
+            reading: crate::servo::io::ArmReading::default(),
+            outside: Outside::default(),
+            command: None,
+            drive: crate::servo::io::ArmDrive::OFF,
+            state: ArmState { joints, desired_joints: joints, ..ArmState::default() },
+        }
+    }
+
+    #[test]
+    fn no_peak_falls_between_two_states_that_are_kept() {
+        let mut loading = Loading::new(&scenario());
+        let mut kept = Vec::new();
+        for period in 2..=21 {
+            let mut record = record(period);
+            match period {
+                5 => record.state.wrench_in_tool.torque = Vector3::new(0.0, 3.0, 0.0),
+                9 => record.state.wrench_in_tool.force = Vector3::new(12.0, 0.0, 0.0),
+                12 => record.state.joints.0[0] += 0.004,
+                _ => {}
+            }
+            kept.extend(loading.tick(&Tick::of(&record)));
+        }
+
+        let [(state, peaks)] = kept.as_slice() else { panic!("{} states", kept.len()) };
+        assert_eq!((state.period, peaks.force, peaks.torque), (21, 12.0, 3.0));
+        assert!((peaks.following - 0.004).abs() < 1e-9, "{peaks:?}");
+        assert_eq!(state.state.wrench_in_tool.force.norm(), 0.0, "the state is of its own period");
+    }
+
+    #[test]
+    fn who_seeks_sees_the_last_picture_on_the_way_and_no_peak_of_it() {
+        let jpeg = |shade: u8| {
+            let image = image::RgbImage::from_pixel(8, 8, image::Rgb([shade; 3]));
+            let mut file = Vec::new();
+            let encoder = image::codecs::jpeg::JpegEncoder::new(&mut file);
+            image.write_with_encoder(encoder).unwrap();
+            Arc::new(file)
+        };
+        let look = |period: u64, jpeg: Option<Arc<Vec<u8>>>| {
+            What::Sight(0, period, jpeg, Found::Nothing(format!("look {period}")))
+        };
+        let peaks = Peaks { force: 40.0, torque: 4.0, following: 0.001 };
+        let events = vec![
+            (0.1, What::Arm(Box::new(record(50)), String::new(), peaks)),
+            (0.2, look(100, Some(jpeg(0)))),
+            (0.4, look(200, Some(jpeg(200)))),
+            (0.5, look(250, None)),
+            (0.9, look(450, Some(jpeg(100)))),
+        ];
+        let show = show(events, 1.0);
+        let behind = desk().1;
+        let mut stand = Stand::new(&show, &behind);
+
+        stand.skip(0.6);
+        stand.show(0.6, true, 1.0);
+
+        let snapshot = behind.snapshots.borrow().clone();
+        assert_eq!(snapshot.cameras[0].words, "look 200", "what was found in that picture");
+        assert_eq!((snapshot.arms[0].peak, snapshot.arms[0].following), ((0.0, 0.0), 0.0));
+        let pictures = behind.pictures.borrow();
+        let Some(crate::desk::Pixels::Raw(image)) = pictures[0].as_ref().map(|p| &p.pixels) else {
+            panic!("no picture")
+        };
+        assert!(image.get_pixel(4, 4)[0].abs_diff(200) < 10);
+    }
+
+    #[test]
+    fn moments_are_of_steps_from_the_first_to_the_last() {
+        let line =
+            |n: usize| PlanLine { what: format!("turn {n}"), why: String::new(), seconds: 1.0 };
+        let plan: Arc<Vec<PlanLine>> = Arc::new((0..20).map(line).collect());
+        let belief = |step: usize| {
+            let plan = Arc::clone(&plan);
+            What::Belief(Box::new(Picture { plan, step: Some(step), ..Picture::default() }))
+        };
+        let mut events: Vec<_> =
+            (0..20).map(|step| (10.0 + 2.0 * step as f64, belief(step))).collect();
+        events.push((52.0, What::Phase("release".to_owned())));
+        let show = show(events, 100.0);
+
+        let moments = show.moments(9);
+
+        let told: Vec<_> = moments.iter().map(|(time, words, _)| (*time, words.as_str())).collect();
+        assert_eq!(told.len(), 9);
+        assert_eq!((told[0], told[8]), ((11.0, "turn 0"), (50.0, "turn 19")));
+        assert_eq!(moments[8].2.step, Some(19));
+        assert!(show.moments(40).len() == 20 && self::show(vec![], 1.0).moments(9).is_empty());
     }
 }

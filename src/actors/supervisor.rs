@@ -33,6 +33,7 @@ use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::operator::OutcomeView;
 use crate::reach::guard::Guard;
 use crate::reach::{MeetingTable, ReachSettings};
+use crate::record::calibration;
 use crate::record::journal::Journal;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Entry, Recorder};
@@ -48,6 +49,7 @@ use crate::tasks::cube::mission::{Goal, Mission, MissionLog};
 use crate::tasks::idle::Idle;
 use crate::tasks::panel::Panel;
 use crate::tasks::{self, Effort, Forces};
+use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -260,7 +262,15 @@ fn carried_out(
     };
     desk.journal = Logbook::of(files)?;
     // From here on the controller: the world has its truth.
-    let scenario = &*super::calibrate::believed(scenario);
+    let believed = super::calibrate::believed(scenario);
+    if let Cow::Owned(Scenario { controller, .. }) = &believed {
+        let facts = || Entry::Facts(calibration::NAME, calibration::facts(&controller.cell));
+        desk.recorder.note(0, facts);
+        if let Some(board) = desk.ui.board() {
+            board.latest().calibrated = Some(Box::new(controller.cell.clone()));
+        }
+    }
+    let scenario = &*believed;
     let mut builder = tokio::runtime::Builder::new_current_thread();
     builder.enable_time().start_paused(scenario.pace == Pace::Virtual);
     if scenario.bridge.kind.is_hardware() {
@@ -377,6 +387,7 @@ pub(super) fn outcome(summary: &Summary) -> OutcomeView {
         verdict: verdict.to_owned(),
         good: summary.outcome == Outcome::Solved,
         reason: summary.reason.clone(),
+        time: Some(summary.sim_time_s),
         figures,
     }
 }
@@ -386,6 +397,7 @@ fn broken_off(error: &Error) -> OutcomeView {
         verdict: "aborted".to_owned(),
         good: false,
         reason: error.to_string(),
+        time: None,
         figures: Vec::new(),
     }
 }
@@ -533,10 +545,14 @@ async fn perform(
     let by_hand = goal.is_none() && words.is_some();
     // Before the start there is no time: a run does not depend on when it was started.
     let (mut start_of, waits) = (outer.subscribe(), Instant::now());
+    let waited = *outer.borrow() == Control::Waiting;
     if start_of.wait_for(|will| *will != Control::Waiting).await.is_err() {
         return Err(not_created("control", "nobody is left to start the run"));
     }
     tempo.held_back(waits.elapsed());
+    if waited && *outer.borrow() == Control::Running {
+        recording::started(&recorder);
+    }
     let mut control = Arc::clone(outer);
     let mut gate = None;
     if scenario.pace == Pace::Virtual {

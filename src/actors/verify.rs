@@ -32,7 +32,7 @@ pub struct Verified {
     pub whole_controller: bool,
     /// Why the comparison ended before the run did, if so.
     pub ended: Option<String>,
-    /// Why the recording itself ends before the run did, if so.
+    /// How the recording itself ends before the run did, and why, if so.
     pub cut: Option<String>,
 }
 
@@ -52,7 +52,7 @@ impl std::fmt::Display for Verified {
             write!(f, "; {} ticks behind that were not compared", self.rest)?;
         }
         match &self.cut {
-            Some(why) => write!(f, "; the recording is cut off ({why})"),
+            Some(how) => write!(f, "; the recording is {how}"),
             None => Ok(()),
         }
     }
@@ -86,8 +86,7 @@ pub fn verify(path: &Path, scenario: &Scenario, attended: bool) -> Result<Verifi
     // Known only now that it was read to its end.
     verified.cut = playback.cut();
     if verified.compared == 0 && verified.divergence.is_none() {
-        let whys =
-            [verified.cut.map(|why| format!("the recording is cut off ({why})")), verified.ended];
+        let whys = [verified.cut.map(|how| format!("the recording is {how}")), verified.ended];
         let why = whys.into_iter().flatten().next();
         let why = why.unwrap_or_else(|| "the recording holds no whole servo period".to_owned());
         return Err(Unverified::Nothing(why));

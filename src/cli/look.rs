@@ -2,13 +2,15 @@
 
 use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain, cubes, evaluate, frames, locate, rig, stages, vision};
-use crate::cube::{Axis, Facelets};
+use crate::cube::{Axis, Face, Facelets};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
 use crate::hw::scene::{Scene, SceneArm, SceneCube};
+use crate::operator::{ArmView, Snapshot};
 use crate::scenario::ControllerConfig;
 use crate::spatial::Twist;
 use anyhow::Context;
 use clap::{Args, Subcommand};
+use nalgebra::Point3;
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
@@ -190,11 +192,10 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
         }
     };
     let cell = &scenario.controller.cell;
-    let setting = Setting::of(cell);
     let cube = scenario.plant.cube_state.unwrap_or_else(Facelets::solved);
     let scene = before(&scenario.controller, &cube);
     let image = match &args.camera {
-        None => overview::cell(&scene, &setting, args.width, args.height),
+        None => outside(&scene, &scenario.controller, (args.width, args.height)),
         Some(name) => {
             let Some(camera) = cell.cameras.iter().find(|c| c.name == *name) else {
                 let names: Vec<&str> = cell.cameras.iter().map(|c| c.name.as_str()).collect();
@@ -203,7 +204,7 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
             };
             let look = Look { lens_cap: scenario.plant.keys.lens_cap, ..Look::default() };
             Renderer::new(camera.clone(), look, scenario.seed)
-                .with_setting(setting)
+                .with_setting(Setting::of(cell))
                 .render(&scene, 1.0)
         }
     };
@@ -213,6 +214,58 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
     }
     output.line(&format!("{}: {} x {}", args.out.display(), image.width(), image.height()))?;
     Ok(0)
+}
+
+/// The cell from outside.
+pub(super) fn outside(
+    scene: &Scene,
+    controller: &ControllerConfig,
+    (width, height): (u32, u32),
+) -> image::RgbImage {
+    overview::cell(scene, &Setting::of(&controller.cell), width, height)
+}
+
+/// The scene of a moment, as the operator was shown it: by the controller's belief. `None` where that does not say where
+/// the cube is, or how it looks.
+pub(super) fn during(snapshot: &Snapshot, controller: &ControllerConfig) -> Option<Scene> {
+    let cell = &controller.cell;
+    let arm = |view: &ArmView| {
+        // The links' frames are where each begins, and the flange is where the last one ends.
+        let [_, base, shoulder, elbow, wrist, flange, tool, ..] = view.frames[..] else {
+            return None;
+        };
+        let points = [base, shoulder, elbow, wrist, flange];
+        Some(SceneArm {
+            points: points.map(|frame| Point3::from(frame.translation.vector)),
+            world_from_tool: tool,
+            world_from_flange: flange,
+            opening: view.opening,
+        })
+    };
+    let arms: Vec<SceneArm> = snapshot.arms.iter().map(arm).collect::<Option<_>>()?;
+    let (first, last) = (*arms.first()?, *arms.last()?);
+    let colour = |letter: char| "URFDLB".find(letter).map(|colour| colour as u8);
+    let facelets: Vec<u8> = snapshot.cube.facelets.chars().map(colour).collect::<Option<_>>()?;
+    // Clockwise seen from outside is against the axis on its positive side.
+    let turned = snapshot.cube.turned.and_then(|turn| {
+        let face = *Face::ALL.get(turn.face)?;
+        let positive = face.axis().positive_face() == face;
+        let (low, high) = if positive { (0.0, -turn.angle) } else { (turn.angle, 0.0) };
+        Some((face.axis(), low, high))
+    });
+    Some(Scene {
+        period: 0,
+        cube: SceneCube {
+            world_from_cube: snapshot.cube.world_from_cube?,
+            velocity: Twist::default(),
+            edge: cell.cube.edge,
+            facelets: facelets.try_into().ok()?,
+            turned: turned.unwrap_or((Axis::Z, 0.0, 0.0)),
+        },
+        arms: [first, last],
+        arm_count: arms.len().min(2),
+        hand: None,
+    })
 }
 
 /// The scene before a run, by the controller's belief.
@@ -244,5 +297,60 @@ fn before(controller: &ControllerConfig, cube: &Facelets) -> Scene {
         arms: [at(0), at(1)],
         arm_count: arms.len(),
         hand: Some(cell.hand.world_from_cube),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::operator::{CubeView, LayerTurn, arm_frames};
+
+    #[test]
+    fn a_moment_is_drawn_as_its_arms_and_its_cube_stood() {
+        let scenario = crate::scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap();
+        let controller = &scenario.controller;
+        let cube = Facelets::solved();
+        let start = before(controller, &cube);
+        let view = |arm: &crate::cell::Arm| ArmView {
+            name: arm.name.clone(),
+            joints: arm.start.0,
+            motors: [0.0; 7],
+            frames: arm_frames(arm, &arm.world_from_base, &arm.start),
+            opening: arm.gripper.opening.1,
+            grip: 0.0,
+            wrench: [0.0; 6],
+            peak: (0.0, 0.0),
+            following: 0.0,
+            synchronised: true,
+            fault: None,
+            remedy: None,
+        };
+        let mut snapshot = Snapshot {
+            arms: controller.cell.arms.iter().map(view).collect(),
+            cube: CubeView {
+                world_from_cube: Some(start.cube.world_from_cube),
+                facelets: cube.to_string(),
+                ..CubeView::default()
+            },
+            ..Snapshot::default()
+        };
+
+        let scene = during(&snapshot, controller).unwrap();
+        for (now, then) in scene.arms.iter().zip(&start.arms) {
+            for (a, b) in now.points.iter().zip(&then.points) {
+                assert!((a - b).norm() < 1e-9, "{a} {b}");
+            }
+            assert!((now.world_from_tool.inverse() * then.world_from_tool).rotation.angle() < 1e-9);
+        }
+        assert_eq!(scene.cube.facelets, start.cube.facelets);
+
+        let straight = outside(&scene, controller, (48, 36));
+        snapshot.cube.turned = Some(LayerTurn { face: Face::L.index(), angle: 0.8 });
+        let scene = during(&snapshot, controller).unwrap();
+        assert_eq!(scene.cube.turned, (Axis::X, 0.8, 0.0));
+        assert!(outside(&scene, controller, (48, 36)) != straight, "a turned layer is seen");
+
+        snapshot.cube.facelets.replace_range(7..8, "-");
+        assert!(during(&snapshot, controller).is_none(), "nobody knows how it looks");
     }
 }

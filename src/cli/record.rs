@@ -1,6 +1,6 @@
 //! `run --record FILE`: what a recording says of itself, and what is said of it at the end.
 
-use crate::cell::{Cell, Mount};
+use crate::record::calibration;
 use crate::record::place::Place;
 use crate::record::recorder::{Patience, Recorder, Written};
 use crate::record::sheet::About;
@@ -62,7 +62,7 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
         ("resumed", begun.resumed.to_string()),
         ("started_unix_s", now.as_secs().to_string()),
         ("declared_face_s", config.vision.face.to_string()),
-        ("standalone_xyz", standalone(&config.cell)),
+        ("standalone_xyz", calibration::standalone(&config.cell)),
         ("force_limit_n", config.control.force_limit.to_string()),
         ("torque_limit_nm", config.control.torque_limit.to_string()),
     ];
@@ -84,15 +84,6 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
         start,
         length,
     })
-}
-
-/// Where the camera that stands in the cell is believed to be [m].
-fn standalone(cell: &Cell) -> String {
-    let place = cell.cameras.iter().find_map(|camera| match camera.mount {
-        Mount::World { world_from_camera } => Some(world_from_camera.translation.vector),
-        Mount::Flange { .. } => None,
-    });
-    place.map_or_else(String::new, |p| format!("{} {} {}", p.x, p.y, p.z))
 }
 
 /// The sum of this very program: two builds of one version may differ.

@@ -3,7 +3,6 @@
 use super::record::same_file;
 use super::{WRONG, complain};
 use crate::record::place::Place;
-use crate::record::reading::End;
 use crate::record::recover::recover;
 use clap::Args;
 use std::fs::File;
@@ -14,7 +13,7 @@ use std::path::PathBuf;
 #[command(after_help = "\
 Example:
   rubik-robot recover cut.mcap -o whole.mcap
-Everything up to the cut is kept; an index is written, so that any tool opens the file.")]
+Everything up to the cut, or to the first damage, is kept; an index is written, so that any tool opens the file.")]
 pub(super) struct RecoverArgs {
     /// The recording
     recording: PathBuf,
@@ -50,9 +49,9 @@ pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
             return Ok(WRONG);
         }
     };
-    let end = match &saved.end {
-        End::Whole => "the recording was whole".to_owned(),
-        End::Cut(why) => format!("it was cut off: {why}"),
+    let end = match saved.end.flaw() {
+        None => "the recording was whole".to_owned(),
+        Some((how, why)) => format!("it was {how}: {why}"),
     };
     if saved.messages == 0 {
         place.discard()?;

@@ -1,12 +1,16 @@
 //! `rubik-robot report`: one page that tells a recorded run.
 
 use super::record::same_file;
-use super::{WRONG, complain};
+use super::{WRONG, complain, look, replay};
+use crate::actors::show::Show;
+use crate::operator::Snapshot;
 use crate::record::report::{gather, page};
 use clap::Args;
+use image::codecs::jpeg::JpegEncoder;
 use std::fs::File;
 use std::io::BufReader;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -35,20 +39,44 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
         Ok(file) => BufReader::with_capacity(1 << 20, file),
         Err(error) => return told(&error),
     };
-    let story = match gather(file) {
+    let mut story = match gather(file) {
         Ok(story) => story,
         Err(why) => return told(&why),
     };
+    story.drawn = drawn(&args.recording);
     if let Err(error) = std::fs::write(&args.output, page(&story)) {
         complain(&format!("{}: {error}", args.output.display()));
         return Ok(WRONG);
     }
-    if let Some(why) = &story.cut {
+    if let Some((how, why)) = &story.cut {
         complain(&format!(
-            "{}: cut off: {why}; the page tells what is there",
+            "{}: {how}: {why}; the page tells what is there",
             args.recording.display()
         ));
     }
     complain(&format!("{}: {} messages told", args.output.display(), story.count));
     Ok(0)
+}
+
+/// Steps of the plan that are drawn.
+const DRAWINGS: usize = 9;
+/// Size of a drawing [px], and quality of its file, of 100.
+const SIZE: (u32, u32) = (480, 360);
+const QUALITY: u8 = 75;
+
+/// Drawings of the plan's steps; none where the recording's scenario cannot be read here.
+fn drawn(recording: &Path) -> Vec<(f64, String, Vec<u8>)> {
+    let Ok((_, scenario)) = replay::load(recording) else { return Vec::new() };
+    let Ok(file) = File::open(recording) else { return Vec::new() };
+    let file = BufReader::with_capacity(1 << 20, file);
+    let Ok(show) = Show::read(file, &scenario, "") else { return Vec::new() };
+    let drawing = |(time, words, snapshot): (f64, String, Arc<Snapshot>)| {
+        let scene = look::during(&snapshot, &scenario.controller)?;
+        let image = look::outside(&scene, &scenario.controller, SIZE);
+        let mut jpeg = Vec::new();
+        let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
+        image.write_with_encoder(encoder).ok()?;
+        Some((time, words, jpeg))
+    };
+    show.moments(DRAWINGS).into_iter().filter_map(drawing).collect()
 }

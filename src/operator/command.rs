@@ -88,7 +88,9 @@ impl Command {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Said {
-    /// Go on: a resume, or a start.
+    /// Begin.
+    Start,
+    /// Go on.
     Run,
     /// Hold.
     Pause,
@@ -117,6 +119,7 @@ impl Said {
     #[must_use]
     pub fn words(&self) -> String {
         let command = match self.clone() {
+            Self::Start => Command::Start,
             Self::Run => Command::Resume,
             Self::Pause => Command::Pause,
             Self::Terminate => Command::Terminate,
@@ -283,6 +286,8 @@ mod tests {
     fn what_was_said_is_told_in_words() {
         for (text, words) in [
             (r#""pause""#, "pause"),
+            (r#""start""#, "start"),
+            (r#""run""#, "resume"),
             (
                 r#"{"order":{"effector":0,"order":{"order":"pose","name":"front"}}}"#,
                 "arm 0: go to front",

@@ -309,6 +309,8 @@ pub struct OutcomeView {
     pub good: bool,
     /// Why, in a sentence.
     pub reason: String,
+    /// When the work was over [s], where that is known: the arms hold on after it.
+    pub time: Option<f64>,
     /// Figures: name and value.
     pub figures: Vec<(String, String)>,
 }

@@ -1,10 +1,12 @@
 //! What leaves a run: the tape (a hash over every servo record and message), the summary, and the recording.
 //!
 //! - written: [`recorder`] (the thread), [`place`] (the file and its name), [`sheet`] (what goes where),
-//!   [`file`](mod@file) (MCAP), made of [`cdr`], [`schema`], [`standard`], [`tick`], [`sensed`], [`belief`], [`urdf`]
-//! - read: [`reading`] (whole or cut off), [`recover`], [`playback`] (as a port and as sensors), [`report`]
+//!   [`file`](mod@file) (MCAP), made of [`cdr`], [`schema`], [`standard`], [`tick`], [`sensed`], [`belief`],
+//!   [`calibration`], [`urdf`]
+//! - read: [`reading`] (whole, cut off or damaged), [`recover`], [`playback`] (as a port and as sensors), [`report`]
 
 pub mod belief;
+pub mod calibration;
 pub mod cdr;
 pub mod file;
 pub mod journal;

@@ -162,13 +162,12 @@ impl Playback {
         self.state().last
     }
 
-    /// Why the recording ends in the middle, if it does; known at its end.
+    /// How the recording ends in the middle, and why, if it does; known at its end.
     #[must_use]
     pub fn cut(&self) -> Option<String> {
-        match self.state().stream.end() {
-            Some(End::Cut(why)) => Some(why.clone()),
-            Some(End::Whole) | None => None,
-        }
+        let state = self.state();
+        let (how, why) = state.stream.end().and_then(End::flaw)?;
+        Some(format!("{how} ({why})"))
     }
 
     /// Whether the run and its recording are the same so far.

@@ -1,14 +1,19 @@
-//! A recording as it is read: message by message from its beginning, whole or cut off.
+//! A recording as it is read: message by message from its beginning, whole, cut off or damaged.
 //!
 //! - in: an MCAP file
 //! - out: its messages in the order of the file, its metadata and attachments; and whether it ends as it should
 //!
+//! A chunk's messages are handed on once its checksum fits; only those of the chunk in which a file is cut off, which
+//! has none any more, are handed on as they are.
+//!
 //! The index is not used: what a crash left has none, and the order of the file is the order of the run.
 
 use super::cdr::Malformed;
+use mcap::McapError;
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
+use std::fmt::Display;
 use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -17,6 +22,10 @@ use std::sync::Arc;
 /// The longest record, and the longest chunk before and after compression [bytes]: a length in the file is not believed
 /// beyond it, so that no file takes unbounded memory.
 const LONGEST: usize = 64 << 20;
+/// What waits for the check of its chunk at most [bytes]; a chunk of our own has a tenth of it.
+const HELD: usize = 8 << 20;
+/// What a message costs beside its bytes, about.
+const COST: usize = 128;
 
 /// Where a message stands.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -85,6 +94,12 @@ pub struct Reading<R> {
     reader: LinearReader,
     schemas: BTreeMap<u16, (String, String, Vec<u8>)>,
     channels: BTreeMap<u16, Arc<Channel>>,
+    /// Of a chunk whose checksum has not been seen yet, and how many bytes that is.
+    held: (Vec<Piece>, usize),
+    /// To be handed on.
+    ready: VecDeque<Piece>,
+    /// Bytes read so far.
+    at: u64,
     /// How the file ends: `None` while it is being read.
     end: Option<End>,
 }
@@ -94,8 +109,22 @@ pub struct Reading<R> {
 pub enum End {
     /// As it should.
     Whole,
-    /// In the middle: it was cut off, or what follows is none.
+    /// In the middle: it was cut off.
     Cut(String),
+    /// Where something is not as it was written, or is no recording; what follows it is left out.
+    Damaged(String),
+}
+
+impl End {
+    /// What is wrong with the file, and why, if anything is.
+    #[must_use]
+    pub fn flaw(&self) -> Option<(&'static str, &str)> {
+        match self {
+            Self::Whole => None,
+            Self::Cut(why) => Some(("cut off", why)),
+            Self::Damaged(why) => Some(("damaged", why)),
+        }
+    }
 }
 
 /// Opens a file.
@@ -109,66 +138,97 @@ pub fn open(path: &Path) -> Result<Reading<std::fs::File>, Unreadable> {
 impl<R: Read> Reading<R> {
     /// Reads from anything.
     pub fn new(from: R) -> Self {
-        // A chunk is read as far as it goes: its check stands behind it, where a cut file has nothing.
+        // A chunk is read as far as it goes, and checked where it ends: a cut file has nothing there.
         let options = LinearReaderOptions::default()
-            .with_prevalidate_chunk_crcs(false)
+            .with_validate_chunk_crcs(true)
+            .with_validate_data_section_crc(true)
             .with_record_length_limit(LONGEST);
         Self {
             from,
             reader: LinearReader::new_with_options(options),
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
+            held: (Vec::new(), 0),
+            ready: VecDeque::new(),
+            at: 0,
             end: None,
         }
     }
 
     /// How the file ends; `None` before its end.
     pub fn end(&self) -> Option<&End> {
-        self.end.as_ref()
+        if self.ready.is_empty() { self.end.as_ref() } else { None }
     }
 
-    fn cut(&mut self, why: &impl ToString) {
+    /// The file ends here: the check of what is held will not come.
+    fn cut(&mut self, why: &dyn Display) {
+        self.release();
         self.end = Some(End::Cut(why.to_string()));
     }
 
-    fn advance(&mut self) -> Option<Piece> {
-        while self.end.is_none() {
-            let event = match next(&mut self.reader) {
-                None => {
-                    self.end = Some(End::Whole);
-                    break;
-                }
-                Some(Err(why)) => {
-                    self.cut(&why);
-                    break;
-                }
-                Some(Ok(event)) => event,
-            };
-            match event {
-                LinearReadEvent::ReadRequest(count) => {
-                    match self.from.read(self.reader.insert(count)) {
-                        Ok(read) => self.reader.notify_read(read),
-                        Err(why) => self.cut(&why),
+    /// Something is not as it was written: nothing of its chunk is believed.
+    fn damaged(&mut self, why: &dyn Display) {
+        self.held = (Vec::new(), 0);
+        self.end = Some(End::Damaged(format!("before byte {}: {why}", self.at)));
+    }
+
+    fn release(&mut self) {
+        self.ready.extend(self.held.0.drain(..));
+        self.held.1 = 0;
+    }
+
+    /// One event further.
+    fn advance(&mut self) {
+        let event = match next(&mut self.reader) {
+            None => {
+                self.release();
+                self.end = Some(End::Whole);
+                return;
+            }
+            Some(Err(why @ McapError::UnexpectedEof)) => return self.cut(&why),
+            Some(Err(why)) => return self.damaged(&why),
+            Some(Ok(event)) => event,
+        };
+        match event {
+            LinearReadEvent::ReadRequest(count) => {
+                match self.from.read(self.reader.insert(count)) {
+                    Ok(read) => {
+                        self.at += read as u64;
+                        self.reader.notify_read(read);
                     }
+                    Err(why) => self.cut(&why),
                 }
-                LinearReadEvent::Record { opcode, .. } if !READ.contains(&opcode) => {}
-                LinearReadEvent::Record { opcode, data } => {
-                    if !lengths_fit(opcode, data) {
-                        self.cut(&"a text is longer than its record");
-                        continue;
-                    }
-                    match mcap::parse_record(opcode, data).map(Record::into_owned) {
-                        Ok(record) => {
-                            if let Some(piece) = self.record(record) {
-                                return Some(piece);
-                            }
-                        }
-                        Err(why) => self.cut(&why),
-                    }
+            }
+            // What stands in no chunk comes after the check of the chunk before it.
+            LinearReadEvent::Record { opcode, .. } if !READ.contains(&opcode) => self.release(),
+            LinearReadEvent::Record { opcode, data } => {
+                if !lengths_fit(opcode, data) {
+                    return self.damaged(&"a text is longer than its record");
+                }
+                match mcap::parse_record(opcode, data).map(Record::into_owned) {
+                    Ok(record) => self.take(record),
+                    Err(why) => self.damaged(&why),
                 }
             }
         }
-        None
+    }
+
+    fn take(&mut self, record: Record<'static>) {
+        match self.record(record) {
+            Some(Piece::Message(message)) => {
+                self.held.1 += message.data.len() + COST;
+                self.held.0.push(Piece::Message(message));
+                // Another program's chunk, or messages in none: memory comes before the check.
+                if self.held.1 > HELD {
+                    self.release();
+                }
+            }
+            Some(piece) => {
+                self.release();
+                self.ready.push_back(piece);
+            }
+            None => {}
+        }
     }
 
     fn record(&mut self, record: Record<'static>) -> Option<Piece> {
@@ -215,7 +275,7 @@ fn next(reader: &mut LinearReader) -> Option<mcap::McapResult<LinearReadEvent<'_
         let reader = reader;
         reader.0.next_event()
     });
-    event.unwrap_or(Some(Err(mcap::McapError::UnexpectedEof)))
+    event.unwrap_or(Some(Err(McapError::UnexpectedEoc)))
 }
 
 /// Records that say something: schema, channel, message, attachment, metadata.
@@ -259,7 +319,10 @@ impl<R: Read> Iterator for Reading<R> {
     type Item = Piece;
 
     fn next(&mut self) -> Option<Piece> {
-        self.advance()
+        while self.ready.is_empty() && self.end.is_none() {
+            self.advance();
+        }
+        self.ready.pop_front()
     }
 }
 

@@ -13,6 +13,7 @@ use super::sensed::Sensed;
 use super::sheet::{About, Sheet};
 use crate::hw::driver::{RecordSink, ServoRecord};
 use crate::hw::scene::Scene;
+use crate::operator::Class;
 use crate::tasks::Picture;
 use image::RgbImage;
 use std::io::{Seek, Write};
@@ -35,8 +36,8 @@ const NAP: Duration = Duration::from_millis(2);
 /// What a run brings beside its servo records.
 #[derive(Debug, Clone)]
 pub enum Entry {
-    /// A line for the log: 10 debug, 20 info, 30 warn, 40 error, 50 fatal; who says it; what.
-    Log(u8, String, String),
+    /// A line for the log: how grave; who says it; what.
+    Log(Class, String, String),
     /// A phase begins; at last "end" and what the run came to.
     Phase(String, String),
     /// A virtual sensor has delivered.

@@ -1,6 +1,6 @@
 //! Makes a whole file of one that was cut off: everything that can still be read, with an index.
 //!
-//! - in: a recording that a crash, a full disk or a copy has cut off anywhere
+//! - in: a recording that a crash, a full disk or a copy has cut off or damaged anywhere
 //! - out: a recording that any tool opens, and what was saved
 
 use super::file::Unwritten;

@@ -13,7 +13,8 @@
 //! | `/rosout` | `rcl_interfaces/Log` | every message to the operator |
 //!
 //! Metadata `rubik_robot` holds version, build, seed, task; `options` what overruled the scenario; `summary`, `timing`,
-//! `vision` (how long it took) and `recording` (messages in it, and how many were lost) come at the end. The scenario is attached as `scenario.toml`.
+//! `vision` (how long it took) and `recording` (messages in it, and how many were lost) come at the end; `calibration` has
+//! the cameras where the controller believed others than the scenario's. The scenario is attached as `scenario.toml`.
 
 use super::belief;
 use super::cdr::Writer;
@@ -284,8 +285,8 @@ impl Sheet {
         let time = self.about.start + (period as f64 * PERIOD * 1e9).round() as u64;
         let pen = &mut self.pen;
         match entry {
-            Entry::Log(level, name, text) => pen.put(file, "/rosout", Kind::Log, time, |to| {
-                standard::log(to, time, *level, name, text);
+            Entry::Log(class, name, text) => pen.put(file, "/rosout", Kind::Log, time, |to| {
+                standard::log(to, time, *class, name, text);
             }),
             Entry::Phase(name, outcome) => pen.put(file, "/phase", Kind::TaskPhase, time, |to| {
                 to.time(time);

@@ -3,8 +3,9 @@
 //! - in: poses, wrenches, joint values, pictures, texts, and their stamps [ns]
 //! - out: fields in a [`Writer`], in the order of [`super::schema`]
 
-use super::cdr::Writer;
+use super::cdr::{Malformed, Reader, Writer};
 use crate::cell::Intrinsics;
+use crate::operator::Class;
 use crate::spatial::{Pose, Wrench};
 use nalgebra::Vector3;
 
@@ -77,17 +78,65 @@ pub fn camera_info(to: &mut Writer, stamp: u64, frame: &str, camera: &Intrinsics
     to.bool(false);
 }
 
-/// `rcl_interfaces/Log`; levels as there: 10 debug, 20 info, 30 warn, 40 error, 50 fatal.
-pub fn log(to: &mut Writer, stamp: u64, level: u8, name: &str, message: &str) {
+/// `rcl_interfaces/Log`; levels as there: 20 info, 30 warn, 40 error, 50 fatal. The paper has two classes of errors
+/// between warning and fatal: which one it is stands where the level leaves it open, as the function's name.
+pub fn log(to: &mut Writer, stamp: u64, class: Class, name: &str, message: &str) {
+    let (level, function) = match class {
+        Class::Info => (20, ""),
+        Class::Warning => (30, ""),
+        Class::NonFatal => (40, NON_FATAL),
+        Class::System => (40, ""),
+        Class::Fatal => (50, ""),
+    };
     to.time(stamp);
     to.u8(level);
     to.string(name);
     to.string(message);
     to.string("");
-    to.string("");
+    to.string(function);
     to.u32(0);
+}
+
+const NON_FATAL: &str = "non_fatal";
+
+/// Reads one back: class, name, message.
+///
+/// # Errors
+/// [`Malformed`].
+pub fn read_log<'a>(from: &mut Reader<'a>) -> Result<(Class, &'a str, &'a str), Malformed> {
+    from.time()?;
+    let level = from.u8()?;
+    let (name, message) = (from.string()?, from.string()?);
+    from.string()?;
+    let class = match (level, from.string()?) {
+        (0..=20, _) => Class::Info,
+        (21..=30, _) => Class::Warning,
+        (31..=40, NON_FATAL) => Class::NonFatal,
+        (31..=40, _) => Class::System,
+        _ => Class::Fatal,
+    };
+    Ok((class, name, message))
 }
 
 fn vector(to: &mut Writer, v: &Vector3<f64>) {
     to.f64s(&[v.x, v.y, v.z]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_comes_back_with_its_class() {
+        let all = [Class::Info, Class::Warning, Class::NonFatal, Class::System, Class::Fatal];
+        for class in all {
+            let mut to = Writer::new(Vec::new());
+            log(&mut to, 5, class, "mp", "a word");
+            let bytes = to.bytes();
+
+            let read = read_log(&mut Reader::new(&bytes).unwrap()).unwrap();
+
+            assert_eq!(read, (class, "mp", "a word"));
+        }
+    }
 }

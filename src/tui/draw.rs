@@ -50,20 +50,30 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
         bar,
     );
     frame.render_widget(arm_table(app, narrow), arms);
-    let columns = [Constraint::Length(25), Constraint::Fill(3), Constraint::Min(26)];
+    // Where there is little room, it is for the words of whoever has some: a plan needs none before there is one.
+    let stops = s.outcome.is_some() || s.arms.iter().any(|arm| arm.fault.is_some());
+    let told = stops || s.services.manual;
+    let planless = narrow && s.plan.is_empty() && !told;
+    let plan = if planless { Constraint::Length(11) } else { Constraint::Fill(1) };
+    let actors = Constraint::Min(match (narrow, told) {
+        (false, _) => 48,
+        (true, true) => 26,
+        (true, false) => 35,
+    });
+    let columns = [Constraint::Length(25), plan, actors];
     let [net, plan, actors] = Layout::horizontal(columns).areas(middle);
     let colours: Vec<Option<usize>> = (0..54)
         .map(|i| Some(usize::from(s.net.facelets.get(i).copied().flatten()?.colour)))
         .collect();
     frame.render_widget(net_of(&colours, None).block(titled("cube as read")), net);
-    if s.outcome.is_some() || s.arms.iter().any(|arm| arm.fault.is_some()) {
+    if stops {
         frame.render_widget(stopped(s), plan);
     } else if s.services.manual {
         frame.render_widget(by_hand(app), plan);
     } else {
         frame.render_widget(plan_of(s, plan.height), plan);
     }
-    frame.render_widget(actors_of(s), actors);
+    frame.render_widget(actors_of(s, narrow), actors);
     frame.render_widget(messages_of(s, messages.height), messages);
     frame.render_widget(Paragraph::new(keys), foot);
     if app.snapshot.question.is_some() {
@@ -82,9 +92,10 @@ fn progress(s: &Snapshot) -> (f64, String) {
         let length = length as f64 * 1e-3;
         return (s.time / length.max(1e-3), format!("{:.1} of {length:.1} s", s.time));
     }
-    let done = s.step.map_or(0.0, |step| (step + 1) as f64 / s.plan.len().max(1) as f64);
+    let all = s.plan.len();
+    let done = s.step.map_or(0.0, |step| (step + 1) as f64 / all.max(1) as f64);
     let label = match s.step {
-        Some(step) => format!("step {} of {}", step + 1, s.plan.len()),
+        Some(step) => format!("step {} of {all}", (step + 1).min(all)),
         None => "no plan yet".to_owned(),
     };
     (done, label)
@@ -103,10 +114,12 @@ fn heading(app: &App) -> Line<'_> {
         (ControlView::Terminated | ControlView::Ended, _) => ("ending", Color::Yellow),
     };
     let why = s.outcome.as_ref().map_or(s.phase.as_str(), |outcome| outcome.reason.as_str());
+    // The arms hold on after the end: what counts is when the work was over.
+    let time = s.outcome.as_ref().and_then(|outcome| outcome.time).unwrap_or(s.time);
     Line::from(vec![
         Span::styled(format!(" {word} "), Style::new().bg(colour).fg(Color::White).bold()),
         Span::raw(format!(" {why}   ")),
-        Span::styled(format!("{:.1} s", s.time), Modifier::BOLD),
+        Span::styled(format!("{time:.1} s"), Modifier::BOLD),
         Span::raw(format!("  {:.1} x   cube: {}   ", s.factor, s.cube.with)),
         Span::raw(app.stage.title.clone()).dim(),
     ])
@@ -234,7 +247,7 @@ fn by_hand(app: &App) -> Paragraph<'_> {
     Paragraph::new(lines).wrap(Wrap { trim: false }).block(titled("by hand"))
 }
 
-fn actors_of(s: &Snapshot) -> Paragraph<'_> {
+fn actors_of(s: &Snapshot, narrow: bool) -> Paragraph<'_> {
     let line = |actor: &crate::operator::ActorView| {
         let (word, colour) = match actor.state {
             State::Absent => ("not there", Color::DarkGray),
@@ -244,10 +257,18 @@ fn actors_of(s: &Snapshot) -> Paragraph<'_> {
             State::Held => ("held", Color::Green),
             State::Fault => ("fault", Color::Red),
         };
+        if !narrow {
+            return Line::from(vec![
+                Span::raw(format!("{:<14} ", actor.name)),
+                Span::styled(format!("{word:<11}"), colour),
+                Span::raw(actor.words.clone()).dim(),
+            ]);
+        }
+        // What the actor itself says is more than its state in a word, which the colour has.
+        let words = if actor.words.is_empty() { word } else { actor.words.as_str() };
         Line::from(vec![
             Span::raw(format!("{:<14} ", actor.name)),
-            Span::styled(format!("{word:<10}"), colour),
-            Span::raw(actor.words.clone()).dim(),
+            Span::styled(words.to_owned(), colour),
         ])
     };
     Paragraph::new(s.actors.iter().map(line).collect::<Vec<_>>()).block(titled("actors"))
@@ -465,7 +486,7 @@ mod tests {
         let actor = |name: &str| ActorView {
             name: name.to_owned(),
             state: State::NotSynchronised,
-            words: "words".into(),
+            words: if name.starts_with("edp") { "synchronised, moves" } else { "" }.into(),
         };
         s.actors = names.iter().chain(&vsps).map(|name| actor(name)).collect();
         let second = ArmView { name: "postument".into(), joints: [-3.0; 7], ..s.arms[0].clone() };
@@ -486,6 +507,8 @@ mod tests {
         for words in [
             "turn 31",
             "vsp gs2        not sync.",
+            "edp track      synchronised, moves",
+            "edp postument  synchronised, moves",
             "-172 -172 -172 -172 -172 -172",
             "0.40 mm",
             "pose out of reach",
@@ -493,6 +516,15 @@ mod tests {
             "e F12 emergency stop (no safety function)",
         ] {
             assert!(text.contains(words), "no `{words}` in\n{text}");
+        }
+        let mut early = (*app.snapshot).clone();
+        early.plan = Arc::default();
+        early.step = None;
+        early.actors[0].words = "first position: 12 mm and 3 deg off".into();
+        let text_before = drawn(early, (80, 24));
+        let told = format!("{:<14} first position: 12 mm", "ui");
+        for words in [told.as_str(), "no plan yet"] {
+            assert!(text_before.contains(words), "no `{words}` in\n{text_before}");
         }
         let net = text.lines().filter(|line| line.contains("??")).count();
         assert_eq!(net, 9, "every row of the net\n{text}");
@@ -512,6 +544,7 @@ mod tests {
             verdict: "failed".into(),
             good: false,
             reason: "jam at face R".into(),
+            time: Some(11.5),
             figures: vec![],
         };
         let text = drawn(
@@ -520,7 +553,10 @@ mod tests {
         );
 
         assert!(
-            text.contains("failed") && text.contains("jam at face R") && text.contains("q leave")
+            text.contains("failed")
+                && text.contains("jam at face R")
+                && text.contains("q leave")
+                && text.contains(" 11.5 s")
         );
     }
 

@@ -180,6 +180,62 @@ async function strangers(url) {
   check(status === 403, `a request with a stranger's Origin gets ${status}`);
 }
 
+/** What vision found is painted over the picture that it was found in, and over no other. */
+async function outlines(page) {
+  const canvas = () => page.evaluate(() => ({ ...document.querySelector("#cameras canvas").dataset }));
+  const sees = async (what, so) => {
+    for (let i = 0; i < 200; i++) {
+      if (so(await canvas())) return check(true, what);
+      await pause(50);
+    }
+    return check(false, `${what}: ${JSON.stringify(await canvas())}`);
+  };
+  await sees("an outline is of its picture", ({ frame, found }) => frame > 0 && frame === found);
+  await page.evaluate(() => {
+    const real = window.fetch;
+    window.unfetch = () => { window.fetch = real; };
+    window.fetch = async (...asked) => {
+      const answer = await real(...asked);
+      return new Response(await answer.blob(), { headers: { "x-frame": "999999" } });
+    };
+  });
+  await sees("another picture has none", ({ frame, found }) => frame === "999999" && found === "");
+  await page.evaluate(() => window.unfetch());
+  await sees("and the next one has its own", ({ frame, found }) => frame !== "999999" && frame === found);
+}
+
+/** Ten minutes at a run's own pace are kept, with their peaks. */
+async function curves(page) {
+  const kept = await page.evaluate(async () => {
+    const { Curves } = await import("/curves.js");
+    const all = new Curves(document.createElement("div"));
+    for (let i = 0; i <= 20 * 900; i++) {
+      const peak = i === 20 * 400 ? [50, 5] : [1, 0.1];
+      all.show({ time: i / 20, arms: [{ peak, following: 0 }], servo: null });
+    }
+    const { points } = all;
+    const shown = points.filter((p) => p.time >= 300);
+    return { first: shown[0].time, count: points.length, most: Math.max(...shown.map((p) => p.arms[0].peak[0])) };
+  });
+  check(kept.first < 301 && kept.most === 50 && kept.count < 10000, `the curves keep ten minutes and their peaks: ${JSON.stringify(kept)}`);
+}
+
+/** At the end the whole plan is done, and its last step is in view. */
+async function planned(page) {
+  const end = await page.evaluate(() => {
+    const { showPlan, showStep } = window.page.panels;
+    const lines = Array.from({ length: 30 }, (_, i) => ({ what: `turn ${i}`, why: "so", seconds: 1 }));
+    showPlan(lines);
+    showStep(29, true);
+    const [plan, last] = [document.getElementById("plan"), document.querySelector("#plan li:last-child")];
+    const below = last.getBoundingClientRect().bottom - plan.getBoundingClientRect().bottom;
+    const told = { done: plan.querySelectorAll(".done").length, below, words: document.getElementById("progress-text").textContent };
+    showPlan([...window.page.snapshot.plan ?? []]);
+    return told;
+  });
+  check(end.done === 30 && end.below < 2 && end.words === "all 30 steps done", `a plan that is done: ${JSON.stringify(end)}`);
+}
+
 async function mission() {
   console.log("# a mission: start, pause, resume, views, terminate");
   const run = new Run("scenarios/solve.toml", "--wait", "--speed", "10");
@@ -196,6 +252,7 @@ async function mission() {
   check(await page.evaluate((a) => Math.abs(window.page.scene.view.azimuth - a) > 0.05, before), "arrow keys orbit the cell");
   await page.keyboard.press("Home");
   for (const seconds of ["20", "600", "60"]) await page.click(`[data-window="${seconds}"]`);
+  await curves(page);
   await page.selectOption("#class", "fatal");
   check(await page.locator("#messages p").count() === 0, "the console's filter hides what is not fatal");
   await page.selectOption("#class", "info");
@@ -241,15 +298,21 @@ async function mission() {
   await picture(page, run, "terminated");
   await page.click("#quit");
   await page.close();
-  run.records("operator: pause", "operator: resume", "operator: terminate");
+  run.records("operator: start", "operator: pause", "operator: resume", "operator: terminate");
   await run.ends(1, /ABORTED\s+terminated by the operator/);
 }
 
 async function done() {
   console.log("# a hand-over to its end");
-  const run = new Run("scenarios/acquire.toml");
+  const run = new Run("scenarios/acquire.toml", "--speed", "2");
   const page = await open(run);
+  await outlines(page);
+  await page.selectOption("#speed", "0");
   await sees(page, "it ends well", "s.control === 'ended' && s.outcome.good");
+  await planned(page);
+  const { time } = (await snapshot(page)).outcome;
+  const told = await page.textContent("#time");
+  check(told === `${time.toFixed(1)} s`, `the clock tells when the work was over (${told} of ${time} s)`);
   await picture(page, run, "done");
   await page.click("#quit");
   await page.close();

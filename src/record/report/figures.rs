@@ -1,6 +1,7 @@
 //! The figures of a run beside those of the 2007 paper (pp. 370-375).
 
 use super::story::Story;
+use crate::record::calibration;
 use nalgebra::{Point3, Vector3};
 
 /// A cube slower than this is at rest [m/s]: a hand trembles.
@@ -38,7 +39,7 @@ pub(super) fn figures(story: &Story) -> Vec<Figure> {
             "virtual clock: exact by construction".to_owned()
         },
     }];
-    let mut steps: Vec<u64> = story.looks.windows(2).map(|w| w[1] - w[0]).collect();
+    let mut steps: Vec<u64> = story.looks.windows(2).map(|w| w[1].saturating_sub(w[0])).collect();
     steps.sort_unstable();
     if let Some(step) = steps.get(steps.len() / 2) {
         all.push(Figure {
@@ -133,7 +134,10 @@ pub(super) fn quantile(classes: &[(u64, u64)], share: f64) -> u64 {
 
 /// Number of looks, and the errors across and along the camera's axis that 95 % of them do not exceed [mm].
 fn localisation(story: &Story) -> Option<(usize, f64, f64)> {
-    let eye: Vec<f64> = story.label.fact("standalone_xyz").split_whitespace().map(number).collect();
+    // Where the controller believed it: by its calibration, if there was one.
+    let found = story.label.of(calibration::NAME, "standalone_xyz");
+    let eye = or(found, story.label.fact("standalone_xyz"));
+    let eye: Vec<f64> = eye.split_whitespace().map(number).collect();
     let eye = Point3::new(*eye.first()?, *eye.get(1)?, *eye.get(2)?);
     let errors: Vec<(Vector3<f64>, Vector3<f64>)> = story
         .seen

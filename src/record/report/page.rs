@@ -3,6 +3,7 @@
 use super::figures::{figures, quantile};
 use super::story::{ArmStory, BIN, Shot, Story};
 use super::svg::{self, Curve, Row};
+use crate::operator::Class;
 use std::fmt::Write;
 
 /// The look, for light, dark and paper.
@@ -23,6 +24,7 @@ pub(super) fn page(story: &Story) -> String {
     forces(&mut html, story);
     timing(&mut html, story);
     pictures(&mut html, story);
+    drawings(&mut html, story);
     plan(&mut html, story);
     messages(&mut html, story);
     origin(&mut html, story);
@@ -39,18 +41,20 @@ fn title(story: &Story) -> String {
 fn head(html: &mut String, story: &Story, title: &str) {
     let (class, word, reason) = match &story.summary {
         Some(summary) => {
-            let end = story.phases.last().filter(|_| story.label.metadata.contains_key("summary"));
             let word = match (summary.exit_code(), summary.task.as_str()) {
                 (0, "solve") => "Solved",
                 (0, _) => "Done",
                 _ if summary.outcome == crate::record::summary::Outcome::Failed => "Failed",
                 _ => "Aborted",
             };
-            let _ = end;
             let class = if summary.exit_code() == 0 { "good" } else { "bad" };
             (class, word, summary.reason.clone())
         }
-        None => ("bad", "Cut off", "the recording ends before the run does".to_owned()),
+        None => {
+            let word =
+                if matches!(story.cut, Some(("damaged", _))) { "Damaged" } else { "Cut off" };
+            ("bad", word, "the recording ends before the run does".to_owned())
+        }
     };
     let _ = write!(
         html,
@@ -58,10 +62,10 @@ fn head(html: &mut String, story: &Story, title: &str) {
         escaped(title),
         escaped(&capital(&reason))
     );
-    if let Some(why) = &story.cut {
+    if let Some((how, why)) = &story.cut {
         let _ = write!(
             html,
-            "<p class=warn>The recording is cut off after {:.1} s ({}). What is here is what was saved.</p>",
+            "<p class=warn>The recording is {how} after {:.1} s ({}). What is here is what was saved.</p>",
             story.end,
             escaped(why)
         );
@@ -132,7 +136,7 @@ fn incomplete(story: &Story) -> Vec<String> {
 }
 
 fn table(html: &mut String, story: &Story) {
-    html.push_str("<section><h2>Beside the paper</h2><table><thead><tr><th>figure<th>paper, 2007<th>this run<th>how</tr></thead><tbody>");
+    html.push_str("<section><h2>Beside the paper</h2><table class=paper><thead><tr><th>figure<th>paper, 2007<th>this run<th class=how>how</tr></thead><tbody>");
     for figure in figures(story) {
         let _ = write!(
             html,
@@ -194,14 +198,14 @@ fn timeline(html: &mut String, story: &Story) {
             story.operator.iter().map(|(t, word)| (*t, *t, escaped(word), "op".to_owned()));
         rows.push(Row { name: "operator".to_owned(), pieces: pieces.collect() });
     }
-    let rank = |level: u8, who: &str| match (who, level) {
+    let rank = |class: Class, who: &str| match (who, class) {
         ("plant", _) => "injected faults: the truth, which no part of the controller heard",
-        (_, ..=30) => "warnings",
-        _ => "errors",
+        (_, Class::Info | Class::Warning) => "warnings",
+        (_, Class::NonFatal | Class::Fatal | Class::System) => "errors",
     };
-    let truth = rank(0, "plant");
+    let truth = rank(Class::Info, "plant");
     for name in [truth, "warnings", "errors"] {
-        let told = story.messages.iter().filter(|(_, level, who, _)| rank(*level, who) == name);
+        let told = story.messages.iter().filter(|(_, class, who, _)| rank(*class, who) == name);
         let pieces: Vec<_> = told
             .map(|(t, _, who, what)| {
                 let class = if name == "warnings" { "wa" } else { "er" };
@@ -381,9 +385,26 @@ fn pictures(html: &mut String, story: &Story) {
     html.push_str("</div></section>\n");
 }
 
+/// Where the arms work no camera looks: what was going on there is drawn.
+fn drawings(html: &mut String, story: &Story) {
+    if story.drawn.is_empty() {
+        return;
+    }
+    html.push_str("<section><h2>Drawn from the recording</h2><p class=lead>No photographs: the arms where their encoders had them, the cube as the controller believed it, once more and larger in the corner.</p><div class=shots>");
+    for (time, words, jpeg) in &story.drawn {
+        let words = escaped(words);
+        let _ = write!(
+            html,
+            "<figure><img alt=\"Drawing: {words}\" src=\"data:image/jpeg;base64,{}\"><figcaption><b>{time:.1} s</b> {words}</figcaption></figure>",
+            base64(jpeg)
+        );
+    }
+    html.push_str("</div></section>\n");
+}
+
 fn plan(html: &mut String, story: &Story) {
     let summary = story.summary.as_ref();
-    if story.plan.is_empty() && summary.is_none_or(|s| s.executed.is_empty()) {
+    if story.plans.is_empty() && summary.is_none_or(|s| s.executed.is_empty()) {
         return;
     }
     html.push_str("<section><h2>The plan</h2>");
@@ -399,15 +420,18 @@ fn plan(html: &mut String, story: &Story) {
             );
         }
     }
-    if !story.plan.is_empty() {
-        html.push_str("<table class=plan><thead><tr><th><th>what<th>why<th class=n>planned</tr></thead><tbody>");
-        for (index, (what, why, seconds)) in story.plan.iter().enumerate() {
+    for (number, (time, steps)) in story.plans.iter().enumerate() {
+        let anew = if number == 0 { "Made" } else { "Made anew" };
+        let _ = write!(html, "<h3>{anew} at {time:.1} s</h3>");
+        html.push_str("<table class=plan><thead><tr><th><th>what<th class=how>why<th class=n>planned</tr></thead><tbody>");
+        for (index, step) in steps.iter().enumerate() {
             let _ = write!(
                 html,
-                "<tr><td class=n>{}<td>{}<td class=how>{}<td class=n>{seconds:.1} s</tr>",
+                "<tr><td class=n>{}<td>{}<td class=how>{}<td class=n>{:.1} s</tr>",
                 index + 1,
-                escaped(what),
-                escaped(why)
+                escaped(&step.what),
+                escaped(&step.why),
+                step.seconds
             );
         }
         html.push_str("</tbody></table>");
@@ -422,15 +446,17 @@ fn messages(html: &mut String, story: &Story) {
         return;
     }
     html.push_str("<table><thead><tr><th class=n>time<th>class<th>who<th>what</tr></thead><tbody>");
-    for (time, level, who, what) in &story.messages {
-        let class = match level {
-            0..=30 => "warning",
-            31..=40 => "error",
-            _ => "fatal",
+    for (time, class, who, what) in &story.messages {
+        let (look, class) = match class {
+            Class::Info => ("info", "info"),
+            Class::Warning => ("warning", "warning"),
+            Class::NonFatal => ("error", "non-fatal error"),
+            Class::System => ("error", "system error"),
+            Class::Fatal => ("fatal", "fatal error"),
         };
         let _ = write!(
             html,
-            "<tr class={class}><td class=n>{time:.2} s<td>{class}<td>{}<td>{}</tr>",
+            "<tr class={look}><td class=n>{time:.2} s<td>{class}<td>{}<td>{}</tr>",
             escaped(who),
             escaped(what)
         );
@@ -511,6 +537,7 @@ fn base64(bytes: &[u8]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::story::Step;
     use super::*;
 
     #[test]
@@ -532,13 +559,39 @@ mod tests {
     #[test]
     fn what_comes_from_outside_cannot_become_markup() {
         let mut story = Story::default();
-        story.messages.push((1.0, 40, "<script>".into(), "a < b & c".into()));
+        story.messages.push((1.0, Class::NonFatal, "<script>".into(), "a < b & c".into()));
         story.label.scenario = "</pre><script>alert(1)</script>".into();
 
         let html = page(&story);
 
         assert!(!html.contains("<script"));
         assert!(html.contains("a &lt; b &amp; c"));
+        assert!(html.contains("<td>non-fatal error<td>&lt;script&gt;"), "{html}");
+    }
+
+    #[test]
+    fn every_plan_is_told_with_its_time_and_each_remark_stays_on_a_phone() {
+        let step = |what: &str| Step { what: what.into(), why: "so".into(), seconds: 1.0 };
+        let plans = vec![(5.0, vec![step("turn R")]), (71.5, vec![step("turn U")])];
+
+        let html = page(&Story { plans, ..Story::default() });
+
+        let [first, second] = ["Made at 5.0 s", "Made anew at 71.5 s"].map(|w| html.find(w));
+        assert!(first.is_some() && first < second, "{html}");
+        assert!(html.contains("<td>turn R") && html.contains("<td>turn U"), "{html}");
+        assert!(html.contains("<th class=how>why") && html.contains("<th class=how>how"));
+        assert!(!STYLE.contains("}.how{display:none}"));
+    }
+
+    #[test]
+    fn what_is_drawn_is_called_so() {
+        let drawn = vec![(12.5, "turn R by 90\u{b0}".to_owned(), vec![0xff, 0xd8])];
+
+        let html = page(&Story { drawn, ..Story::default() });
+
+        assert!(html.contains("<h2>Drawn from the recording</h2>"), "{html}");
+        assert!(html.contains("<b>12.5 s</b> turn R by 90\u{b0}"), "{html}");
+        assert!(!page(&Story::default()).contains("Drawn from"));
     }
 
     #[test]

@@ -1,9 +1,10 @@
 //! What a report tells, gathered from a recording in one pass.
 
-use crate::operator::Said;
+use crate::operator::{Class, Said};
 use crate::record::cdr::{Malformed, Reader};
 use crate::record::reading::{End, Label, Message, Piece, Reading, Unreadable};
 use crate::record::sensed::{Found, Sensed};
+use crate::record::standard;
 use crate::record::summary::Summary;
 use crate::record::tick::Tick;
 use nalgebra::Point3;
@@ -31,6 +32,8 @@ pub struct Story {
     pub arms: Vec<ArmStory>,
     /// Pictures: when, by which camera, as JPEG.
     pub shots: Vec<Shot>,
+    /// Pictures that no camera took, drawn from the recording: when, what of, as JPEG.
+    pub drawn: Vec<(f64, String, Vec<u8>)>,
     /// When the stand-alone camera found the cube [s], and where its centre was by it [m].
     pub seen: Vec<(f64, Point3<f64>)>,
     /// When a face was read or not: sensor, and why not.
@@ -39,20 +42,31 @@ pub struct Story {
     pub looks: Vec<u64>,
     /// Where the cube really was: time [s], its centre [m].
     pub cube: Vec<(f64, Point3<f64>)>,
-    /// The latest plan: what, why, how long [s].
-    pub plan: Vec<(String, String, f64)>,
+    /// Each plan, and when it was made [s].
+    pub plans: Vec<(f64, Vec<Step>)>,
     /// Letters as read, believed, and in the plant; empty where unknown.
     pub letters: [String; 3],
-    /// Messages above info: when, level, who, what.
-    pub messages: Vec<(f64, u8, String, String)>,
+    /// Messages above info: when, how grave, who, what.
+    pub messages: Vec<(f64, Class, String, String)>,
     /// The operator's words.
     pub operator: Vec<(f64, String)>,
     /// When the recording ends [s].
     pub end: f64,
-    /// Why it ends in the middle.
-    pub cut: Option<String>,
+    /// How it ends in the middle, and why.
+    pub cut: Option<(&'static str, String)>,
     /// Messages in the recording.
     pub count: u64,
+}
+
+/// A step of a plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Step {
+    /// What is done.
+    pub what: String,
+    /// Why.
+    pub why: String,
+    /// Planned time [s].
+    pub seconds: f64,
 }
 
 /// A picture.
@@ -115,9 +129,7 @@ pub fn gather<R: Read>(from: R) -> Result<Story, Unreadable> {
         return Err(Unreadable::Missing("not a recording of this program".to_owned()));
     }
     story.summary = serde_json::from_str(story.label.of("summary", "json")).ok();
-    if let Some(End::Cut(why)) = reading.end() {
-        story.cut = Some(why.clone());
-    }
+    story.cut = reading.end().and_then(End::flaw).map(|(how, why)| (how, why.to_owned()));
     Ok(story)
 }
 
@@ -146,16 +158,17 @@ impl Story {
                 let (what, why) = (from.string_sequence()?, from.string_sequence()?);
                 let seconds = from.f64_sequence()?;
                 let steps = what.iter().zip(&why).zip(&seconds);
-                self.plan = steps
-                    .map(|((what, why), s)| ((*what).to_owned(), (*why).to_owned(), *s))
-                    .collect();
+                let step = |((what, why), seconds): ((&&str, &&str), &f64)| Step {
+                    what: (*what).to_owned(),
+                    why: (*why).to_owned(),
+                    seconds: *seconds,
+                };
+                self.plans.push((time, steps.map(step).collect()));
             }
             "/rosout" => {
-                let mut from = stamped(data)?;
-                let level = from.u8()?;
-                let (who, what) = (from.string()?.to_owned(), from.string()?.to_owned());
-                if level > 20 {
-                    self.messages.push((time, level, who, what));
+                let (class, who, what) = standard::read_log(&mut Reader::new(data)?)?;
+                if class > Class::Info {
+                    self.messages.push((time, class, who.to_owned(), what.to_owned()));
                 }
             }
             "/operator" => {

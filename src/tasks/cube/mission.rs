@@ -364,8 +364,13 @@ impl Mission {
             [true, true] => "both hands hold the cube".to_owned(),
             [true, false] => "the track hand holds the cube".to_owned(),
             [false, true] => "the postument hand holds the cube".to_owned(),
-            [false, false] if self.with_operator => "the operator has the cube".to_owned(),
-            [false, false] => "no hand of the robot holds the cube".to_owned(),
+            // Nobody has taken it yet, or it was offered back.
+            [false, false] if self.with_operator || self.taken_at.is_none() => {
+                "the operator has the cube".to_owned()
+            }
+            [false, false] => {
+                "no hand of the robot holds the cube, and where it is is not known".to_owned()
+            }
         }
     }
 

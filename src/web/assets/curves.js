@@ -1,6 +1,34 @@
 // Live curves. Each point is the largest value since the snapshot before, so that no peak falls between two of them.
 
-const KEEP = 6000;
+/** The newest points are kept as they are; of older ones one in each span [s], for the longest time that is shown [s]. */
+const NEW = 2400;
+const SPAN = 0.25;
+const LONGEST = 600;
+
+/** The largest of both. */
+function merged(a, b) {
+  const most = (k, j) => Math.max(a.arms[k].peak[j], b.arms[k].peak[j]);
+  const arms = b.arms.map((arm, k) => ({ peak: [most(k, 0), most(k, 1)], following: Math.max(a.arms[k].following, arm.following) }));
+  const servo = a.servo && b.servo
+    ? { ...b.servo, late: Math.max(a.servo.late, b.servo.late), work: Math.max(a.servo.work, b.servo.work) }
+    : a.servo ?? b.servo;
+  return { time: b.time, arms, servo };
+}
+
+/** Fewer points with the same peaks. */
+export function thinned(points) {
+  const fine = points.length - NEW;
+  const from = points.at(-1).time - LONGEST;
+  const span = (p) => Math.floor(p.time / SPAN);
+  const kept = [];
+  points.forEach((point, i) => {
+    if (point.time < from) return;
+    const last = kept.at(-1);
+    if (last && i < fine && span(last) === span(point)) kept[kept.length - 1] = merged(last, point);
+    else kept.push(point);
+  });
+  return kept;
+}
 
 const CHARTS = [
   { name: "Force", unit: "N", of: (arm) => arm.peak[0], limit: (l) => l.force, least: 5 },
@@ -13,6 +41,7 @@ export class Curves {
   constructor(place) {
     this.place = place;
     this.points = [];
+    this.room = 2 * NEW;
     this.window = 60;
     this.charts = [];
   }
@@ -43,7 +72,10 @@ export class Curves {
     if (last && snapshot.time < last.time) this.points = [];
     if (last && snapshot.time === last.time) return this.due();
     this.points.push({ time: snapshot.time, arms: snapshot.arms.map((a) => ({ peak: a.peak, following: a.following })), servo: snapshot.servo });
-    if (this.points.length > KEEP) this.points.splice(0, KEEP / 4);
+    if (this.points.length > this.room) {
+      this.points = thinned(this.points);
+      this.room = this.points.length + NEW;
+    }
     this.due();
   }
 

@@ -79,7 +79,9 @@ function show() {
     [$("state").textContent, $("state").className] = [shown[0], `badge ${shown[1]}`];
   }
   $("phase").textContent = control === "ended" ? "" : s.phase;
-  $("time").textContent = `${s.time.toFixed(1)} s`;
+  // The arms hold on after the end: what counts is when the work was over.
+  const time = (control === "ended" ? s.outcome?.time : null) ?? s.time;
+  $("time").textContent = `${time.toFixed(1)} s`;
   $("factor").textContent = control === "ended" ? "" : `${s.factor.toFixed(s.factor < 10 ? 1 : 0)}×`;
   $("start").disabled = !(own && control === "waiting");
   $("pause").disabled = !(own && control === "running");
@@ -120,10 +122,11 @@ function show() {
   $("cube-with").textContent = s.cube.with ? `cube: ${s.cube.with}` : "";
   panels.showActors(s.actors);
   panels.showPhases(s.phases, control === "ended");
-  panels.showStep(s.step, control);
   panels.showOutcome(s.outcome);
   panels.showFaults(s.arms);
   panels.showLatest(control === "ended");
+  // Whatever makes the plan's room smaller comes before its scrolling.
+  panels.showStep(s.step, control === "ended" && !!s.outcome?.good);
   panels.showCameras(s.cameras);
   panels.showQuestion(s.question, s.time, own, (command) => link.say(command));
 }
@@ -146,8 +149,20 @@ $("take").onclick = () => link.say({ seat: "take" });
 $("speed").onchange = () => link.command("speed", { factor: Number($("speed").value) });
 let seeking = false;
 $("seek").onpointerdown = () => { seeking = true; };
-$("seek").onpointerup = () => { seeking = false; };
-$("seek").oninput = () => link.command("seek", { time: Number($("seek").value) });
+$("seek").onpointerup = $("seek").onpointercancel = () => { seeking = false; };
+// A finger on the bar has a new wish with each pixel: one is sent every 100 ms, and the last one always.
+let [sought, later] = [null, 0];
+function seek() {
+  later = 0;
+  if (sought === null) return;
+  link.command("seek", { time: sought });
+  sought = null;
+  later = setTimeout(seek, 100);
+}
+$("seek").oninput = () => {
+  sought = Number($("seek").value);
+  if (!later) seek();
+};
 for (const button of document.querySelectorAll("[data-view]")) button.onclick = () => scene.look(button.dataset.view);
 for (const button of document.querySelectorAll("[data-window]")) {
   button.onclick = () => {
@@ -155,6 +170,9 @@ for (const button of document.querySelectorAll("[data-window]")) {
     for (const other of document.querySelectorAll("[data-window]")) other.setAttribute("aria-pressed", String(other === button));
   };
 }
-setInterval(() => { $("rate").textContent = scene.renderer && document.visibilityState === "visible" ? `${scene.rate().toFixed(0)} pictures/s` : ""; }, 1000);
+setInterval(() => {
+  const rate = scene.renderer && document.visibilityState === "visible" ? scene.rate() : 0;
+  $("rate").textContent = rate ? `${rate.toFixed(0)} pictures/s` : "";
+}, 1000);
 // For tests: what the page knows.
-window.page = { scene, get snapshot() { return snapshot; }, link };
+window.page = { scene, panels, get snapshot() { return snapshot; }, link };

@@ -26,7 +26,8 @@ function tiles(kind) {
 export class NetView {
   constructor(place, note) {
     [this.net, this.tiles] = tiles("span");
-    this.net.setAttribute("role", "img");
+    this.net.setAttribute("role", "group");
+    for (const tile of this.tiles) tile.setAttribute("role", "img");
     this.note = note;
     place.append(this.net);
     this.last = "";
@@ -43,10 +44,15 @@ export class NetView {
       const dim = read && read.confidence < UNSURE;
       tile.classList.toggle("dim", !!dim);
       tile.title = read ? `${nameOf(i)}: ${COLOUR_NAMES[read.colour]}, ${(read.confidence * 100).toFixed(0)} % sure` : `${nameOf(i)}: not read`;
+      // A finger and a keyboard have no tooltip.
+      tile.setAttribute("aria-label", tile.title);
+      tile.textContent = dim ? (read.confidence * 100).toFixed(0) : "";
+      if (dim) tile.tabIndex = 0;
+      else tile.removeAttribute("tabindex");
       known += read ? 1 : 0;
       unsure += dim ? 1 : 0;
     });
-    const doubts = unsure ? `, ${unsure} not sure (dot)` : "";
+    const doubts = unsure ? `, ${unsure} not sure (% in them)` : "";
     this.note.textContent = !known ? "not read yet" : net.decided ? `decided as a whole${doubts}` : `${known} of 54 read${doubts}`;
     this.net.setAttribute("aria-label", `The cube's net: ${this.note.textContent}`);
   }

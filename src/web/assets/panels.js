@@ -51,20 +51,23 @@ export function showPlan(lines) {
 }
 
 let stepShown;
-export function showStep(step, control) {
+/** Marks the plan's present step, or all of them once they are done: the run has ended well. */
+export function showStep(step, well) {
+  const all = step !== null && plan.length > 0 && (step >= plan.length || (well && step === plan.length - 1));
+  const done = all ? plan.length : step ?? 0;
   $("progress").max = Math.max(1, plan.length);
-  const ended = control === "ended";
-  const done = step === null ? 0 : step;
-  $("progress").value = plan.length && ended && step === plan.length - 1 ? plan.length : done;
-  $("progress-text").textContent = plan.length && step !== null ? `step ${Math.min(step + 1, plan.length)} of ${plan.length}` : "";
-  if (step === stepShown) return;
-  stepShown = step;
+  $("progress").value = done;
+  $("progress-text").textContent = all ? `all ${plan.length} steps done` : plan.length && step !== null ? `step ${step + 1} of ${plan.length}` : "";
+  const shown = `${step} ${all}`;
+  if (shown === stepShown) return;
+  stepShown = shown;
   [...$("plan").children].forEach((line, i) => {
-    line.classList.toggle("now", i === step);
-    line.classList.toggle("done", step !== null && i < step);
+    line.classList.toggle("now", !all && i === step);
+    line.classList.toggle("done", i < done);
   });
+  if (all) $("plan").scrollTop = $("plan").scrollHeight;
   const now = $("plan").children[step];
-  if (now) $("plan").scrollTop = now.offsetTop - $("plan").offsetTop - $("plan").clientHeight / 3;
+  if (now && !all) $("plan").scrollTop = now.offsetTop - $("plan").offsetTop - $("plan").clientHeight / 3;
 }
 
 export function showOutcome(outcome) {
@@ -159,24 +162,33 @@ export function setCameras(cameras) {
     canvas.setAttribute("aria-label", `Camera ${camera.name}: no picture yet`);
     const words = el("span", { textContent: "no picture yet" });
     canvas.className = "dark";
-    views[i] = { canvas, words, frame: 0, busy: false, image: null };
+    views[i] = { canvas, words, frame: 0, busy: false, known: new Map(), waits: null };
     return el("figure", {}, canvas, el("figcaption", {}, el("b", { textContent: camera.name.replaceAll("_", " ") }), words));
   }));
   if (!cameras.length) $("cameras").append(el("p", { className: "empty", textContent: "this cell has no cameras" }));
 }
 
+/** What was found in this many pictures is kept for those that come late. */
+const KNOWN = 8;
+
 export function showCameras(cameras) {
   cameras.forEach(async (camera, i) => {
     const view = views[i];
-    if (!view || !camera.frame || view.busy || view.frame === camera.frame) return;
+    if (!view || !camera.frame) return;
+    view.known.set(camera.frame, camera);
+    if (view.known.size > KNOWN) view.known.delete(view.known.keys().next().value);
+    // A picture came before the word of what is in it.
+    if (view.waits?.frame === camera.frame) show(view, view.waits.image, camera.frame);
+    if (view.busy || view.frame === camera.frame) return;
     view.busy = true;
     try {
       const answer = await fetch(`/camera/${i}?f=${camera.frame}`);
       if (!answer.ok) throw new Error(answer.statusText);
+      // The answer is the camera's latest picture, which may be another than the one that was asked for.
+      const frame = Number(answer.headers.get("x-frame"));
       const image = await createImageBitmap(await answer.blob());
       view.frame = camera.frame;
-      paint(view, image, camera);
-      image.close();
+      show(view, image, frame);
     } catch (error) {
       view.words.textContent = String(error.message ?? error);
       view.frame = camera.frame;
@@ -184,6 +196,20 @@ export function showCameras(cameras) {
       view.busy = false;
     }
   });
+}
+
+/** Paints a picture with what was found in it; where that is not known yet, without. */
+function show(view, image, frame) {
+  const found = view.known.get(frame);
+  if (view.waits && view.waits.image !== image) view.waits.image.close();
+  view.waits = found ? null : { frame, image };
+  view.canvas.dataset.frame = frame;
+  view.canvas.dataset.found = found?.frame ?? "";
+  paint(view, image, found ?? { outlines: [], marks: [] });
+  if (found) {
+    view.frame = Math.max(view.frame, frame);
+    image.close();
+  }
 }
 
 function paint(view, image, camera) {
@@ -218,6 +244,7 @@ function paint(view, image, camera) {
     [at.strokeStyle, at.lineWidth] = [mark.colour === null || mark.confidence < 0.5 ? "#ff3b46" : "#000c", thick];
     at.stroke();
   }
+  if (!camera.frame) return;
   view.words.textContent = `${camera.words} · ${camera.time.toFixed(1)} s`;
   view.words.title = camera.words;
   canvas.setAttribute("aria-label", `Camera ${canvas.parentElement.querySelector("b").textContent}: ${camera.words}`);

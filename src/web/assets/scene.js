@@ -237,21 +237,23 @@ export class Scene {
     const now = performance.now();
     this.level ??= this.renderer.software ? 1 : 0;
     this.judged ??= now;
-    if (now - this.judged > 2500 && this.frames.length > 3) {
+    const rate = this.rate();
+    if (now - this.judged > 2500 && this.frames.length > 3 && rate) {
       this.judged = now;
-      if (this.rate() < 12) this.level = Math.min(3, this.level + 1);
+      if (rate < 12) this.level = Math.min(3, this.level + 1);
       // What was slow for a moment need not stay coarse: one level finer is tried when there is room.
-      else if (this.rate() > 18 && this.level > 1 && now - (this.tried ?? 0) > 20000) [this.level, this.tried] = [this.level - 1, now];
+      else if (rate > 18 && this.level > 1 && now - (this.tried ?? 0) > 20000) [this.level, this.tried] = [this.level - 1, now];
     }
     // The last picture before everything stands still is a good one.
     if (this.drawn) return { ratio: 2, shadows: true, fine: true };
     return [{ ratio: 2, shadows: true }, { ratio: 1, shadows: true }, { ratio: 1, shadows: false }, { ratio: 0.75, shadows: false }][this.level];
   }
 
-  /** Frames per second over the last two seconds. */
+  /** Frames per second over the last two seconds; 0 while the scene stands still and nothing is drawn. */
   rate() {
     const [first, last] = [this.frames[0], this.frames.at(-1)];
-    return this.frames.length > 1 ? ((this.frames.length - 1) * 1000) / (last - first) : 0;
+    if (this.frames.length < 2 || performance.now() - last > 2000) return 0;
+    return ((this.frames.length - 1) * 1000) / (last - first);
   }
 
   arms(solids, pose, t) {

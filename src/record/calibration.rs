@@ -1,0 +1,106 @@
+//! The cameras as a run believed them, where a calibration found other values than its scenario has: facts of a
+//! recording, so that a replay paints what vision found where it found it.
+//!
+//! - in: the cell that the controller believes; or the label of a recording
+//! - out: named texts; or the cell with those cameras in it
+
+use super::reading::Label;
+use crate::cell::{Cell, Mount};
+use crate::spatial::Pose;
+use serde::{Deserialize, Serialize};
+
+/// Name of the facts in a recording.
+pub const NAME: &str = "calibration";
+
+/// A camera as it is written.
+#[derive(Debug, Serialize, Deserialize)]
+struct Wire {
+    name: String,
+    focal: (f64, f64),
+    centre: (f64, f64),
+    distortion: (f64, f64),
+    /// In the world, or in the flange that it hangs on.
+    place: Pose,
+}
+
+/// What a calibration can change of a cell.
+#[must_use]
+pub fn facts(cell: &Cell) -> Vec<(String, String)> {
+    let wire = |camera: &crate::cell::Camera| Wire {
+        name: camera.name.clone(),
+        focal: camera.intrinsics.focal,
+        centre: camera.intrinsics.centre,
+        distortion: camera.intrinsics.distortion,
+        place: match camera.mount {
+            Mount::World { world_from_camera: place }
+            | Mount::Flange { flange_from_camera: place, .. } => place,
+        },
+    };
+    let cameras: Vec<_> = cell.cameras.iter().map(wire).collect();
+    let facts = [
+        ("cameras", serde_json::to_string(&cameras).unwrap_or_default()),
+        ("edge_m", cell.cube.edge.to_string()),
+        ("standalone_xyz", standalone(cell)),
+    ];
+    facts.map(|(name, value)| (name.to_owned(), value)).to_vec()
+}
+
+/// Puts what a recording says of its calibration into the cell of its scenario; without such facts it stays as it is.
+pub fn apply(label: &Label, cell: &mut Cell) {
+    if let Ok(edge) = label.of(NAME, "edge_m").parse() {
+        cell.cube.edge = edge;
+    }
+    let cameras: Vec<Wire> = serde_json::from_str(label.of(NAME, "cameras")).unwrap_or_default();
+    for found in cameras {
+        let Some(camera) = cell.cameras.iter_mut().find(|c| c.name == found.name) else { continue };
+        camera.intrinsics.focal = found.focal;
+        camera.intrinsics.centre = found.centre;
+        camera.intrinsics.distortion = found.distortion;
+        match &mut camera.mount {
+            Mount::World { world_from_camera: place }
+            | Mount::Flange { flange_from_camera: place, .. } => *place = found.place,
+        }
+    }
+}
+
+/// Where the camera that stands in the cell is believed to be [m].
+#[must_use]
+pub fn standalone(cell: &Cell) -> String {
+    let place = cell.cameras.iter().find_map(|camera| match camera.mount {
+        Mount::World { world_from_camera } => Some(world_from_camera.translation.vector),
+        Mount::Flange { .. } => None,
+    });
+    place.map_or_else(String::new, |p| format!("{} {} {}", p.x, p.y, p.z))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::reading::Piece;
+
+    #[test]
+    fn what_was_found_comes_back_and_a_recording_without_it_changes_nothing() {
+        let scenario = crate::scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap();
+        let before = scenario.controller.cell.clone();
+        let mut found = before.clone();
+        found.cube.edge += 1e-4;
+        found.cameras[0].intrinsics.focal.0 += 3.25;
+        let Mount::World { world_from_camera } = &mut found.cameras[0].mount else { panic!() };
+        world_from_camera.translation.vector.x += 0.0123;
+        let mut label = Label::default();
+        let mut cell = before.clone();
+
+        apply(&label, &mut cell);
+        assert_eq!(cell, before);
+
+        label.take(&Piece::Metadata(NAME.to_owned(), facts(&found).into_iter().collect()));
+        apply(&label, &mut cell);
+        let place = |cell: &Cell| match cell.cameras[0].mount {
+            Mount::World { world_from_camera } => world_from_camera.translation.vector,
+            Mount::Flange { .. } => panic!(),
+        };
+        assert!((place(&cell) - place(&found)).norm() < 1e-12);
+        assert_eq!(cell.cameras[0].intrinsics, found.cameras[0].intrinsics);
+        assert_eq!(cell.cube.edge, found.cube.edge);
+    }
+}
