@@ -424,7 +424,9 @@ mod tests {
         assert!(begun.elapsed() > Duration::from_millis(200), "{:?}", begun.elapsed());
         drop(port);
         stop.store(true, Ordering::Release);
-        threads.into_iter().for_each(|thread| thread.join().unwrap());
+        for thread in threads {
+            thread.join().unwrap();
+        }
     }
 
     #[test]
