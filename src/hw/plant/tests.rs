@@ -279,7 +279,7 @@ fn a_cube_that_both_let_go_falls_onto_the_tray_and_lies_on_a_face() {
     assert_eq!(v.counts.drops, 1);
     let height = v.world_from_cube.translation.vector.z;
     assert!((height - servo.plant.cell().table_height - 0.0285).abs() < 1e-9);
-    let Whereabouts::Tray { down } = v.cube else { return };
+    let Whereabouts::Tray { down, fell: true } = v.cube else { panic!("{:?}", v.cube) };
     let normal = v.world_from_cube.rotation * down.normal();
     assert!((normal + Vector3::z()).norm() < 1e-6);
 }

@@ -7,7 +7,7 @@
 //! - so little is believed that a mission which was broken off anywhere goes on in the same way: see [`Mission::resumed`]
 
 use super::{Job, Mission, name};
-use crate::cube::{Axis, Face, rotations};
+use crate::cube::{Axis, Face, Keeper, rotations};
 use crate::generators::Outcome;
 use crate::motion::{ArmState, Depth, JointPositions};
 use crate::tasks::Entry;
@@ -273,7 +273,11 @@ impl Mission {
                 let Some(hand_over) = self.hand_over.filter(|_| self.may_recover()) else {
                     return Err(fell);
                 };
-                self.log.notes.push(format!("{fell}: pick it up and hold it out again, please"));
+                let next = match self.settings.keeper {
+                    Keeper::Person => "pick it up and hold it out again, please",
+                    Keeper::Table => "it is looked for on the table",
+                };
+                self.log.notes.push(format!("{fell}: {next}"));
                 self.dropped(hand, hand_over);
                 return Ok(());
             }
@@ -305,7 +309,7 @@ impl Mission {
         self.queue.push_back(Job::Phase("take stock"));
         match [Hand::Track, Hand::Postument].map(between) {
             [false, false] if last.over || last.handing_back => {
-                self.with_operator = true;
+                self.given_back = true;
                 self.queue.push_back(Job::Finish { achieved: true });
             }
             [false, false] => {
@@ -353,7 +357,7 @@ impl Mission {
             // A part of the way back may have been gone already.
             let from = Vector3::from(self.taken_at.unwrap_or_else(|| super::place(arms)));
             let gone = (Vector3::from(super::place(arms)) - from).norm();
-            self.taken_from_operator((self.settings.back - gone).max(0.0));
+            self.draw_back_with((self.settings.back - gone).max(0.0));
         }
         self.queue.extend([Job::Phase("identify"), Job::Looks]);
     }
