@@ -28,7 +28,7 @@ use crate::generators::Behaviour;
 use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches, WallEnd};
 use crate::hw::note::{self, Note};
 use crate::hw::plant::saved::{Saved, Unfit};
-use crate::hw::plant::{Plant, Verdict, Whereabouts};
+use crate::hw::plant::{Plant, Verdict};
 use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::operator::OutcomeView;
 use crate::reach::guard::Guard;
@@ -1095,9 +1095,9 @@ fn verdict_of(
     let (right, truth) = match goal {
         None => (true, finish.reason.clone()),
         Some(Goal::Solve) => {
-            (end.is_solved() && is_back(verdict), verdict_words(end.is_solved(), verdict))
+            (end.is_solved() && verdict.is_back(), verdict_words(end.is_solved(), verdict))
         }
-        Some(Goal::Acquire) => (is_back(verdict), verdict_words(true, verdict)),
+        Some(Goal::Acquire) => (verdict.is_back(), verdict_words(true, verdict)),
         Some(Goal::FaceTurn(angle)) => {
             let turned = turned_deg.unwrap_or(0.0);
             let gentle = verdict.peak_force < EXCESSIVE;
@@ -1124,19 +1124,7 @@ fn verdict_of(
     }
 }
 
-/// Whether the cube is where it is to be in the end: with the person, or laid down where no person is.
-fn is_back(verdict: &Verdict) -> bool {
-    verdict.returned
-        || verdict.nobody && matches!(verdict.cube, Whereabouts::Tray { fell: false, .. })
-}
-
 fn verdict_words(solved: bool, verdict: &Verdict) -> String {
     let state = if solved { "the cube is as wanted" } else { "the cube is not solved" };
-    let place = match (verdict.nobody, is_back(verdict)) {
-        (false, true) => "back in the operator's hand",
-        (false, false) => "not with the operator",
-        (true, true) => "lies on the table",
-        (true, false) => "was not laid on the table",
-    };
-    format!("{state} and {place}")
+    format!("{state} and {}", verdict.place())
 }

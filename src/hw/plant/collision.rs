@@ -187,7 +187,8 @@ impl Collisions {
         };
         let held = |by: usize| cube.holder == Some(by);
         let any = cube.holder.is_some();
-        let table_contact = if any { deepest(&|c| above_table(c, table - LAID_DOWN)) } else { None };
+        let table_contact =
+            if any { deepest(&|c| above_table(c, table - LAID_DOWN)) } else { None };
         touched(self, table_contact, Part::Cube, Part::Table);
         for (i, shape) in [first, second].into_iter().enumerate() {
             let other = if any && near && !held(i) { shape } else { None };

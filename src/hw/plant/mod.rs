@@ -65,9 +65,14 @@ use rand_pcg::Pcg64;
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 enum State {
     Held,
-    Falling { velocity: Vector3<f64> },
+    Falling {
+        velocity: Vector3<f64>,
+    },
     /// On the table; `fell`: it was not laid there.
-    Tray { down: Face, fell: bool },
+    Tray {
+        down: Face,
+        fell: bool,
+    },
 }
 
 /// The simulated cell. See the module.
@@ -127,7 +132,9 @@ impl Plant {
         let closed = edge - 2.0 * config.start_grip / pad;
         let jaws = cell.arms.iter().enumerate().map(|(i, a)| {
             let opening = match config.start {
-                Start::Hand | Start::Table(_) => a.gripper.opening_of_motor[0] + a.gripper.opening_offset,
+                Start::Hand | Start::Table(_) => {
+                    a.gripper.opening_of_motor[0] + a.gripper.opening_offset
+                }
                 Start::Held { arm, .. } if arm == i => closed,
                 Start::Held { .. } => a.gripper.opening.1 - 0.005,
             };

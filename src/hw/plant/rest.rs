@@ -55,7 +55,8 @@ impl Rest {
         let (mut normal, mut torque) = (0.0, Vector3::zeros());
         let mut stiffness = Matrix6::zeros();
         for i in 0..8 {
-            let side = |bit: usize| if i >> bit & 1 == 0 { -self.half_edge } else { self.half_edge };
+            let side =
+                |bit: usize| if i >> bit & 1 == 0 { -self.half_edge } else { self.half_edge };
             let lever = cube.r * Vector3::new(side(0), side(1), side(2));
             let depth = -above - lever.z;
             if depth <= 0.0 {

@@ -199,6 +199,23 @@ pub enum Part {
 }
 
 impl Verdict {
+    /// Whether the cube is where it is to be in the end: with the person, or laid down where no person is.
+    #[must_use]
+    pub fn is_back(&self) -> bool {
+        self.returned || self.nobody && matches!(self.cube, Whereabouts::Tray { fell: false, .. })
+    }
+
+    /// The same in words.
+    #[must_use]
+    pub fn place(&self) -> &'static str {
+        match (self.nobody, self.is_back()) {
+            (false, true) => "back in the operator's hand",
+            (false, false) => "not with the operator",
+            (true, true) => "on the table",
+            (true, false) => "not laid on the table",
+        }
+    }
+
     /// Before anything happened.
     pub(super) fn empty(world_from_cube: &Pose) -> Self {
         Self {

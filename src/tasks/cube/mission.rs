@@ -316,16 +316,9 @@ impl Mission {
     /// The jaws have closed on the cube: the operator lets go, and the hand draws back with it. A table lets go by itself.
     fn draw_back_with(&mut self, back: f64) {
         if self.settings.keeper == Keeper::Person {
-            self.queue.extend([
-                Job::Wait(Hand::Track, RELEASE_WAIT),
-                Job::Release { tries: 1 },
-            ]);
+            self.queue.extend([Job::Wait(Hand::Track, RELEASE_WAIT), Job::Release { tries: 1 }]);
         }
-        self.queue.extend([
-            Job::Watch(false),
-            Job::Along(Hand::Track, -back),
-            Job::Remember,
-        ]);
+        self.queue.extend([Job::Watch(false), Job::Along(Hand::Track, -back), Job::Remember]);
     }
 
     fn begin(&mut self, arms: &[ArmState]) {

@@ -199,7 +199,12 @@ impl Solids {
             self.add_box(&place, half(0.02, 0.02, leg), DARK, 0.0);
         }
         let (tw, td) = setting.tray_size;
-        self.add_box(&at(0.0, 0.0, setting.felt - 0.001), half(tw / 2.0, td / 2.0, 0.001), FELT, 0.0);
+        self.add_box(
+            &at(0.0, 0.0, setting.felt - 0.001),
+            half(tw / 2.0, td / 2.0, 0.001),
+            FELT,
+            0.0,
+        );
         for side in [-1.0, 1.0] {
             let rim = 0.006;
             self.add_box(
