@@ -350,6 +350,12 @@ impl Mission {
         }
     }
 
+    /// Whether the other run was laying the cube down.
+    fn lays_down(&self) -> bool {
+        self.settings.keeper == Keeper::Table
+            && self.resume.as_ref().is_some_and(|last| last.handing_back)
+    }
+
     /// What follows when one hand is known to hold the cube: without a place to hand it back, the operator may still
     /// have hold of it.
     fn settle(&mut self, holder: Hand, arms: &[ArmState]) {
@@ -358,6 +364,9 @@ impl Mission {
             let from = Vector3::from(self.taken_at.unwrap_or_else(|| super::place(arms)));
             let gone = (Vector3::from(super::place(arms)) - from).norm();
             self.draw_back_with((self.settings.back - gone).max(0.0));
+        } else if holder == Hand::Track && self.lays_down() {
+            // It may stand on the table already: not along it, but up from there.
+            self.queue.push_back(Job::Along(holder, -self.settings.back));
         }
         self.queue.extend([Job::Phase("identify"), Job::Looks]);
     }
