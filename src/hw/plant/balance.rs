@@ -213,7 +213,7 @@ impl Balance {
                 // The hand carries the cube's weight without sinking.
                 system.residual[0].fixed_rows_mut::<3>(0).sub_assign(weight);
             }
-            borne = if bodies == 1 { self.rest.bear(&self.nodes[0]) } else { None };
+            borne = if bodies == 1 { self.rest.bear(&self.nodes[0], dt) } else { None };
             if let Some(borne) = &borne {
                 system.residual[0].fixed_rows_mut::<3>(0).add_assign(&borne.force);
                 system.residual[0].fixed_rows_mut::<3>(3).add_assign(&borne.torque);

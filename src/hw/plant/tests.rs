@@ -329,7 +329,8 @@ fn a_cube_lies_where_and_how_the_seed_says_and_no_hand_is_there() {
         faces[down.index()] = true;
         assert!(plant.scene().hand.is_none() && v.nobody && !v.returned);
         let zone = &plant.cell().hand;
-        let at = zone.world_from_cube.inverse() * Point3::from(v.world_from_cube.translation.vector);
+        let at =
+            zone.world_from_cube.inverse() * Point3::from(v.world_from_cube.translation.vector);
         places.push(at.x / zone.half_extent.x);
         assert!(at.x.abs() <= zone.half_extent.x && at.y.abs() <= zone.half_extent.y);
     }
