@@ -3,6 +3,7 @@
 //! One type serves twice: the scenario's values are the controller's *belief*; the simulated plant draws
 //! its own *truth* around them. Nothing else is shared between the two.
 
+use crate::cube::Keeper;
 use crate::kinematics::ArmModel;
 use crate::motion::JointPositions;
 use crate::spatial::Pose;
@@ -19,8 +20,25 @@ pub struct Cell {
     pub cube: CubeSpec,
     /// Height of the table top, with the tray, above the floor [m].
     pub table_height: f64,
-    /// Where the operator's hand brings the cube.
+    /// Where the cube is given and taken back: by the operator's hand, or lying on the table.
     pub hand: HandZone,
+    /// Which of the two.
+    pub keeper: Keeper,
+}
+
+impl Cell {
+    /// How a hand takes the cube from its keeper, in the world: the direction of its approach, and the jaws' line.
+    ///
+    /// The robot stands on the -x side of a person; its jaws close above and below, so that the side towards the
+    /// stand-alone camera stays free. A table is reached into from above, where no finger comes near its top; the jaws
+    /// close along x, so that they do not stand between the cube and a camera that looks along y.
+    #[must_use]
+    pub fn taking(&self) -> (Vector3<f64>, Vector3<f64>) {
+        match self.keeper {
+            Keeper::Person => (Vector3::x(), Vector3::z()),
+            Keeper::Table => (-Vector3::z(), Vector3::x()),
+        }
+    }
 }
 
 /// One arm with its gripper and wrist sensor.
@@ -166,11 +184,11 @@ pub struct CubeSpec {
     pub mass: f64,
 }
 
-/// Where the operator hands the cube over.
+/// Where the cube is handed over.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HandZone {
-    /// Pose of the cube when it is held still: cube axes x right (R), y away (B), z up (U).
+    /// Pose of the cube when it is held still, or lies there: cube axes x right (R), y away (B), z up (U).
     pub world_from_cube: Pose,
-    /// Half extents of the box in which the hand may hold it [m].
+    /// Half extents of the box in which it may be [m].
     pub half_extent: Vector3<f64>,
 }

@@ -52,6 +52,7 @@ fn cell() -> Cell {
             world_from_cube: Pose::translation(0.75, 0.3, 1.3),
             half_extent: Vector3::repeat(0.05),
         },
+        keeper: rubik_robot::cube::Keeper::Person,
     };
     let meeting =
         world_from_tool(&cell.arms[0]).translation.vector + Vector3::x() * (2.0 * EDGE / 3.0);

@@ -3,9 +3,11 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rubik_robot::actors::{self, RunOptions};
 use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
 use rubik_robot::scenario::{self, Override};
+use rubik_robot::spatial::pose_from_axes;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -35,7 +37,11 @@ fn a_face_turns_by_90_degrees_and_below_20_newtons() {
 
 /// The whole mission, judged by the plant's cube.
 fn solves(keys: &[&str]) {
-    let summary = run("solve.toml", keys);
+    solves_in("solve.toml", keys);
+}
+
+fn solves_in(scenario: &str, keys: &[&str]) {
+    let summary = run(scenario, keys);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert_eq!(summary.identified, summary.cube_start);
@@ -149,6 +155,63 @@ fn the_cube_is_taken_from_the_hand_and_given_back() {
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert_eq!(summary.drops, Some(0));
     assert_eq!(summary.cube_start, summary.cube_end);
+}
+
+/// Somewhere in its place, on any face, turned as it may be: the extremes of the place are among the seeds' draws.
+#[test]
+fn a_cube_that_lies_on_the_table_is_taken_and_laid_down_again() {
+    for seed in 1..=4 {
+        let seed = format!("seed={seed}");
+        let summary = run("table.toml", &["task=acquire", "plant.table.spread=1", &seed]);
+
+        assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+        assert_eq!(summary.reason, "the cube is as wanted and on the table");
+        assert_eq!((summary.drops, summary.slips, summary.collisions), (Some(0), Some(0), Some(0)));
+        assert_eq!(summary.cube_start, summary.cube_end);
+        let felt = summary.sensors[0].force_n.unwrap();
+        assert!(felt > 1.0 && felt < 20.0, "{felt}");
+    }
+}
+
+/// Folded as it begins, the arm takes the cube wherever it may lie, and draws back with it, without another branch.
+#[test]
+fn the_place_on_the_table_is_within_reach() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/table.toml");
+    let cell = scenario::load(&path, &[]).unwrap().controller.cell;
+    let (arm, half) = (&cell.arms[0], cell.hand.half_extent);
+    let (z, jaws) = cell.taking();
+    let reaches = |x: f64, y: f64, yaw: f64, above: f64| {
+        let jaws = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw) * jaws;
+        let cube = cell.hand.world_from_cube * Point3::new(x, y, above + cell.cube.edge / 3.0);
+        let tool = pose_from_axes(jaws.cross(&z), jaws, z, cube);
+        let flange = arm.world_from_base.inverse() * tool * arm.flange_from_tool.inverse();
+        arm.model.inverse(&flange, &arm.start).is_ok_and(|q| arm.model.check(&q).is_ok())
+    };
+
+    for (x, y) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0), (0.0, 0.0)] {
+        for yaw in [-0.8, 0.0, 0.8] {
+            for above in [0.0, 0.15] {
+                assert!(reaches(x * half.x, y * half.y, yaw, above), "{x} {y} {yaw} {above}");
+            }
+        }
+    }
+    assert!(!reaches(0.25, 0.0, 0.0, 0.0), "the end of its reach");
+}
+
+#[test]
+fn a_cube_on_the_table_is_solved_without_a_person() {
+    solves_in("table.toml", &["seed=5"]);
+}
+
+#[test]
+fn a_cube_that_lies_beside_its_place_is_not_reached_for() {
+    let keys = ["plant.table.offset_xy_mm=[150,0]", "visual_servo.patience_s=3", "task=acquire"];
+
+    let summary = run("table.toml", &keys);
+
+    assert_eq!((summary.outcome, summary.ended_by), (Outcome::Failed, EndedBy::Task));
+    assert!(summary.reason.contains("not on the part of the table"), "{}", summary.reason);
+    assert_eq!(summary.collisions, Some(0));
 }
 
 /// When the operator lets go is felt, not timed.

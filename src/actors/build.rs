@@ -3,7 +3,7 @@
 use super::move_instruction::Manner;
 use super::supervisor::RunOptions;
 use crate::cell::{Cell, Mount};
-use crate::cube::{Axis, Face};
+use crate::cube::{Axis, Face, Keeper};
 use crate::generators::{Compliance, position::Speeds, visual_servo};
 use crate::hw::driver::WallOptions;
 use crate::motion::{AXES, Depth};
@@ -78,6 +78,8 @@ pub(super) fn cube_settings(
     let c = &config.control;
     let v = &config.visual_servo;
     let arm = config.cell.arms.first()?;
+    let (approach, jaws) = config.cell.taking();
+    let keeper = config.cell.keeper;
     Some(CubeSettings {
         arms: [arm_belief(&config.cell, 0)?, arm_belief(&config.cell, 1)?],
         meetings,
@@ -107,21 +109,28 @@ pub(super) fn cube_settings(
         },
         visual: visual_servo::Order {
             world_from_base: Pose::identity(),
-            // The robot stands on the -x side of the operator; the jaws close above and below the cube, so that
-            // the side towards the stand-alone camera stays free.
-            approach: Vector3::x(),
-            jaws: Vector3::z(),
+            approach,
+            jaws,
             seat: 0.0,
             vicinity: v.stand_off,
             frozen: 0.04,
             still_speed: v.still / v.still_time,
-            still_seconds: v.still_time,
+            // What lies there stands still: a few pictures, for the pose to settle.
+            still_seconds: match keeper {
+                Keeper::Person => v.still_time,
+                Keeper::Table => v.still_time.min(LYING),
+            },
             retreat: v.withdraw,
             speed: (v.linear_speed, v.angular_speed),
             acceleration: c.linear_acceleration,
             approach_speed: 2.0 * c.approach_speed,
             // A hand gives way: at 300 N/m the arm would push it 13 mm before 4 N are felt.
             touch: 0.5 * c.approach_force,
+            // Nothing below the seat but the table.
+            overrun: match keeper {
+                Keeper::Person => 0.015,
+                Keeper::Table => 0.006,
+            },
             stale: v.pose_age,
             patience: v.patience,
             zone: (config.cell.hand.world_from_cube, config.cell.hand.half_extent.add_scalar(ZONE)),
@@ -136,6 +145,7 @@ pub(super) fn cube_settings(
         candidates: config.planner.candidates as usize,
         seconds_per_node: config.planner.node_cost,
         calibrated_at,
+        keeper,
     })
 }
 
@@ -170,6 +180,8 @@ pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
         .ok_or_else(|| "a plan is for two effectors".to_owned())
 }
 
+/// For so long a cube that lies there must have been seen at rest [s].
+const LYING: f64 = 0.24;
 /// What a hand may be beside its zone [m]: sway, and the camera's error.
 const ZONE: f64 = 0.03;
 

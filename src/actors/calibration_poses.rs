@@ -73,9 +73,12 @@ fn reach(
 const NEAR: f64 = 0.06;
 const TURNED: f64 = 0.35;
 
-/// How the hand stands when it takes a cube: it comes along the world's x, its jaws above and below.
-fn take_rotation() -> UnitQuaternion<f64> {
-    let (y, z) = (Vector3::z(), Vector3::x());
+/// Least height of the cube above the table while it is shown [m].
+const ABOVE_TABLE: f64 = 0.15;
+
+/// How the hand stands when it takes a cube.
+fn take_rotation(cell: &Cell) -> UnitQuaternion<f64> {
+    let (z, y) = cell.taking();
     pose_from_axes(y.cross(&z), y, z, Point3::origin()).rotation
 }
 
@@ -117,8 +120,10 @@ pub(super) fn standing_plan(
         if poses.len() % 2 == 1 {
             let beside = Vector3::from_fn(|_, _| random.random_range(-NEAR..NEAR));
             centre = (cell.hand.world_from_cube.translation.vector + beside).into();
+            // Above a table, as low as the hand may go with it.
+            centre.z = centre.z.max(cell.table_height + ABOVE_TABLE + beside.z.abs());
             turned = UnitQuaternion::from_scaled_axis(turn * TURNED)
-                * take_rotation()
+                * take_rotation(cell)
                 * tool_from_cube.rotation;
         }
         let sight = (centre - Point3::from(world_from_camera.translation.vector)).normalize();
@@ -129,7 +134,7 @@ pub(super) fn standing_plan(
         let towards = world_from_tool.rotation.inverse() * (world_from_camera.rotation * -sight);
         let oblique =
             (world_from_cube.rotation.inverse() * (world_from_camera.rotation * sight)).amax();
-        if towards.z < -0.25 || oblique > 0.97 || centre.z < cell.table_height + 0.15 {
+        if towards.z < -0.25 || oblique > 0.97 || centre.z < cell.table_height + ABOVE_TABLE {
             continue;
         }
         let (low, high) = arm.model.joint_limits[0];

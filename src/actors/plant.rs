@@ -5,12 +5,13 @@
 use super::build::{FaceTurnStart, meeting_place};
 use super::disturbance::{Disturbance, Who};
 use crate::cell::Cell;
+use crate::cube::Keeper;
 use crate::hw::emulator::{LineFaults, Wired};
 use crate::hw::plant::fault::{Fault, Trigger, What, When};
 use crate::hw::plant::render::{Look, Renderer, Setting};
 use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
 use crate::hw::plant::{
-    CubeMechanics, HandScript, Jaws, Plant, PlantConfig, SensorNoise, Start, sagging,
+    CubeMechanics, HandScript, Jaws, Lying, Plant, PlantConfig, SensorNoise, Start, sagging,
 };
 use crate::hw::serial::axis::Rules;
 use crate::motion::JointPositions;
@@ -191,6 +192,15 @@ fn config(
         pull: h.pull,
     };
     config.facelets = *scenario.cube().colours();
+    if config.cell.keeper == Keeper::Table {
+        let t = &keys.table;
+        config.start = Start::Table(Lying {
+            offset: t.offset_xy,
+            spread: t.spread,
+            yaw: t.yaw,
+            any_face: t.any_face,
+        });
+    }
     config
 }
 

@@ -4,7 +4,7 @@ use super::board::{ArmLatest, Board, Found, Latest, Sight};
 use super::control::Control;
 use super::ui::{Notice, class};
 use crate::cell::{Cell, Mount};
-use crate::cube::Face;
+use crate::cube::{Face, Keeper};
 use crate::desk::{Behind, Picture as Pixels, Pixels as Kind};
 use crate::generators::Target;
 use crate::motion::{JointPositions, PERIOD, Synchronisation};
@@ -195,7 +195,8 @@ impl Presenter {
         };
         let views = self.arms(&arms, picture.as_ref());
         let cube = self.cube(&views, picture.as_ref(), time);
-        let hand = self.hand(time).filter(|_| cube.held_by.is_empty());
+        let person = self.cell.keeper == Keeper::Person;
+        let hand = self.hand(time).filter(|_| person && cube.held_by.is_empty());
         let picture = picture.unwrap_or_default();
         let snapshot = Snapshot {
             number: self.number,
@@ -306,10 +307,18 @@ impl Presenter {
         (age < STALE).then_some(HandView { world_from_cube, speed, age })
     }
 
+    /// Where a cube is that is seen, and that no arm holds.
+    fn kept(&self) -> &'static str {
+        match self.cell.keeper {
+            Keeper::Person => "in the operator's hand",
+            Keeper::Table => "on the table",
+        }
+    }
+
     fn cube(&self, arms: &[ArmView], picture: Option<&Picture>, time: f64) -> CubeView {
         let Some(picture) = picture else {
             let seen = self.hand(time).map(|hand| hand.world_from_cube);
-            let with = if seen.is_some() { "in the operator's hand" } else { "not seen yet" };
+            let with = if seen.is_some() { self.kept() } else { "not seen yet" };
             return CubeView {
                 world_from_cube: seen,
                 with: with.to_owned(),
@@ -334,8 +343,11 @@ impl Presenter {
         let names: Vec<&str> =
             held.iter().filter_map(|&i| arms.get(i)).map(|arm| arm.name.as_str()).collect();
         let with = match (names.as_slice(), seen.is_some()) {
-            ([], true) => "in the operator's hand".to_owned(),
-            ([], false) if picture.handed_back => "handed back".to_owned(),
+            ([], true) => self.kept().to_owned(),
+            ([], false) if picture.handed_back => match self.cell.keeper {
+                Keeper::Person => "handed back".to_owned(),
+                Keeper::Table => "laid on the table".to_owned(),
+            },
             ([], false) => "with nobody that the robot knows of".to_owned(),
             (names, _) => format!("held by {}", names.join(" and ")),
         };
@@ -559,7 +571,7 @@ fn stage(scenario: &Scenario) -> Stage {
         cameras: cameras(cell),
         solids: arm_solids(cell),
         edge: cell.cube.edge,
-        hand_zone: solve.then_some(cell.hand.world_from_cube),
+        hand_zone: (solve && cell.keeper == Keeper::Person).then_some(cell.hand.world_from_cube),
         limits: Limits {
             force: config.control.force_limit,
             torque: config.control.torque_limit,

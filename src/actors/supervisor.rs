@@ -1111,9 +1111,9 @@ fn verdict_of(
     let (right, truth) = match goal {
         None => (true, finish.reason.clone()),
         Some(Goal::Solve) => {
-            (end.is_solved() && verdict.returned, verdict_words(end.is_solved(), verdict))
+            (end.is_solved() && verdict.is_back(), verdict_words(end.is_solved(), verdict))
         }
-        Some(Goal::Acquire) => (verdict.returned, verdict_words(true, verdict)),
+        Some(Goal::Acquire) => (verdict.is_back(), verdict_words(true, verdict)),
         Some(Goal::FaceTurn(angle)) => {
             let turned = turned_deg.unwrap_or(0.0);
             let gentle = verdict.peak_force < EXCESSIVE;
@@ -1142,7 +1142,5 @@ fn verdict_of(
 
 fn verdict_words(solved: bool, verdict: &Verdict) -> String {
     let state = if solved { "the cube is as wanted" } else { "the cube is not solved" };
-    let place =
-        if verdict.returned { "back in the operator's hand" } else { "not with the operator" };
-    format!("{state} and {place}")
+    format!("{state} and {}", verdict.place())
 }

@@ -7,6 +7,7 @@
 use super::benchmark::{Kind, Score};
 use super::statistics::Spread;
 use super::tally::{QUANTITIES, Tally, figure};
+use crate::cube::Keeper;
 use std::fmt::Write;
 
 /// What a protocol tells of the setup.
@@ -14,7 +15,8 @@ use std::fmt::Write;
 pub struct Setup {
     /// What is measured.
     pub kind: Kind,
-    /// Effectors: name, kind, distance of the open gripper's tool point from where the cube is handed over [m].
+    /// Effectors: name, kind, distance of the tool point at the start from the nearest place where the
+    /// cube's centre may be [m].
     pub effectors: Vec<(String, String, f64)>,
     /// The clearance that was demanded [m].
     pub clearance: f64,
@@ -22,8 +24,10 @@ pub struct Setup {
     pub cameras: Vec<(String, String)>,
     /// Edge of the cube [m], its mass [kg].
     pub cube: (f64, f64),
-    /// Where the cube is handed over [m].
-    pub place: [f64; 3],
+    /// Who or what has the cube at the start, and gets it in the end.
+    pub keeper: Keeper,
+    /// The middle of the place where that is, and its half extents [m].
+    pub place: [[f64; 3]; 2],
     /// Height of the table [m].
     pub table: f64,
     /// Longest simulated time of a trial that passes [s].
@@ -32,6 +36,17 @@ pub struct Setup {
     pub command: String,
     /// Scrambles by seed; none for missions.
     pub scrambles: Vec<(u64, String)>,
+}
+
+impl Setup {
+    /// Where the cube is at the start.
+    #[must_use]
+    pub fn start(&self) -> &'static str {
+        match self.keeper {
+            Keeper::Person => "the person's hand, not a table",
+            Keeper::Table => "on the table",
+        }
+    }
 }
 
 /// Writes it.
@@ -56,12 +71,16 @@ pub fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
         "Precise and sequential two-handed manipulation: how often a robot brings a Rubik's cube to a wanted state\nwithout help, and how long that takes. Each turn needs a position within about a millimetre and a compliant grip;\nerrors of the cube's place in the hands add up over a trial.",
     );
     line("\n## Task\n");
+    let returns = match setup.keeper {
+        Keeper::Person => "hands it back",
+        Keeper::Table => "lays it down",
+    };
     line(&match setup.kind {
         Kind::Tier { trials, moves } => format!(
-            "{trials} consecutive trials. In each the robot takes a cube that {moves} seeded moves have scrambled, reads its faces,\nundoes them and hands it back. It is not told the moves: it plans by itself, and may find a shorter way."
+            "{trials} consecutive trials. In each the robot takes a cube that {moves} seeded moves have scrambled, reads its faces,\nundoes them and {returns}. It is not told the moves: it plans by itself, and may find a shorter way."
         ),
         Kind::Mission { trials } => format!(
-            "{trials} whole missions. In each the robot takes a cube drawn from all 4.3e19 states, reads its faces, solves it and\nhands it back."
+            "{trials} whole missions. In each the robot takes a cube drawn from all 4.3e19 states, reads its faces, solves it and\n{returns}."
         ),
     });
     line("\n## Setup\n");
@@ -70,19 +89,31 @@ pub fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
         1e3 * setup.cube.0,
         1e3 * setup.cube.1
     ));
-    let [x, y, z] = setup.place.map(|v| 1e3 * v);
+    let [[x, y, z], [w, d, _]] = setup.place.map(|p| p.map(|v| 1e3 * v));
+    match setup.keeper {
+        Keeper::Person => {
+            line(&format!(
+                "- Pose at the start: **in a person's hand** that brings it to about ({x:.0}, {y:.0}, {z:.0}) mm, in a seeded\n  orientation, with sway and tremor. **This differs from Yang et al., whose cube lies on a table**: see\n  `scenarios/table.toml`. What is compared here is manipulation after the grasp; the first grasp is another one."
+            ));
+            line("- Pose at the end: solved, and back in the person's hand.");
+        }
+        Keeper::Table => {
+            line(&format!(
+                "- Pose at the start: on the table, its centre within {w:.0} mm along x and {d:.0} mm along y of\n  ({x:.0}, {y:.0}, {z:.0}) mm, on a seeded face, turned about the vertical by a seeded angle (place and spread are\n  this project's). Nobody is in the cell."
+            ));
+            line(
+                "- Pose at the end: solved, laid down on the table and let go. (That it is laid down is this project's rule.)",
+            );
+        }
+    }
     line(&format!(
-        "- Pose at the start: **in a person's hand** that brings it to about ({x:.0}, {y:.0}, {z:.0}) mm, in a seeded\n  orientation, with sway and tremor. **This differs from Yang et al., whose cube lies on a table**: the simulated cell\n  has no cube on a table yet. What is compared here is manipulation after the grasp; the first grasp is another one."
-    ));
-    line("- Pose at the end: solved, and back in the person's hand.");
-    line(&format!(
-        "- Environment: simulated cell with a table {:.0} mm high. Cell, hand, light, calibration and noise are drawn anew for\n  each trial by its seed; a real robot would keep its cell.",
+        "- Environment: simulated cell with a table {:.0} mm high. Cell, start, light, calibration and noise are drawn anew for\n  each trial by its seed; a real robot would keep its cell.",
         1e3 * setup.table
     ));
     line("\n## Robot\n");
     for (name, kind, distance) in &setup.effectors {
         line(&format!(
-            "- {name}: {kind}; at the start its tool is {:.0} mm from the hand-over place",
+            "- {name}: {kind}; at the start its tool is {:.0} mm from where the cube may be",
             1e3 * distance
         ));
     }
@@ -97,9 +128,15 @@ pub fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
         "- Told beforehand: the cell as a workshop would measure it, with seeded errors; the colours' arrangement of a solved\n  cube. Not told: the cube's state, its pose, the moves.",
     );
     line("\n## Procedure\n");
-    line(
-        "1. The cell is set up by the trial's seed; arms at their start, jaws open.\n2. The person's hand brings the cube; time begins at the start of the run.\n3. The robot takes the cube, looks at its faces, plans, turns, and hands it back.\n4. The trial ends when the cube is with the person again, or the robot gives up.\n5. The plant's cube, which the controller does not see, is compared with a solved one.",
-    );
+    let (begins, ends) = match setup.keeper {
+        Keeper::Person => {
+            ("The person's hand brings the cube", "the cube is with the person again")
+        }
+        Keeper::Table => ("The cube lies on the table", "the hand has let go of the cube"),
+    };
+    line(&format!(
+        "1. The cell is set up by the trial's seed; arms at their start, jaws open.\n2. {begins}; time begins at the start of the run.\n3. The robot takes the cube, looks at its faces, plans, turns, and {returns}.\n4. The trial ends when {ends}, or the robot gives up.\n5. The plant's cube, which the controller does not see, is compared with a solved one.",
+    ));
     line("\n## Constraints\n");
     line(&format!(
         "- No intervention: nobody answers a question, nobody puts a cube back.\n- A trial that takes longer than {:.0} s of simulated time has not passed (this project's threshold).\n- A trial whose program panics or has no end within {} s by the wall clock has not passed.",
@@ -107,7 +144,7 @@ pub fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
     ));
     line("\n## Scoring\n");
     line(
-        "- Accuracy: trials that passed, of all. A tier is passed when all of its consecutive trials are.\n- Speed: simulated time of the trials that passed, whole and for each face turn that was carried out; looking, planning\n  and hand-overs are in it. (Yang et al. give accuracy and speed as well; thresholds of theirs were not at hand.)",
+        "- Accuracy: trials that passed, of all. A tier is passed when all of its consecutive trials are.\n- Speed: simulated time of the trials that passed, whole and for each face turn that was carried out; looking, planning,\n  taking and giving back are in it. (Yang et al. give accuracy and speed as well; thresholds of theirs were not at hand.)",
     );
     line("\n## Results\n");
     results(&mut t, tally, score);
@@ -186,14 +223,17 @@ mod tests {
             clearance: 0.1,
             cameras: vec![("standalone".into(), "stands".into())],
             cube: (0.057, 0.1),
-            place: [0.95, 0.0, 1.0],
+            keeper: Keeper::Person,
+            place: [[0.95, 0.0, 1.0], [0.06, 0.1, 0.08]],
             table: 0.7,
             limit: 1800.0,
             command: "rubik-robot benchmark --tier 2-20".into(),
             scrambles: vec![(5, "R U2".into())],
         };
 
+        let table = Setup { keeper: Keeper::Table, ..setup.clone() };
         let text = protocol(&setup, &tally, &score(&tally, setup.limit));
+        let on_table = protocol(&table, &tally, &score(&tally, setup.limit));
 
         let fields: Vec<_> = text.lines().filter_map(|l| l.strip_prefix("## ")).collect();
         assert_eq!(
@@ -201,6 +241,10 @@ mod tests {
             ["Purpose", "Task", "Setup", "Robot", "Procedure", "Constraints", "Scoring", "Results"]
         );
         assert!(text.starts_with("# Protocol: Rubiks-2-20, passed\n"));
+        assert!(
+            on_table.contains("on the table, its centre within 60 mm along x and 100 mm along y")
+        );
+        assert!(!on_table.contains("person") && on_table.contains("lays it down"), "{on_table}");
         assert!(text.contains("in a person's hand") && text.contains("| 5 | R U2 | solved | 19 |"));
     }
 }

@@ -12,6 +12,7 @@ use crate::cube::format_turns;
 use crate::scenario::Scenario;
 use anyhow::Context as _;
 use clap::Args;
+use nalgebra::Point3;
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -21,8 +22,8 @@ Examples:
   rubik-robot benchmark --tier 5-20 -o protocol.md
   rubik-robot benchmark --mission 20 --json | tail -1
 A tier M-N is M consecutive trials of cubes that N seeded moves have scrambled, in the manner of Yang, Lancaster,
-Srinivasa and Smith (RA-L 2020); it is passed when all of them are. In theirs the cube lies on a table at the start;
-here a person's hand brings it, as the protocol says.
+Srinivasa and Smith (RA-L 2020); it is passed when all of them are. The cube lies on the table at the start, and is laid
+down there, solved; nobody is in the cell. Missions are from a person's hand to a person's hand.
 Exit codes: 0 every trial passed, 1 not every one, 2 usage or scenario, 130 interrupted.")]
 #[command(group(clap::ArgGroup::new("kind").required(true).args(["mission", "tier"])))]
 pub(super) struct BenchmarkArgs {
@@ -32,9 +33,9 @@ pub(super) struct BenchmarkArgs {
     /// So many consecutive trials of so many moves
     #[arg(long, value_name = "M-N", value_parser = tier)]
     tier: Option<Kind>,
-    /// Scenario file (TOML), of the task "solve"
-    #[arg(long, value_name = "FILE", default_value = "scenarios/solve.toml")]
-    scenario: PathBuf,
+    /// Scenario file (TOML), of the task "solve"; scenarios/table.toml for a tier, scenarios/solve.toml for missions
+    #[arg(long, value_name = "FILE")]
+    scenario: Option<PathBuf>,
     /// Overrule a key in all trials; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -44,7 +45,7 @@ pub(super) struct BenchmarkArgs {
     /// Processes at a time; as many as there are cores when not given
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
-    /// Distance that each tool must have at least from the place of the cube at the start [mm]
+    /// Distance that each tool must have at the start from wherever the cube may be [mm]
     #[arg(long, value_name = "MM", default_value_t = 100.0)]
     clearance_mm: f64,
     /// Simulated time within which a trial must be done [s]
@@ -72,7 +73,12 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
         (None, Some(kind)) => kind,
         _ => return told("one of --mission K and --tier M-N"),
     };
-    let from = ScenarioArgs { scenario: args.scenario.clone(), set: args.set.clone() };
+    let usual = match kind {
+        Kind::Mission { .. } => "scenarios/solve.toml",
+        Kind::Tier { .. } => "scenarios/table.toml",
+    };
+    let path = args.scenario.clone().unwrap_or_else(|| usual.into());
+    let from = ScenarioArgs { scenario: path, set: args.set.clone() };
     let scenario = match from.load(&[]) {
         Ok(scenario) => scenario,
         Err(faults) => return told(&faults),
@@ -81,7 +87,7 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
         return told("a benchmark wants a scenario of the task \"solve\"");
     }
     let clearance = args.clearance_mm * 1e-3;
-    let setup = setup(args, kind, clearance, &scenario);
+    let setup = setup(args, kind, &from, &scenario);
     if let Some((name, _, near)) = setup.effectors.iter().find(|e| e.2 < clearance) {
         let (near, least) = (near * 1e3, args.clearance_mm);
         return told(&format!(
@@ -116,7 +122,7 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
     }
     if args.json {
         let object = json!({
-            "benchmark": kind.name(), "start": "the person's hand, not a table",
+            "benchmark": kind.name(), "start": setup.start(),
             "clearance_m": clearance, "within_s": args.within_s,
             "score": score.json(), "campaign": tally.json(),
         });
@@ -127,9 +133,8 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
     Ok(if interrupted { 130 } else { u8::from(!score.is_whole()) })
 }
 
-fn setup(args: &BenchmarkArgs, kind: Kind, clearance: f64, scenario: &Scenario) -> Setup {
+fn setup(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs, scenario: &Scenario) -> Setup {
     let cell = &scenario.controller.cell;
-    let place = cell.hand.world_from_cube.translation.vector;
     let scrambles = match kind {
         Kind::Mission { .. } => Vec::new(),
         Kind::Tier { trials, moves } => (0..trials)
@@ -145,15 +150,17 @@ fn setup(args: &BenchmarkArgs, kind: Kind, clearance: f64, scenario: &Scenario) 
     Setup {
         kind,
         effectors: effectors(cell),
-        clearance,
+        clearance: args.clearance_mm * 1e-3,
         cameras: cell.cameras.iter().map(|c| (c.name.clone(), mounted(cell, &c.mount))).collect(),
         cube: (cell.cube.edge, cell.cube.mass),
-        place: [place.x, place.y, place.z],
+        keeper: cell.keeper,
+        place: [cell.hand.world_from_cube.translation.vector, cell.hand.half_extent]
+            .map(Into::into),
         table: cell.table_height,
         limit: args.within_s,
         command: format!(
             "rubik-robot benchmark {what} --scenario {} --seed {} --clearance-mm {} --within-s {}{set}",
-            args.scenario.display(),
+            from.scenario.display(),
             args.seed,
             args.clearance_mm,
             args.within_s
@@ -162,9 +169,9 @@ fn setup(args: &BenchmarkArgs, kind: Kind, clearance: f64, scenario: &Scenario) 
     }
 }
 
-/// Name, kind and distance of the tool from the cube's place at the start [m].
+/// Name, kind and distance of the tool at the start from the nearest place where the cube's centre may be [m].
 fn effectors(cell: &Cell) -> Vec<(String, String, f64)> {
-    let place = cell.hand.world_from_cube.translation.vector;
+    let zone = &cell.hand;
     let of = |arm: &crate::cell::Arm| {
         let tool =
             arm.world_from_base * arm.model.base_from_flange(&arm.start) * arm.flange_from_tool;
@@ -174,7 +181,9 @@ fn effectors(cell: &Cell) -> Vec<(String, String, f64)> {
             least * 1e3,
             most * 1e3
         );
-        (arm.name.clone(), kind, (tool.translation.vector - place).norm())
+        let at = zone.world_from_cube.inverse() * Point3::from(tool.translation.vector);
+        let nearest = at.coords.zip_map(&zone.half_extent, |x, h| x.clamp(-h, h));
+        (arm.name.clone(), kind, (at.coords - nearest).norm())
     };
     cell.arms.iter().map(of).collect()
 }

@@ -204,7 +204,7 @@ fn json(done: &Emulated) -> serde_json::Value {
         "cube_start": done.start.to_string(),
         "cube_end": done.end.to_string(),
         "solved": done.end.is_solved(),
-        "returned": v.returned,
+        "returned": v.is_back(),
         "turned_deg": v.turned.to_degrees(),
         "peak_force_n": v.peak_force,
         "peak_torque_nm": v.peak_torque,
@@ -248,7 +248,7 @@ fn table(done: &Emulated) -> String {
             format!(
                 "the cube is {}, {}",
                 if done.end.is_solved() { "solved" } else { "not solved" },
-                if v.returned { "back in the operator's hand" } else { "not with the operator" }
+                v.place()
             ),
         ),
     ];

@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain, cubes, evaluate, frames, locate, rig, stages, vision};
-use crate::cube::{Axis, Face, Facelets};
+use crate::cube::{Axis, Face, Facelets, Keeper};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
 use crate::hw::scene::{Scene, SceneArm, SceneCube};
 use crate::operator::{ArmView, Snapshot};
@@ -296,7 +296,7 @@ fn before(controller: &ControllerConfig, cube: &Facelets) -> Scene {
         },
         arms: [at(0), at(1)],
         arm_count: arms.len(),
-        hand: Some(cell.hand.world_from_cube),
+        hand: (cell.keeper == Keeper::Person).then_some(cell.hand.world_from_cube),
     }
 }
 

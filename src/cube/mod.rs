@@ -24,6 +24,15 @@ pub use repair::{Repair, StickerChange};
 pub use rotation::{Rotation24, rotation_index, rotations};
 pub use turn::{ParseTurns, format_turns, parse_turns};
 
+/// Who or what has the cube before the robot takes it, and is given it back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Keeper {
+    /// A person's hand.
+    Person,
+    /// The table on which it lies.
+    Table,
+}
+
 /// A face of the cube, named by its position in the cube frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Face {

@@ -41,6 +41,8 @@ pub struct Order {
     pub approach_speed: f64,
     /// Contact force that ends the approach [N].
     pub touch: f64,
+    /// Way beyond the seat at which the approach is given up [m].
+    pub overrun: f64,
     /// Age beyond which a target is not followed [s].
     pub stale: f64,
     /// Time without any target after which the servo gives up [s].
@@ -86,8 +88,6 @@ const FILTER: f64 = 0.4;
 const FOLLOW_GAIN: f64 = 2.5;
 /// The gripper is in the vicinity when it is this close to the waiting pose [m], [rad].
 const THERE: (f64, f64) = (0.006, 0.03);
-/// Way beyond the seat at which the approach is given up [m].
-const OVERRUN: f64 = 0.015;
 
 /// While nothing is seen, exposures are tried in turn, each for this long [s]: a workshop's light is not the one that
 /// the nominal exposure was chosen for.
@@ -287,7 +287,7 @@ impl VisualServo {
         if self.confirmed >= 2 {
             return Next::Done(Outcome::Touched(left.translation.z));
         }
-        if left.translation.z < -OVERRUN {
+        if left.translation.z < -order.overrun {
             return Next::Done(Outcome::NotTouched);
         }
         let limit = order.approach_speed;
@@ -379,6 +379,7 @@ mod tests {
             acceleration: 0.5,
             approach_speed: 0.02,
             touch: 3.0,
+            overrun: 0.015,
             stale: 0.1,
             patience: 5.0,
             zone: (Pose::translation(1.0, 0.0, 1.2), Vector3::new(0.2, 0.2, 0.2)),

@@ -25,6 +25,7 @@ pub fn example_cell() -> Cell {
             world_from_cube: Pose::translation(0.85, 0.4, 1.25),
             half_extent: Vector3::new(0.05, 0.05, 0.05),
         },
+        keeper: crate::cube::Keeper::Person,
     }
 }
 

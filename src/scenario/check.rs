@@ -1,13 +1,13 @@
 //! What no single key can say: that they agree with each other. And the way from keys to the cell.
 
-use super::keys::{BridgeKind, Coordination, Pace, Rule, Servo, Task};
+use super::keys::{self, BridgeKind, Coordination, HandKeys, Pace, Rule, Servo, Task};
 use super::lists::{CameraKeys, Effector, MountKind, Vsp, VspKind};
 use super::section::Reader;
 use super::{
     CameraSource, ControllerConfig, Draft, EffectorConfig, Owner, PlantSection, Scenario, VspConfig,
 };
 use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, Intrinsics, Mount};
-use crate::cube::{Cube, Facelets};
+use crate::cube::{Cube, Facelets, Keeper};
 use crate::kinematics::{self, ArmModel};
 use crate::motion::{AXES, JointPositions};
 use crate::servo::period::Length;
@@ -151,10 +151,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     }
     let faults = draft.faults.iter().map(|(_, keys)| keys.clone()).collect();
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
-    let hand = HandZone {
-        world_from_cube: pose(root.hand.centre_xyz, root.hand.cube_rpy),
-        half_extent: Vector3::from(root.hand.half_extent_xyz),
-    };
+    let (keeper, hand) = place(&root.hand, root.cell.table_height, root.cube.edge);
     Some(Scenario {
         path: path.to_path_buf(),
         seed: root.seed,
@@ -170,6 +167,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
                 cube: CubeSpec { edge: root.cube.edge, mass: root.cube.mass },
                 table_height: root.cell.table_height,
                 hand,
+                keeper,
             },
             effectors: effectors.into_iter().collect::<Option<_>>()?,
             cameras: sources,
@@ -184,6 +182,19 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         },
         plant: PlantSection { cube_state, synchronised, keys: root.plant, faults },
     })
+}
+
+/// Where the cube is handed over, and by whom.
+fn place(hand: &HandKeys, table_height: f64, edge: f64) -> (Keeper, HandZone) {
+    let [x, y, z] = hand.centre_xyz;
+    let half = Vector3::from(hand.half_extent_xyz);
+    let (keeper, z, height) = match hand.keeper {
+        keys::Keeper::Person => (Keeper::Person, z, half.z),
+        // What a camera may be mistaken by.
+        keys::Keeper::Table => (Keeper::Table, table_height + 0.5 * edge, 0.02),
+    };
+    let half_extent = Vector3::new(half.x, half.y, height);
+    (keeper, HandZone { world_from_cube: pose([x, y, z], hand.cube_rpy), half_extent })
 }
 
 fn key(list: &str, name: &str) -> String {

@@ -21,6 +21,16 @@ words! {
 }
 
 words! {
+    /// Who or what has the cube at first, and gets it in the end.
+    Keeper {
+        /// A person's hand brings it, and takes it back.
+        Person = "person",
+        /// It lies on the table, and is put down there; no person is in the cell.
+        Table = "table",
+    }
+}
+
+words! {
     /// Who makes the set values of the arms (Zieliński et al. 2007, p. 369).
     Coordination {
         /// MP invokes behaviours; ECPs run the generators.
@@ -159,13 +169,16 @@ section! {
 }
 
 section! {
-    /// Where the operator hands the cube over, as the controller believes.
+    /// Where the cube is handed over, as the controller believes.
     HandKeys {
-        /// Centre of the place in the world: x away from the arms, y from track to postument, z up.
+        /// Who or what has the cube at first, and gets it in the end.
+        keeper: Keeper = Keeper::Person;
+        /// Centre of the place in the world: x away from the arms, y from track to postument, z up. On a table z is
+        /// that of a cube which lies there.
         centre_xyz [mm]: [f64; 3] = [950.0, 0.0, 1000.0], -5000.0..=5000.0;
         /// Roll, pitch, yaw of the cube there: with 0 its R faces +x, B +y, U +z.
         cube_rpy [deg]: [f64; 3] = [0.0; 3], -180.0..=180.0;
-        /// Half the size of the box in which the hand may hold the cube.
+        /// Half the size of the box in which the cube may be; along x and y on a table.
         half_extent_xyz [mm]: [f64; 3] = [60.0, 100.0, 80.0], 0.0..=1000.0;
     }
 }

@@ -50,6 +50,8 @@ section! {
         noise: Noise,
         /// The operator's hand.
         hand: PlantHand,
+        /// How the cube lies on the table, with hand.keeper = "table".
+        table: PlantTable,
         /// Light on the cell.
         light: Light,
         /// Faults of the lines of bridge.kind = "wire".
@@ -158,6 +160,20 @@ section! {
         return_solved_only: bool = false;
         /// Pull on the cube when it takes it back.
         pull [n]: f64 = 6.0, 0.0..=100.0;
+    }
+}
+
+section! {
+    /// How the cube lies on the table at first.
+    PlantTable {
+        /// Where the middle of the place really is, beside what `hand` says.
+        offset_xy [mm]: [f64; 2] = [0.0, 0.0], -1000.0..=1000.0;
+        /// Share of `hand.half_extent_xyz_mm` within which it lies, seeded.
+        spread: f64 = 0.9, 0.0..=1.0;
+        /// It is turned about the vertical by up to so much either way, seeded.
+        yaw [deg]: f64 = 45.0, 0.0..=180.0;
+        /// Whether it lies on any of its faces, seeded, or with U up.
+        any_face: bool = true;
     }
 }
 

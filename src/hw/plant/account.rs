@@ -8,7 +8,7 @@ use super::frame::rotation_vector;
 use super::grasp::{FRONT_STIFFNESS, Grasp, Touch};
 use super::hand::Sight;
 use super::verdict::MOST_EVENTS;
-use super::{Event, Incident, Part, Plant, State};
+use super::{Event, Incident, Part, Plant, State, lowest_face};
 use crate::cube::Axis;
 use crate::spatial::Twist;
 
@@ -160,9 +160,22 @@ impl Plant {
         }
         self.grasps = [Grasp::OPEN; 2];
         self.regroup();
+        if let Some(arm) = self.last_holder.filter(|_| self.lies()) {
+            let down = lowest_face(&self.balance.nodes[0]);
+            self.state = State::Tray { down, fell: false };
+            self.record(Incident::LaidDown { arm, down });
+            return;
+        }
         self.state = State::Falling { velocity: self.velocity.linear };
         self.verdict.counts.drops += 1;
         self.record(Incident::Drop { arm: self.last_holder });
+    }
+
+    /// Whether the table bears the cube, flat on a face.
+    fn lies(&self) -> bool {
+        let cube = &self.balance.nodes[0];
+        let flat = (cube.r * lowest_face(cube).normal()).z < -0.99;
+        flat && self.balance.borne() > 0.0
     }
 
     fn look_for_pop_and_stuck(&mut self) {

@@ -5,7 +5,7 @@
 //! When two grippers hold different layers of one axis it is two bodies, joined by an interface with play,
 //! whose turning part slips like friction; otherwise it is one.
 //!
-//! - in: poses of tools, openings of jaws, the operator's hold
+//! - in: poses of tools, openings of jaws, the operator's hold, the table's height
 //! - out: poses of the bodies, the wrench of each gripper on the cube, slip of layers and of grips
 //! - method: Newton with the elastic stiffness (always positive definite) and return mapping of every
 //!   friction at each evaluation; states are committed once a substep
@@ -13,6 +13,7 @@
 use super::cube::{Layers, MIDDLE, Puzzle};
 use super::frame::{Frame, about, rotation_vector, skew, solve};
 use super::grasp::{Grasp, Hands, Touch};
+use super::rest::Rest;
 use crate::cube::Axis;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use std::ops::{AddAssign, SubAssign};
@@ -89,10 +90,12 @@ pub(super) struct Balance {
     /// Tools of the last substep.
     tools_before: Option<[Frame; 2]>,
     edge: f64,
+    /// The table under a cube of one piece; in two pieces it is held between two hands, far above.
+    rest: Rest,
 }
 
 impl Balance {
-    pub(super) fn new(world_from_cube: Frame, edge: f64) -> Self {
+    pub(super) fn new(world_from_cube: Frame, edge: f64, table: f64) -> Self {
         Self {
             edge,
             nodes: [world_from_cube; 2],
@@ -103,12 +106,19 @@ impl Balance {
             before: world_from_cube,
             hand_before: world_from_cube,
             tools_before: None,
+            rest: Rest::new(table, edge),
         }
+    }
+
+    /// With what the table bore the cube in the last substep [N].
+    pub(super) fn borne(&self) -> f64 {
+        self.rest.borne
     }
 
     /// At rest with bodies that were kept.
     pub(super) fn restore(&mut self, nodes: [Frame; 2], split: Option<Split>) {
-        *self = Self { nodes, split, ..Self::new(nodes[0], self.edge) };
+        let rest = self.rest.clone();
+        *self = Self { nodes, split, rest, ..Self::new(nodes[0], self.edge, 0.0) };
     }
 
     /// The middle layer's frame in the world.
@@ -184,6 +194,7 @@ impl Balance {
             self.carry(grasps, tools);
         }
         self.tools_before = Some(*tools);
+        let mut borne = None;
         for round in 0..=ROUNDS {
             let mut system = System::new();
             for (i, hands) in hands.iter().enumerate() {
@@ -202,6 +213,11 @@ impl Balance {
                 // The hand carries the cube's weight without sinking.
                 system.residual[0].fixed_rows_mut::<3>(0).sub_assign(weight);
             }
+            borne = if bodies == 1 { self.rest.bear(&self.nodes[0], dt) } else { None };
+            if let Some(borne) = &borne {
+                system.residual[0].fixed_rows_mut::<3>(0).add_assign(&borne.force);
+                system.residual[0].fixed_rows_mut::<3>(3).add_assign(&borne.torque);
+            }
             let joint = self.split.map(|split| {
                 let (interface, joint) = self.join(split, puzzle);
                 self.interface = interface;
@@ -219,6 +235,9 @@ impl Balance {
                         moved(&touch.stiffness, &tools[i].r, &lever, &lever);
                 }
             }
+            if let Some(borne) = &borne {
+                system.stiffness[0][0] += borne.stiffness;
+            }
             if let Some(joint) = joint {
                 system.stiffen_joint(&joint, &self.nodes);
             }
@@ -227,6 +246,7 @@ impl Balance {
                 *node = node.nudged(&m.fixed_rows::<3>(0).into(), &m.fixed_rows::<3>(3).into());
             }
         }
+        self.rest.commit(borne);
         if hold.is_none() {
             self.hand_force = Vector3::zeros();
         }

@@ -23,6 +23,8 @@ const RADII: [f64; 3] = [0.045, 0.05, 0.065];
 const PALM: f64 = 0.004;
 /// A contact ends when the parts are this far apart [m].
 const APART: f64 = 2e-3;
+/// A cube that is laid down sinks into the table by less: 30 N on its four corners [m].
+const LAID_DOWN: f64 = 3e-4;
 /// Arms whose wrists are farther apart than this cannot touch [m].
 const FAR: f64 = 1.3;
 /// Farthest that anything moves unseen [m]: an eighth of a finger's thickness.
@@ -185,7 +187,8 @@ impl Collisions {
         };
         let held = |by: usize| cube.holder == Some(by);
         let any = cube.holder.is_some();
-        let table_contact = if any { deepest(&|c| above_table(c, table)) } else { None };
+        let table_contact =
+            if any { deepest(&|c| above_table(c, table - LAID_DOWN)) } else { None };
         touched(self, table_contact, Part::Cube, Part::Table);
         for (i, shape) in [first, second].into_iter().enumerate() {
             let other = if any && near && !held(i) { shape } else { None };

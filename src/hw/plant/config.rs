@@ -5,11 +5,14 @@
 
 use super::dynamics::{LINKS, Link};
 use super::fault::Fault;
+use super::frame::{Frame, rotation};
 use crate::cell::Cell;
 use crate::motion::AXES;
 use crate::servo::period::Length;
 use crate::spatial::Pose;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
+use rand::Rng;
+use rand_pcg::Pcg64;
 
 /// Everything that the plant needs besides a seed.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,6 +73,8 @@ impl PlantConfig {
 pub enum Start {
     /// The operator's hand brings it.
     Hand,
+    /// It lies on the table, and nobody is in the cell.
+    Table(Lying),
     /// The jaws of an arm are closed on it; the jaws of the other are open.
     Held {
         /// Index of the arm.
@@ -77,6 +82,41 @@ pub enum Start {
         /// The cube in that arm's true tool frame.
         tool_from_cube: Pose,
     },
+}
+
+/// How the cube lies on the table at first, around the place of hand-over.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lying {
+    /// Where the middle of the place really is, beside what is believed, along x and y [m].
+    pub offset: [f64; 2],
+    /// Share of the place's half extents within which it lies, uniformly.
+    pub spread: f64,
+    /// It is turned about the vertical by up to so much either way [rad].
+    pub yaw: f64,
+    /// On any of its faces, or with U up.
+    pub any_face: bool,
+}
+
+impl Lying {
+    /// Where it lies this time.
+    pub(super) fn drawn(&self, cell: &Cell, random: &mut Pcg64) -> Frame {
+        let mut within = |most: f64| most * random.random_range(-1.0..=1.0);
+        let place = Frame::from_pose(&cell.hand.world_from_cube);
+        let half = cell.hand.half_extent * self.spread;
+        let (x, y, yaw) = (within(half.x), within(half.y), within(self.yaw));
+        let mut at = place.point(&Vector3::new(x, y, 0.0));
+        at += Vector3::new(self.offset[0], self.offset[1], 0.0);
+        at.z = cell.table_height + 0.5 * cell.cube.edge;
+        let turned = |axis: Vector3<f64>, quarters: u8| {
+            rotation(&(axis * (f64::from(quarters) * std::f64::consts::FRAC_PI_2)))
+        };
+        let face = match (self.any_face, random.random_range(0..6_u8)) {
+            (false, _) => Matrix3::identity(),
+            (true, up @ 0..4) => turned(Vector3::x(), up),
+            (true, up) => turned(Vector3::y(), if up == 4 { 1 } else { 3 }),
+        };
+        Frame { r: place.r * rotation(&(Vector3::z() * yaw)) * face, p: at }
+    }
 }
 
 /// Masses, compliance and drives of an arm; arrays in the order of the axes, track first.

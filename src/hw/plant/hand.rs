@@ -51,6 +51,8 @@ enum Phase {
     Carrying { since: f64, from: Frame },
     /// Has it.
     Done,
+    /// Nobody is in the cell.
+    Absent,
 }
 
 /// What the operator sees and feels of the cube in a period.
@@ -165,7 +167,7 @@ impl OperatorHand {
             | Phase::Coming { since, .. }
             | Phase::Taking { since, .. }
             | Phase::Carrying { since, .. } => *since -= t,
-            Phase::Outside | Phase::Gone | Phase::Done => {}
+            Phase::Outside | Phase::Gone | Phase::Done | Phase::Absent => {}
         }
         Saved {
             phase,
@@ -186,6 +188,11 @@ impl OperatorHand {
     /// A hand that has nothing to do until the cube is handed back.
     pub(super) fn stay_away(&mut self) {
         self.phase = Phase::Gone;
+    }
+
+    /// Nobody is in the cell, and nobody comes.
+    pub(super) fn keep_out(&mut self) {
+        self.phase = Phase::Absent;
     }
 
     /// Where it wants the cube at `t` seconds; `None` when it does not hold it.
@@ -212,7 +219,11 @@ impl OperatorHand {
             Phase::Carrying { since, from } => {
                 Some(moved(&from, out * minimum_jerk((t - since) / 2.0)))
             }
-            Phase::Leaving { .. } | Phase::Gone | Phase::Coming { .. } | Phase::Done => None,
+            Phase::Leaving { .. }
+            | Phase::Gone
+            | Phase::Coming { .. }
+            | Phase::Done
+            | Phase::Absent => None,
         }
     }
 
@@ -229,7 +240,7 @@ impl OperatorHand {
             Phase::Coming { since, to } => {
                 Some(empty(to, 1.0 - minimum_jerk((t - since) / EMPTY_TRIP)))
             }
-            Phase::Outside | Phase::Gone | Phase::Done => None,
+            Phase::Outside | Phase::Gone | Phase::Done | Phase::Absent => None,
             _ => self.hold(t).map(|cube| empty(cube, 0.0)),
         }
     }
@@ -249,7 +260,11 @@ impl OperatorHand {
                 self.phase = Phase::Leaving { since: t, from };
                 self.let_go_at = t;
             }
-            Phase::Leaving { .. } | Phase::Gone | Phase::Carrying { .. } | Phase::Done => {}
+            Phase::Leaving { .. }
+            | Phase::Gone
+            | Phase::Carrying { .. }
+            | Phase::Done
+            | Phase::Absent => {}
         }
     }
 

@@ -22,6 +22,7 @@ mod hand;
 mod holding;
 mod jaw;
 pub mod render;
+mod rest;
 pub mod saved;
 mod sensor;
 #[cfg(test)]
@@ -33,7 +34,8 @@ pub mod verdict;
 
 pub use arm::sagging;
 pub use config::{
-    ArmDynamics, CubeMechanics, HandScript, Jaws, MotorDynamics, PlantConfig, SensorNoise, Start,
+    ArmDynamics, CubeMechanics, HandScript, Jaws, Lying, MotorDynamics, PlantConfig, SensorNoise,
+    Start,
 };
 pub use verdict::{Counts, Event, Incident, Part, Verdict, Whereabouts};
 
@@ -63,8 +65,14 @@ use rand_pcg::Pcg64;
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 enum State {
     Held,
-    Falling { velocity: Vector3<f64> },
-    Tray { down: Face },
+    Falling {
+        velocity: Vector3<f64>,
+    },
+    /// On the table; `fell`: it was not laid there.
+    Tray {
+        down: Face,
+        fell: bool,
+    },
 }
 
 /// The simulated cell. See the module.
@@ -124,7 +132,9 @@ impl Plant {
         let closed = edge - 2.0 * config.start_grip / pad;
         let jaws = cell.arms.iter().enumerate().map(|(i, a)| {
             let opening = match config.start {
-                Start::Hand => a.gripper.opening_of_motor[0] + a.gripper.opening_offset,
+                Start::Hand | Start::Table(_) => {
+                    a.gripper.opening_of_motor[0] + a.gripper.opening_offset
+                }
                 Start::Held { arm, .. } if arm == i => closed,
                 Start::Held { .. } => a.gripper.opening.1 - 0.005,
             };
@@ -151,6 +161,10 @@ impl Plant {
         let mut hand = OperatorHand::new(&config.hand, &cell.hand, edge, &mut stream(2));
         let world_from_cube = match config.start {
             Start::Hand => hand.hold(0.0).unwrap_or_else(Frame::identity),
+            Start::Table(lying) => {
+                hand.keep_out();
+                lying.drawn(cell, &mut stream(3))
+            }
             Start::Held { arm, tool_from_cube } => {
                 let Some(arm) = arms.get(arm) else {
                     let reason = "the cube is held by an arm that is not there".to_owned();
@@ -166,10 +180,13 @@ impl Plant {
             sensors,
             stops: [Depth::One; 2],
             puzzle,
-            balance: Balance::new(world_from_cube, edge),
+            balance: Balance::new(world_from_cube, edge, cell.table_height),
             grasps: [Grasp::OPEN; 2],
             hand,
-            state: State::Held,
+            state: match config.start {
+                Start::Table(_) => State::Tray { down: lowest_face(&world_from_cube), fell: false },
+                Start::Hand | Start::Held { .. } => State::Held,
+            },
             last_holder: None,
             period: 0,
             core: world_from_cube,
@@ -240,9 +257,10 @@ impl Plant {
         verdict.turning = Axis::ALL[axis];
         verdict.layer_angles = self.puzzle.angles[axis];
         verdict.returned = self.hand.has_it_back();
+        verdict.nobody = matches!(self.config.start, Start::Table(_));
         verdict.both_hold = self.both_hold();
         verdict.cube = match self.state {
-            State::Tray { down } => Whereabouts::Tray { down },
+            State::Tray { down, fell } => Whereabouts::Tray { down, fell },
             State::Falling { .. } => Whereabouts::Falling,
             State::Held if self.grasps.iter().any(Grasp::holds) => {
                 Whereabouts::Arms(self.grasps.map(|g| g.holds()))
@@ -377,16 +395,6 @@ impl Plant {
                 stops: self.stops[i],
             })
         });
-        if let State::Tray { .. } = self.state {
-            // The tray holds it: the grippers feel it, it stays where it is until pads close.
-            for (i, hands) in hands.iter().enumerate() {
-                if let Some(hands) = hands {
-                    self.balance.touches[i] =
-                        self.grasps[i].touch(&tools[i], &self.balance.nodes[0], hands);
-                }
-            }
-            return;
-        }
         let weight = Vector3::new(0.0, 0.0, -9.81 * self.config.cell.cube.mass);
         let around = Surroundings { tools, hands, hold, weight };
         self.balance.step(&mut self.puzzle, &mut self.grasps, &around, dt);
@@ -399,9 +407,7 @@ impl Plant {
     /// A falling cube meets the tray: it topples onto the face that is lowest.
     fn land(&mut self, cube: &mut Frame) {
         let edge = self.config.cell.cube.edge;
-        let lowest = |face: &Face| (cube.r * face.normal()).z;
-        let down =
-            Face::ALL.into_iter().min_by(|a, b| lowest(a).total_cmp(&lowest(b))).unwrap_or(Face::D);
+        let down = lowest_face(cube);
         let out = cube.r * down.normal();
         let axis = out.cross(&-Vector3::z());
         let sine = axis.norm();
@@ -410,9 +416,15 @@ impl Plant {
             cube.r = about(&(axis / sine), angle) * cube.r;
         }
         cube.p.z = self.config.cell.table_height + 0.5 * edge;
-        self.state = State::Tray { down };
+        self.state = State::Tray { down, fell: true };
         self.record(Incident::Landed { down });
     }
+}
+
+/// The face that a cube would come to lie on.
+fn lowest_face(cube: &Frame) -> Face {
+    let lowest = |face: &Face| (cube.r * face.normal()).z;
+    Face::ALL.into_iter().min_by(|a, b| lowest(a).total_cmp(&lowest(b))).unwrap_or(Face::D)
 }
 
 impl Port for Plant {

@@ -59,6 +59,7 @@ pub(in crate::hw) fn cell() -> Cell {
             world_from_cube: Pose::translation(0.75, 0.3, 1.3),
             half_extent: Vector3::repeat(0.05),
         },
+        keeper: crate::cube::Keeper::Person,
     };
     cell.arms[0].start =
         JointPositions([0.5, 0.0, -FRAC_PI_2, 0.0, FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2]);

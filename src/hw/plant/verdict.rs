@@ -19,6 +19,8 @@ pub struct Verdict {
     pub world_from_cube: Pose,
     /// The operator has the cube back.
     pub returned: bool,
+    /// No person is in the cell: the cube's place is the table.
+    pub nobody: bool,
     /// Both arms hold the cube.
     pub both_hold: bool,
     /// The axis that layers turn about, or were turned about last.
@@ -73,10 +75,12 @@ pub enum Whereabouts {
     Arms([bool; 2]),
     /// In the air.
     Falling,
-    /// At rest on the tray.
+    /// At rest on the table, or the tray there.
     Tray {
         /// Face that lies down, by position in the cube frame.
         down: Face,
+        /// It came there by a fall; else it has lain there from the beginning, or was laid down.
+        fell: bool,
     },
 }
 
@@ -130,7 +134,14 @@ pub enum Incident {
         /// Who had it last.
         arm: Option<usize>,
     },
-    /// The cube came to rest.
+    /// An arm has laid the cube down and let go of it.
+    LaidDown {
+        /// Which arm.
+        arm: usize,
+        /// Face that lies down.
+        down: Face,
+    },
+    /// The cube came to rest after a fall.
     Landed {
         /// Face that lies down.
         down: Face,
@@ -188,6 +199,23 @@ pub enum Part {
 }
 
 impl Verdict {
+    /// Whether the cube is where it is to be in the end: with the person, or laid down where no person is.
+    #[must_use]
+    pub fn is_back(&self) -> bool {
+        self.returned || self.nobody && matches!(self.cube, Whereabouts::Tray { fell: false, .. })
+    }
+
+    /// The same in words.
+    #[must_use]
+    pub fn place(&self) -> &'static str {
+        match (self.nobody, self.is_back()) {
+            (false, true) => "back in the operator's hand",
+            (false, false) => "not with the operator",
+            (true, true) => "on the table",
+            (true, false) => "not laid on the table",
+        }
+    }
+
     /// Before anything happened.
     pub(super) fn empty(world_from_cube: &Pose) -> Self {
         Self {
@@ -196,6 +224,7 @@ impl Verdict {
             cube: Whereabouts::Hand,
             world_from_cube: *world_from_cube,
             returned: false,
+            nobody: false,
             both_hold: false,
             turning: Axis::X,
             layer_angles: [0.0; 2],

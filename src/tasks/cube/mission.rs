@@ -19,7 +19,7 @@ use super::plan::Planner;
 use super::plan::explain::Line;
 use super::settings::{ComplianceChoice, CompliantArm, CubeSettings, LEAVE_SECONDS};
 use super::think::{Conclusion, Doubt, NoAnswer, Thought};
-use crate::cube::{Axis, Face, Facelets, facelet_at, facelet_place};
+use crate::cube::{Axis, Face, Facelets, Keeper, facelet_at, facelet_place};
 use crate::generators::{Behaviour, Outcome, visual_servo};
 use crate::motion::{ArmState, Depth, JawCommand, JointPositions};
 use crate::operator::{Answer, Net, PlanLine, Question, Reading, Subject};
@@ -31,9 +31,9 @@ use nalgebra::UnitQuaternion;
 /// What the kernel is to do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
-    /// Everything: from the operator's hand and back to it, solved.
+    /// Everything: from the operator's hand, or the table, and back to it, solved.
     Solve,
-    /// Take the cube from the operator and hand it back.
+    /// Take the cube and give it back.
     Acquire,
     /// Both hands hold the cube; turn the face in the track's palm by this angle about its tool's z [rad].
     FaceTurn(f64),
@@ -134,6 +134,8 @@ enum Job {
     Present {
         tries: u32,
     },
+    /// Lowers the cube until it stands on the table.
+    LayDown,
     Finish {
         achieved: bool,
     },
@@ -159,8 +161,8 @@ pub struct Mission {
     /// Where its tool had closed on it, in its base [m].
     taken_at: Option<[f64; 3]>,
     turned: f64,
-    /// The operator has been offered the cube.
-    with_operator: bool,
+    /// The cube has been offered to the operator, or stands on the table.
+    given_back: bool,
     /// How often all faces were looked at.
     rounds: u32,
     /// Why the cube goes back unsolved.
@@ -270,7 +272,7 @@ impl Mission {
             widths: [None; 2],
             taken_at: None,
             turned: 0.0,
-            with_operator: false,
+            given_back: false,
             rounds: 1,
             failure: None,
             turning: None,
@@ -297,7 +299,7 @@ impl Mission {
         }
     }
 
-    /// The cube is taken from the operator's hand.
+    /// The cube is taken from the operator's hand, or from the table.
     fn take(&mut self) {
         self.queue.extend([
             Job::Phase("acquire"),
@@ -307,19 +309,16 @@ impl Mission {
             Job::VisualServo { tries: 1 },
             Job::Take { tries: 1 },
         ]);
-        self.taken_from_operator(self.settings.back);
+        self.draw_back_with(self.settings.back);
         self.queue.extend([Job::Phase("identify"), Job::Looks]);
     }
 
-    /// The jaws have closed on the cube: the operator lets go, and the hand draws back with it.
-    fn taken_from_operator(&mut self, back: f64) {
-        self.queue.extend([
-            Job::Wait(Hand::Track, RELEASE_WAIT),
-            Job::Release { tries: 1 },
-            Job::Watch(false),
-            Job::Along(Hand::Track, -back),
-            Job::Remember,
-        ]);
+    /// The jaws have closed on the cube: the operator lets go, and the hand draws back with it. A table lets go by itself.
+    fn draw_back_with(&mut self, back: f64) {
+        if self.settings.keeper == Keeper::Person {
+            self.queue.extend([Job::Wait(Hand::Track, RELEASE_WAIT), Job::Release { tries: 1 }]);
+        }
+        self.queue.extend([Job::Watch(false), Job::Along(Hand::Track, -back), Job::Remember]);
     }
 
     fn begin(&mut self, arms: &[ArmState]) {
@@ -365,8 +364,11 @@ impl Mission {
             [true, false] => "the track hand holds the cube".to_owned(),
             [false, true] => "the postument hand holds the cube".to_owned(),
             // Nobody has taken it yet, or it was offered back.
-            [false, false] if self.with_operator || self.taken_at.is_none() => {
-                "the operator has the cube".to_owned()
+            [false, false] if self.given_back || self.taken_at.is_none() => {
+                match self.settings.keeper {
+                    Keeper::Person => "the operator has the cube".to_owned(),
+                    Keeper::Table => "the cube lies on the table".to_owned(),
+                }
             }
             [false, false] => {
                 "no hand of the robot holds the cube, and where it is is not known".to_owned()
@@ -446,9 +448,14 @@ impl Mission {
                 Some(Outcome::LostSight(seconds)) => {
                     Err(format!("no cube in sight of the stand-alone camera for {seconds:.1} s"))
                 }
-                Some(Outcome::OutOfZone(seconds)) => Err(format!(
-                    "no cube in reach: it was seen, but outside the place of hand-over for {seconds:.1} s"
-                )),
+                Some(Outcome::OutOfZone(seconds)) => Err(match self.settings.keeper {
+                    Keeper::Person => format!(
+                        "no cube in reach: it was seen, but outside the place of hand-over for {seconds:.1} s"
+                    ),
+                    Keeper::Table => format!(
+                        "no cube in reach: it was seen, but not on the part of the table where it is to lie, for {seconds:.1} s"
+                    ),
+                }),
                 Some(Outcome::NotTouched) if tries < TAKE_TRIES => {
                     self.log.notes.push(format!("the cube was not where it was seen, try {tries}"));
                     self.push_front(&[
@@ -540,6 +547,13 @@ impl Mission {
                 Ok(())
             }
             Job::Turn { turner, angle, tries } => self.turn_ended(turner, angle, tries, of(turner)),
+            Job::LayDown => match of(Hand::Track) {
+                Some(Outcome::Touched(_)) => Ok(()),
+                other => Err(format!(
+                    "the cube could not be laid down, no table was felt: {}",
+                    Outcome::words(other)
+                )),
+            },
             Job::Present { tries } => match of(Hand::Track) {
                 Some(Outcome::Pulled) => Ok(()),
                 Some(Outcome::TimedOut(seconds)) if tries < 2 => {
@@ -617,9 +631,17 @@ impl Mission {
         Ok((holder, Grip { hold: held.hold, half_roll: held.half_roll }))
     }
 
+    /// What becomes of a cube that goes back.
+    fn goes_back(&self) -> &'static str {
+        match self.settings.keeper {
+            Keeper::Person => "is handed back",
+            Keeper::Table => "is laid on the table again",
+        }
+    }
+
     /// The task cannot be done: the cube goes back to the operator as it is, with the reason.
     fn give_back(&mut self, reason: String) -> Result<(), String> {
-        self.log.notes.push(format!("{reason}: the cube is handed back"));
+        self.log.notes.push(format!("{reason}: the cube {}", self.goes_back()));
         self.log.grasps = 0;
         let way = Planner::new(&self.settings).of(&[Vec::new()], self.held_alone()?);
         let steps = way.map_err(|e| format!("{reason}; {e}"))?.steps;
@@ -657,11 +679,11 @@ impl Mission {
     fn ask(&mut self, doubt: Doubt) -> Result<(), String> {
         let Some(seconds) = self.patience else { return self.give_back(doubt.reason) };
         self.questions += 1;
-        let otherwise = "without an answer the cube is handed back as it is";
+        let otherwise = format!("without an answer the cube {} as it is", self.goes_back());
         let question = Question {
             number: self.questions,
             text: format!("{}. What are the colours?", doubt.reason),
-            otherwise: otherwise.to_owned(),
+            otherwise,
             seconds,
             until: 0.0,
             subject: Subject::Stickers {
@@ -934,14 +956,30 @@ impl Mission {
                 self.unfold_hand_back()?;
                 return Ok(None);
             }
+            Job::LayDown => {
+                self.given_back = true;
+                // The place was noted where it was taken, and its hold may be one layer deeper by now.
+                let distance = s.pre_grasp + s.edge / 3.0 + 0.01;
+                let selector = [false; 6];
+                let order = Behaviour::Approach {
+                    speed: s.approach_speed,
+                    distance,
+                    force: s.touch,
+                    selector,
+                };
+                behave(Hand::Track, order)
+            }
             Job::Present { .. } => {
-                self.with_operator = true;
+                self.given_back = true;
                 let selector = s.grasp_selector();
                 let order = Behaviour::Present { pull: s.pull, selector, seconds: 20.0 };
                 behave(Hand::Track, order)
             }
             Job::Finish { achieved } => {
-                let back = "the cube was handed back";
+                let back = match s.keeper {
+                    Keeper::Person => "the cube was handed back",
+                    Keeper::Table => "the cube was laid on the table",
+                };
                 let reason = match &self.failure {
                     Some(failure) => format!("{failure}; {back} as it is"),
                     None => back.to_owned(),
@@ -959,7 +997,7 @@ impl Mission {
         Behaviour::Jaw {
             jaw: JawCommand { opening, force_limit: self.settings.grip, stops: Depth::One },
             seconds: LEAVE_SECONDS,
-            selector: if chained || self.with_operator {
+            selector: if chained || self.given_back {
                 self.settings.grasp_selector()
             } else {
                 [false; 6]
@@ -1103,16 +1141,25 @@ impl Mission {
 
     fn unfold_hand_back(&mut self) -> Result<(), String> {
         let target = self.hand_over.ok_or("the place of the hand-over is not known")?;
-        let speed = self.settings.speed;
-        self.push_front(&[
-            Job::Phase("hand back"),
-            Job::Apart,
-            Job::Joints([Some(target), None], speed),
-            Job::Along(Hand::Track, self.settings.back),
-            Job::Bias([true, false]),
-            Job::Present { tries: 1 },
-            Job::LetGo(Hand::Track),
-        ]);
+        let (speed, back) = (self.settings.speed, self.settings.back);
+        let to_there = [Job::Apart, Job::Joints([Some(target), None], speed)];
+        let mut jobs = match self.settings.keeper {
+            Keeper::Person => vec![
+                Job::Phase("hand back"),
+                Job::Along(Hand::Track, back),
+                Job::Bias([true, false]),
+                Job::Present { tries: 1 },
+            ],
+            Keeper::Table => vec![
+                Job::Phase("lay down"),
+                Job::Along(Hand::Track, back - self.settings.pre_grasp),
+                Job::Bias([true, false]),
+                Job::LayDown,
+            ],
+        };
+        jobs.splice(1..1, to_there);
+        jobs.push(Job::LetGo(Hand::Track));
+        self.push_front(&jobs);
         Ok(())
     }
 }
@@ -1158,7 +1205,7 @@ impl Task for Mission {
             world_from_base: [Hand::Track, Hand::Postument]
                 .map(|h| Some(self.belief.world_from_base(h))),
             tool_from_cube: [Hand::Track, Hand::Postument].map(|h| self.belief.tool_from_cube(h)),
-            handed_back: self.with_operator,
+            handed_back: self.given_back,
             facelets: self.shown.facelets,
             turning,
             net: self.shown.net.clone(),
@@ -1177,6 +1224,7 @@ impl Task for Mission {
                 | Job::Open { .. }
                 | Job::Turn { .. }
                 | Job::Present { .. }
+                | Job::LayDown
                 | Job::Along(..)
         );
         (over || changes).then(|| Entry {
@@ -1184,7 +1232,7 @@ impl Task for Mission {
             held: self.belief.held.map(|held| held.map(|held| held.hold.depth)),
             hand_over: self.hand_over,
             taken_at: self.taken_at,
-            handing_back: self.with_operator,
+            handing_back: self.given_back,
             over,
         })
     }
@@ -1246,6 +1294,7 @@ fn doing(job: &Job) -> &'static str {
         Job::Secure { .. } => "securing",
         Job::Open { .. } => "opening the jaws",
         Job::Present { .. } => "handing back",
+        Job::LayDown => "laying it down",
         _ => "moving",
     }
 }

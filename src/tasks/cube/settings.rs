@@ -1,5 +1,6 @@
 //! What the cube task must be told about the cell and its manners. SI units.
 
+use crate::cube::Keeper;
 use crate::generators::{Selector, position::Speeds, visual_servo};
 use crate::reach::MeetingTable;
 use crate::spatial::Pose;
@@ -96,6 +97,8 @@ pub struct CubeSettings {
     pub seconds_per_node: f64,
     /// Where the arms were calibrated against each other, in the world.
     pub calibrated_at: Point3<f64>,
+    /// From whom the cube is taken, and to whom it goes back.
+    pub keeper: Keeper,
 }
 
 /// Time in which a hand opens to leave its partner or the operator [s], at least.

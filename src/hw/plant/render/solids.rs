@@ -5,7 +5,7 @@
 
 use super::look::{CubeLook, HandLook, Look, Rgb};
 use crate::cell::{Cell, Gripper};
-use crate::cube::{Axis, Face};
+use crate::cube::{Axis, Face, Keeper};
 use crate::hw::scene::{Scene, SceneArm, SceneCube};
 use crate::spatial::Pose;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
@@ -21,6 +21,8 @@ pub struct Setting {
     pub table_size: (f64, f64),
     /// Inner size of the tray on the table along x and y [m]; it lies in the table's middle.
     pub tray_size: (f64, f64),
+    /// By how much the tray's felt stands above the table top [m]: it is let in where the cube lies on the table.
+    pub felt: f64,
     /// Inner corners of the room's walls and ceiling: low and high [m]; the floor is z = 0.
     pub room: (Point3<f64>, Point3<f64>),
     /// Optical frames of the cameras that stand in the cell: drawn in the overview only.
@@ -46,6 +48,7 @@ impl Default for Setting {
             table: Point3::new(0.9, 1.05, 0.70),
             table_size: (0.7, 1.2),
             tray_size: (0.5, 0.7),
+            felt: 0.002,
             room: (Point3::new(-2.6, -2.6, 0.0), Point3::new(3.2, 4.4, 3.2)),
             cameras: Vec::new(),
         }
@@ -62,6 +65,9 @@ impl Setting {
         }
         let hand = cell.hand.world_from_cube.translation.vector;
         setting.table = Point3::new(hand.x, hand.y, cell.table_height);
+        if cell.keeper == Keeper::Table {
+            setting.felt = 2e-4;
+        }
         let reach = Vector3::new(3.0, 3.0, 0.0);
         for base in cell.arms.iter().map(|arm| arm.world_from_base.translation.vector) {
             let (low, high) = &mut setting.room;
@@ -193,7 +199,12 @@ impl Solids {
             self.add_box(&place, half(0.02, 0.02, leg), DARK, 0.0);
         }
         let (tw, td) = setting.tray_size;
-        self.add_box(&at(0.0, 0.0, 0.001), half(tw / 2.0, td / 2.0, 0.001), FELT, 0.0);
+        self.add_box(
+            &at(0.0, 0.0, setting.felt - 0.001),
+            half(tw / 2.0, td / 2.0, 0.001),
+            FELT,
+            0.0,
+        );
         for side in [-1.0, 1.0] {
             let rim = 0.006;
             self.add_box(

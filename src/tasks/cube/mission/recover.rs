@@ -7,7 +7,7 @@
 //! - so little is believed that a mission which was broken off anywhere goes on in the same way: see [`Mission::resumed`]
 
 use super::{Job, Mission, name};
-use crate::cube::{Axis, Face, rotations};
+use crate::cube::{Axis, Face, Keeper, rotations};
 use crate::generators::Outcome;
 use crate::motion::{ArmState, Depth, JointPositions};
 use crate::tasks::Entry;
@@ -273,7 +273,11 @@ impl Mission {
                 let Some(hand_over) = self.hand_over.filter(|_| self.may_recover()) else {
                     return Err(fell);
                 };
-                self.log.notes.push(format!("{fell}: pick it up and hold it out again, please"));
+                let next = match self.settings.keeper {
+                    Keeper::Person => "pick it up and hold it out again, please",
+                    Keeper::Table => "it is looked for on the table",
+                };
+                self.log.notes.push(format!("{fell}: {next}"));
                 self.dropped(hand, hand_over);
                 return Ok(());
             }
@@ -305,7 +309,7 @@ impl Mission {
         self.queue.push_back(Job::Phase("take stock"));
         match [Hand::Track, Hand::Postument].map(between) {
             [false, false] if last.over || last.handing_back => {
-                self.with_operator = true;
+                self.given_back = true;
                 self.queue.push_back(Job::Finish { achieved: true });
             }
             [false, false] => {
@@ -346,6 +350,12 @@ impl Mission {
         }
     }
 
+    /// Whether the other run was laying the cube down.
+    fn lays_down(&self) -> bool {
+        self.settings.keeper == Keeper::Table
+            && self.resume.as_ref().is_some_and(|last| last.handing_back)
+    }
+
     /// What follows when one hand is known to hold the cube: without a place to hand it back, the operator may still
     /// have hold of it.
     fn settle(&mut self, holder: Hand, arms: &[ArmState]) {
@@ -353,7 +363,10 @@ impl Mission {
             // A part of the way back may have been gone already.
             let from = Vector3::from(self.taken_at.unwrap_or_else(|| super::place(arms)));
             let gone = (Vector3::from(super::place(arms)) - from).norm();
-            self.taken_from_operator((self.settings.back - gone).max(0.0));
+            self.draw_back_with((self.settings.back - gone).max(0.0));
+        } else if holder == Hand::Track && self.lays_down() {
+            // It may stand on the table already: not along it, but up from there.
+            self.queue.push_back(Job::Along(holder, -self.settings.back));
         }
         self.queue.extend([Job::Phase("identify"), Job::Looks]);
     }

@@ -204,7 +204,7 @@ impl Mission {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cube::Axis;
+    use crate::cube::{Axis, Keeper};
     use crate::generators::{Behaviour, Outcome, position::Speeds, visual_servo};
     use crate::motion::{Depth, JointPositions};
     use crate::reach::{Meeting, MeetingTable};
@@ -319,6 +319,7 @@ mod tests {
                 acceleration: 1.0,
                 approach_speed: 0.02,
                 touch: 3.0,
+                overrun: 0.015,
                 stale: 0.2,
                 patience: 10.0,
                 zone: (Pose::identity(), Vector3::repeat(1.0)),
@@ -329,6 +330,7 @@ mod tests {
             candidates: 1,
             seconds_per_node: 0.0,
             calibrated_at: Point3::origin(),
+            keeper: Keeper::Person,
         }
     }
 
