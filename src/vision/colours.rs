@@ -83,27 +83,49 @@ impl Seen {
     }
 
     /// Squared distance to each prototype in units of its spread. A clipped channel says only what the light was at
-    /// least: it is taken to be what the prototype would show, in the shade that the other channels tell.
+    /// least: it is taken to be what the prototype would show, in the shade and under the glare that the others tell.
     fn distances(&self, shades: &Shades) -> [f64; 6] {
         if self.clipped == [false; 3] {
             return Tone::new(self.linear, shades).distances(1.0);
         }
         std::array::from_fn(|c| {
             let own = PROTOTYPES[c].reflectance();
-            let mut sums = (0.0, 0.0);
-            for k in (0..3).filter(|&k| !self.clipped[k]) {
-                sums = (sums.0 + self.linear[k] * own[k], sums.1 + own[k] * own[k]);
-            }
-            let shade = if self.clipped == [true; 3] { 1.0 } else { sums.0 / sums.1 };
-            let shade = shade.clamp(SHADE.0, SHADE.1);
+            let (shade, glare) = self.explained(&own, PROTOTYPES[c].hue.is_some());
             let whole = std::array::from_fn(|k| {
                 let least = self.linear[k];
-                if self.clipped[k] { least.max(shade * own[k]) } else { least }
+                if self.clipped[k] { least.max(shade * own[k] + glare) } else { least }
             });
             Tone::new(whole, shades).distances(1.0)[c]
         })
     }
+
+    /// The strength of a prototype's light, and of the glare on it, that explain the channels which did not clip: the
+    /// likeliest under a normal strength and an exponential glare.
+    fn explained(&self, own: &[f64; 3], coloured: bool) -> (f64, f64) {
+        if self.clipped == [true; 3] {
+            return (1.0, 0.0);
+        }
+        let prior = 1.0 / (STRENGTH * STRENGTH);
+        let (mut ss, mut sg, mut gg) = (prior, 0.0, 0.0);
+        let (mut xs, mut xg) = (prior, -1.0 / (0.8 * GLARE));
+        for k in (0..3).filter(|&k| !self.clipped[k]) {
+            let weight = (CHANNEL * self.linear[k] + 0.01).powi(-2);
+            ss += weight * own[k] * own[k];
+            sg += weight * own[k];
+            gg += weight;
+            xs += weight * own[k] * self.linear[k];
+            xg += weight * self.linear[k];
+        }
+        // On white, glare and strength are one.
+        let glare =
+            if coloured { ((xg * ss - xs * sg) / (gg * ss - sg * sg)).max(0.0) } else { 0.0 };
+        (((xs - sg * glare) / ss).clamp(SHADE.0, SHADE.1), glare)
+    }
 }
+
+/// Spread of the strength of a tile's light, relative to its prototype's, and of a channel, relative.
+const STRENGTH: f64 = 0.5;
+const CHANNEL: f64 = 0.1;
 
 /// At the rim of a clipped tile: logarithm of green over blue of yellow, at least, and the spread of that of white and
 /// yellow. Half of a file's colour is lost between two pixels.
@@ -421,6 +443,23 @@ mod tests {
         let grey = std::array::from_fn(|i| [30.0 + 20.0 * i as f64; 3]);
 
         assert_eq!(decide_face(&grey).1, [0.0; 9]);
+    }
+
+    #[test]
+    fn red_that_clips_under_haze_is_not_orange() {
+        let levels = [
+            [138.0, 217.0, 176.0],
+            [254.0, 217.0, 157.0],
+            [254.0, 255.0, 153.0],
+            [139.0, 221.0, 179.0],
+            [139.0, 220.0, 179.0],
+            [255.0, 143.0, 156.0],
+            [144.0, 164.0, 233.0],
+            [255.0, 254.0, 156.0],
+            [255.0, 255.0, 255.0],
+        ];
+
+        assert_eq!(decide_face(&levels).0, [2, 4, 3, 2, 2, 1, 5, 3, 0]);
     }
 
     #[test]
