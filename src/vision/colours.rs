@@ -8,6 +8,9 @@
 //! - out: colours 0..=5 = white, red, green, yellow, orange, blue (URFDLB); confidences or margins
 //! - source: von Kries gains and CIE 1976 L*a*b*; exact assignment after Kuhn (1955)
 
+use std::ops::Range;
+use std::sync::LazyLock;
+
 pub use super::whole::{Decision, Undecided, decide_cube};
 
 /// Letters of the colours 0..=5.
@@ -46,6 +49,10 @@ impl Prototype {
         rgb
     }
 }
+
+/// Linear RGB of each prototype.
+static REFLECTANCES: LazyLock<[[f64; 3]; 6]> =
+    LazyLock::new(|| PROTOTYPES.each_ref().map(Prototype::reflectance));
 
 /// Share of its strongest channel that a coloured sticker reflects of the weakest.
 const PALE: f64 = 0.05;
@@ -89,13 +96,13 @@ impl Seen {
             return Tone::new(self.linear, shades).distances(1.0);
         }
         std::array::from_fn(|c| {
-            let own = PROTOTYPES[c].reflectance();
+            let own = REFLECTANCES[c];
             let (shade, glare) = self.explained(&own, PROTOTYPES[c].hue.is_some());
             let whole = std::array::from_fn(|k| {
                 let least = self.linear[k];
                 if self.clipped[k] { least.max(shade * own[k] + glare) } else { least }
             });
-            Tone::new(whole, shades).distances(1.0)[c]
+            Tone::of(whole, shades, c..c + 1).distance(c, 1.0, 0.0)
         })
     }
 
@@ -354,15 +361,21 @@ const TINT: f64 = 0.15;
 
 impl Tone {
     fn new(linear: [f64; 3], shades: &Shades) -> Self {
+        Self::of(linear, shades, 0..6)
+    }
+
+    /// The same for some of the prototypes.
+    fn of(linear: [f64; 3], shades: &Shades, colours: Range<usize>) -> Self {
         let shade = Shade::new(linear);
         let blur = shade.blur();
-        let chroma = std::array::from_fn(|c| {
-            if PROTOTYPES[c].hue.is_none() {
-                return (shade.saturation / TINT).powi(2);
-            }
+        let mut chroma = [0.0; 6];
+        for c in colours {
             let (hue, spread) = shades.0[c];
-            turn(shade.hue, hue).powi(2) / (spread * spread + blur * blur)
-        });
+            chroma[c] = match PROTOTYPES[c].hue {
+                None => (shade.saturation / TINT).powi(2),
+                Some(_) => turn(shade.hue, hue).powi(2) / (spread * spread + blur * blur),
+            };
+        }
         // Of a coloured tile only the coloured light counts: the rest is glare.
         let value = [1.0, shade.saturation].map(|own| (shade.value * own).max(1e-4).ln());
         Self { chroma, value, grey: shade.value * (1.0 - shade.saturation) }
@@ -371,15 +384,18 @@ impl Tone {
     /// Squared distance to each prototype in units of its spread, after an exposure.
     fn distances(&self, exposure: f64) -> [f64; 6] {
         let log_exposure = exposure.ln();
+        std::array::from_fn(|c| self.distance(c, exposure, log_exposure))
+    }
+
+    /// Squared distance to one prototype, after an exposure with this logarithm.
+    fn distance(&self, c: usize, exposure: f64, log_exposure: f64) -> f64 {
+        let p = &PROTOTYPES[c];
+        let coloured = p.hue.is_some();
+        let value = self.value[usize::from(coloured)] + log_exposure;
         // Glare has an exponential distribution: what is nearly as bright as white all over is white.
         let glare = 2.0 * (self.grey * exposure / 0.8) / GLARE;
-        std::array::from_fn(|c| {
-            let p = &PROTOTYPES[c];
-            let coloured = p.hue.is_some();
-            let value = self.value[usize::from(coloured)] + log_exposure;
-            let pale = if coloured { glare } else { 0.0 };
-            self.chroma[c] + pale + ((value - p.log_value) / 0.6).powi(2).min(9.0)
-        })
+        let pale = if coloured { glare } else { 0.0 };
+        self.chroma[c] + pale + ((value - p.log_value) / 0.6).powi(2).min(9.0)
     }
 }
 
