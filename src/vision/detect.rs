@@ -307,7 +307,8 @@ impl Patch {
             confidence: {
                 // What may be a face is reported, but nobody is told that it is one for sure.
                 let found = doubts::certainty(lattice, &sides) * doubt;
-                let cloth = stripes.min(doubts::unwoven(&rgb));
+                let cloth =
+                    stripes.min(doubts::unwoven(&rgb, &lattice.tiles.map(|tile| tile.is_some())));
                 found.min((cloth * found).max(PERHAPS)).min(most)
             },
         }

@@ -86,9 +86,10 @@ pub(super) fn variety(hues: f64) -> f64 {
 }
 
 /// What the colours' places say for a cube, 0..=1: where a cloth's stripes cross, each colour is its row's and its column's
-/// together, and a chessboard has every other one. A face that looks like that may be such a thing.
-pub(super) fn unwoven(rgb: &[[f64; 3]; 9]) -> f64 {
-    let (mut all, mut crossed, mut chequered) = (0.0, 0.0, 0.0);
+/// together, and a chessboard has every other one. A face that looks like that may be such a thing. Cells that no region
+/// holds show what lies on the cloth, one or two of them.
+pub(super) fn unwoven(rgb: &[[f64; 3]; 9], held: &[bool; 9]) -> f64 {
+    let (mut all, mut crossed) = (0.0, 0.0);
     for c in 0..3 {
         let mean = |of: &dyn Fn(usize) -> bool| {
             let levels: Vec<f64> = (0..9).filter(|&j| of(j)).map(|j| rgb[j][c]).collect();
@@ -99,11 +100,30 @@ pub(super) fn unwoven(rgb: &[[f64; 3]; 9]) -> f64 {
             let (row, column) = (mean(&|j| j / 3 == i / 3), mean(&|j| j % 3 == i % 3));
             all += (level - whole).powi(2);
             crossed += (level - row - column + whole).powi(2);
-            chequered += (level - mean(&|j| j % 2 == i % 2)).powi(2);
         }
     }
-    let share = (f64::min(crossed, chequered) / f64::max(all, 1.0)).sqrt();
+    let bare = held.iter().filter(|held| **held).count() >= 7;
+    let chequered = chequered(rgb, |i| !bare || held[i]);
+    let share = f64::min(crossed / f64::max(all, 1.0), chequered).sqrt();
     PERHAPS + (1.0 - PERHAPS) * ((share - WOVEN) / 0.1).clamp(0.0, 1.0)
+}
+
+/// Share of the variance of some of the tiles that two colours in turn leave unexplained.
+fn chequered(rgb: &[[f64; 3]; 9], counts: impl Fn(usize) -> bool) -> f64 {
+    let (mut all, mut left) = (0.0, 0.0);
+    for c in 0..3 {
+        let levels = rgb.map(|p| p[c]);
+        let mean = |of: &dyn Fn(usize) -> bool| {
+            let some = || (0..9).filter(|&j| counts(j) && of(j));
+            some().map(|j| levels[j]).sum::<f64>() / some().count() as f64
+        };
+        let whole = mean(&|_| true);
+        for i in (0..9).filter(|&i| counts(i)) {
+            all += (levels[i] - whole).powi(2);
+            left += (levels[i] - mean(&|j| j % 2 == i % 2)).powi(2);
+        }
+    }
+    left / f64::max(all, 1.0)
 }
 
 /// Share of the tiles' differences that stripes, or a chessboard, leave unexplained. Of six colours drawn at random 0.7 is
@@ -231,11 +251,23 @@ mod tests {
         let board = std::array::from_fn(|i| stripes[i % 2]);
         let face = [0, 1, 2, 3, 4, 5, 4, 1, 0].map(|c| STICKERS[c]);
 
-        assert!(unwoven(&cloth) <= PERHAPS && unwoven(&board) <= PERHAPS);
-        assert!(unwoven(&face) > 0.99);
+        let all = [true; 9];
+        assert!(unwoven(&cloth, &all) <= PERHAPS && unwoven(&board, &all) <= PERHAPS);
+        assert!(unwoven(&face, &all) > 0.99);
         let mut one = [STICKERS[0]; 9];
         one[5] = STICKERS[1];
-        assert!(unwoven(&one) > 0.99);
+        assert!(unwoven(&one, &all) > 0.99);
+    }
+
+    #[test]
+    fn a_chessboard_with_something_on_a_cell_is_no_sure_face() {
+        let mut board = std::array::from_fn(|i| STICKERS[i % 2]);
+        board[2] = STICKERS[3];
+
+        let free = std::array::from_fn(|i| i != 2);
+        assert!(unwoven(&board, &free) <= PERHAPS);
+        // Tiles of a cube hold all cells.
+        assert!(unwoven(&board, &[true; 9]) > 0.99);
     }
 
     #[test]
