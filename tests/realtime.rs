@@ -225,11 +225,11 @@ fn run(sin: Sin) -> [u64; 3] {
         }
     });
     for (step, command) in commands().into_iter().enumerate() {
+        // A stop amid a motion, and both arms take up work again.
+        switches.emergency.store(step == STOPPED, Ordering::Release);
         for link in &mut links {
             let _ = link.send(command);
         }
-        // A stop amid a motion, and both arms take up work again.
-        switches.emergency.store(step == STOPPED, Ordering::Release);
         switches.beats.fetch_add(1, Ordering::Relaxed);
         std::thread::sleep(Duration::from_millis(80));
     }

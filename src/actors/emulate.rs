@@ -123,6 +123,12 @@ fn may_be_replaced(path: &Path) -> Result<(), String> {
     if there.uid() != rustix::process::geteuid().as_raw() {
         return Err("another user's file, and not replaced".to_owned());
     }
+    let text = std::fs::read_to_string(path).map_err(|e| e.to_string())?;
+    if !text.lines().any(|line| line == "emulated = true") {
+        return Err(
+            "no emulator's file, and not replaced; name another one by --devices".to_owned()
+        );
+    }
     if Devices::load(path).is_ok_and(|devices| devices.emulated) {
         return Err(
             "another emulator is running behind it; name another file by --devices".to_owned()
@@ -254,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_written_through_a_link_nor_taken_away_from_a_successor() {
+    fn nothing_is_written_through_a_link_nor_over_a_robots_file_nor_taken_from_a_successor() {
         let folder = Folder::new("link");
         let (path, other) = (folder.devices(), folder.0.join("other"));
         std::fs::write(&other, "other").unwrap();
@@ -263,6 +269,12 @@ mod tests {
         let told = DeviceFile::write(&path, &emulated()).err().unwrap_or_default();
         assert!(told.contains("not replaced"), "{told}");
         assert_eq!(std::fs::read_to_string(&other).unwrap(), "other");
+
+        std::fs::remove_file(&path).unwrap();
+        std::fs::write(&path, "# of a robot\n").unwrap();
+        let told = DeviceFile::write(&path, &emulated()).err().unwrap_or_default();
+        assert!(told.contains("no emulator's file"), "{told}");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "# of a robot\n");
 
         std::fs::remove_file(&path).unwrap();
         let file = DeviceFile::write(&path, &emulated()).unwrap();

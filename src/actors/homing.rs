@@ -1,6 +1,6 @@
 //! Synchronising an arm as the operator wills: a pause and a terminate bring it to a stand. The servo takes no other order
-//! while it homes, so it is told as it is of an actor that is gone: to hold, and then begins no homing. Asked again, it goes on with the axes that are
-//! not synchronised yet.
+//! while it homes, so it is told as it is of an actor that is gone: to hold, and then begins no homing. Asked again, it
+//! goes on with the axes that are not synchronised yet.
 
 use super::clock::Clock;
 use super::control::Control;

@@ -46,7 +46,7 @@ pub(super) struct BenchmarkArgs {
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
     /// Distance that each tool must have at the start from wherever the cube may be [mm]
-    #[arg(long, value_name = "MM", default_value_t = 100.0)]
+    #[arg(long, value_name = "MM", default_value_t = 80.0)]
     clearance_mm: f64,
     /// Simulated time within which a trial must be done [s]
     #[arg(long, value_name = "SECONDS", default_value_t = 1800.0)]

@@ -43,7 +43,9 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
         Ok(story) => story,
         Err(why) => return told(&why),
     };
-    story.drawn = drawn(&args.recording);
+    if !story.plans.is_empty() {
+        story.drawn = drawn(&args.recording);
+    }
     if let Err(error) = std::fs::write(&args.output, page(&story)) {
         complain(&format!("{}: {error}", args.output.display()));
         return Ok(WRONG);

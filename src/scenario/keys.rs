@@ -9,11 +9,11 @@ use crate::hw::devices::usual_place;
 words! {
     /// What a run is to do.
     Task {
-        /// The mission: take the cube, read it, solve it, hand it back.
+        /// The mission: take the cube, read it, solve it, give it back.
         Solve = "solve",
         /// Both arms hold the cube and turn one layer.
         FaceTurn = "face_turn",
-        /// Take the cube from the hand, and nothing else.
+        /// Take the cube and give it back, and nothing else.
         Acquire = "acquire",
         /// Hold the arms where they are: to try an arm, a bridge or the servo's timing.
         Idle = "idle",

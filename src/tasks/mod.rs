@@ -58,11 +58,11 @@ pub struct Entry {
     pub doing: String,
     /// How deep each hand reaches over the cube that it holds, as believed.
     pub held: [Option<Depth>; 2],
-    /// Where the track stood when it had taken the cube from the operator.
+    /// Where the track stood when it had taken the cube from the operator, or from the table.
     pub hand_over: Option<JointPositions>,
-    /// Where the track's tool closed on the cube in the operator's hand, in its base [m].
+    /// Where the track's tool closed on the cube as it was given, in its base [m].
     pub taken_at: Option<[f64; 3]>,
-    /// The operator has been offered the cube.
+    /// The operator has been offered the cube, or it is being laid down.
     pub handing_back: bool,
     /// Nothing is left to be done.
     pub over: bool,

@@ -304,7 +304,7 @@ async function mission() {
 
 async function done() {
   console.log("# a hand-over to its end");
-  const run = new Run("scenarios/acquire.toml", "--speed", "2");
+  const run = new Run("scenarios/acquire.toml", "--speed", "0.5");
   const page = await open(run);
   await outlines(page);
   await page.selectOption("#speed", "0");

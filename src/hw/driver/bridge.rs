@@ -107,7 +107,7 @@ impl<P: Port + 'static> Bridge<P> {
             // What is denied here was denied to the servo too, which reports it.
             let _rights = RealTime::acquire(priority, None);
             let mut latest = start;
-            let mut heard = Instant::now();
+            let (mut heard, mut driven) = (Instant::now(), None::<Instant>);
             loop {
                 let Ok(mut next) = incoming.pop() else {
                     let gone = incoming.is_abandoned();
@@ -117,7 +117,10 @@ impl<P: Port + 'static> Bridge<P> {
                         let readings = &mut latest.readings[..arms];
                         let off = port.exchange(latest.period + 1, &drives[..arms], readings);
                         match off {
-                            Err(fault) => return give_up(port, fault),
+                            Err(mut fault) => {
+                                fault.reason += &stalled(driven);
+                                return give_up(port, fault);
+                            }
                             Ok(()) if gone => return (port, None),
                             Ok(()) => {}
                         }
@@ -126,7 +129,8 @@ impl<P: Port + 'static> Bridge<P> {
                     std::thread::park_timeout(Duration::from_millis(10));
                     continue;
                 };
-                let gap = std::mem::replace(&mut heard, Instant::now()).elapsed();
+                heard = Instant::now();
+                let before = driven.replace(heard);
                 while !port.each_counts()
                     && let Ok(newer) = incoming.pop()
                 {
@@ -135,7 +139,7 @@ impl<P: Port + 'static> Bridge<P> {
                 let Drives { period, drives } = next;
                 let readings = &mut latest.readings[..arms];
                 if let Err(mut fault) = port.exchange(period, &drives[..arms], readings) {
-                    fault.reason += &stalled(gap);
+                    fault.reason += &stalled(before);
                     return give_up(port, fault);
                 }
                 latest.period = period;
@@ -256,12 +260,11 @@ impl BridgePort {
 }
 
 /// What a fault is to be judged by where nothing was ordered for long before it: controllers stop by themselves then.
-fn stalled(gap: Duration) -> String {
-    if gap > STALL {
+fn stalled(driven: Option<Instant>) -> String {
+    let gap = driven.map(|at| at.elapsed()).filter(|gap| *gap > STALL);
+    gap.map_or_else(String::new, |gap| {
         format!("; before that this machine sent nothing for {} ms", gap.as_millis())
-    } else {
-        String::new()
-    }
+    })
 }
 
 /// Counter of an axis, the jaw's last.
@@ -357,10 +360,37 @@ mod tests {
         assert_eq!(lost, Some(203 + 50));
     }
 
+    /// Answers until it is told to stop, as a controller does that has stopped by itself.
+    struct Stopped;
+
+    impl Port for Stopped {
+        fn exchange(
+            &mut self,
+            _: u64,
+            drives: &[ArmDrive],
+            _: &mut [ArmReading],
+        ) -> Result<(), PortFault> {
+            let reason = "in its error mode".to_owned();
+            if drives[0].enabled { Ok(()) } else { Err(PortFault { effector: 0, reason }) }
+        }
+    }
+
     #[test]
     fn a_fault_after_a_stall_of_this_machine_is_said_to_come_after_it() {
-        assert_eq!(stalled(Duration::from_millis(6)), "");
-        assert!(stalled(Duration::from_millis(58)).contains("sent nothing for 58 ms"));
+        let first = [ArmReading::default()];
+        let (bridge, mut servo) = Bridge::spawn(Stopped, &first, 6, 2_000_000, |_, _| ()).unwrap();
+        servo.send(1, &[ArmDrive { enabled: true, ..ArmDrive::OFF }]);
+        let begun = Instant::now();
+        while !servo.broken.load(Ordering::Acquire) {
+            assert!(begun.elapsed() < Duration::from_secs(30), "it never fails");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+
+        let fault = bridge.join().unwrap().1.unwrap();
+
+        assert!(fault.reason.contains("error mode; before that this machine sent nothing for"));
+        assert_eq!(stalled(None), "");
+        assert_eq!(stalled(Some(Instant::now() + Duration::from_secs(1))), "");
     }
 
     #[test]
@@ -401,7 +431,9 @@ mod tests {
             let begun = Instant::now();
             loop {
                 let told = told.0.lock().unwrap();
-                let offs: Vec<_> = told.iter().filter(|(_, on)| !on).map(|(at, _)| *at).collect();
+                // A slow start may be a silence, too.
+                let driven = told.iter().skip_while(|(_, on)| !on);
+                let offs: Vec<_> = driven.filter(|(_, on)| !on).map(|(at, _)| *at).collect();
                 if offs.len() >= count {
                     return offs[count - 1];
                 }

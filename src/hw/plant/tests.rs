@@ -284,38 +284,6 @@ fn a_cube_that_both_let_go_falls_onto_the_tray_and_lies_on_a_face() {
     assert!((normal + Vector3::z()).norm() < 1e-6);
 }
 
-/// The hand that holds the cube opens at this height above the table [m].
-fn let_go_at(above: f64) -> TestServo {
-    let mut config = held(Jaws::rubber(), CubeMechanics::of_2007());
-    let plant = Plant::new(config.clone(), 1).unwrap();
-    let cube = plant.balance.nodes[0];
-    let below: f64 = (0..3).map(|i| cube.r[(2, i)].abs() * 0.5 * 0.057).sum();
-    config.cell.table_height = cube.p.z - below - above;
-    let mut servo = TestServo::new(Plant::new(config, 1).unwrap());
-    servo.run(0.3);
-    servo.jaws[0] = (0.085, 30.0);
-    servo.run(3.0);
-    servo
-}
-
-#[test]
-fn a_cube_that_stands_on_the_table_when_its_hand_opens_was_laid_down() {
-    let servo = let_go_at(-2e-4);
-
-    let v = servo.plant.verdict();
-    let Whereabouts::Tray { down, fell: false } = v.cube else { panic!("{:?}", v.cube) };
-    assert_eq!(v.counts.drops, 0, "{:?}", v.events);
-    assert!(v.events.iter().any(|e| matches!(e.what, Incident::LaidDown { arm: 0, .. })));
-    let normal = v.world_from_cube.rotation * down.normal();
-    assert!((normal + Vector3::z()).norm() < 1e-3, "it lies flat: {normal}");
-    let height = v.world_from_cube.translation.vector.z - servo.plant.cell().table_height;
-    assert!((height - 0.0285).abs() < 1e-4, "{height}");
-
-    let v = let_go_at(5e-3).plant.verdict();
-    assert!(matches!(v.cube, Whereabouts::Tray { fell: true, .. }), "{:?}", v.cube);
-    assert_eq!(v.counts.drops, 1);
-}
-
 #[test]
 fn a_cube_lies_where_and_how_the_seed_says_and_no_hand_is_there() {
     let lying = Lying { offset: [0.0; 2], spread: 1.0, yaw: 0.7, any_face: true };

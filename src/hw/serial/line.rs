@@ -90,8 +90,10 @@ impl Line {
 impl Drop for Line {
     fn drop(&mut self) {
         if let Some(before) = &self.before {
-            // The last orders go out at the speed that they were written for. A line that is gone has no settings.
-            let _ = tcsetattr(&self.fd, OptionalActions::Drain, before);
+            // The last orders go out at the speed that they were written for: they take 0.4 ms. To wait until they are
+            // gone might take for ever. A line that is gone has no settings.
+            std::thread::sleep(Duration::from_millis(5));
+            let _ = tcsetattr(&self.fd, OptionalActions::Now, before);
         }
     }
 }

@@ -39,22 +39,18 @@ fn title(story: &Story) -> String {
 }
 
 fn head(html: &mut String, story: &Story, title: &str) {
-    let (class, word, reason) = match &story.summary {
-        Some(summary) => {
-            let word = match (summary.exit_code(), summary.task.as_str()) {
-                (0, "solve") => "Solved",
-                (0, _) => "Done",
-                _ if summary.outcome == crate::record::summary::Outcome::Failed => "Failed",
-                _ => "Aborted",
-            };
-            let class = if summary.exit_code() == 0 { "good" } else { "bad" };
-            (class, word, summary.reason.clone())
-        }
-        None => {
-            let word =
-                if matches!(story.cut, Some(("damaged", _))) { "Damaged" } else { "Cut off" };
-            ("bad", word, "the recording ends before the run does".to_owned())
-        }
+    let (class, word, reason) = if let Some(summary) = &story.summary {
+        let word = match (summary.exit_code(), summary.task.as_str()) {
+            (0, "solve") => "Solved",
+            (0, _) => "Done",
+            _ if summary.outcome == crate::record::summary::Outcome::Failed => "Failed",
+            _ => "Aborted",
+        };
+        let class = if summary.exit_code() == 0 { "good" } else { "bad" };
+        (class, word, summary.reason.clone())
+    } else {
+        let word = if matches!(story.cut, Some(("damaged", _))) { "Damaged" } else { "Cut off" };
+        ("bad", word, "the recording ends before the run does".to_owned())
     };
     let _ = write!(
         html,

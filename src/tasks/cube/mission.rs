@@ -1,4 +1,4 @@
-//! The kernel of MP for the cube: acquire, identify, plan, turn, hand back.
+//! The kernel of MP for the cube: acquire, identify, plan, turn, hand back or lay down.
 //!
 //! - in: what became of the last action, the states of both arms
 //! - out: the next action for the shell
@@ -160,6 +160,8 @@ pub struct Mission {
     widths: [Option<f64>; 2],
     /// Where its tool had closed on it, in its base [m].
     taken_at: Option<[f64; 3]>,
+    /// The cube is still where it was given.
+    untouched: bool,
     turned: f64,
     /// The cube has been offered to the operator, or stands on the table.
     given_back: bool,
@@ -263,6 +265,7 @@ impl Mission {
             settings,
             goal,
             belief,
+            untouched: goal == Goal::Solve || goal == Goal::Acquire,
             queue: VecDeque::new(),
             pending: None,
             meeting: None,
@@ -363,13 +366,10 @@ impl Mission {
             [true, true] => "both hands hold the cube".to_owned(),
             [true, false] => "the track hand holds the cube".to_owned(),
             [false, true] => "the postument hand holds the cube".to_owned(),
-            // Nobody has taken it yet, or it was offered back.
-            [false, false] if self.given_back || self.taken_at.is_none() => {
-                match self.settings.keeper {
-                    Keeper::Person => "the operator has the cube".to_owned(),
-                    Keeper::Table => "the cube lies on the table".to_owned(),
-                }
-            }
+            [false, false] if self.given_back || self.untouched => match self.settings.keeper {
+                Keeper::Person => "the operator has the cube".to_owned(),
+                Keeper::Table => "the cube lies on the table".to_owned(),
+            },
             [false, false] => {
                 "no hand of the robot holds the cube, and where it is is not known".to_owned()
             }
@@ -474,6 +474,7 @@ impl Mission {
                     self.belief.taken(Hand::Track, hold, false);
                     self.widths[Hand::Track.index()] = Some(width);
                     self.taken_at = Some(place(arms));
+                    self.untouched = false;
                     Ok(())
                 }
                 other if tries < TAKE_TRIES => {

@@ -82,6 +82,7 @@ impl Mission {
             handing_back: false,
             over: false,
         }));
+        self.untouched = false;
         self
     }
 
@@ -101,7 +102,7 @@ impl Mission {
         self.recoveries += 1;
         self.log.recoveries += 1;
         self.sight = super::sight::Sight::default();
-        self.given = None;
+        (self.given, self.given_back) = (None, false);
         self.rounds = 1;
         self.odd.clear();
         (self.turning, self.straight, self.before_turn) = (None, None, None);
@@ -314,6 +315,7 @@ impl Mission {
             }
             [false, false] => {
                 self.log.notes.push("no hand holds the cube: it is taken anew".to_owned());
+                (self.hand_over, self.taken_at) = (None, None);
                 self.queue.push_back(Job::Apart);
                 self.take();
             }
@@ -350,12 +352,6 @@ impl Mission {
         }
     }
 
-    /// Whether the other run was laying the cube down.
-    fn lays_down(&self) -> bool {
-        self.settings.keeper == Keeper::Table
-            && self.resume.as_ref().is_some_and(|last| last.handing_back)
-    }
-
     /// What follows when one hand is known to hold the cube: without a place to hand it back, the operator may still
     /// have hold of it.
     fn settle(&mut self, holder: Hand, arms: &[ArmState]) {
@@ -364,9 +360,14 @@ impl Mission {
             let from = Vector3::from(self.taken_at.unwrap_or_else(|| super::place(arms)));
             let gone = (Vector3::from(super::place(arms)) - from).norm();
             self.draw_back_with((self.settings.back - gone).max(0.0));
-        } else if holder == Hand::Track && self.lays_down() {
-            // It may stand on the table already: not along it, but up from there.
-            self.queue.push_back(Job::Along(holder, -self.settings.back));
+        } else if let (Hand::Track, Keeper::Table, Some(from)) =
+            (holder, self.settings.keeper, self.taken_at)
+        {
+            // It may stand on the table, or just above: not along it, but up from there.
+            let above = (Vector3::from(super::place(arms)) - Vector3::from(from)).norm();
+            if above < self.settings.back {
+                self.queue.push_back(Job::Along(holder, above - self.settings.back));
+            }
         }
         self.queue.extend([Job::Phase("identify"), Job::Looks]);
     }
