@@ -256,3 +256,21 @@ fn a_plan_solves_in_far_fewer_grasps_than_the_original_and_explains_each_step() 
     assert_eq!(out.status.code(), Some(2));
     assert!(text(&out.stdout).contains("\"kind\""), "{}", text(&out.stdout));
 }
+
+#[test]
+fn doctor_says_of_a_scenario_that_run_would_refuse_it() {
+    let scenario = Scenario::new(
+        "nodevices",
+        "task = \"idle\"\npace = \"real-time\"\n[bridge]\nkind = \"serial\"\ndevices = \"nosuch/devices.toml\"\n",
+    );
+
+    let out = robot(&["doctor", scenario.path(), "--seconds", "0.1", "--json"]);
+
+    assert_eq!(out.status.code(), Some(1), "{}", text(&out.stderr));
+    let told: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(told["refused"], true, "{told}");
+    let findings = told["findings"].as_array().unwrap();
+    let devices = findings.iter().find(|finding| finding["name"] == "bridge.devices").unwrap();
+    assert_eq!(devices["state"], "REFUSED");
+    assert!(devices["fix"].as_str().unwrap().contains("rubik-robot emulate"), "{devices}");
+}

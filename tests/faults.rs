@@ -365,8 +365,11 @@ fn wrong_calibrations_are_taken_up_and_fingers_of_wrong_length_judged_by_the_pla
             assert!(seen.summary.peak_force_n.unwrap() < 20.0);
         }
         let over = seed.seen("over_constrained", &[]);
-        // Broken off, or ended by the range of the wrist's sensor: two layers hold out against closing jaws.
-        assert!(matches!(over.summary.exit_code(), 1 | 3), "{}", over.summary.reason);
+        // Broken off, or with another cell's errors ended by the range of the wrist's sensor: two layers hold out against
+        // closing jaws.
+        let ends = if seed.0 == 1 { 1..=1 } else { 1..=3 };
+        assert!(ends.contains(&over.summary.exit_code()), "{}", over.summary.reason);
+        assert_ne!(over.summary.exit_code(), 2);
         assert_eq!(over.summary.cube_end, over.summary.cube_start, "nothing turns");
         assert_eq!(over.verdict.counts.drops, 0);
     });
@@ -454,7 +457,7 @@ fn every_fault_ends_with_the_exit_code_of_its_class_and_is_told_with_its_place()
             let err = String::from_utf8(run.stderr).unwrap();
             let last = out.lines().last().unwrap_or_default();
             let exit = run.status.code();
-            if (*name, exit) == ("over_constrained", Some(3)) {
+            if (*name, exit) == ("over_constrained", Some(3)) && seed.0 != 1 {
                 assert!(last.contains("force sensor"), "{last}");
                 continue;
             }

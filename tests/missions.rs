@@ -12,6 +12,8 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+const SOLVED: &str = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
+
 fn run(name: &str, keys: &[&str]) -> Summary {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(name);
     let keys: Vec<Override> = keys.iter().map(|key| Override::parse(key).unwrap()).collect();
@@ -45,8 +47,7 @@ fn solves_in(scenario: &str, keys: &[&str]) {
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert_eq!(summary.identified, summary.cube_start);
-    let solved = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
-    assert_eq!(summary.cube_end.as_deref(), Some(solved));
+    assert_eq!(summary.cube_end.as_deref(), Some(SOLVED));
     assert_ne!(summary.cube_start, summary.cube_end);
     assert_eq!((summary.jams, summary.drops), (Some(0), Some(0)));
     let peak = summary.peak_force_n.unwrap();
@@ -157,7 +158,16 @@ fn the_cube_is_taken_from_the_hand_and_given_back() {
     assert_eq!(summary.cube_start, summary.cube_end);
 }
 
-/// Somewhere in its place, on any face, turned as it may be: the extremes of the place are among the seeds' draws.
+/// This hand is so near that the elbow meets its limit before the cube is drawn back all the way.
+#[test]
+fn a_cube_from_a_hand_nearby_is_drawn_back_as_far_as_the_arm_folds() {
+    let summary = run("solve.toml", &["task=acquire", "seed=10145"]);
+
+    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert_eq!((summary.drops, summary.slips, summary.collisions), (Some(0), Some(0), Some(0)));
+}
+
+/// Somewhere in its place, on any face, turned as it may be.
 #[test]
 fn a_cube_that_lies_on_the_table_is_taken_and_laid_down_again() {
     for seed in 1..=4 {
@@ -170,6 +180,25 @@ fn a_cube_that_lies_on_the_table_is_taken_and_laid_down_again() {
         assert_eq!(summary.cube_start, summary.cube_end);
         let felt = summary.sensors[0].force_n.unwrap();
         assert!(felt > 1.0 && felt < 20.0, "{felt}");
+    }
+}
+
+/// Palms that press need holds over two layers, whose stops must stand right before the hand is near; and one over two
+/// layers cannot be laid down.
+#[test]
+fn hands_reach_over_two_layers_where_the_rule_wants_it() {
+    let turned = "UUFUUFUUFRRRRRRRRRFFDFFDFFDDDBDDBDDBLLLLLLLLLUBBUBBUBB";
+    for (scenario, rule) in
+        [("solve.toml", "strict"), ("solve.toml", "original"), ("table.toml", "strict")]
+    {
+        let (rule, cube) = (format!("planner.rule={rule}"), format!("cube.state={turned}"));
+        let summary = run(scenario, &[&rule, &cube]);
+
+        assert_eq!(summary.outcome, Outcome::Solved, "{rule}: {}", summary.reason);
+        assert_eq!(summary.cube_end.as_deref(), Some(SOLVED));
+        let mishaps = (summary.jams, summary.slips, summary.drops, summary.collisions);
+        assert_eq!(mishaps, (Some(0), Some(0), Some(0), Some(0)));
+        assert!(summary.peak_force_n.unwrap() < 20.0);
     }
 }
 
@@ -367,7 +396,9 @@ fn the_scenario_of_2007_reads_the_cube_and_ends_with_a_cause() {
     assert_eq!(summary.identified, summary.cube_start);
     assert!(summary.solution.is_some_and(|s| !s.is_empty()));
     let causes = ["over-force", "oscillat", "jam", "slip", "stall", "over-turn"];
-    let told = causes.iter().any(|cause| summary.reason.contains(cause));
+    let told = causes.iter().any(|cause| summary.reason.contains(cause))
+        // By the choices of 2007 nobody may take the cube back: then it is the solved one.
+        || summary.reason.contains("not taken back") && summary.cube_end.as_deref() == Some(SOLVED);
     assert!(summary.outcome == Outcome::Solved || told, "{}", summary.reason);
 }
 

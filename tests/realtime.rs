@@ -13,7 +13,7 @@ use rubik_robot::hw::driver::{
 use rubik_robot::motion::{
     Depth, Direction, Frame, JawCommand, JointPositions, Motion, MotorPositions, MoveCommand,
 };
-use rubik_robot::servo::ServoCommand;
+use rubik_robot::servo::{ForceSettings, ServoCommand};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -161,7 +161,7 @@ fn filter_system_calls() {
 }
 
 /// The step at which the emergency stop is pressed.
-const STOPPED: usize = 9;
+const STOPPED: usize = 12;
 
 /// All that an EDP may order: each kind of motion, jaws, what is refused, a stop and a new beginning.
 fn commands() -> Vec<ServoCommand> {
@@ -184,6 +184,9 @@ fn commands() -> Vec<ServoCommand> {
         go(Motion::Joints(near)),
         go(Motion::Pose(at)),
         go(Motion::MotorsBy(by)),
+        go(Motion::Motors(config().model.motors(&near))),
+        ServoCommand::SetTool(config().flange_from_tool),
+        ServoCommand::ForceSettings(ForceSettings::default()),
         ServoCommand::Move { command: closing, start: 0 },
         ServoCommand::Bias,
         go(Motion::Joints(JointPositions([f64::NAN; 7]))),
@@ -228,7 +231,7 @@ fn run(sin: Sin) -> [u64; 3] {
         // A stop amid a motion, and both arms take up work again.
         switches.emergency.store(step == STOPPED, Ordering::Release);
         for link in &mut links {
-            let _ = link.send(command);
+            link.send(command).unwrap();
         }
         switches.beats.fetch_add(1, Ordering::Relaxed);
         std::thread::sleep(Duration::from_millis(80));

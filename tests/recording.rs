@@ -148,6 +148,7 @@ fn a_recording_holds_every_period_and_changes_nothing() {
     assert_eq!(label.options().len(), 1);
     let summary: serde_json::Value = serde_json::from_str(label.of("summary", "json")).unwrap();
     assert_eq!(summary["hash"], with["hash"]);
+    assert_eq!(label.of("calibration", "cameras"), "", "nothing was calibrated");
     let all: usize = counts.values().sum();
     assert_eq!(label.of("recording", "messages"), all.to_string());
     assert_eq!(label.of("recording", "lost"), "0");
@@ -811,6 +812,57 @@ fn a_recording_is_shown_paused_and_sought() {
 
     assert!(desk.command(Command::Quit));
     thread.join().unwrap();
+}
+
+#[test]
+fn what_a_calibration_found_is_in_the_recording_and_in_its_show() {
+    use rubik_robot::actors::show::Show;
+    use rubik_robot::cell::Mount;
+    use rubik_robot::desk::desk;
+    use rubik_robot::operator::Command;
+    use rubik_robot::spatial::Pose;
+    use std::sync::atomic::AtomicBool;
+
+    // The hand comes when nobody waits for it any more: what is to be seen has happened by then.
+    let keys = [
+        "camera.standalone.calibrate_views=12",
+        "visual_servo.patience_s=1",
+        "plant.hand.appears_s=60",
+    ];
+    let more: Vec<&str> = keys.iter().flat_map(|key| ["--set", key]).collect();
+    let (path, _) = recorded("calibrated.mcap", "scenarios/acquire.toml", &more);
+    let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/acquire.toml");
+    let scenario = rubik_robot::scenario::load(&scenario, &[]).unwrap();
+    let cell = &scenario.controller.cell;
+
+    let mut label = Label::default();
+    for piece in open(&path).unwrap() {
+        label.take(&piece);
+    }
+    let cameras: serde_json::Value =
+        serde_json::from_str(label.of("calibration", "cameras")).unwrap();
+    let names: Vec<&str> =
+        cameras.as_array().unwrap().iter().map(|c| c["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["standalone", "track_hand", "postument_hand"]);
+    let place = |camera: usize| -> Pose {
+        serde_json::from_value(cameras[camera]["place"].clone()).unwrap()
+    };
+    let Mount::World { world_from_camera } = cell.cameras[0].mount else { panic!() };
+    let found = place(0);
+    // The camera stands some millimetres from where the scenario has it, and the arm sags.
+    let miss = (found.translation.vector - world_from_camera.translation.vector).norm();
+    assert!((1e-3..0.05).contains(&miss), "{miss}");
+    let Mount::Flange { flange_from_camera, .. } = cell.cameras[1].mount else { panic!() };
+    assert_eq!(place(1), flange_from_camera, "that one was not calibrated");
+    let edge: f64 = label.of("calibration", "edge_m").parse().unwrap();
+    assert!(edge != cell.cube.edge && (edge - cell.cube.edge).abs() < 2e-3, "{edge}");
+
+    let show = Show::read(std::fs::File::open(&path).unwrap(), &scenario, "").unwrap();
+    let (desk, behind) = desk();
+    assert!(desk.command(Command::Speed { factor: 0.0 }));
+    show.run(&behind, 0.0, false, &AtomicBool::new(false));
+    let stage = desk.stage.borrow();
+    assert_eq!((stage.cameras[0].pose, stage.edge), (found, edge));
 }
 
 #[test]

@@ -7,10 +7,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-fn run(world: &Path) -> Command {
+/// A run of a scenario whose plant keeps its state in a file.
+fn run(scenario: &[&str], world: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
     command
-        .args(["run", "scenarios/solve.toml", "--json", "--world"])
+        .arg("run")
+        .args(scenario)
+        .args(["--json", "--world"])
         .arg(world)
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .stdin(Stdio::null());
@@ -21,13 +24,14 @@ fn journal(world: &Path) -> PathBuf {
     PathBuf::from(format!("{}.journal", world.display()))
 }
 
-/// Kills a mission when its journal tells of so many turns of layers.
-fn killed_after(world: &Path, turns: usize) {
-    let mut child = run(world).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+/// Kills a mission when its journal has so many entries of what it is doing.
+fn killed_after(scenario: &[&str], world: &Path, doing: &str, times: usize) {
+    let mut child =
+        run(scenario, world).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let begun = Instant::now();
     loop {
         let noted = std::fs::read_to_string(journal(world)).unwrap_or_default();
-        if noted.matches("\"turning\"").count() >= turns {
+        if noted.matches(&format!("\"{doing}\"")).count() >= times {
             break;
         }
         assert!(child.try_wait().unwrap().is_none(), "the mission was over before it was killed");
@@ -38,12 +42,17 @@ fn killed_after(world: &Path, turns: usize) {
     child.wait().unwrap();
 }
 
-fn resumed(world: &Path) -> serde_json::Value {
-    let out = run(world).arg("--resume").output().unwrap();
+fn resumed(scenario: &[&str], world: &Path) -> serde_json::Value {
+    let out = run(scenario, world).arg("--resume").output().unwrap();
     let printed = String::from_utf8(out.stdout).unwrap();
     let told = String::from_utf8_lossy(&out.stderr);
     assert!(out.status.success(), "{told}\n{printed}");
     serde_json::from_str(printed.lines().last().unwrap()).unwrap()
+}
+
+/// What a plant has kept.
+fn kept(world: &Path) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(world).unwrap()).unwrap()
 }
 
 fn place(name: &str) -> PathBuf {
@@ -53,25 +62,57 @@ fn place(name: &str) -> PathBuf {
 #[test]
 fn a_mission_killed_amid_its_turns_is_resumed_to_a_solved_cube() {
     let world = place("killed");
-    killed_after(&world, 5);
+    let scenario = ["scenarios/solve.toml"];
+    killed_after(&scenario, &world, "turning", 5);
 
     // Behind everybody's back a layer that nobody holds askew is turned by a quarter.
-    let mut state: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(&world).unwrap()).unwrap();
+    let mut state = kept(&world);
     let turning = state["split"]["axis"].as_u64();
     let axis = (0..3).find(|&axis| Some(axis) != turning).unwrap() as usize;
     let angle = state["angles"][axis][1].as_f64().unwrap();
     state["angles"][axis][1] = (angle + std::f64::consts::FRAC_PI_2).into();
     std::fs::write(&world, serde_json::to_vec(&state).unwrap()).unwrap();
 
-    let summary = resumed(&world);
+    let summary = resumed(&scenario, &world);
 
     assert_eq!(summary["outcome"], "solved", "{summary}");
     // What it turned was planned after looking: what it saw is what the plant had.
     assert_eq!(summary["cube_start"], summary["identified"], "{summary}");
     // And now there is nothing left to do.
-    let again = resumed(&world);
+    let again = resumed(&scenario, &world);
     assert_eq!((&again["outcome"], &again["turns"]), (&"solved".into(), &0.into()), "{again}");
+    for file in [&world, &journal(&world)] {
+        std::fs::remove_file(file).unwrap();
+    }
+}
+
+#[test]
+fn a_mission_killed_while_it_lays_the_cube_down_lifts_it_and_lays_it_down_solved() {
+    let world = place("lowered");
+    let after_r = "UUFUUFUUFRRRRRRRRRFFDFFDFFDDDBDDBDDBLLLLLLLLLUBBUBBUBB";
+    let scenario = ["scenarios/table.toml", "--cube", after_r];
+    // It takes a twentieth of a second, and this process may be kept from running for longer.
+    let lowering = (0..5).any(|_| {
+        killed_after(&scenario, &world, "laying it down", 1);
+        let state = kept(&world);
+        let held = state["state"] == "Held" && state["grasps"][0]["attached"] == true;
+        if !held {
+            std::fs::remove_file(journal(&world)).unwrap();
+            std::fs::remove_file(&world).unwrap();
+        }
+        held
+    });
+    assert!(lowering, "it was never killed in time");
+
+    let summary = resumed(&scenario, &world);
+
+    assert_eq!(summary["outcome"], "solved", "{summary}");
+    assert_eq!(summary["reason"], "the cube is as wanted and on the table");
+    let solved = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
+    assert_eq!((&summary["cube_end"], &summary["turns"]), (&solved.into(), &0.into()), "{summary}");
+    for count in ["drops", "slips", "collisions"] {
+        assert_eq!(summary[count], 0, "{count}: {summary}");
+    }
     for file in [&world, &journal(&world)] {
         std::fs::remove_file(file).unwrap();
     }

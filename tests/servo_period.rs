@@ -2,17 +2,18 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use rubik_robot::hw::port::Port;
 use rubik_robot::motion::{
     ArmFault, ArmState, Depth, Direction, Frame, JawCommand, Motion, MotorPositions, MoveCommand,
     MoveRefused, PERIOD,
 };
-use rubik_robot::servo::io::{ArmDrive, ArmReading};
+use rubik_robot::servo::io::{ArmDrive, ArmReading, Outside};
 use rubik_robot::servo::{ArmServo, ForceSettings, ServoCommand, ServoConfig};
 use rubik_robot::spatial::{Pose, Wrench};
 use std::f64::consts::TAU;
 
 mod servo_rig;
-use servo_rig::{START, config, first_reading};
+use servo_rig::{Motors, START, config, first_reading};
 
 const COMPLIANT: Direction = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
 
@@ -472,6 +473,53 @@ fn faults_switch_the_drives_off_until_reset() {
         assert!(arm.drive.enabled);
         let (d, _) = apart(&again.desired_base_from_tool, &again.base_from_tool);
         assert!(d < 1e-12, "set values are what is measured");
+    }
+}
+
+/// A motor that is brought to 240 rad/s and back, with so many periods missed on the way: its last drive holds meanwhile.
+/// Then it may be blocked. The servo's fault, and how many periods after that.
+fn with_missed_periods(missed: u64, blocked: bool) -> Option<(ArmFault, u64)> {
+    let (mut motors, mut drive) = (Motors::new(1), ArmDrive::OFF);
+    let mut readings = [ArmReading::default()];
+    motors.exchange(0, &[drive], &mut readings).unwrap();
+    let mut servo = ArmServo::new(config(), &readings[0]);
+    let speeds = (1..=24).chain([24; 50]).chain((1..=24).rev()).map(|tens| 10.0 * f64::from(tens));
+    let mut period = 0;
+    for (macrostep, speed) in speeds.enumerate() {
+        let mut by = MotorPositions::default();
+        by.0[0] = 10.0 * PERIOD * speed;
+        let mut command = Some(go(Motion::MotorsBy(by), 10));
+        for step in 0..10 {
+            period += 1;
+            if (macrostep, step) == (30, 5) {
+                for _ in 0..missed {
+                    motors.exchange(period, &[drive], &mut readings).unwrap();
+                }
+                servo.heed(period, &Outside { skipped: missed, ..Outside::default() });
+            }
+            drive = servo.step(period, &readings[0], command.take().as_ref()).0;
+            if let Some(fault) = servo.fault() {
+                return Some((fault, 10 * macrostep as u64 + step - 310));
+            }
+            let counts = readings[0].counts;
+            motors.exchange(period, &[drive], &mut readings).unwrap();
+            // Against a stop that gives way by less than the motor wants.
+            if blocked && macrostep >= 31 {
+                readings[0].counts[0] = counts[0] + i64::from(step % 2 == 0);
+            }
+        }
+    }
+    None
+}
+
+#[test]
+fn what_a_motor_went_in_missed_periods_is_no_following_error() {
+    for missed in [0, 1, 5, 12, 19] {
+        assert_eq!(with_missed_periods(missed, false), None, "{missed} missed");
+        let fault = with_missed_periods(missed, true);
+        let found =
+            matches!(fault, Some((ArmFault::Following { axis: 0, .. }, periods)) if periods < 40);
+        assert!(found, "{missed}: {fault:?}");
     }
 }
 

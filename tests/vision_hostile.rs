@@ -332,7 +332,7 @@ fn chessboards_and_noise_end_in_time() {
 
 #[test]
 fn the_papers_stages_of_a_large_picture_are_bounded() {
-    // Before the picture: it is no other test's memory.
+    // Before the picture: one of this size at a time.
     let _alone = memory::alone();
     let (width, height) = (8000usize, 6000usize);
     let mut state = 1u64;

@@ -46,10 +46,8 @@ pub struct Latest {
 pub struct ArmLatest {
     /// Its state.
     pub state: ArmState,
-    /// Largest norms of force and torque since the last look.
-    pub peak: (f64, f64),
-    /// Largest distance of the tool from its set place since the last look.
-    pub following: f64,
+    /// What it came to since the last look.
+    pub peaks: Peaks,
 }
 
 /// The largest values of an effector over some periods.
@@ -66,11 +64,19 @@ pub struct Peaks {
 impl Peaks {
     /// Takes a period in.
     pub fn take(&mut self, state: &ArmState) {
-        self.force = self.force.max(state.wrench_in_tool.force.norm());
-        self.torque = self.torque.max(state.wrench_in_tool.torque.norm());
         let (set, is) = (&state.desired_base_from_tool, &state.base_from_tool);
-        let off = (set.translation.vector - is.translation.vector).norm();
-        self.following = self.following.max(off);
+        self.merge(&Self {
+            force: state.wrench_in_tool.force.norm(),
+            torque: state.wrench_in_tool.torque.norm(),
+            following: (set.translation.vector - is.translation.vector).norm(),
+        });
+    }
+
+    /// Takes other periods' in.
+    pub fn merge(&mut self, other: &Self) {
+        self.force = self.force.max(other.force);
+        self.torque = self.torque.max(other.torque);
+        self.following = self.following.max(other.following);
     }
 }
 
@@ -105,9 +111,7 @@ impl Board {
     /// What an effector came to beside the states that are shown.
     pub fn peaked(&self, arm: usize, peaks: &Peaks) {
         if let Some(arm) = self.latest().arms.get_mut(arm) {
-            arm.peak.0 = arm.peak.0.max(peaks.force);
-            arm.peak.1 = arm.peak.1.max(peaks.torque);
-            arm.following = arm.following.max(peaks.following);
+            arm.peaks.merge(peaks);
         }
     }
 
@@ -132,9 +136,7 @@ impl Board {
             latest.arms.resize(index + 1, ArmLatest::default());
         }
         let arm = &mut latest.arms[index];
-        let mut peaks = Peaks { force: arm.peak.0, torque: arm.peak.1, following: arm.following };
-        peaks.take(state);
-        (arm.peak, arm.following) = ((peaks.force, peaks.torque), peaks.following);
+        arm.peaks.take(state);
         arm.state = *state;
     }
 }

@@ -7,7 +7,7 @@ use crate::cube::{Axis, Face, Keeper};
 use crate::generators::{Compliance, position::Speeds, visual_servo};
 use crate::hw::driver::WallOptions;
 use crate::motion::{AXES, Depth};
-use crate::reach::{Meeting, MeetingTable, ReachSettings};
+use crate::reach::{Fold, Meeting, MeetingTable, ReachSettings};
 use crate::scenario::{ControllerConfig, Scenario, keys};
 use crate::solver::korf;
 use crate::solver::table::TableSpec;
@@ -82,6 +82,7 @@ pub(super) fn cube_settings(
     let keeper = config.cell.keeper;
     Some(CubeSettings {
         arms: [arm_belief(&config.cell, 0)?, arm_belief(&config.cell, 1)?],
+        fold: Fold::of(arm),
         meetings,
         edge: config.cell.cube.edge,
         grip: c.grip,
@@ -215,7 +216,7 @@ pub(super) fn wall(scenario: &Scenario, options: RunOptions) -> WallOptions {
         spin: (keys.spin * 1e9).round() as u64,
         priority: keys.priority,
         core: keys.core.map(|core| core as usize),
-        missed_limit: u64::from(keys.missed_limit),
+        missed_limit: scenario.missed_limit(),
         require_real_time: options.require_real_time,
     }
 }

@@ -259,8 +259,8 @@ impl Edp {
                 Synchronisation::Yes => return Ok(state),
                 Synchronisation::Under { .. } => {}
                 Synchronisation::No => {
-                    let cause = NonFatal::Refused(MoveRefused::BrokenOff);
-                    let actor = self.name.clone();
+                    let why = state.refused.unwrap_or(MoveRefused::BrokenOff);
+                    let (actor, cause) = (self.name.clone(), NonFatal::Refused(why));
                     return Err(Error::NonFatal { actor, place: "synchronise", cause });
                 }
             }

@@ -5,7 +5,7 @@
 use super::supervisor::{Plan, not_created};
 use crate::cube::Facelets;
 use crate::error::{Error, Fatal};
-use crate::hw::devices::{CameraDevice, Devices};
+use crate::hw::devices::{self, CameraDevice, Devices};
 use crate::hw::driver::RealTime;
 use crate::hw::emulator::{CameraServer, Course, EmulatedArm, Emulator, EmulatorOptions};
 use crate::hw::plant::render::PlantCamera;
@@ -33,6 +33,8 @@ pub struct Emulated {
     pub end: Facelets,
     /// What happened.
     pub verdict: Verdict,
+    /// The same in its order: time [s], whether it is an accident, and in words.
+    pub told: Vec<(f64, bool, String)>,
     /// How it went.
     pub course: Course,
     /// Its time [s].
@@ -123,13 +125,14 @@ fn may_be_replaced(path: &Path) -> Result<(), String> {
     if there.uid() != rustix::process::geteuid().as_raw() {
         return Err("another user's file, and not replaced".to_owned());
     }
-    let text = std::fs::read_to_string(path).map_err(|e| e.to_string())?;
+    let (file, text) = devices::read(path).map_err(|e| e.to_string())?;
     if !text.lines().any(|line| line == "emulated = true") {
         return Err(
             "no emulator's file, and not replaced; name another one by --devices".to_owned()
         );
     }
-    if Devices::load(path).is_ok_and(|devices| devices.emulated) {
+    // Whatever else stands there: it may be of another build.
+    if devices::is_held(&file).map_err(|e| e.to_string())? {
         return Err(
             "another emulator is running behind it; name another file by --devices".to_owned()
         );
@@ -200,11 +203,14 @@ pub fn emulate(
             last: None,
         })?;
     let plant = emulator.world();
+    let verdict = plant.verdict();
+    let names: Vec<&str> = arms.iter().map(|arm| arm.name.as_str()).collect();
     Ok(Emulated {
         task: scenario.controller.task,
         start,
         end: facelets(plant)?,
-        verdict: plant.verdict(),
+        told: verdict.told(&names, PERIOD).collect(),
+        verdict,
         course,
         time: course.periods as f64 * PERIOD,
     })
@@ -213,27 +219,7 @@ pub fn emulate(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A folder of its own.
-    struct Folder(PathBuf);
-
-    impl Folder {
-        fn new(name: &str) -> Self {
-            let path = std::env::temp_dir().join(format!("rubik-{name}-{}", std::process::id()));
-            std::fs::create_dir_all(&path).unwrap();
-            Self(path)
-        }
-
-        fn devices(&self) -> PathBuf {
-            self.0.join("devices.toml")
-        }
-    }
-
-    impl Drop for Folder {
-        fn drop(&mut self) {
-            let _ = std::fs::remove_dir_all(&self.0);
-        }
-    }
+    use crate::tables::testing::Folder;
 
     fn emulated() -> Devices {
         Devices { emulated: true, ..Devices::default() }
@@ -241,8 +227,8 @@ mod tests {
 
     #[test]
     fn a_file_holds_while_its_emulator_lives_and_no_longer() {
-        let folder = Folder::new("lives");
-        let path = folder.devices();
+        let folder = Folder::new("emulate-lives");
+        let path = folder.0.join("devices.toml");
 
         let file = DeviceFile::write(&path, &emulated()).unwrap();
         assert_eq!(Devices::load(&path), Ok(emulated()));
@@ -260,9 +246,21 @@ mod tests {
     }
 
     #[test]
+    fn a_running_emulators_file_is_not_replaced_though_it_says_what_nobody_here_knows() {
+        let folder = Folder::new("emulate-build");
+        let path = folder.0.join("devices.toml");
+        let file = locked(&path, "emulated = true\nof_a_later_build = 1\n").unwrap();
+
+        let told = DeviceFile::write(&path, &emulated()).err().unwrap_or_default();
+        assert!(told.contains("another emulator is running"), "{told}");
+        drop(file);
+        assert!(DeviceFile::write(&path, &emulated()).is_ok());
+    }
+
+    #[test]
     fn nothing_is_written_through_a_link_nor_over_a_robots_file_nor_taken_from_a_successor() {
-        let folder = Folder::new("link");
-        let (path, other) = (folder.devices(), folder.0.join("other"));
+        let folder = Folder::new("emulate-link");
+        let (path, other) = (folder.0.join("devices.toml"), folder.0.join("other"));
         std::fs::write(&other, "other").unwrap();
         std::os::unix::fs::symlink(&other, &path).unwrap();
 

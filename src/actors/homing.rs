@@ -38,7 +38,10 @@ pub(super) async fn homed(
     clock.hold(false);
     match done {
         Ok(_) => Ok(true),
-        Err(Error::NonFatal { cause: NonFatal::Refused(MoveRefused::BrokenOff), .. }) => Ok(false),
+        Err(Error::NonFatal {
+            cause: NonFatal::Refused(MoveRefused::BrokenOff | MoveRefused::HeldBack),
+            ..
+        }) => Ok(false),
         Err(error) => Err(error),
     }
 }

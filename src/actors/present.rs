@@ -11,7 +11,7 @@ use crate::motion::{JointPositions, PERIOD, Synchronisation};
 use crate::operator::{
     ActorView, ArmStage, ArmView, CameraStage, CameraView, Class, Command, ControlView, CubeView,
     HandView, LayerTurn, Limits, Mark, Message, OutcomeView, Services, ServoTiming, Snapshot,
-    Stage, State, arm_frames, arm_solids, remedy,
+    Stage, State, arm_frames, arm_solids, joints_of, remedy,
 };
 use crate::scenario::Scenario;
 use crate::scenario::keys::Pace;
@@ -164,10 +164,11 @@ impl Presenter {
             self.calibrated(*cell, behind);
         }
         let new = self.take_pictures(&mut latest);
-        let arms: Vec<ArmLatest> = latest.arms.clone();
-        for arm in &mut latest.arms {
-            (arm.peak, arm.following) = ((0.0, 0.0), 0.0);
-        }
+        let look = |arm: &mut ArmLatest| ArmLatest {
+            state: arm.state,
+            peaks: std::mem::take(&mut arm.peaks),
+        };
+        let arms: Vec<ArmLatest> = latest.arms.iter_mut().map(look).collect();
         let servo = latest.punctual.as_ref().map(|(switches, period)| {
             let (late, work, missed) = switches.punctual.take();
             ServoTiming {
@@ -280,7 +281,7 @@ impl Presenter {
     fn arms(&self, arms: &[ArmLatest], picture: Option<&Picture>) -> Vec<ArmView> {
         let believed = |i: usize| picture.and_then(|p| p.world_from_base.get(i).copied().flatten());
         let view = |(i, arm): (usize, &crate::cell::Arm)| {
-            let ArmLatest { state, peak, following } = arms.get(i).copied().unwrap_or_default();
+            let ArmLatest { state, peaks } = arms.get(i).copied().unwrap_or_default();
             let synchronised = state.synchronisation == Synchronisation::Yes && i < arms.len();
             let joints = if i < arms.len() { state.joints } else { arm.start };
             ArmView {
@@ -291,8 +292,8 @@ impl Presenter {
                 opening: state.jaw_opening,
                 grip: state.jaw_force,
                 wrench: state.wrench_in_tool.directions(),
-                peak,
-                following,
+                peak: (peaks.force, peaks.torque),
+                following: peaks.following,
                 synchronised,
                 fault: state.fault.map(|fault| fault.to_string()),
                 remedy: state.fault.map(|fault| remedy(&fault).to_owned()),
@@ -326,7 +327,7 @@ impl Presenter {
                 ..CubeView::default()
             };
         };
-        let tool = |arm: usize| arms.get(arm).and_then(|a| a.frames.get(6)).copied();
+        let tool = |arm: usize| Some(joints_of(&arms.get(arm)?.frames)?.tool);
         let held: Vec<usize> =
             (0..2).filter(|&i| picture.tool_from_cube[i].is_some() && tool(i).is_some()).collect();
         // The body is with whoever does not turn a layer.
@@ -582,6 +583,7 @@ fn stage(scenario: &Scenario) -> Stage {
 
 #[cfg(test)]
 mod tests {
+    use super::super::board::Peaks;
     use super::*;
     use crate::motion::ArmState;
     use crate::scenario::Override;
@@ -613,7 +615,8 @@ mod tests {
             .cell
             .arms
             .iter()
-            .map(|arm| arm_frames(arm, &arm.world_from_base, &arm.start)[6])
+            .map(|arm| arm_frames(arm, &arm.world_from_base, &arm.start))
+            .map(|frames| joints_of(&frames).unwrap().tool)
             .collect();
         let world_from_cube = frames[1] * tool_from_cube;
         // As the track's tool stands now, less 0.3 rad.
@@ -684,7 +687,7 @@ mod tests {
         let (mut presenter, _, board) = presenter();
         stand(&board, &presenter);
         let (_, behind) = crate::desk::desk();
-        board.latest().arms[0].peak = (12.0, 1.5);
+        board.latest().arms[0].peaks = Peaks { force: 12.0, torque: 1.5, following: 0.0 };
 
         presenter.publish(&behind, Control::Running, 0.0);
         assert_eq!(behind.snapshots.borrow().arms[0].peak, (12.0, 1.5));

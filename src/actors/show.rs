@@ -86,8 +86,7 @@ impl Show {
         calibration::apply(&label, &mut show.scenario.controller.cell);
         let summary: Option<Summary> = serde_json::from_str(label.of("summary", "json")).ok();
         let flaw = reading.end().and_then(End::flaw);
-        let flaw =
-            flaw.map(|(how, why)| format!("the recording is {how} after {:.1} s: {why}", show.end));
+        let flaw = flaw.map(|flaw| format!("the recording is {}", flaw.after(show.end)));
         show.outcome = match (summary, flaw) {
             (Some(summary), flaw) => {
                 let told = flaw.map(|text| What::Message(Class::Warning, "ui".to_owned(), text));
@@ -327,7 +326,7 @@ impl<'a> Stand<'a> {
     fn skip(&mut self, time: f64) {
         self.events(time);
         for arm in &mut self.board.latest().arms {
-            (arm.peak, arm.following) = ((0.0, 0.0), 0.0);
+            std::mem::take(&mut arm.peaks);
         }
     }
 

@@ -37,7 +37,7 @@ use crate::record::calibration;
 use crate::record::journal::Journal;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Entry, Recorder};
-use crate::record::summary::{EndedBy, Outcome, Phase, SensorPeak, Summary};
+use crate::record::summary::{Accident, EndedBy, Outcome, Phase, SensorPeak, Summary};
 use crate::record::tape::Tape;
 use crate::scenario::keys::{self, Pace};
 use crate::scenario::lists::VspKind;
@@ -617,7 +617,7 @@ async fn perform(
         let (will, pressed) = (outer.subscribe(), Arc::clone(&switches.emergency));
         words = recording::follow(will, pressed, words, clock.clone(), recorder.clone());
     }
-    let limit = u64::from(scenario.real_time.missed_limit);
+    let limit = scenario.missed_limit();
     let synchronised: Vec<bool>;
     let driver = match scenario.pace {
         Pace::Virtual => {
@@ -1073,10 +1073,19 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
         pops: counts.map(|c| c.pops),
         crushed: counts.map(|c| c.crushed),
         collisions: counts.map(|c| c.collisions),
+        accidents: verdict.map(|v| accidents(v, scenario)),
         turned_deg,
         phases,
         hash: done.hash.clone(),
     }
+}
+
+fn accidents(verdict: &Verdict, scenario: &Scenario) -> Vec<Accident> {
+    let arms = &scenario.controller.cell.arms;
+    let names: Vec<&str> = arms.iter().map(|arm| arm.name.as_str()).collect();
+    let period = Length::of_seconds(scenario.real_time.period).seconds();
+    let told = verdict.told(&names, period).filter(|(_, is_accident, _)| *is_accident);
+    told.map(|(time_s, _, what)| Accident { time_s, what }).collect()
 }
 
 /// The verdict: what was asked must be so in the plant, whatever the controller believes. Of hardware there is only

@@ -17,13 +17,14 @@ use crate::kinematics::ArmModel;
 use crate::motion::{ArmState, JointPositions, Motion, MoveCommand, MoveRefused, PERIOD};
 use crate::scenario::Scenario;
 use crate::scenario::keys::Pace;
-use crate::servo::weigh::{Sample, Weighed, weigh};
+use crate::servo::weigh::{Mean, Sample, Weighed, weigh};
 use crate::servo::{ArmServo, ServoCommand, ServoConfig};
-use crate::spatial::Wrench;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::watch;
 
+/// Time in which an arm comes to a stand after missed periods, and has its fault [s].
+const BRAKES: f64 = 0.5;
 /// Mean speed of the fastest joint [rad/s].
 const SPEED: f64 = 0.3;
 /// Periods of a step on the way.
@@ -80,7 +81,8 @@ pub fn weigh_tool(
         signal_hook::flag::register(signal, Arc::clone(&interrupted))
             .map_err(|e| not_created("interrupt", &e.to_string()))?;
     }
-    let mut scale = Scale::new(configs, world, scenario.pace, interrupted)?;
+    let timing = (scenario.pace, scenario.missed_limit());
+    let mut scale = Scale::new(configs, world, timing, interrupted)?;
     scale.synchronise(arm)?;
     let model = &config.cell.arms[arm].model;
     let start = scale.state(arm).joints;
@@ -119,6 +121,8 @@ struct Scale {
     period: u64,
     /// When the next period begins, by the wall clock.
     next: Option<u64>,
+    /// Periods missed in a row that stop the arms.
+    missed_limit: u64,
     /// A signal came: the arm stops, and the bridge switches its drives off where it goes.
     interrupted: Arc<AtomicBool>,
     _rights: Option<RealTime>,
@@ -128,7 +132,7 @@ impl Scale {
     fn new(
         configs: Vec<ServoConfig>,
         mut world: World,
-        pace: Pace,
+        (pace, missed_limit): (Pace, u64),
         interrupted: Arc<AtomicBool>,
     ) -> Result<Self, Error> {
         let (links, ends): (Vec<_>, Vec<_>) = configs.iter().map(|_| driver::link()).unzip();
@@ -138,7 +142,9 @@ impl Scale {
         let core = Core::new(configs, ends, switches, Box::new(NoRecords), &mut world)
             .map_err(|e| not_created("servo", &e.to_string()))?;
         let next = wall.then(|| Clock.now() + PERIOD_NANOS);
-        let mut this = Self { core, world, links, period: 0, next, interrupted, _rights: rights };
+        let period = 0;
+        let mut this =
+            Self { core, world, links, period, next, missed_limit, interrupted, _rights: rights };
         this.step()?;
         Ok(this)
     }
@@ -151,10 +157,12 @@ impl Scale {
         if let Some(next) = &mut self.next {
             Clock.wait_until(*next, 0);
             *next += PERIOD_NANOS;
-            let missed = Clock.now().saturating_sub(*next).div_ceil(PERIOD_NANOS);
+            let missed = driver::pass(next, PERIOD_NANOS, Clock.now());
             if missed > 0 {
-                *next += missed * PERIOD_NANOS;
                 self.core.skipped(missed);
+            }
+            if missed >= self.missed_limit {
+                self.core.stop(self.period, missed);
             }
         }
         if self.interrupted.load(Ordering::Acquire) {
@@ -167,7 +175,16 @@ impl Scale {
     }
 
     fn check(&mut self, arm: usize) -> Result<ArmState, Error> {
-        let state = self.state(arm);
+        let mut state = self.state(arm);
+        // After missed periods the arm is braked first, and then has its fault.
+        let mut left = (BRAKES / PERIOD) as u32;
+        while matches!(state.refused, Some(MoveRefused::Stopping { .. }))
+            && state.fault.is_none()
+            && left > 0
+        {
+            self.step()?;
+            (state, left) = (self.state(arm), left - 1);
+        }
         if let Some(fault) = state.fault {
             return Err(fatal(Fatal::Arm(fault)));
         }
@@ -224,31 +241,24 @@ impl Scale {
             self.step()?;
         }
         let count = (LISTENS / PERIOD) as u32;
-        let (mut sum, mut taken) = (Wrench::default(), 0);
-        // What is held from before, or no number, weighs nothing.
+        let mut mean = Mean::default();
         for _ in 0..PATIENCE * count {
             self.step()?;
-            let reading = &self.core.readings()[arm];
-            let wrench = reading.wrench_on_sensor;
-            let numbers = wrench.force.iter().chain(wrench.torque.iter()).all(|c| c.is_finite());
-            if numbers && !reading.wrench_is_old {
-                (sum, taken) = (sum + wrench, taken + 1);
-            }
-            if taken == count {
+            mean.add(&self.core.readings()[arm]);
+            if mean.taken() == count {
                 break;
             }
         }
-        if taken < count {
-            let of = PATIENCE * count;
+        if mean.taken() < count {
+            let (taken, of) = (mean.taken(), PATIENCE * count);
             let silent = format!("the force sensor gave {taken} readings in {of} periods");
             let cause = NonFatal::NoReading(silent);
             return Err(Error::NonFatal { actor: "weigh".into(), place: "listen", cause });
         }
         let joints = self.check(arm)?.joints;
-        let share = 1.0 / f64::from(count);
         Ok(Sample {
             base_from_flange: model.base_from_flange(&joints).rotation,
-            wrench_on_sensor: Wrench { force: share * sum.force, torque: share * sum.torque },
+            wrench_on_sensor: mean.wrench(),
         })
     }
 }

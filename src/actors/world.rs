@@ -9,7 +9,7 @@ use super::supervisor::not_created;
 use crate::cell::Cell;
 use crate::error::Error;
 use crate::hw::camera::{Frame, FrameSource, NoFrame};
-use crate::hw::devices::{Devices, NoDevice};
+use crate::hw::devices::{Devices, NAME_DEVICES, NoDevice};
 use crate::hw::emulator::Wired;
 use crate::hw::folder::FolderCamera;
 use crate::hw::note::{Note, Notes, notes};
@@ -197,10 +197,8 @@ impl World {
         let bridge = &scenario.bridge;
         let path = bridge.devices_at(&scenario.path);
         let failed = |why: NoDevice| not_created("bridge", &why.to_string());
-        let devices = Devices::load(&path).map_err(|why| {
-            let help = "start `rubik-robot emulate`, or name your devices there";
-            not_created("bridge", &format!("{why}; {help}"))
-        })?;
+        let devices = Devices::load(&path)
+            .map_err(|why| not_created("bridge", &format!("{why}; {NAME_DEVICES}")))?;
         let config = &scenario.controller;
         let cards = bridge.kind == BridgeKind::Isa;
         devices.check_grip(&config.cell.arms, config.control.grip, cards).map_err(failed)?;

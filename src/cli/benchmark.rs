@@ -86,9 +86,8 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
     if scenario.controller.task.word() != "solve" {
         return told("a benchmark wants a scenario of the task \"solve\"");
     }
-    let clearance = args.clearance_mm * 1e-3;
     let setup = setup(args, kind, &from, &scenario);
-    if let Some((name, _, near)) = setup.effectors.iter().find(|e| e.2 < clearance) {
+    if let Some((name, _, near)) = setup.effectors.iter().find(|e| e.2 < setup.clearance) {
         let (near, least) = (near * 1e3, args.clearance_mm);
         return told(&format!(
             "{name} stands {near:.0} mm from the cube's place at the start: less than {least} mm"
@@ -123,7 +122,7 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
     if args.json {
         let object = json!({
             "benchmark": kind.name(), "start": setup.start(),
-            "clearance_m": clearance, "within_s": args.within_s,
+            "clearance_m": setup.clearance, "within_s": args.within_s,
             "score": score.json(), "campaign": tally.json(),
         });
         output.line(&object.to_string())?;

@@ -4,19 +4,22 @@
 use super::output::Output;
 use super::{WRONG, complain};
 use crate::cell::Arm;
-use crate::hw::devices::{Devices, EffectorDevices, ask_ports};
+use crate::hw::devices::{
+    Devices, EffectorDevices, ForceDevice, NAME_DEVICES, NoDevice, ask_parallel, ask_ports,
+};
 use crate::hw::driver::{
     Clock, Core, NoRecords, RealTime, Switches, Timing, WallOptions, spawn_wall,
 };
 use crate::hw::port::{Port, PortFault};
-use crate::motion::AXES;
 use crate::scenario::keys::BridgeKind;
 use crate::scenario::{self, CameraSource, Scenario};
 use crate::servo::io::{ArmDrive, ArmReading};
 use clap::Args;
 use rustix::fs::{Access, access};
+use rustix::io::Errno;
 use serde_json::json;
 use std::fs;
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -28,7 +31,8 @@ Examples:
   rubik-robot doctor my.toml              and its priority, and the devices of its robot
   rubik-robot doctor --seconds 60         a longer probe
   rubik-robot doctor --json | tail -1
-Exit code 0 when every real-time right is granted, 1 when one is not. The probe never moves an arm.")]
+Exit code 0 when every real-time right is granted and nothing is found for which `run` would refuse the scenario's devices,
+1 when not, 2 when the scenario is wrong. No device is opened. The probe never moves an arm.")]
 pub(super) struct DoctorArgs {
     /// Scenario whose priority is asked for and whose devices are looked for
     scenario: Option<PathBuf>,
@@ -55,6 +59,8 @@ enum Weight {
     Good,
     /// A right that `--require-rt` wants is missing.
     Missing,
+    /// `run` refuses the scenario.
+    Refused,
     /// Costs punctuality, or is worth knowing.
     Note,
 }
@@ -64,6 +70,7 @@ impl Weight {
         match self {
             Self::Good => "ok",
             Self::Missing => "MISSING",
+            Self::Refused => "REFUSED",
             Self::Note => "note",
         }
     }
@@ -82,7 +89,7 @@ pub(super) fn run(args: &DoctorArgs, output: &mut Output) -> anyhow::Result<u8> 
     let priority =
         scenario.as_ref().map_or(WallOptions::default().priority, |s| s.real_time.priority);
     let findings = examine(scenario.as_ref(), priority);
-    let missing = findings.iter().any(|f| f.weight == Weight::Missing);
+    let (missing, refused) = (any(&findings, Weight::Missing), any(&findings, Weight::Refused));
     let seconds = args.seconds.clamp(0.1, 3600.0);
     if !args.json {
         for f in &findings {
@@ -104,7 +111,12 @@ pub(super) fn run(args: &DoctorArgs, output: &mut Output) -> anyhow::Result<u8> 
                 |f| json!({"name": f.name, "state": f.weight.word(), "fact": f.fact, "fix": f.fix}),
             )
             .collect();
-        let all = json!({"real_time": !missing, "findings": findings, "probes": probes});
+        let all = json!({
+            "real_time": !missing,
+            "refused": refused,
+            "findings": findings,
+            "probes": probes,
+        });
         output.line(&all.to_string())?;
     } else {
         for (name, timing) in &probes {
@@ -119,15 +131,26 @@ pub(super) fn run(args: &DoctorArgs, output: &mut Output) -> anyhow::Result<u8> 
             "\nEvery real-time right is granted."
         };
         output.line(last)?;
+        if refused {
+            output.line("`run` refuses this scenario for its devices.")?;
+        }
     }
-    Ok(u8::from(missing))
+    Ok(exit_code(&findings))
+}
+
+fn any(findings: &[Finding], weight: Weight) -> bool {
+    findings.iter().any(|finding| finding.weight == weight)
+}
+
+fn exit_code(findings: &[Finding]) -> u8 {
+    u8::from(any(findings, Weight::Missing) || any(findings, Weight::Refused))
 }
 
 fn examine(scenario: Option<&Scenario>, priority: i32) -> Vec<Finding> {
     let mut findings = rights(priority);
     findings.extend(kernel());
     findings.extend(devices());
-    findings.extend(scenario.and_then(robot));
+    findings.extend(scenario.into_iter().flat_map(robot));
     findings
 }
 
@@ -293,15 +316,15 @@ fn serial_lines(devices: &Path, classes: &Path) -> Vec<String> {
 }
 
 /// Whether a device may be opened. It is not: a line that is opened raises its DTR, which resets some controllers.
-fn may_open(device: &Path) -> Result<(), String> {
+fn may_open(device: &Path) -> Result<(), Errno> {
     access(device, Access::READ_OK | Access::WRITE_OK)
-        .map_err(|e| format!("{}: {e}", device.display()))
 }
 
 fn lines(devices: &Path, names: &[String]) -> Finding {
     let name = "serial lines";
-    let denied = names.iter().filter(|name| may_open(&devices.join(name)).is_err()).count();
-    match (names.len(), denied) {
+    let denied: Vec<Errno> =
+        names.iter().filter_map(|name| may_open(&devices.join(name)).err()).collect();
+    match (names.len(), denied.len()) {
         (0, _) => Finding {
             name,
             weight: Weight::Note,
@@ -314,11 +337,11 @@ fn lines(devices: &Path, names: &[String]) -> Finding {
             fact: format!("{all} to be opened: {}", names.join(" ")),
             fix: None,
         },
-        (all, denied) => Finding {
+        (all, count) => Finding {
             name,
             weight: Weight::Note,
-            fact: format!("{denied} of {all} may not be opened"),
-            fix: Some(trigger()),
+            fact: format!("{count} of {all} may not be opened"),
+            fix: denied.contains(&Errno::ACCESS).then(trigger),
         },
     }
 }
@@ -336,12 +359,10 @@ fn ports() -> Finding {
             name,
             weight: Weight::Note,
             fact: "this program was built without port instructions".to_owned(),
-            fix: Some(
-                "cargo build --release --features isa   (for bridge.kind = \"isa\")".to_owned(),
-            ),
+            fix: Some(raw_io()),
         };
     }
-    match asked(0) {
+    match asked(ask_ports, 0) {
         Ok(()) => Finding {
             name,
             weight: Weight::Good,
@@ -354,78 +375,146 @@ fn ports() -> Finding {
 
 /// Lets this program have ports.
 fn raw_io() -> String {
+    if !cfg!(feature = "isa") {
+        return "cargo build --release --features isa   (for bridge.kind = \"isa\")".to_owned();
+    }
     let program = std::env::current_exe().unwrap_or_default();
     format!("sudo setcap cap_sys_rawio+ep {}   (for bridge.kind = \"isa\")", program.display())
 }
 
-/// Asks for a card's ports in a thread that ends right away: the right belongs to a thread.
-fn asked(offset: u16) -> Result<(), String> {
-    std::thread::spawn(move || ask_ports(offset))
+/// Asks for ports in a thread that ends right away: the right belongs to a thread.
+fn asked(ask: fn(u16) -> Result<(), String>, ports: u16) -> Result<(), String> {
+    std::thread::spawn(move || ask(ports))
         .join()
         .unwrap_or_else(|_| Err("the thread that asked for ports panicked".to_owned()))
 }
 
-/// What a scenario's `bridge.devices` names; nothing where no hardware is behind its bridge.
-fn robot(scenario: &Scenario) -> Option<Finding> {
-    let kind = scenario.bridge.kind;
-    if !kind.is_hardware() {
-        return None;
-    }
-    let path = scenario.bridge.devices_at(&scenario.path);
-    let wrong = match Devices::load(&path) {
-        Ok(devices) => out_of_reach(scenario, &devices),
-        Err(why) => vec![why.to_string()],
-    };
-    let name = "bridge.devices";
-    Some(if wrong.is_empty() {
-        let fact = format!("{}: everything can be opened", path.display());
-        Finding { name, weight: Weight::Good, fact, fix: None }
-    } else {
-        let fix = if kind == BridgeKind::Isa { raw_io() } else { trigger() };
-        Finding { name, weight: Weight::Note, fact: wrong.join("; "), fix: Some(fix) }
-    })
+/// What `run` refuses, and the line that helps, if one does.
+#[derive(Debug, PartialEq, Eq)]
+struct Refusal {
+    fact: String,
+    fix: Option<String>,
 }
 
-/// What of a scenario's devices cannot be used.
-fn out_of_reach(scenario: &Scenario, devices: &Devices) -> Vec<String> {
-    let config = &scenario.controller;
-    let mut wrong = Vec::new();
-    for arm in &config.cell.arms {
-        match devices.of_effector(&arm.name) {
-            Ok(own) if scenario.bridge.kind == BridgeKind::Isa => wrong.extend(of_card(arm, own)),
-            Ok(own) => wrong.extend(of_lines(arm, own)),
-            Err(why) => wrong.push(why.to_string()),
+impl Refusal {
+    /// A device that may not be opened. Rights can be granted; what is not there no right brings.
+    fn of_device(device: &Path, errno: Errno) -> Self {
+        let fix = (errno == Errno::ACCESS).then(trigger);
+        Self { fact: format!("{}: {errno}", device.display()), fix }
+    }
+
+    fn of_ports(fact: String) -> Self {
+        Self { fact, fix: Some(raw_io()) }
+    }
+}
+
+/// What is wrong in the file says itself what is wanted there.
+impl From<NoDevice> for Refusal {
+    fn from(why: NoDevice) -> Self {
+        Self { fact: why.to_string(), fix: None }
+    }
+}
+
+/// What a scenario's `bridge.devices` names; nothing where no hardware is behind its bridge.
+fn robot(scenario: &Scenario) -> Vec<Finding> {
+    if !scenario.bridge.kind.is_hardware() {
+        return Vec::new();
+    }
+    let path = scenario.bridge.devices_at(&scenario.path);
+    let refusals = match Devices::load(&path) {
+        Ok(devices) => refusals(scenario, &devices),
+        Err(why) => vec![Refusal { fix: Some(NAME_DEVICES.to_owned()), ..why.into() }],
+    };
+    let name = "bridge.devices";
+    if refusals.is_empty() {
+        let fact = format!(
+            "{}: its values fit, and this user may open the devices that it names",
+            path.display()
+        );
+        return vec![Finding { name, weight: Weight::Good, fact, fix: None }];
+    }
+    // All that the same line helps against stands together.
+    let mut findings: Vec<Finding> = Vec::new();
+    for Refusal { fact, fix } in refusals {
+        match findings.iter_mut().find(|finding| finding.fix == fix) {
+            Some(same) => same.fact = format!("{}; {fact}", same.fact),
+            None => findings.push(Finding { name, weight: Weight::Refused, fact, fix }),
         }
+    }
+    findings
+}
+
+/// What a run would refuse of a scenario's devices: by its own rules, and without opening any.
+fn refusals(scenario: &Scenario, devices: &Devices) -> Vec<Refusal> {
+    let config = &scenario.controller;
+    let cards = scenario.bridge.kind == BridgeKind::Isa;
+    let mut refusals = Vec::new();
+    for arm in &config.cell.arms {
+        let own = match devices.of_effector(&arm.name) {
+            Ok(own) => own,
+            Err(why) => {
+                refusals.push(why.into());
+                continue;
+            }
+        };
+        refusals.extend(if cards { of_card(arm, own) } else { of_lines(arm, own) });
+        refusals.extend(of_sensor(own));
+        // Arm by arm: the first one's error would hide the next one's.
+        let grip = devices.check_grip(std::slice::from_ref(arm), config.control.grip, cards);
+        refusals.extend(grip.err().map(Refusal::from));
     }
     for (camera, source) in config.cell.cameras.iter().zip(&config.cameras) {
         if *source == CameraSource::Renderer {
-            let socket = devices.of_camera(&camera.name).map_err(|why| why.to_string());
-            wrong.extend(socket.and_then(|camera| may_open(&camera.socket)).err());
+            refusals.extend(of_camera(devices, &camera.name));
         }
     }
-    wrong
+    refusals
 }
 
-fn of_lines(arm: &Arm, devices: &EffectorDevices) -> Vec<String> {
-    let axes = usize::from(!arm.model.has_track)..=AXES;
-    axes.filter_map(|axis| match devices.axes.get(axis).map_or("", String::as_str) {
-        "" => Some(format!("effector \"{}\": axis {axis} has no line", arm.name)),
-        path => may_open(Path::new(path)).err(),
-    })
-    .chain(of_sensor(devices))
-    .collect()
+fn of_path(path: &str) -> Option<Refusal> {
+    let path = Path::new(path);
+    if let Err(errno) = may_open(path) {
+        return Some(Refusal::of_device(path, errno));
+    }
+    let is_device = fs::metadata(path).is_ok_and(|it| it.file_type().is_char_device());
+    (!is_device).then(|| Refusal { fact: format!("{}: no device", path.display()), fix: None })
 }
 
-fn of_card(arm: &Arm, devices: &EffectorDevices) -> Vec<String> {
-    let Some(card) = &devices.isa else {
-        return vec![format!("effector \"{}\": no card is named", arm.name)];
+fn of_lines(arm: &Arm, devices: &EffectorDevices) -> Vec<Refusal> {
+    let refusal = |path: Result<&str, NoDevice>| match path {
+        Ok(path) => of_path(path),
+        Err(why) => Some(why.into()),
     };
-    let uio = card.uio.as_ref().and_then(|uio| may_open(Path::new(uio)).err());
-    asked(card.offset).err().into_iter().chain(uio).chain(of_sensor(devices)).collect()
+    devices.paths(arm.model.has_track).filter_map(|(_, path)| refusal(path)).collect()
 }
 
-fn of_sensor(devices: &EffectorDevices) -> Option<String> {
-    may_open(Path::new(devices.force.strip_prefix("ft_controller:")?)).err()
+fn of_card(arm: &Arm, devices: &EffectorDevices) -> Vec<Refusal> {
+    let Some(card) = &devices.isa else {
+        return vec![NoDevice(format!("effector \"{}\": no card is named", arm.name)).into()];
+    };
+    let ports = asked(ask_ports, card.offset).err().map(Refusal::of_ports);
+    ports.into_iter().chain(card.uio.as_deref().and_then(of_path)).collect()
+}
+
+fn of_sensor(devices: &EffectorDevices) -> Vec<Refusal> {
+    match devices.force_device() {
+        Ok(ForceDevice::None | ForceDevice::NetFt(_)) => Vec::new(),
+        Ok(ForceDevice::Controller(path)) => {
+            let words = devices.ft_parallel.and_then(|base| asked(ask_parallel, base).err());
+            of_path(path).into_iter().chain(words.map(Refusal::of_ports)).collect()
+        }
+        Err(why) => vec![why.into()],
+    }
+}
+
+fn of_camera(devices: &Devices, name: &str) -> Option<Refusal> {
+    match devices.of_camera(name) {
+        // Whoever listens there made the socket, and alone grants rights to it: no rule of devices does.
+        Ok(camera) => may_open(&camera.socket)
+            .err()
+            .map(|errno| Refusal { fix: None, ..Refusal::of_device(&camera.socket, errno) }),
+        Err(why) => Some(why.into()),
+    }
 }
 
 /// FTDI adapters that keep answers back: by 16 ms as the driver has them at first.
@@ -497,30 +586,10 @@ fn describe(name: &str, timing: Option<&Timing>) -> serde_json::Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A folder of its own.
-    struct Folder(PathBuf);
-
-    impl Folder {
-        fn new(name: &str) -> Self {
-            let path = std::env::temp_dir().join(format!("rubik-{name}-{}", std::process::id()));
-            fs::create_dir_all(&path).unwrap();
-            Self(path)
-        }
-
-        fn write(&self, name: &str, text: &str) -> PathBuf {
-            let path = self.0.join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(&path, text).unwrap();
-            path
-        }
-    }
-
-    impl Drop for Folder {
-        fn drop(&mut self) {
-            let _ = fs::remove_dir_all(&self.0);
-        }
-    }
+    use crate::hw::devices::{CameraDevice, IsaDevice};
+    use crate::hw::emulator::pty::Pty;
+    use crate::motion::AXES;
+    use crate::tables::testing::Folder;
 
     fn of<'f>(findings: &'f [Finding], name: &str) -> &'f Finding {
         findings.iter().find(|f| f.name == name).unwrap()
@@ -608,32 +677,201 @@ mod tests {
         assert_eq!(lines(&devices, &names).fact, "1 of 2 may not be opened");
     }
 
+    const IDLE: &str = "task = \"idle\"\npace = \"real-time\"\ncamera = []\nvsp = []\n[bridge]\nkind = \"serial\"\n\
+                        devices = \"devices.toml\"\n[[effector]]\nname = \"postument\"\n";
+
+    /// A line by a name in a folder; the same one where it is asked for again.
+    fn line(folder: &Folder, name: &str) -> String {
+        let path = folder.0.join(name);
+        if !path.exists() {
+            let far = Pty::open().unwrap();
+            std::os::unix::fs::symlink(far.path(), &path).unwrap();
+            // It stays for as long as the test program.
+            std::mem::forget(far);
+        }
+        path.display().to_string()
+    }
+
+    /// An arm without a track whose lines are in a folder.
+    fn postument(folder: &Folder) -> EffectorDevices {
+        let line = |i: usize| line(folder, &format!("line{i}"));
+        let axes = std::iter::once(String::new()).chain((1..=AXES).map(line)).collect();
+        EffectorDevices { name: "postument".into(), axes, ..EffectorDevices::default() }
+    }
+
+    /// What is found of the robot of a scenario with this text, in a folder with its file of devices: how grave, what,
+    /// and what helps.
+    fn look(folder: &Folder, text: &str) -> Vec<(Weight, String, Option<String>)> {
+        let found = robot(&scenario::read(&folder.0.join("t.toml"), text, &[]).unwrap());
+        found.into_iter().map(|f| (f.weight, f.fact, f.fix)).collect()
+    }
+
+    /// The one thing that is found there.
+    fn one(folder: &Folder, text: &str) -> (Weight, String, Option<String>) {
+        let [one] = <[_; 1]>::try_from(look(folder, text)).unwrap();
+        one
+    }
+
+    /// The one thing that is found of these devices.
+    fn look_at(folder: &Folder, text: &str, devices: &Devices) -> (Weight, String, Option<String>) {
+        folder.write("devices.toml", &devices.text().unwrap());
+        one(folder, text)
+    }
+
+    fn with(effector: EffectorDevices) -> Devices {
+        Devices { effector: vec![effector], ..Devices::default() }
+    }
+
     #[test]
     fn the_devices_of_a_scenarios_robot_are_looked_for() {
         let folder = Folder::new("doctor-robot");
-        let mut axes = vec![String::new()];
-        axes.extend(
-            (1..=AXES).map(|i| folder.write(&format!("line{i}"), "").display().to_string()),
-        );
-        let own = EffectorDevices { name: "postument".into(), axes, ..EffectorDevices::default() };
-        let devices = Devices { effector: vec![own], ..Devices::default() };
-        folder.write("devices.toml", &devices.text().unwrap());
-        let text = "task = \"idle\"\npace = \"real-time\"\ncamera = []\nvsp = []\n[bridge]\nkind = \"serial\"\n\
-                    devices = \"devices.toml\"\n[[effector]]\nname = \"postument\"\n";
-        let look = |text: &str| {
-            robot(&scenario::read(&folder.0.join("t.toml"), text, &[]).unwrap())
-                .map(|found| (found.weight, found.fact))
+
+        let (weight, fact, fix) = look_at(&folder, IDLE, &with(postument(&folder)));
+        assert!(weight == Weight::Good && fact.contains("devices.toml"), "{fact}");
+        assert_eq!(fix, None);
+        fs::remove_file(folder.0.join("line3")).unwrap();
+        let (weight, fact, fix) = one(&folder, IDLE);
+        assert!(weight == Weight::Refused && fact.contains("line3: No such file"), "{fact}");
+        assert!(!fact.contains("line2"), "{fact}");
+        assert_eq!(fix, None, "no right brings a line that is not there");
+        folder.write("line3", "");
+        let (weight, fact, fix) = one(&folder, IDLE);
+        assert!(weight == Weight::Refused && fact.contains("line3: no device"), "{fact}");
+        assert_eq!(fix, None);
+        let (weight, fact, fix) = one(&folder, &IDLE.replace("devices.toml", "nosuch.toml"));
+        assert!(weight == Weight::Refused && fact.contains("nosuch.toml: No such file"), "{fact}");
+        assert_eq!(fix.as_deref(), Some(NAME_DEVICES));
+        assert!(look(&folder, &IDLE.replace("serial", "plant")).is_empty());
+    }
+
+    #[test]
+    fn what_helps_is_told_where_it_helps() {
+        let folder = Folder::new("doctor-advice");
+        let mut twice = postument(&folder);
+        twice.axes[4] = twice.axes[3].clone();
+        let ended = Devices { emulated: true, ..with(postument(&folder)) };
+
+        for devices in [with(twice), ended] {
+            let (weight, fact, fix) = look_at(&folder, IDLE, &devices);
+            assert_eq!((weight, fix.as_deref()), (Weight::Refused, Some(NAME_DEVICES)), "{fact}");
+        }
+        let line = Path::new("/dev/ttyUSB0");
+        let fix = |errno| Refusal::of_device(line, errno).fix;
+        assert!(fix(Errno::ACCESS).is_some_and(|fix| fix.contains("usermod")));
+        assert_eq!([fix(Errno::NOENT), fix(Errno::IO)], [None, None]);
+        let wanted = if cfg!(feature = "isa") { "setcap" } else { "cargo build" };
+        assert!(raw_io().contains(wanted) && ports().fix.is_none_or(|fix| fix == raw_io()));
+    }
+
+    #[test]
+    fn who_names_a_scenario_learns_by_the_exit_code_that_it_cannot_run() {
+        let found = |weight| Finding { name: "", weight, fact: String::new(), fix: None };
+        let code = |weights: &[Weight]| {
+            exit_code(&weights.iter().map(|weight| found(*weight)).collect::<Vec<_>>())
         };
 
-        let (weight, fact) = look(text).unwrap();
-        assert!(weight == Weight::Good && fact.contains("devices.toml"), "{fact}");
-        fs::remove_file(folder.0.join("line3")).unwrap();
-        let (weight, fact) = look(text).unwrap();
-        assert!(weight == Weight::Note && fact.contains("line3: No such file"), "{fact}");
-        assert!(!fact.contains("line2"), "{fact}");
-        let (_, fact) = look(&text.replace("devices.toml", "nosuch.toml")).unwrap();
-        assert!(fact.contains("nosuch.toml: No such file"), "{fact}");
-        assert_eq!(look(&text.replace("serial", "plant")), None);
+        assert_eq!(code(&[Weight::Good, Weight::Note]), 0);
+        assert_eq!(code(&[Weight::Missing, Weight::Good]), 1);
+        assert_eq!(code(&[Weight::Good, Weight::Refused]), 1);
+    }
+
+    #[test]
+    fn values_that_a_run_refuses_are_told() {
+        let folder = Folder::new("doctor-values");
+        let track = IDLE.replace("postument", "track");
+        let there = format!("ft_controller:{}", line(&folder, "sensor"));
+        let nowhere = there.replace("sensor", "nosensor");
+        let sensor = |force: &str| EffectorDevices { force: force.into(), ..postument(&folder) };
+        let currents = |axis: usize, amperes: f64| {
+            let mut max_currents = vec![1.0; AXES + 1];
+            max_currents[axis] = amperes;
+            EffectorDevices { max_currents, ..postument(&folder) }
+        };
+        let of_track = |devices: EffectorDevices| {
+            let mut axes = devices.axes.clone();
+            axes[0] = line(&folder, "line0");
+            EffectorDevices { name: "track".into(), axes, ..devices }
+        };
+        let mut without = postument(&folder);
+        without.axes[2].clear();
+
+        for (text, devices, wanted) in [
+            (IDLE, sensor("bogus"), "wanted net_ft:ADDRESS:PORT"),
+            (IDLE, sensor("net_ft:somewhere"), "wanted an address and a port"),
+            (IDLE, sensor(&nowhere), "nosensor: No such file"),
+            (IDLE, currents(AXES, 0.01), "a grip of 40 N takes"),
+            (track.as_str(), of_track(currents(0, 0.0)), "the track does not move with 0 A"),
+            (IDLE, without, "axis 2 has no line"),
+            (IDLE, of_track(postument(&folder)), "no [[effector]] \"postument\""),
+        ] {
+            let (weight, fact, fix) = look_at(&folder, text, &with(devices));
+            assert!(weight == Weight::Refused && fact.contains(wanted), "{wanted}: {fact}");
+            assert_eq!(fix, None, "{wanted}");
+        }
+        for (text, devices) in [
+            (IDLE, sensor("net_ft:127.0.0.1:49152")),
+            (IDLE, sensor(&there)),
+            (IDLE, currents(0, 0.0)),
+            (track.as_str(), of_track(currents(0, 1.0))),
+        ] {
+            let (weight, fact, _) = look_at(&folder, text, &with(devices));
+            assert!(weight == Weight::Good, "{fact}");
+        }
+    }
+
+    #[test]
+    fn a_card_is_asked_for_and_held_against_its_arm() {
+        let folder = Folder::new("doctor-card");
+        let text = IDLE.replace("serial", "isa");
+        let found = |card: Option<IsaDevice>, max_currents: &[f64]| {
+            let max_currents = max_currents.to_vec();
+            let own = EffectorDevices { isa: card, max_currents, ..postument(&folder) };
+            folder.write("devices.toml", &with(own).text().unwrap());
+            look(&folder, &text)
+        };
+        let told =
+            |found: &[(Weight, String, Option<String>)], wanted: &str, fix: Option<String>| {
+                let refused = |f: &&(Weight, String, Option<String>)| {
+                    f.0 == Weight::Refused && f.1.contains(wanted) && f.2 == fix
+                };
+                assert!(found.iter().find(refused).is_some(), "{wanted}: {found:?}");
+            };
+        let enough = [0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5];
+
+        told(&found(None, &enough), "effector \"postument\": no card is named", None);
+        let named = found(Some(IsaDevice::default()), &enough);
+        match asked(ask_ports, 0) {
+            Ok(()) => assert_eq!(named[0].0, Weight::Good, "{named:?}"),
+            Err(why) => told(&named, &why, Some(raw_io())),
+        }
+        assert_eq!(named.len(), 1, "{named:?}");
+        let uio = folder.0.join("nouio").display().to_string();
+        let alone = found(Some(IsaDevice { uio: Some(uio), ..IsaDevice::default() }), &enough);
+        told(&alone, "nouio: No such file", None);
+        let powerless = found(Some(IsaDevice { power_axis: 8, ..IsaDevice::default() }), &enough);
+        told(&powerless, "power_axis: there is no axis 8", None);
+        let weak = found(Some(IsaDevice::default()), &[0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.05]);
+        told(&weak, "a grip of 40 N takes 72 mA", None);
+    }
+
+    #[test]
+    fn a_camera_of_the_robot_is_looked_for() {
+        let folder = Folder::new("doctor-camera");
+        let text = IDLE.replace("camera = []\n", "") + "[[camera]]\nname = \"standalone\"\n";
+        let camera = |name: &str, socket: &str| Devices {
+            camera: vec![CameraDevice { name: name.into(), socket: folder.0.join(socket) }],
+            ..with(postument(&folder))
+        };
+
+        let (weight, fact, _) = look_at(&folder, &text, &camera("standalone", "nosocket"));
+        assert!(weight == Weight::Refused && fact.contains("nosocket: No such file"), "{fact}");
+        let (weight, fact, _) = look_at(&folder, &text, &camera("other", "line1"));
+        assert!(
+            weight == Weight::Refused && fact.contains("no [[camera]] \"standalone\""),
+            "{fact}"
+        );
+        let (weight, fact, _) = look_at(&folder, &text, &camera("standalone", "line1"));
+        assert!(weight == Weight::Good, "{fact}");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use crate::actors::emulate::{Emulated, emulate};
 use crate::cell::Arm;
 use crate::error::Error;
 use crate::hw::emulator::{At, EmulatorOptions, LineFaults, SensorKind};
-use crate::motion::{AXES, PERIOD};
+use crate::motion::AXES;
 use crate::scenario::Override;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -30,7 +30,8 @@ pub(super) struct EmulateArgs {
     /// The cube's state: 54 letters URFDLB, each face in reading order
     #[arg(long, value_name = "FACELETS")]
     cube: Option<String>,
-    /// File that tells `run` where everything is; default: the scenario's bridge.devices
+    /// File that tells `run` where everything is; default: the scenario's bridge.devices, or where `run` looks
+    /// without one
     #[arg(long, value_name = "FILE")]
     devices: Option<PathBuf>,
     /// Interface of the force sensors
@@ -103,16 +104,7 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
             return Ok(WRONG);
         }
     };
-    let options = EmulatorOptions {
-        sensors: match args.sensors {
-            SensorWord::NetFt => SensorKind::NetFt,
-            SensorWord::Controller => SensorKind::Controller,
-        },
-        faults,
-        seed: scenario.seed,
-        leaves_after: (!args.stay).then_some(LEAVES),
-        no_watchdog: args.no_watchdog,
-    };
+    let options = options(args, faults, scenario.seed);
     let devices =
         args.devices.clone().unwrap_or_else(|| scenario.bridge.devices_at(&scenario.path));
     let announce = |places: &crate::hw::devices::Devices, warnings: &[String]| {
@@ -142,6 +134,19 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
             complain(&error.to_string());
             Ok(if matches!(error, Error::Fatal { .. }) { 3 } else { 4 })
         }
+    }
+}
+
+fn options(args: &EmulateArgs, faults: LineFaults, seed: u64) -> EmulatorOptions {
+    EmulatorOptions {
+        sensors: match args.sensors {
+            SensorWord::NetFt => SensorKind::NetFt,
+            SensorWord::Controller => SensorKind::Controller,
+        },
+        faults,
+        seed,
+        leaves_after: (!args.stay).then_some(LEAVES),
+        no_watchdog: args.no_watchdog,
     }
 }
 
@@ -218,9 +223,7 @@ fn json(done: &Emulated) -> serde_json::Value {
         "crushed": v.counts.crushed,
         "collisions": v.counts.collisions,
         "saturations": v.counts.saturations,
-        "events": v.events.iter().map(|e| {
-            serde_json::json!([e.period as f64 * PERIOD, format!("{:?}", e.what)])
-        }).collect::<Vec<_>>(),
+        "events": done.told.iter().map(|(time, _, words)| (time, words)).collect::<Vec<_>>(),
         "time_s": done.time,
         "periods": done.course.periods,
         "stalled_periods": done.course.stalled,
@@ -252,8 +255,10 @@ fn table(done: &Emulated) -> String {
             ),
         ),
     ];
-    let lines: Vec<String> =
-        rows.iter().map(|(name, value)| format!("{name:<22} {value}")).collect();
+    let accidents = done.told.iter().filter(|(_, is_accident, _)| *is_accident);
+    let accidents = accidents.map(|(time, _, words)| ("", format!("{time:8.1} s: {words}")));
+    let rows = rows.into_iter().chain(accidents);
+    let lines: Vec<String> = rows.map(|(name, value)| format!("{name:<22} {value}")).collect();
     lines.join("\n") + "\n"
 }
 
@@ -261,6 +266,28 @@ fn table(done: &Emulated) -> String {
 mod tests {
     use super::*;
     use crate::scenario;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: EmulateArgs,
+    }
+
+    #[test]
+    fn what_the_command_line_says_of_the_emulator_reaches_it() {
+        let options = |more: &[&str]| {
+            let words = ["emulate", "cell.toml"].iter().chain(more);
+            super::options(&Line::parse_from(words).args, LineFaults::default(), 7)
+        };
+
+        let usual = options(&[]);
+        assert!(!usual.no_watchdog && usual.sensors == SensorKind::NetFt && usual.seed == 7);
+        assert_eq!(usual.leaves_after, Some(LEAVES));
+        assert!(options(&["--no-watchdog"]).no_watchdog);
+        assert_eq!(options(&["--stay"]).leaves_after, None);
+        assert_eq!(options(&["--sensors", "controller"]).sensors, SensorKind::Controller);
+    }
 
     #[test]
     fn places_and_times_of_faults_are_read() {

@@ -5,12 +5,11 @@ use super::{ScenarioArgs, WRONG, complain, cubes, evaluate, frames, locate, rig,
 use crate::cube::{Axis, Face, Facelets, Keeper};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
 use crate::hw::scene::{Scene, SceneArm, SceneCube};
-use crate::operator::{ArmView, Snapshot};
+use crate::operator::{ArmJoints, ArmView, Snapshot, joints_of};
 use crate::scenario::ControllerConfig;
 use crate::spatial::Twist;
 use anyhow::Context;
 use clap::{Args, Subcommand};
-use nalgebra::Point3;
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
@@ -230,13 +229,9 @@ pub(super) fn outside(
 pub(super) fn during(snapshot: &Snapshot, controller: &ControllerConfig) -> Option<Scene> {
     let cell = &controller.cell;
     let arm = |view: &ArmView| {
-        // The links' frames are where each begins, and the flange is where the last one ends.
-        let [_, base, shoulder, elbow, wrist, flange, tool, ..] = view.frames[..] else {
-            return None;
-        };
-        let points = [base, shoulder, elbow, wrist, flange];
+        let ArmJoints { points, flange, tool } = joints_of(&view.frames)?;
         Some(SceneArm {
-            points: points.map(|frame| Point3::from(frame.translation.vector)),
+            points,
             world_from_tool: tool,
             world_from_flange: flange,
             opening: view.opening,
@@ -244,8 +239,7 @@ pub(super) fn during(snapshot: &Snapshot, controller: &ControllerConfig) -> Opti
     };
     let arms: Vec<SceneArm> = snapshot.arms.iter().map(arm).collect::<Option<_>>()?;
     let (first, last) = (*arms.first()?, *arms.last()?);
-    let colour = |letter: char| "URFDLB".find(letter).map(|colour| colour as u8);
-    let facelets: Vec<u8> = snapshot.cube.facelets.chars().map(colour).collect::<Option<_>>()?;
+    let facelets: Facelets = snapshot.cube.facelets.parse().ok()?;
     // Clockwise seen from outside is against the axis on its positive side.
     let turned = snapshot.cube.turned.and_then(|turn| {
         let face = *Face::ALL.get(turn.face)?;
@@ -259,7 +253,7 @@ pub(super) fn during(snapshot: &Snapshot, controller: &ControllerConfig) -> Opti
             world_from_cube: snapshot.cube.world_from_cube?,
             velocity: Twist::default(),
             edge: cell.cube.edge,
-            facelets: facelets.try_into().ok()?,
+            facelets: *facelets.colours(),
             turned: turned.unwrap_or((Axis::Z, 0.0, 0.0)),
         },
         arms: [first, last],
@@ -345,8 +339,14 @@ mod tests {
         assert_eq!(scene.cube.facelets, start.cube.facelets);
 
         let straight = outside(&scene, controller, (48, 36));
-        snapshot.cube.turned = Some(LayerTurn { face: Face::L.index(), angle: 0.8 });
-        let scene = during(&snapshot, controller).unwrap();
+        let mut turned = |face: Face| {
+            snapshot.cube.turned = Some(LayerTurn { face: face.index(), angle: 0.8 });
+            during(&snapshot, controller).unwrap()
+        };
+        assert_eq!(turned(Face::R).cube.turned, (Axis::X, 0.0, -0.8));
+        assert_eq!(turned(Face::F).cube.turned, (Axis::Y, 0.8, 0.0));
+        assert_eq!(turned(Face::U).cube.turned, (Axis::Z, 0.0, -0.8));
+        let scene = turned(Face::L);
         assert_eq!(scene.cube.turned, (Axis::X, 0.8, 0.0));
         assert!(outside(&scene, controller, (48, 36)) != straight, "a turned layer is seen");
 

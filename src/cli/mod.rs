@@ -157,7 +157,7 @@ Examples:
     Replay(replay::ReplayArgs),
     /// Make a page of a recording: verdict, figures, curves, pictures, plan
     Report(report::ReportArgs),
-    /// Make a whole recording of one that was cut off
+    /// Make a whole recording of one that was cut off or damaged
     Recover(recover::RecoverArgs),
     /// Write the cell, or one arm, as URDF
     Urdf(urdf::UrdfArgs),

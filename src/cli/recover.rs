@@ -51,7 +51,7 @@ pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
     };
     let end = match saved.end.flaw() {
         None => "the recording was whole".to_owned(),
-        Some((how, why)) => format!("it was {how}: {why}"),
+        Some(flaw) => format!("it was {flaw}"),
     };
     if saved.messages == 0 {
         place.discard()?;

@@ -27,8 +27,8 @@ Examples:
 words of the operator; each order and each drive of each servo period must come out the same, to the bit. Of a run under
 the wall clock the servos run again, on the recorded readings, orders, missed periods and stops: when an actor's order
 reached its servo depended on threads, so the orders themselves are inputs there.
-Exit code 0 when all that was compared is the same, and it says when that is not all (a recording that is cut off or has
-gaps, or a fault of an actor or of the clock that was injected), 1 when something differs, 2 when the recording cannot be
+Exit code 0 when all that was compared is the same, and it says when that is not all (a recording that is cut off, is
+damaged or has gaps, or a fault of an actor or of the clock that was injected), 1 when something differs, 2 when the recording cannot be
 used (that of a resumed run cannot) or nothing was compared.")]
 pub(super) struct ReplayArgs {
     /// The recording
@@ -154,7 +154,7 @@ fn json(verified: &Verified) -> String {
 }
 
 /// A recording's label, and the scenario that it is of.
-pub(super) fn load(path: &Path) -> Result<(Label, Scenario), String> {
+fn load(path: &Path) -> Result<(Label, Scenario), String> {
     let mut label = Label::default();
     let reading = open(path).map_err(|e| format!("{}: {e}", path.display()))?;
     for piece in reading {
@@ -164,6 +164,12 @@ pub(super) fn load(path: &Path) -> Result<(Label, Scenario), String> {
             break;
         }
     }
+    let scenario = scenario_of(&label, path)?;
+    Ok((label, scenario))
+}
+
+/// The scenario that a recording with this label is of.
+pub(super) fn scenario_of(label: &Label, path: &Path) -> Result<Scenario, String> {
     if label.fact("version").is_empty() || label.scenario.is_empty() {
         let path = path.display();
         return Err(format!(
@@ -174,10 +180,8 @@ pub(super) fn load(path: &Path) -> Result<(Label, Scenario), String> {
     let overrides: Vec<_> =
         options.map(|(option, key, value)| Override { option, key, value }).collect();
     let origin = Path::new(label.fact("scenario"));
-    let scenario = scenario::read(origin, &label.scenario, &overrides).map_err(|faults| {
-        format!("{}: its scenario is not right here:\n{faults}", path.display())
-    })?;
-    Ok((label, scenario))
+    scenario::read(origin, &label.scenario, &overrides)
+        .map_err(|faults| format!("{}: its scenario is not right here:\n{faults}", path.display()))
 }
 
 /// Whether this program can be held against such a recording.

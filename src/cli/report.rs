@@ -4,6 +4,7 @@ use super::record::same_file;
 use super::{WRONG, complain, look, replay};
 use crate::actors::show::Show;
 use crate::operator::Snapshot;
+use crate::record::reading::{End, Label};
 use crate::record::report::{gather, page};
 use clap::Args;
 use image::codecs::jpeg::JpegEncoder;
@@ -44,17 +45,18 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
         Err(why) => return told(&why),
     };
     if !story.plans.is_empty() {
-        story.drawn = drawn(&args.recording);
+        story.drawn = drawn(&args.recording, &story.label).unwrap_or_else(|why| {
+            complain(&format!("no step of the plan is drawn: {why}"));
+            Vec::new()
+        });
     }
     if let Err(error) = std::fs::write(&args.output, page(&story)) {
         complain(&format!("{}: {error}", args.output.display()));
         return Ok(WRONG);
     }
-    if let Some((how, why)) = &story.cut {
-        complain(&format!(
-            "{}: {how}: {why}; the page tells what is there",
-            args.recording.display()
-        ));
+    if let Some(flaw) = story.file_end.as_ref().and_then(End::flaw) {
+        let path = args.recording.display();
+        complain(&format!("{path}: {flaw}; the page tells what is there"));
     }
     complain(&format!("{}: {} messages told", args.output.display(), story.count));
     Ok(0)
@@ -66,12 +68,16 @@ const DRAWINGS: usize = 9;
 const SIZE: (u32, u32) = (480, 360);
 const QUALITY: u8 = 75;
 
-/// Drawings of the plan's steps; none where the recording's scenario cannot be read here.
-fn drawn(recording: &Path) -> Vec<(f64, String, Vec<u8>)> {
-    let Ok((_, scenario)) = replay::load(recording) else { return Vec::new() };
-    let Ok(file) = File::open(recording) else { return Vec::new() };
+/// When a drawing is of, what it shows, and its file.
+type Drawing = (f64, String, Vec<u8>);
+
+/// Drawings of the plan's steps, by a second reading of a recording with this label; or why there can be none.
+fn drawn(recording: &Path, label: &Label) -> Result<Vec<Drawing>, String> {
+    let told = |why: &dyn std::fmt::Display| format!("{}: {why}", recording.display());
+    let scenario = replay::scenario_of(label, recording)?;
+    let file = File::open(recording).map_err(|why| told(&why))?;
     let file = BufReader::with_capacity(1 << 20, file);
-    let Ok(show) = Show::read(file, &scenario, "") else { return Vec::new() };
+    let show = Show::read(file, &scenario, "").map_err(|why| told(&why))?;
     let drawing = |(time, words, snapshot): (f64, String, Arc<Snapshot>)| {
         let scene = look::during(&snapshot, &scenario.controller)?;
         let image = look::outside(&scene, &scenario.controller, SIZE);
@@ -80,5 +86,27 @@ fn drawn(recording: &Path) -> Vec<(f64, String, Vec<u8>)> {
         image.write_with_encoder(encoder).ok()?;
         Some((time, words, jpeg))
     };
-    show.moments(DRAWINGS).into_iter().filter_map(drawing).collect()
+    Ok(show.moments(DRAWINGS).into_iter().filter_map(drawing).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn why_nothing_is_drawn_is_told() {
+        let nowhere = Path::new("/nowhere/run.mcap");
+        let why = |scenario: &str| {
+            let facts = [("version".to_owned(), "0".to_owned())].into();
+            let metadata = [("rubik_robot".to_owned(), facts)].into();
+            let label = Label { metadata, scenario: scenario.to_owned() };
+            drawn(nowhere, &label).unwrap_err()
+        };
+
+        assert!(why("").contains("/nowhere/run.mcap: not a recording"), "{}", why(""));
+        let broken = why("taks = 1");
+        assert!(broken.contains("its scenario is not right here") && broken.contains("taks"));
+        let gone = why("task = \"idle\"");
+        assert!(gone.starts_with("/nowhere/run.mcap: No such file"), "{gone}");
+    }
 }

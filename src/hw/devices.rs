@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::fs::{File, TryLockError};
 use std::io::Read;
+use std::net::SocketAddr;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
@@ -31,6 +32,9 @@ fn place(own: Option<OsString>, temporary: PathBuf) -> PathBuf {
     let own = own.map(PathBuf::from).filter(|own| own.is_absolute() && own.is_dir());
     own.unwrap_or(temporary).join("rubik-robot-devices.toml")
 }
+
+/// What helps where a file of devices cannot be used.
+pub const NAME_DEVICES: &str = "start `rubik-robot emulate`, or name your devices there";
 
 /// No file of devices is larger [bytes].
 const LARGEST: u64 = 1 << 20;
@@ -238,6 +242,17 @@ pub struct CameraDevice {
     pub socket: PathBuf,
 }
 
+/// A force sensor as [`EffectorDevices::force`] names it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ForceDevice<'a> {
+    /// There is none.
+    None,
+    /// A Net F/T box at this address.
+    NetFt(SocketAddr),
+    /// A controller on this serial line.
+    Controller(&'a str),
+}
+
 /// A device is not there, or not what the file says.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
@@ -258,10 +273,10 @@ impl Devices {
         if !devices.emulated {
             return Ok(devices);
         }
-        match file.try_lock_shared() {
-            Err(TryLockError::WouldBlock) => Ok(devices),
-            Ok(()) => Err(fail("the emulator that wrote it has ended")),
-            Err(TryLockError::Error(error)) => Err(fail(&error.to_string())),
+        if is_held(&file).map_err(|e| fail(&e.to_string()))? {
+            Ok(devices)
+        } else {
+            Err(fail("the emulator that wrote it has ended"))
         }
     }
 
@@ -374,7 +389,7 @@ impl Devices {
 }
 
 /// A file that is open, and its text. What is no regular file may have no end, or never begin.
-fn read(path: &Path) -> std::io::Result<(File, String)> {
+pub(crate) fn read(path: &Path) -> std::io::Result<(File, String)> {
     let flags = libc::O_NONBLOCK | libc::O_NOCTTY;
     let file = File::options().read(true).custom_flags(flags).open(path)?;
     if !file.metadata()?.is_file() {
@@ -385,6 +400,15 @@ fn read(path: &Path) -> std::io::Result<(File, String)> {
         return Err(std::io::Error::other("larger than 1 MiB"));
     }
     Ok((file, text))
+}
+
+/// Whether the emulator that wrote a file still runs.
+pub(crate) fn is_held(file: &File) -> std::io::Result<bool> {
+    match file.try_lock_shared() {
+        Err(TryLockError::WouldBlock) => Ok(true),
+        Ok(()) => Ok(false),
+        Err(TryLockError::Error(error)) => Err(error),
+    }
 }
 
 /// The devices of a text, or where something is wrong in it, and what.
@@ -487,25 +511,46 @@ impl EffectorDevices {
         Ok(std::array::from_fn(limit))
     }
 
+    /// The axes that the arm drives, each with the device of its line, or that it has none.
+    pub fn paths(&self, has_track: bool) -> impl Iterator<Item = (usize, Result<&str, NoDevice>)> {
+        (usize::from(!has_track)..=AXES).map(move |axis| {
+            let path = self.axes.get(axis).map(String::as_str).filter(|path| !path.is_empty());
+            let path = path.ok_or_else(|| {
+                NoDevice(format!(
+                    "effector \"{}\": axis {axis} has no line; `axes` names {} devices: the track's (or \"\"), \
+                     q1 to q6, the jaw's",
+                    self.name,
+                    AXES + 1
+                ))
+            });
+            (axis, path)
+        })
+    }
+
     fn lines(&self, has_track: bool) -> Result<[Option<Line>; AXES + 1], NoDevice> {
         let mut lines = [const { None }; AXES + 1];
-        for (axis, slot) in lines.iter_mut().enumerate() {
-            let path = self.axes.get(axis).map_or("", String::as_str);
-            let wanted = axis > 0 || has_track;
-            if wanted && path.is_empty() {
-                let name = &self.name;
-                return Err(NoDevice(format!(
-                    "effector \"{name}\": axis {axis} has no line; `axes` names {} devices: the track's (or \"\"), \
-                     q1 to q6, the jaw's",
-                    AXES + 1
-                )));
-            }
-            if wanted {
-                let open = |e| NoDevice(format!("effector \"{}\", axis {axis}: {e}", self.name));
-                *slot = Some(Line::open(path, AXIS_BAUD, true).map_err(open)?);
-            }
+        for (axis, path) in self.paths(has_track) {
+            let open = |e| NoDevice(format!("effector \"{}\", axis {axis}: {e}", self.name));
+            lines[axis] = Some(Line::open(path?, AXIS_BAUD, true).map_err(open)?);
         }
         Ok(lines)
+    }
+
+    /// The force sensor that is named, which is not opened.
+    ///
+    /// # Errors
+    /// What is named is none.
+    pub fn force_device(&self) -> Result<ForceDevice<'_>, NoDevice> {
+        if self.force == "none" {
+            return Ok(ForceDevice::None);
+        }
+        match self.force.split_once(':') {
+            Some(("net_ft", address)) => address.parse().map(ForceDevice::NetFt).map_err(|_| {
+                self.no_sensor("wanted an address and a port, as in 192.168.1.1:49152")
+            }),
+            Some(("ft_controller", path)) => Ok(ForceDevice::Controller(path)),
+            _ => Err(self.no_sensor("wanted net_ft:ADDRESS:PORT, ft_controller:DEVICE or none")),
+        }
     }
 
     /// Opens the force sensor, whose readings are to lie in `range` [N, Nm].
@@ -513,27 +558,23 @@ impl EffectorDevices {
     /// # Errors
     /// It is not there.
     pub fn sensor(&self, range: [f64; 6]) -> Result<Box<dyn ForceSource>, NoDevice> {
-        let fail = |why: String| {
-            NoDevice(format!("effector \"{}\", force = \"{}\": {why}", self.name, self.force))
-        };
-        if self.force == "none" {
-            return Ok(Box::new(NoSensor));
-        }
-        match self.force.split_once(':') {
-            Some(("net_ft", address)) => {
-                let address = address.parse().map_err(|_| {
-                    fail("wanted an address and a port, as in 192.168.1.1:49152".into())
-                })?;
+        match self.force_device()? {
+            ForceDevice::None => Ok(Box::new(NoSensor)),
+            ForceDevice::NetFt(address) => {
                 let (newton, metre) = (self.counts_per_newton, self.counts_per_newton_metre);
                 let sensor = NetFt::connect(address, newton, metre, range);
-                Ok(Box::new(sensor.map_err(|e| fail(e.to_string()))?))
+                Ok(Box::new(sensor.map_err(|e| self.no_sensor(&e.to_string()))?))
             }
-            Some(("ft_controller", path)) => {
+            ForceDevice::Controller(path) => {
+                let fail = |why: String| self.no_sensor(&why);
                 let words = self.ft_parallel.map(words).transpose().map_err(fail)?;
                 Ok(Box::new(FtController::open(path, words, range).map_err(fail)?))
             }
-            _ => Err(fail("wanted net_ft:ADDRESS:PORT, ft_controller:DEVICE or none".into())),
         }
+    }
+
+    fn no_sensor(&self, why: &str) -> NoDevice {
+        NoDevice(format!("effector \"{}\", force = \"{}\": {why}", self.name, self.force))
     }
 }
 
@@ -555,17 +596,34 @@ pub fn ask_ports(_: u16) -> Result<(), String> {
     Err(NO_PORTS.to_owned())
 }
 
-/// The parallel interface at these ports.
+/// Asks for the ports of a parallel interface, as [`ask_ports`] for a card's; nothing is written to it.
+///
+/// # Errors
+/// What was denied.
+pub fn ask_parallel(base: u16) -> Result<(), String> {
+    parallel(base).map(drop)
+}
+
 #[cfg(feature = "isa")]
-fn words(base: u16) -> Result<Box<dyn Words>, String> {
+fn parallel(base: u16) -> Result<super::isa::PortIo, String> {
     use super::force::Pci1751;
-    let ports = super::isa::PortIo::board(base, Pci1751::<super::isa::PortIo>::PORTS)?;
-    Ok(Box::new(Pci1751::new(ports)))
+    super::isa::PortIo::board(base, Pci1751::<super::isa::PortIo>::PORTS)
 }
 
 #[cfg(not(feature = "isa"))]
-fn words(_: u16) -> Result<Box<dyn Words>, String> {
+fn parallel(_: u16) -> Result<std::convert::Infallible, String> {
     Err(format!("ft_parallel: {NO_PORTS}"))
+}
+
+/// The parallel interface at these ports.
+#[cfg(feature = "isa")]
+fn words(base: u16) -> Result<Box<dyn Words>, String> {
+    Ok(Box::new(super::force::Pci1751::new(parallel(base)?)))
+}
+
+#[cfg(not(feature = "isa"))]
+fn words(base: u16) -> Result<Box<dyn Words>, String> {
+    parallel(base).map(|none| match none {})
 }
 
 #[cfg(test)]

@@ -24,8 +24,8 @@ pub enum What {
         /// 0 the track, 7 the jaw.
         axis: usize,
     },
-    /// No axis at all answered in time.
-    MissedAll,
+    /// Several axes at once did not answer in time, or all of them.
+    MissedTogether,
     /// An axis's answer cannot be true and was passed over.
     Impossible {
         /// As above.
@@ -145,7 +145,7 @@ impl Digest {
 fn words(what: &What) -> String {
     match *what {
         What::Missed { axis } => format!("axis {axis} did not answer in time"),
-        What::MissedAll => "no axis at all answered in time".to_owned(),
+        What::MissedTogether => "several axes at once did not answer in time".to_owned(),
         What::Impossible { axis } => format!("axis {axis} gave an impossible answer"),
         What::NoInterrupt => "interrupt not received: check the cabinet".to_owned(),
         What::OverRange { direction, .. } => {

@@ -18,5 +18,5 @@ pub use snapshot::{
     ActorView, ArmView, CameraView, Class, ControlView, CubeView, HandView, LayerTurn, Mark,
     Message, Net, OutcomeView, PlanLine, Reading, Services, ServoTiming, Snapshot, State,
 };
-pub use solids::{FRAMES, Shape, Solid, arm_frames, arm_solids};
+pub use solids::{ArmJoints, FRAMES, Shape, Solid, arm_frames, arm_solids, joints_of};
 pub use stage::{ArmStage, CameraStage, Limits, Stage};

@@ -82,6 +82,27 @@ pub fn arm_frames(arm: &Arm, world_from_base: &Pose, joints: &JointPositions) ->
     .collect()
 }
 
+/// Where an arm stands, by its joints.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmJoints {
+    /// Origins in the world of base (on the floor), shoulder, elbow, wrist pitch centre, flange.
+    pub points: [Point3<f64>; 5],
+    /// `world_from_flange`.
+    pub flange: Pose,
+    /// `world_from_tool`.
+    pub tool: Pose,
+}
+
+/// The joints of the arm whose frames [`arm_frames`] made; `None` where some are missing.
+#[must_use]
+pub fn joints_of(frames: &[Pose]) -> Option<ArmJoints> {
+    // A link's frame begins at its lower joint, so the flange is where the last link ends.
+    let [_, base, shoulder, elbow, wrist, flange, tool, _] = *frames else { return None };
+    let joints = [base, shoulder, elbow, wrist, flange];
+    let points = joints.map(|frame| Point3::from(frame.translation.vector));
+    Some(ArmJoints { points, flange, tool })
+}
+
 /// The solids of all effectors, the track's rail, the table and the cameras.
 #[must_use]
 pub fn arm_solids(cell: &Cell) -> Vec<Solid> {
@@ -176,6 +197,12 @@ mod tests {
             let tool =
                 arm.world_from_base * arm.model.base_from_flange(&arm.start) * arm.flange_from_tool;
             assert!((frames[6].translation.vector - tool.translation.vector).norm() < 1e-9);
+            let joints = joints_of(&frames).unwrap();
+            for (is, believed) in joints.points.iter().zip(arm.model.points(&arm.start)) {
+                assert!((is - arm.world_from_base * believed).norm() < 1e-9, "{is}");
+            }
+            assert_eq!((joints.flange, joints.tool), (frames[5], frames[6]));
+            assert_eq!(joints_of(&frames[1..]), None);
         }
     }
 

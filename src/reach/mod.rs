@@ -8,12 +8,14 @@
 
 mod bodies;
 mod example;
+mod fold;
 pub mod guard;
 mod search;
 mod stance;
 mod ways;
 
 pub use example::example_cell;
+pub use fold::Fold;
 
 use crate::cell::Cell;
 use crate::motion::JointPositions;

@@ -1,6 +1,6 @@
 //! The journal of a mission: what another run must know to go on after a crash.
 //!
-//! - in: an entry before each motion that changes the cube or who holds it
+//! - in: an entry before each motion that changes the cube, who holds it, or where another run would look for it
 //! - out: a line of JSON each, durable before the motion begins; what was noted last
 //! - a last line that a crash cut off is left out; the entry before it was durable, and the motion had not begun
 
@@ -119,6 +119,8 @@ mod tests {
             held: [Some(Depth::One), None],
             hand_over: None,
             taken_at: None,
+            short: 0.0,
+            stops: [None; 2],
             handing_back: false,
             over: false,
         }

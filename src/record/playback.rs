@@ -166,8 +166,8 @@ impl Playback {
     #[must_use]
     pub fn cut(&self) -> Option<String> {
         let state = self.state();
-        let (how, why) = state.stream.end().and_then(End::flaw)?;
-        Some(format!("{how} ({why})"))
+        let flaw = state.stream.end().and_then(End::flaw)?;
+        Some(format!("{flaw:#}"))
     }
 
     /// Whether the run and its recording are the same so far.

@@ -3,8 +3,8 @@
 //! - in: an MCAP file
 //! - out: its messages in the order of the file, its metadata and attachments; and whether it ends as it should
 //!
-//! A chunk's messages are handed on once its checksum fits; only those of the chunk in which a file is cut off, which
-//! has none any more, are handed on as they are.
+//! A chunk's messages are handed on once its checksum fits. Those of the chunk in which a file is cut off, which has none
+//! any more, are handed on as they are, and so is what is beyond 8 MiB of a longer chunk: none of our own is so long.
 //!
 //! The index is not used: what a crash left has none, and the order of the file is the order of the run.
 
@@ -13,7 +13,7 @@ use mcap::McapError;
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::{BTreeMap, VecDeque};
-use std::fmt::Display;
+use std::fmt::{self, Display, Formatter};
 use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -116,14 +116,49 @@ pub enum End {
 }
 
 impl End {
-    /// What is wrong with the file, and why, if anything is.
+    /// Itself, if anything is wrong with the file.
     #[must_use]
-    pub fn flaw(&self) -> Option<(&'static str, &str)> {
-        match self {
-            Self::Whole => None,
-            Self::Cut(why) => Some(("cut off", why)),
-            Self::Damaged(why) => Some(("damaged", why)),
+    pub fn flaw(&self) -> Option<&Self> {
+        Some(self).filter(|end| **end != Self::Whole)
+    }
+
+    /// With the time [s] at which it is: "cut off after 1.5 s: unexpected end".
+    #[must_use]
+    pub fn after(&self, seconds: f64) -> EndAfter<'_> {
+        EndAfter { end: self, seconds }
+    }
+
+    /// How, when, and why; the alternate form has why in brackets, for what a sentence goes on behind.
+    fn tell(&self, f: &mut Formatter<'_>, when: &dyn Display) -> fmt::Result {
+        let (how, why) = match self {
+            Self::Whole => return write!(f, "whole{when}"),
+            Self::Cut(why) => ("cut off", why),
+            Self::Damaged(why) => ("damaged", why),
+        };
+        if f.alternate() {
+            write!(f, "{how}{when} ({why})")
+        } else {
+            write!(f, "{how}{when}: {why}")
         }
+    }
+}
+
+impl Display for End {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.tell(f, &"")
+    }
+}
+
+/// How a file ends, and when.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EndAfter<'a> {
+    end: &'a End,
+    seconds: f64,
+}
+
+impl Display for EndAfter<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.end.tell(f, &format_args!(" after {:.1} s", self.seconds))
     }
 }
 
@@ -329,7 +364,7 @@ impl<R: Read> Iterator for Reading<R> {
 /// What a recording says of itself.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Label {
-    /// Metadata by name: "`rubik_robot`", "options", "summary", "timing", "recording".
+    /// Metadata by name: "`rubik_robot`", "options", "summary", "timing", "recording", "vision", "calibration".
     pub metadata: BTreeMap<String, BTreeMap<String, String>>,
     /// Text of the scenario.
     pub scenario: String,

@@ -1,4 +1,4 @@
-//! Makes a whole file of one that was cut off: everything that can still be read, with an index.
+//! Makes a whole file of one that was cut off or damaged: everything that can still be read, with an index.
 //!
 //! - in: a recording that a crash, a full disk or a copy has cut off or damaged anywhere
 //! - out: a recording that any tool opens, and what was saved

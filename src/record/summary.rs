@@ -63,6 +63,15 @@ pub struct SensorPeak {
     pub felt_torque_nm: f64,
 }
 
+/// Something in the plant that should not have happened.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Accident {
+    /// When, in simulated time [s].
+    pub time_s: f64,
+    /// What, in words.
+    pub what: String,
+}
+
 /// What a run comes to. Cubes are 54 letters URFDLB, named by the colours of the centres.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -117,6 +126,10 @@ pub struct Summary {
     pub crushed: Option<u32>,
     /// Times that something touched what it should not.
     pub collisions: Option<u32>,
+    /// What went wrong in the plant in this run, in its order: what is counted above, layers that stand still under load
+    /// and sensors that leave their range. A run with very many events leaves out the last.
+    #[serde(default)]
+    pub accidents: Option<Vec<Accident>>,
     /// Task "`face_turn`": the layer's angle in the plant, positive in the asked sense [deg].
     pub turned_deg: Option<f64>,
     /// Phases in their order.
@@ -162,6 +175,7 @@ impl Summary {
             pops: none,
             crushed: none,
             collisions: none,
+            accidents: none.map(|_| Vec::new()),
             turned_deg: None,
             phases: Vec::new(),
             hash: String::new(),
@@ -239,6 +253,9 @@ impl Summary {
         }
         row(&mut t, "jams, slips, drops", &counts([self.jams, self.slips, self.drops]));
         row(&mut t, "pops, crushes, bumps", &counts([self.pops, self.crushed, self.collisions]));
+        for Accident { time_s, what } in self.accidents.iter().flatten() {
+            row(&mut t, "", &format!("{time_s:8.1} s: {what}"));
+        }
         if let Some(angle) = self.turned_deg {
             row(&mut t, "layer turned by", &format!("{angle:.1} deg"));
         }
@@ -316,6 +333,7 @@ mod tests {
             pops: Some(0),
             crushed: Some(0),
             collisions: Some(0),
+            accidents: Some(vec![]),
             turned_deg: None,
             phases: vec![Phase { name: "acquire".into(), sim_time_s: 10.0, wall_time_s: 0.5 }],
             hash: "ab".into(),
@@ -330,6 +348,14 @@ mod tests {
         assert_eq!(back["outcome"], "solved");
         assert!(back["peak_force_n"].as_f64().unwrap() > 20.0);
         assert!(!json.contains('\n'));
+    }
+
+    #[test]
+    fn the_table_tells_each_accident_with_its_time() {
+        let mut s = summary();
+        s.accidents = Some(vec![Accident { time_s: 12.34, what: "it fell".into() }]);
+
+        assert!(s.table().contains("12.3 s: it fell\n"), "{}", s.table());
     }
 
     #[test]

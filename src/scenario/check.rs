@@ -151,7 +151,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     }
     let faults = draft.faults.iter().map(|(_, keys)| keys.clone()).collect();
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
-    let (keeper, hand) = place(&root.hand, root.cell.table_height, root.cube.edge);
+    let (keeper, hand) = place(&root.hand, root.cell.table_height, root.cube.edge, reader);
     Some(Scenario {
         path: path.to_path_buf(),
         seed: root.seed,
@@ -185,8 +185,18 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
 }
 
 /// Where the cube is handed over, and by whom.
-fn place(hand: &HandKeys, table_height: f64, edge: f64) -> (Keeper, HandZone) {
+fn place(hand: &HandKeys, table_height: f64, edge: f64, reader: &mut Reader) -> (Keeper, HandZone) {
     let [x, y, z] = hand.centre_xyz;
+    let [roll, pitch, _] = hand.cube_rpy;
+    // It would stand on an edge in the table top, and be said to be at rest there.
+    if hand.keeper == keys::Keeper::Table && (roll, pitch) != (0.0, 0.0) {
+        let (roll, pitch) = (roll.to_degrees(), pitch.to_degrees());
+        let reason = format!(
+            "`hand.cube_rpy_deg`: a cube on a table is turned about the vertical only: roll and pitch must be 0, not {roll:.2} and {pitch:.2} deg"
+        );
+        let other = "plant.table.any_face lets it lie on any of its faces".to_owned();
+        help(reader, "hand.cube_rpy_deg", reason, Some(other));
+    }
     let half = Vector3::from(hand.half_extent_xyz);
     let (keeper, z, height) = match hand.keeper {
         keys::Keeper::Person => (Keeper::Person, z, half.z),
@@ -724,6 +734,16 @@ mod tests {
     }
 
     #[test]
+    fn hardware_stops_after_fewer_missed_periods_unless_told_otherwise() {
+        let limit = |text: &str| read(Path::new("t.toml"), text, &[]).unwrap().missed_limit();
+        let serial = "pace = \"real-time\"\n[bridge]\nkind = \"serial\"\n";
+
+        assert_eq!(limit(""), 50);
+        assert_eq!(limit(serial), 20);
+        assert_eq!(limit(&format!("{serial}[real_time]\nmissed_limit = 7\n")), 7);
+    }
+
+    #[test]
     fn hardware_has_periods_of_2_ms() {
         let told = |kind: &str, period: &str| {
             let text = format!(
@@ -742,6 +762,24 @@ mod tests {
         assert_eq!(told("serial", "2"), "");
         assert_eq!(told("isa", "2.0"), "");
         assert_eq!(told("plant", "1"), "");
+    }
+
+    #[test]
+    fn on_a_table_a_cube_is_turned_about_the_vertical_only() {
+        let told = |keeper: &str, rpy: &str| {
+            let text = format!("[hand]\nkeeper = \"{keeper}\"\ncube_rpy_deg = {rpy}\n");
+            faults(&text, &[])
+        };
+
+        for (rpy, found) in
+            [("[10, 0, 0]", "not 10.00 and 0.00 deg"), ("[0, -90, 20]", "not 0.00 and -90.00 deg")]
+        {
+            let told = told("table", rpy);
+            let wanted = "t.toml:3:16: `hand.cube_rpy_deg`: a cube on a table is turned about the vertical only";
+            assert!(told.contains(wanted) && told.contains(found), "{told}");
+        }
+        assert_eq!(told("table", "[0, 0, 30]"), "");
+        assert_eq!(told("person", "[10, -90, 30]"), "");
     }
 
     #[test]

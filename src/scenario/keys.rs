@@ -176,7 +176,7 @@ section! {
         /// Centre of the place in the world: x away from the arms, y from track to postument, z up. On a table z is
         /// that of a cube which lies there.
         centre_xyz [mm]: [f64; 3] = [950.0, 0.0, 1000.0], -5000.0..=5000.0;
-        /// Roll, pitch, yaw of the cube there: with 0 its R faces +x, B +y, U +z.
+        /// Roll, pitch, yaw of the cube there: with 0 its R faces +x, B +y, U +z. On a table roll and pitch are 0.
         cube_rpy [deg]: [f64; 3] = [0.0; 3], -180.0..=180.0;
         /// Half the size of the box in which the cube may be; along x and y on a table.
         half_extent_xyz [mm]: [f64; 3] = [60.0, 100.0, 80.0], 0.0..=1000.0;
@@ -322,9 +322,10 @@ section! {
         priority: i32 = 85, 6.0..=99.0;
         /// Core that the servo's thread stays on; the scheduler's choice when not given.
         core: Option<u32> = None, 0.0..=1023.0;
-        /// Periods missed in a row after which the arms are brought to a stand and stop: 0.1 s, since gaps of up
+        /// Periods missed in a row after which the arms are brought to a stand and stop. Left out: 20 on hardware, whose
+        /// controllers stop by themselves 50 ms after the last order, and 50 with the simulated plant, since gaps of up
         /// to 45 ms come from below virtual machines.
-        missed_limit: u32 = 50, 1.0..=10000.0;
+        missed_limit: Option<u32> = None, 1.0..=10000.0;
     }
 }
 

@@ -55,6 +55,15 @@ pub struct Scenario {
     pub plant: PlantSection,
 }
 
+impl Scenario {
+    /// Periods missed in a row after which the arms are brought to a stand and stop.
+    #[must_use]
+    pub fn missed_limit(&self) -> u64 {
+        let usual = if self.bridge.kind.is_hardware() { 20 } else { 50 };
+        u64::from(self.real_time.missed_limit.unwrap_or(usual))
+    }
+}
+
 /// What the controller may know: its task, its gains, and its belief of the cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControllerConfig {

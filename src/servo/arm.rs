@@ -7,7 +7,7 @@ use super::path::{Path, SetValues, check_end};
 use super::regulator::Regulator;
 use super::stride::Stride;
 use super::tff::{ForceLaw, heeds_force};
-use super::watch::Watch;
+use super::watch::{Wanted, Watch};
 use super::wrench::WristForce;
 use super::{ForceSettings, ServoCommand, ServoConfig};
 use crate::motion::{
@@ -438,8 +438,9 @@ impl ArmServo {
         }
         let first = self.first_axis();
         let increments = &self.config.model.increments;
-        let (set, steps) = (&self.set.motors, &self.steps);
-        let axes = self.watch.check(reading, &measured.motors, set, steps, first, increments);
+        let owed = std::array::from_fn(|i| self.strides[i].owed() * TAU / increments[i]);
+        let wanted = Wanted { set: &self.set.motors, steps: &self.steps, owed: &owed };
+        let axes = self.watch.check(reading, &measured.motors, &wanted, first, increments);
         let by_force = self.running.as_ref().and_then(Path::directions).is_some_and(heeds_force);
         let force = if by_force { self.wrist.fault(&reading.wrench_on_sensor) } else { None };
         // Until it is synchronised its counter may jump with its zero.

@@ -6,6 +6,7 @@
 use super::io::{ArmDrive, ArmReading};
 use super::period::Length;
 use super::regulator::{JawGains, ServoGains};
+use super::span::Span;
 use crate::cell::Gripper;
 use crate::motion::{AXES, ArmFault, Depth, JawCommand, MoveRefused};
 use std::f64::consts::TAU;
@@ -45,8 +46,10 @@ pub struct Jaw {
     opening: f64,
     set_increments: f64,
     last_count: i64,
-    /// Periods since that was read.
+    /// Periods since that was read or guessed.
     periods: u64,
+    /// Since it was read.
+    span: Span,
     /// Measured speed, smoothed [rad/s of the motor].
     speed: f64,
     /// Periods in a row in which it should have opened and did not.
@@ -77,6 +80,7 @@ impl Jaw {
             set_increments: count as f64,
             last_count: count,
             periods: 1,
+            span: Span::default(),
             speed: 0.0,
             still: 0,
             held: 0.0,
@@ -166,10 +170,12 @@ impl Jaw {
     /// So many periods were missed before the next reading.
     pub fn skipped(&mut self, missed: u64) {
         self.periods = self.periods.saturating_add(missed);
+        self.span.pass(missed as f64);
     }
 
     /// What the encoder shows that no jaw does; before [`Jaw::drive`] of the same period.
     pub fn watch(&mut self, reading: &ArmReading) -> Option<ArmFault> {
+        self.span.pass(1.0);
         if reading.guessed >> AXES & 1 == 1 {
             return None;
         }
@@ -178,7 +184,10 @@ impl Jaw {
         // A jaw that squeezes stands still under any width; one that opens has nothing to stand against.
         let still = by == 0.0 && self.width < -OPENS;
         self.still = if still { self.still + 1 } else { 0 };
-        if by.abs() > FASTER * FASTEST * (self.periods as f64 * self.seconds + LATE) {
+        let within = |periods: f64| FASTER * FASTEST * (periods * self.seconds + LATE);
+        let (possible, plain) = (within(self.span.room()), within(1.0));
+        self.span.read(by.abs() > plain);
+        if by.abs() > possible {
             Some(ArmFault::EncoderJump { axis: AXES, by })
         } else if f64::from(self.still) * self.seconds > FROZEN {
             let wanted = (self.set_increments - reading.jaw_count as f64) / radian;
@@ -196,7 +205,7 @@ impl Jaw {
 
     /// The drive is off, whatever the jaw does.
     pub fn off(&mut self, reading: &ArmReading) {
-        (self.last_count, self.periods) = (reading.jaw_count, 1);
+        (self.last_count, self.periods, self.span) = (reading.jaw_count, 1, Span::default());
         (self.speed, self.still) = (0.0, 0);
         (self.width, self.held) = (self.at_rest(), self.at_rest());
     }

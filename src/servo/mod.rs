@@ -16,6 +16,7 @@ pub mod jaw;
 pub mod path;
 pub mod period;
 pub mod regulator;
+pub mod span;
 pub mod stride;
 pub mod tff;
 pub mod watch;

@@ -39,7 +39,7 @@ impl Stride {
     const GOES_ON: u32 = 3;
     /// Share of what is owed that follows in 2 ms, and the most of it [rad]: a tenth of what trips a power stage.
     const SHARE: f64 = 0.04;
-    const PAY: f64 = 0.015;
+    pub(super) const PAY: f64 = 0.015;
 
     /// At rest; a revolution of the motor has so many increments.
     #[must_use]
@@ -76,6 +76,12 @@ impl Stride {
         };
         self.owed -= paid;
         likely + paid
+    }
+
+    /// How far the motor is ahead of the steps that were told, or behind [increments].
+    #[must_use]
+    pub fn owed(&self) -> f64 {
+        self.owed
     }
 
     /// What is owed is of no interest any more: set values begin anew from what is measured.

@@ -3,6 +3,8 @@
 use super::io::ArmReading;
 use super::period::Length;
 use super::regulator::ServoGains;
+use super::span::Span;
+use super::stride::Stride;
 use crate::motion::{AXES, ArmFault, MotorPositions};
 
 /// Following error and frozen encoders of all axes.
@@ -23,12 +25,26 @@ pub struct Watch {
     jump: f64,
     /// Periods for which the remembered speed does not fall off yet.
     holds: [u32; AXES],
-    /// Periods since the counter was last read.
-    periods: [u64; AXES],
+    /// Since the counter was last read.
+    spans: [Span; AXES],
+    /// What a motor can have gone in gaps and is worked off [rad], and how much of it in a period.
+    excused: [f64; AXES],
+    pay: f64,
     /// Periods since the beginning or the last reset, up to [`Watch::SETTLES`].
     age: u32,
     /// Limit switches, upper and lower, on which axes stood then: they may leave them.
     stood_on: (u8, u8),
+}
+
+/// What an axis was told, as far as it is judged by it [rad of the motor].
+#[derive(Debug, Clone, Copy)]
+pub struct Wanted<'a> {
+    /// Set values of the last period.
+    pub set: &'a MotorPositions,
+    /// How far they went in it.
+    pub steps: &'a [f64; AXES],
+    /// How far the motors are ahead of the steps that their regulators were told.
+    pub owed: &'a [f64; AXES],
 }
 
 impl Watch {
@@ -73,7 +89,9 @@ impl Watch {
             },
             jump: Self::JUMP * period.ratio().max(1.0),
             holds: [0; AXES],
-            periods: [0; AXES],
+            spans: [Span::default(); AXES],
+            excused: [0.0; AXES],
+            pay: Stride::PAY * period.ratio(),
             age: 0,
             stood_on: (0, 0),
         }
@@ -85,14 +103,15 @@ impl Watch {
         self.frozen = [0; AXES];
         self.wanted = [0.0; AXES];
         self.last_counts = counts;
-        self.periods = [0; AXES];
+        self.spans = [Span::default(); AXES];
+        self.excused = [0.0; AXES];
         (self.age, self.stood_on) = (0, (0, 0));
     }
 
     /// So many periods were missed before the next reading.
     pub fn skipped(&mut self, missed: u64) {
-        for periods in &mut self.periods {
-            *periods = periods.saturating_add(missed);
+        for span in &mut self.spans {
+            span.pass(missed as f64);
         }
     }
 
@@ -103,17 +122,16 @@ impl Watch {
         self.wanted[axis] = 0.0;
     }
 
-    /// The first fault of this reading; `set` was wanted of the last period, `steps` is how far the set
-    /// value went in it [rad of motor].
+    /// The first fault of this reading.
     pub fn check(
         &mut self,
         reading: &ArmReading,
         measured: &MotorPositions,
-        set: &MotorPositions,
-        steps: &[f64; AXES],
+        wanted: &Wanted<'_>,
         first_axis: usize,
         increments: &[f64; AXES],
     ) -> Option<ArmFault> {
+        let Wanted { set, steps, owed } = wanted;
         let mut fault = None;
         for axis in (first_axis..AXES).rev() {
             let speed = steps[axis].abs() / self.seconds;
@@ -126,7 +144,7 @@ impl Watch {
                 self.speed[axis] = (self.speed[axis] * self.fade).max(speed);
             }
             self.wanted[axis] += steps[axis];
-            self.periods[axis] += 1;
+            self.spans[axis].pass(1.0);
             // What was not read is not judged.
             if reading.guessed >> axis & 1 == 1 {
                 continue;
@@ -138,19 +156,32 @@ impl Watch {
             if moved != 0 {
                 self.wanted[axis] = 0.0;
             }
-            let error = set.0[axis] - measured.0[axis];
-            let allowed = self.following_error + self.following_lag * self.speed[axis];
             let by = moved as f64 * std::f64::consts::TAU / increments[axis];
+            let fast = Self::FASTER * self.speed[axis];
+            let within = |periods: f64| self.jump + fast * (periods * self.seconds + Self::OFF);
+            let span = &mut self.spans[axis];
+            let (since, possible) = (span.since().max(1.0), within(span.room()));
+            let gap = (since - 1.0) * self.seconds;
+            let doubtful = gap > 0.0 || span.older() > 0.0;
+            // A reading that shows half of what a gap hid, or what no period explains, is one of now.
+            let shows = gap > 0.0 && by.abs() > 0.5 * gap * self.speed[axis];
+            span.read(shows || by.abs() > within(1.0));
+            // How far a motor went on while nobody was there is no error and is worked off: by what it can have gone, and
+            // by the side on which it is, as soon as that is known.
+            let excused = (self.excused[axis] - self.pay).max(0.0) + fast * gap;
+            self.excused[axis] = excused;
+            let error = set.0[axis] - measured.0[axis];
+            let left = error + owed[axis].max(-excused).min(excused);
+            let allowed = self.following_error
+                + self.following_lag * self.speed[axis]
+                + if doubtful { excused } else { 0.0 };
             let wanted = self.wanted[axis];
-            let lasted = self.periods[axis] as f64 * self.seconds + Self::OFF;
-            self.periods[axis] = 0;
-            let possible = self.jump + Self::FASTER * self.speed[axis] * lasted;
             // Not within also catches what is not a number. The cause is told before its effect.
             if by.abs() > possible {
                 fault = Some(ArmFault::EncoderJump { axis, by });
             } else if self.frozen[axis] > Self::FROZEN || wanted.abs() > Self::WANTED {
                 fault = Some(ArmFault::EncoderFrozen { axis, wanted });
-            } else if !(-allowed..=allowed).contains(&error) {
+            } else if !(-allowed..=allowed).contains(&left) {
                 fault = Some(ArmFault::Following { axis, error });
             }
         }
@@ -181,5 +212,94 @@ impl Watch {
         // Once left, a switch is like any other.
         self.stood_on = (self.stood_on.0 & upper & !up, self.stood_on.1 & lower & !down);
         upper & !self.stood_on.0 | lower & !self.stood_on.1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::servo::regulator::IRP6;
+
+    /// Increments of the encoder a revolution, and speed of the motor [increments a period]: 157 rad/s.
+    const INCREMENTS: f64 = 4000.0;
+    const SPEED: i64 = 200;
+
+    #[derive(Clone)]
+    struct Axis {
+        watch: Watch,
+        set: i64,
+    }
+
+    impl Axis {
+        /// One that has followed its set value for a while, without lag.
+        fn running() -> Self {
+            let gains = ServoGains::parse(IRP6).unwrap();
+            let mut axis = Self { watch: Watch::new(&gains, [0; AXES], Length::default()), set: 0 };
+            for _ in 0..50 {
+                assert_eq!(axis.shows(axis.set + SPEED, 1), None);
+            }
+            axis
+        }
+
+        /// The next reading, after so many periods.
+        fn shows(&mut self, count: i64, periods: i64) -> Option<ArmFault> {
+            let radian = INCREMENTS / std::f64::consts::TAU;
+            self.watch.skipped(periods as u64 - 1);
+            self.set += periods * SPEED;
+            let mut reading = ArmReading::default();
+            let (mut measured, mut set) = (MotorPositions::default(), MotorPositions::default());
+            let mut steps = [0.0; AXES];
+            reading.counts[3] = count;
+            measured.0[3] = count as f64 / radian;
+            set.0[3] = self.set as f64 / radian;
+            steps[3] = SPEED as f64 / radian;
+            let wanted = Wanted { set: &set, steps: &steps, owed: &[0.0; AXES] };
+            self.watch.check(&reading, &measured, &wanted, 1, &[INCREMENTS; AXES])
+        }
+    }
+
+    #[test]
+    fn after_missed_periods_a_reading_may_be_of_before_and_the_next_one_of_now() {
+        let mut axis = Axis::running();
+
+        let before = axis.set;
+        assert_eq!(axis.shows(before, 30), None);
+        assert_eq!(axis.shows(axis.set + SPEED, 1), None);
+    }
+
+    #[test]
+    fn a_device_that_catches_up_may_show_a_little_first() {
+        let mut axis = Axis::running();
+
+        let before = axis.set;
+        assert_eq!(axis.shows(before, 30), None);
+        assert_eq!(axis.shows(before + SPEED, 1), None);
+        assert_eq!(axis.shows(axis.set + SPEED, 1), None);
+    }
+
+    #[test]
+    fn what_a_gap_hid_shows_once() {
+        for first in [0, 30] {
+            let mut axis = Axis::running();
+            // The first reading is of before the gap, or of now.
+            assert_eq!(axis.shows(axis.set + first * SPEED, 30), None);
+            assert_eq!(axis.shows(axis.set + SPEED, 1), None);
+
+            let fault = axis.shows(axis.set + SPEED + 15 * SPEED, 1);
+            assert!(matches!(fault, Some(ArmFault::EncoderJump { axis: 3, .. })), "{first}");
+        }
+    }
+
+    #[test]
+    fn a_jump_without_missed_periods_or_long_after_them_is_a_fault() {
+        let mut axis = Axis::running();
+        let jumps = |axis: &mut Axis| axis.shows(axis.set + SPEED + 2000, 1);
+
+        assert!(matches!(jumps(&mut axis.clone()), Some(ArmFault::EncoderJump { axis: 3, .. })));
+        assert_eq!(axis.shows(axis.set + 30 * SPEED, 30), None);
+        for _ in 0..10 {
+            assert_eq!(axis.shows(axis.set + SPEED, 1), None);
+        }
+        assert!(matches!(jumps(&mut axis), Some(ArmFault::EncoderJump { axis: 3, .. })));
     }
 }

@@ -5,6 +5,7 @@
 //!   `t = b_t + c x W d`; and what the model leaves unexplained
 //! - no force but the weight must act: nothing is held, nothing touches
 
+use super::io::ArmReading;
 use crate::spatial::{Pose, Wrench};
 use nalgebra::{Matrix3, Matrix4, Matrix6, Point3, UnitQuaternion, Vector3, Vector4, Vector6};
 
@@ -15,6 +16,36 @@ pub struct Sample {
     pub base_from_flange: UnitQuaternion<f64>,
     /// Mean of the readings: what the surroundings and the weight exert on the sensor, in its frame.
     pub wrench_on_sensor: Wrench,
+}
+
+/// Mean of what a sensor feels. What is held from before, or no number, weighs nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Mean {
+    sum: Wrench,
+    taken: u32,
+}
+
+impl Mean {
+    /// Takes the wrench of a reading, if it is one.
+    pub fn add(&mut self, reading: &ArmReading) {
+        let wrench = reading.wrench_on_sensor;
+        if wrench.is_finite() && !reading.wrench_is_old {
+            (self.sum, self.taken) = (self.sum + wrench, self.taken + 1);
+        }
+    }
+
+    /// Readings that were taken.
+    #[must_use]
+    pub fn taken(&self) -> u32 {
+        self.taken
+    }
+
+    /// Their mean, not a number where there are none.
+    #[must_use]
+    pub fn wrench(&self) -> Wrench {
+        let share = 1.0 / f64::from(self.taken);
+        Wrench { force: share * self.sum.force, torque: share * self.sum.torque }
+    }
 }
 
 /// What hangs on the sensor, and its zero.
@@ -161,6 +192,28 @@ mod tests {
 
     fn orientations(angles: &[[f64; 3]]) -> Vec<UnitQuaternion<f64>> {
         angles.iter().map(|a| UnitQuaternion::from_euler_angles(a[0], a[1], a[2])).collect()
+    }
+
+    #[test]
+    fn a_mean_is_of_new_readings_that_are_numbers() {
+        let reading = |newtons: f64, wrench_is_old| ArmReading {
+            wrench_on_sensor: Wrench { force: Vector3::repeat(newtons), ..Wrench::default() },
+            wrench_is_old,
+            ..ArmReading::default()
+        };
+        let mut mean = Mean::default();
+        for reading in [
+            reading(1.0, false),
+            reading(1.0, true),
+            reading(f64::NAN, false),
+            reading(4.0, false),
+            reading(4.0, true),
+        ] {
+            mean.add(&reading);
+        }
+
+        assert_eq!(mean.taken(), 2);
+        assert_eq!(mean.wrench().force, Vector3::repeat(2.5));
     }
 
     proptest! {

@@ -11,6 +11,8 @@
 //! time and is found out; what rots on the disk under it is left to [`Store::verify`].
 
 mod file;
+#[cfg(test)]
+pub(crate) mod testing;
 mod threads;
 
 pub use file::{Residence, Unusable};
@@ -194,6 +196,7 @@ impl Store {
 
 #[cfg(test)]
 mod tests {
+    use super::testing::Folder;
     use super::*;
     use crate::solver::table::InTurn;
     use std::sync::atomic::{AtomicUsize, Ordering};
@@ -216,26 +219,11 @@ mod tests {
         },
     };
 
-    /// A folder that goes away with the test.
-    struct Folder(PathBuf);
-
-    impl Folder {
-        fn new(name: &str) -> Self {
-            let path = std::env::temp_dir()
-                .join(format!("rubik-robot-{}-store-{name}", std::process::id()));
-            let _ = fs::remove_dir_all(&path);
-            Self(path)
-        }
-
-        fn store(&self) -> Store {
-            Store::new(self.0.clone())
-        }
-    }
-
-    impl Drop for Folder {
-        fn drop(&mut self) {
-            let _ = fs::remove_dir_all(&self.0);
-        }
+    /// A place for tables in a folder of its own, not made yet.
+    fn place(name: &str) -> (Folder, Store) {
+        let folder = Folder::new(&format!("store-{name}"));
+        let store = Store::new(folder.0.join("tables"));
+        (folder, store)
     }
 
     fn obtain(store: &Store, spec: &TableSpec) -> Bytes {
@@ -248,14 +236,13 @@ mod tests {
 
     #[test]
     fn a_table_is_built_once_and_then_found() {
-        let folder = Folder::new("once");
-        let store = folder.store();
+        let (_folder, store) = place("once");
         assert!(matches!(store.open(&SPEC, &InTurn), Err(Unusable::Absent)));
 
         assert!(right(&obtain(&store, &SPEC)));
         assert!(right(&store.open(&SPEC, &InTurn).unwrap()));
 
-        let copied = folder.store().with(Residence::Copied);
+        let copied = Store::new(store.folder().to_owned()).with(Residence::Copied);
         assert!(right(&copied.open(&SPEC, &InTurn).unwrap()));
         assert_eq!(store.verify(&SPEC, &InTurn).unwrap(), [100_000]);
         assert!(store.remove(&SPEC).unwrap());
@@ -265,12 +252,11 @@ mod tests {
 
     #[test]
     fn a_table_is_removed_with_what_its_builders_left_but_not_its_lock() {
-        let folder = Folder::new("remove");
-        let store = folder.store();
+        let (_folder, store) = place("remove");
         obtain(&store, &SPEC);
         let rest = PathBuf::from(format!("{}.1234.tmp", store.path(&SPEC).display()));
         fs::write(&rest, "torn").unwrap();
-        let other = folder.0.join("another.table.1234.tmp");
+        let other = store.folder().join("another.table.1234.tmp");
         fs::write(&other, "not its own").unwrap();
 
         assert!(store.remove(&SPEC).unwrap());
@@ -281,8 +267,7 @@ mod tests {
 
     #[test]
     fn a_table_is_not_removed_under_the_hands_of_its_builder() {
-        let folder = Folder::new("hands");
-        let store = folder.store();
+        let (_folder, store) = place("hands");
         obtain(&store, &SPEC);
         let lock = store.lock(&SPEC, &|_, _| ()).unwrap();
         std::thread::scope(|scope| {
@@ -297,8 +282,7 @@ mod tests {
 
     #[test]
     fn what_is_broken_is_told_apart_and_built_again() {
-        let folder = Folder::new("broken");
-        let store = folder.store();
+        let (_folder, store) = place("broken");
         obtain(&store, &SPEC);
         let path = store.path(&SPEC);
         let sound = fs::read(&path).unwrap();
@@ -332,8 +316,7 @@ mod tests {
 
     #[test]
     fn a_table_of_another_version_is_built_again() {
-        let folder = Folder::new("version");
-        let store = folder.store();
+        let (_folder, store) = place("version");
         obtain(&store, &TableSpec { version: 2, ..SPEC });
 
         let reason = store.open(&SPEC, &InTurn).err().unwrap();
@@ -345,8 +328,7 @@ mod tests {
 
     #[test]
     fn where_nothing_can_be_kept_the_table_is_used_from_memory() {
-        let folder = Folder::new("readonly");
-        fs::create_dir_all(&folder.0).unwrap();
+        let folder = Folder::new("store-readonly");
         // A file where the folder should be: nobody can write there, not even root.
         let store = Store::new(folder.0.join("file"));
         fs::write(store.folder(), "").unwrap();
@@ -379,8 +361,7 @@ mod tests {
             ..SPEC
         };
         static SLOWLY: AtomicUsize = AtomicUsize::new(0);
-        let folder = Folder::new("together");
-        let store = folder.store();
+        let (_folder, store) = place("together");
 
         std::thread::scope(|scope| {
             for _ in 0..6 {
@@ -389,7 +370,8 @@ mod tests {
         });
 
         assert_eq!(SLOWLY.load(Ordering::SeqCst), 1);
-        let left: Vec<_> = fs::read_dir(&folder.0).unwrap().map(|e| e.unwrap().path()).collect();
+        let left: Vec<_> =
+            fs::read_dir(store.folder()).unwrap().map(|e| e.unwrap().path()).collect();
         assert!(left.iter().all(|p| p.extension().unwrap() != "tmp"), "{left:?}");
     }
 }

@@ -2,18 +2,26 @@
 #![allow(unreachable_pub, reason = "a module of test programs")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::cell::Cell;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The system's allocator with a count of what is held, and of the most that was.
+/// The system's allocator with a count, for each thread, of what it holds and of the most that it held.
 struct Counting;
 
-static HELD: AtomicUsize = AtomicUsize::new(0);
-static MOST: AtomicUsize = AtomicUsize::new(0);
+// By thread, because other tests and their harness take and give back at any moment. Signed, because a thread may give
+// back what another took.
+thread_local! {
+    static HELD: Cell<isize> = const { Cell::new(0) };
+    static MOST: Cell<isize> = const { Cell::new(0) };
+}
 
 fn took(bytes: usize) {
-    let held = HELD.fetch_add(bytes, Ordering::Relaxed) + bytes;
-    MOST.fetch_max(held, Ordering::Relaxed);
+    HELD.set(HELD.get() + bytes.cast_signed());
+    MOST.set(MOST.get().max(HELD.get()));
+}
+
+fn gave(bytes: usize) {
+    HELD.set(HELD.get() - bytes.cast_signed());
 }
 
 #[allow(unsafe_code, reason = "an allocator cannot be written without; it hands everything on")]
@@ -28,12 +36,12 @@ unsafe impl GlobalAlloc for Counting {
         unsafe { System.alloc_zeroed(layout) }
     }
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
-        HELD.fetch_sub(layout.size(), Ordering::Relaxed);
+        gave(layout.size());
         unsafe { System.dealloc(at, layout) }
     }
     unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         took(size);
-        HELD.fetch_sub(layout.size(), Ordering::Relaxed);
+        gave(layout.size());
         unsafe { System.realloc(at, layout, size) }
     }
 }
@@ -43,21 +51,23 @@ static COUNTING: Counting = Counting;
 
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// One input at a time in the process: what is counted is its own.
+/// One input at a time in the process: its time is its own, and what hangs can be named.
 pub fn alone() -> MutexGuard<'static, ()> {
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The most bytes that a reader held beside what was held before; to be called by whoever is [`alone`].
+/// The most bytes that a reader held beside what its thread held before; a reader with threads of its own would have to
+/// add up theirs.
 pub fn most_held(read: impl FnOnce()) -> usize {
-    let before = HELD.load(Ordering::Relaxed);
-    MOST.store(before, Ordering::Relaxed);
+    let before = HELD.get();
+    MOST.set(before);
     read();
-    MOST.load(Ordering::Relaxed).saturating_sub(before)
+    (MOST.get() - before).cast_unsigned()
 }
 
 #[test]
 fn memory_that_is_held_and_given_back_is_counted() {
-    let _alone = alone();
-    assert!(most_held(|| drop(std::hint::black_box(vec![1_u8; 1 << 20]))) >= 1 << 20);
+    let bytes = 1 << 20;
+    assert_eq!(most_held(|| drop(std::hint::black_box(vec![1_u8; bytes]))), bytes);
+    assert_eq!(most_held(|| ()), 0);
 }

@@ -22,6 +22,9 @@ const SILENCE: Duration = Duration::from_millis(200);
 /// Time without drives after which controllers may have stopped by themselves.
 const STALL: Duration = Duration::from_millis(40);
 
+/// Time after a stall in which it may be the cause of a fault: lines believe a controller's error mode the second time.
+const LATELY: Duration = Duration::from_millis(40);
+
 #[derive(Debug, Clone, Copy)]
 struct Drives {
     period: u64,
@@ -107,30 +110,37 @@ impl<P: Port + 'static> Bridge<P> {
             // What is denied here was denied to the servo too, which reports it.
             let _rights = RealTime::acquire(priority, None);
             let mut latest = start;
+            // No order has gone out before the first one: the arms are not driven while the servo gets its rights.
             let (mut heard, mut driven) = (Instant::now(), None::<Instant>);
+            let mut stall: Option<(Instant, Duration)> = None;
             loop {
                 let Ok(mut next) = incoming.pop() else {
                     let gone = incoming.is_abandoned();
                     if gone || heard.elapsed() > SILENCE {
+                        let gap = driven.map_or(Duration::ZERO, |at| at.elapsed());
                         // Nobody drives the arms any more: brakes on.
                         let drives = [ArmDrive::OFF; MOST];
                         let readings = &mut latest.readings[..arms];
                         let off = port.exchange(latest.period + 1, &drives[..arms], readings);
                         match off {
                             Err(mut fault) => {
-                                fault.reason += &stalled(driven);
+                                fault.reason += &stalled(gap);
                                 return give_up(port, fault);
                             }
                             Ok(()) if gone => return (port, None),
-                            Ok(()) => {}
+                            Ok(()) => driven = Some(Instant::now()),
                         }
                         heard = Instant::now();
                     }
                     std::thread::park_timeout(Duration::from_millis(10));
                     continue;
                 };
-                heard = Instant::now();
-                let before = driven.replace(heard);
+                let now = Instant::now();
+                let gap = driven.map_or(Duration::ZERO, |at| now - at);
+                (heard, driven) = (now, Some(now));
+                if gap > STALL {
+                    stall = Some((now, gap));
+                }
                 while !port.each_counts()
                     && let Ok(newer) = incoming.pop()
                 {
@@ -139,7 +149,8 @@ impl<P: Port + 'static> Bridge<P> {
                 let Drives { period, drives } = next;
                 let readings = &mut latest.readings[..arms];
                 if let Err(mut fault) = port.exchange(period, &drives[..arms], readings) {
-                    fault.reason += &stalled(before);
+                    let lately = stall.filter(|(since, _)| since.elapsed() < LATELY);
+                    fault.reason += &stalled(lately.map_or(Duration::ZERO, |(_, gap)| gap));
                     return give_up(port, fault);
                 }
                 latest.period = period;
@@ -260,11 +271,12 @@ impl BridgePort {
 }
 
 /// What a fault is to be judged by where nothing was ordered for long before it: controllers stop by themselves then.
-fn stalled(driven: Option<Instant>) -> String {
-    let gap = driven.map(|at| at.elapsed()).filter(|gap| *gap > STALL);
-    gap.map_or_else(String::new, |gap| {
+fn stalled(gap: Duration) -> String {
+    if gap > STALL {
         format!("; before that this machine sent nothing for {} ms", gap.as_millis())
-    })
+    } else {
+        String::new()
+    }
 }
 
 /// Counter of an axis, the jaw's last.
@@ -360,8 +372,9 @@ mod tests {
         assert_eq!(lost, Some(203 + 50));
     }
 
-    /// Answers until it is told to stop, as a controller does that has stopped by itself.
-    struct Stopped;
+    /// Answers until it is told to stop for the second time, as a line does whose controller has stopped by itself.
+    #[derive(Default)]
+    struct Stopped(u32);
 
     impl Port for Stopped {
         fn exchange(
@@ -370,27 +383,49 @@ mod tests {
             drives: &[ArmDrive],
             _: &mut [ArmReading],
         ) -> Result<(), PortFault> {
+            self.0 += u32::from(!drives[0].enabled);
             let reason = "in its error mode".to_owned();
-            if drives[0].enabled { Ok(()) } else { Err(PortFault { effector: 0, reason }) }
+            if self.0 < 2 { Ok(()) } else { Err(PortFault { effector: 0, reason }) }
         }
     }
 
     #[test]
     fn a_fault_after_a_stall_of_this_machine_is_said_to_come_after_it() {
         let first = [ArmReading::default()];
-        let (bridge, mut servo) = Bridge::spawn(Stopped, &first, 6, 2_000_000, |_, _| ()).unwrap();
+        let (bridge, mut servo) =
+            Bridge::spawn(Stopped::default(), &first, 6, 2_000_000, |_, _| ()).unwrap();
         servo.send(1, &[ArmDrive { enabled: true, ..ArmDrive::OFF }]);
-        let begun = Instant::now();
-        while !servo.broken.load(Ordering::Acquire) {
-            assert!(begun.elapsed() < Duration::from_secs(30), "it never fails");
-            std::thread::sleep(Duration::from_millis(5));
-        }
 
         let fault = bridge.join().unwrap().1.unwrap();
 
         assert!(fault.reason.contains("error mode; before that this machine sent nothing for"));
-        assert_eq!(stalled(None), "");
-        assert_eq!(stalled(Some(Instant::now() + Duration::from_secs(1))), "");
+    }
+
+    #[test]
+    fn so_is_one_of_the_first_order_after_it_and_one_without_a_stall_is_not() {
+        let first = [ArmReading::default()];
+        let fails_after = |pause: Duration| {
+            let heard = Arc::new(AtomicBool::new(false));
+            let hears = Arc::clone(&heard);
+            let hook = move |_, _: &mut Stopped| hears.store(true, Ordering::Release);
+            let (bridge, mut servo) =
+                Bridge::spawn(Stopped::default(), &first, 6, 2_000_000, hook).unwrap();
+            let begun = Instant::now();
+            servo.send(1, &[ArmDrive { enabled: true, ..ArmDrive::OFF }]);
+            while !heard.load(Ordering::Acquire) {
+                assert!(begun.elapsed() < Duration::from_secs(30), "it never hears");
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            std::thread::sleep(pause);
+            servo.send(2, &[ArmDrive::OFF]);
+            servo.send(3, &[ArmDrive::OFF]);
+            let reason = bridge.join().unwrap().1.unwrap().reason;
+            (reason.contains("sent nothing for"), begun.elapsed())
+        };
+
+        assert!(fails_after(STALL + Duration::from_millis(20)).0);
+        let (said, lasted) = fails_after(Duration::from_millis(5));
+        assert!(!said || lasted > STALL, "after {lasted:?}");
     }
 
     #[test]

@@ -23,6 +23,7 @@ pub use realtime::{Clock, RealTime, step_back};
 pub use record::{NoRecords, RecordSink, ServoRecord};
 pub use stats::{Histogram, Timing};
 pub use virtual_time::run_virtual;
+pub(crate) use wall::pass;
 pub use wall::{Wall, WallEnd, WallOptions, spawn_wall};
 
 /// Length of a servo period [ns], unless another is asked for.

@@ -123,6 +123,13 @@ impl<P> Drop for Wall<P> {
     }
 }
 
+/// Goes on along the grid of so long periods until `next` lies ahead of `now`, all in [ns]; how many points that passes over.
+pub(crate) fn pass(next: &mut u64, length: u64, now: u64) -> u64 {
+    let missed = if now < *next { 0 } else { (now - *next) / length + 1 };
+    *next += missed * length;
+    missed
+}
+
 /// The real-time loop.
 fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing {
     let clock = Clock;
@@ -151,13 +158,12 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
         timing.work.record(done - begun);
         core.switches().punctual.note(begun.saturating_sub(next), done - begun);
         next += length;
-        if done >= next {
-            let missed = (done - next) / length + 1;
+        let missed = pass(&mut next, length, done);
+        if missed > 0 {
             timing.missed += missed;
             core.skipped(missed);
             core.switches().punctual.miss(missed, length);
             timing.missed_in_a_row = timing.missed_in_a_row.max(missed);
-            next += missed * length;
             last = None;
             if missed >= options.missed_limit {
                 core.stop(period, missed);
@@ -169,4 +175,19 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
     }
     timing.late_readings = port.late();
     timing
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_grid_point_that_is_reached_is_missed_and_one_to_come_is_not() {
+        for (now, missed) in [(0, 0), (999, 0), (1000, 1), (2999, 1), (3000, 2), (21_500, 11)] {
+            let mut next = 1000;
+            assert_eq!(pass(&mut next, 2000, now), missed, "at {now}");
+            assert_eq!(next, 1000 + missed * 2000);
+            assert!(next > now);
+        }
+    }
 }

@@ -4,7 +4,8 @@
 //! - out: answers, datagrams, frames; and [`Devices`], which tell a bridge where they are
 //! - one thread serves all lines and steps the world every 2 ms of the wall clock, whether orders have come or not:
 //!   motors do not wait. Where it was kept from running it catches up; what is too much for that is counted
-//! - an encoder is read when it is asked: between the world's periods, counters lie between theirs
+//! - an encoder is read when it is asked: between the world's periods, counters lie between theirs; what was asked last
+//!   is answered when the world has caught up
 //! - what the world is (the simulated plant, or a test's motors) is none of its business: any [`Port`] will do
 
 mod axis;
@@ -209,7 +210,8 @@ impl<P: Port> Emulator<P> {
             let left = next.saturating_sub(Clock.now());
             self.wait(left);
             let now = Clock.now();
-            self.serve((now.saturating_sub(last) as f64 / PERIOD_NANOS as f64).min(1.0));
+            let share = now.saturating_sub(last) as f64 / PERIOD_NANOS as f64;
+            self.serve(share.min(1.0), share >= 2.0);
             if complete.is_none() && self.arms.iter().all(Arm::has_heard) {
                 complete = Some(now);
             }
@@ -219,11 +221,14 @@ impl<P: Port> Emulator<P> {
         }
     }
 
-    /// Answers what has come, at most one order a line; `share` of the world's period has passed.
-    fn serve(&mut self, share: f64) {
+    /// Answers what has come, at most one order a line; `share` of the world's period has passed. A world that is `behind`
+    /// keeps the last order of a line for later: that came when this thread was let go on, most likely, and what it asks
+    /// for is how things stand now.
+    fn serve(&mut self, share: f64, behind: bool) {
         let mut heard = 0;
+        let wanted = if behind { 2 * ORDER } else { 0 };
         for arm in &mut self.arms {
-            heard += arm.serve(&mut self.chance, share);
+            heard += arm.serve(&mut self.chance, share, wanted);
         }
         if heard > 0 {
             self.course.orders += heard;
@@ -326,12 +331,15 @@ impl Arm {
         (0..=AXES).all(|axis| self.lines[axis].is_none() || self.heard >> axis & 1 == 1)
     }
 
-    /// See [`Emulator::serve`]; returns the number of orders.
-    fn serve(&mut self, chance: &mut Chance, share: f64) -> u64 {
+    /// See [`Emulator::serve`]; returns the number of orders. A line with fewer bytes than wanted is left alone.
+    fn serve(&mut self, chance: &mut Chance, share: f64, wanted: usize) -> u64 {
         let mut orders = 0;
         let mut bytes = [0; ORDER];
         for (axis, line) in self.lines.iter().enumerate() {
             let Some(line) = line else { continue };
+            if wanted > 0 && line.waiting() < wanted {
+                continue;
+            }
             let controller = &mut self.controllers[axis];
             let length = line.read(&mut bytes);
             for byte in &bytes[..length] {
@@ -392,6 +400,9 @@ fn status(reading: &ArmReading, axis: usize) -> Status {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hw::serial::frame::{Mode, Order, Parameter};
+    use crate::hw::serial::{AXIS_BAUD, Line, Lines};
+    use std::time::{Duration, Instant};
 
     /// Where the world's periods come to lie beside orders that arrive at `arrival` of each 2 ms [ns].
     fn settled(arrival: u64, begin: u64) -> i64 {
@@ -411,6 +422,113 @@ mod tests {
             let off = settled(700_000, begin);
             assert!((off - AFTER).abs() < 10_000, "{off} ns after orders, begun at {begin}");
         }
+    }
+
+    /// Axes that run on, a hundred increments a period.
+    struct Ramp;
+
+    impl Port for Ramp {
+        fn exchange(
+            &mut self,
+            period: u64,
+            _: &[ArmDrive],
+            readings: &mut [ArmReading],
+        ) -> Result<(), PortFault> {
+            readings[0].counts = [100 * period as i64; AXES];
+            Ok(())
+        }
+    }
+
+    /// How many periods after the last one before a standstill of 15 a line's answer is of; `None` where this machine
+    /// stood still by itself for longer than the emulator makes up.
+    fn answers_of_a_standstill() -> Option<i64> {
+        let arm = EmulatedArm { name: "arm".to_owned(), has_track: false };
+        let mut emulator = Emulator::open(Ramp, &[arm], EmulatorOptions::default()).unwrap();
+        let path = emulator.devices().effector[0].axes[1].clone();
+        let line = Line::open(&path, AXIS_BAUD, true).unwrap();
+        let mut lines = Lines::new(vec![line]);
+        let order = Order::Pwm { width: 0, outputs: 0, synchronise: false }.encode();
+        let stop = AtomicBool::new(false);
+        let (mut asked, mut told) = (0, None);
+
+        let course = emulator
+            .run(&stop, |period, _| {
+                if period == 5 {
+                    lines.send(0, &order);
+                } else if period == 10 {
+                    std::thread::sleep(Duration::from_millis(30));
+                    lines.send(0, &order);
+                    asked = period;
+                } else if period > 10 {
+                    lines.gather(Instant::now());
+                    told = lines.answer(0).map(|answer| Status::decode(answer).count);
+                    stop.store(told.is_some() || period > 1000, Ordering::Release);
+                }
+            })
+            .unwrap();
+
+        (course.stalled == 0).then(|| i64::from(told.unwrap()) / 100 - asked as i64)
+    }
+
+    #[test]
+    fn what_is_asked_after_a_standstill_is_answered_with_how_things_stand_then() {
+        let periods = (0..20).find_map(|_| answers_of_a_standstill()).unwrap();
+        assert!(periods >= 12, "{periods} of 15");
+    }
+
+    /// An arm that tells whether its drives are on.
+    #[derive(Default)]
+    struct Drives {
+        on: bool,
+    }
+
+    impl Port for Drives {
+        fn exchange(
+            &mut self,
+            _: u64,
+            drives: &[ArmDrive],
+            _: &mut [ArmReading],
+        ) -> Result<(), PortFault> {
+            self.on = drives[0].enabled;
+            Ok(())
+        }
+    }
+
+    /// Whether an arm's drives are still on 100 ms after they came on, when nothing has been ordered meanwhile; `None`
+    /// when they never came on.
+    fn on_after_silence(options: EmulatorOptions) -> Option<bool> {
+        let arm = EmulatedArm { name: "arm".to_owned(), has_track: false };
+        let mut emulator = Emulator::open(Drives::default(), &[arm], options).unwrap();
+        let axes = emulator.devices().effector[0].axes.clone();
+        let open = |path: &String| Line::open(path, AXIS_BAUD, true).unwrap();
+        let mut lines = Lines::new(axes.iter().skip(1).map(open).collect());
+        let order = Order::Set(Parameter::Mode(Mode::Pwm)).encode();
+        let stop = AtomicBool::new(false);
+        let (mut since, mut still) = (None, None);
+
+        emulator
+            .run(&stop, |period, world| {
+                if period == 5 {
+                    (0..lines.len()).for_each(|line| lines.send(line, &order));
+                }
+                if world.on {
+                    since.get_or_insert(period);
+                }
+                if since.is_some_and(|since| period == since + 50) {
+                    still = Some(world.on);
+                }
+                stop.store(still.is_some() || period > 1000, Ordering::Release);
+            })
+            .unwrap();
+        still
+    }
+
+    #[test]
+    fn an_arm_that_nobody_orders_any_more_brakes_unless_it_has_no_watchdog() {
+        let no_watchdog = EmulatorOptions { no_watchdog: true, ..EmulatorOptions::default() };
+
+        assert_eq!(on_after_silence(EmulatorOptions::default()), Some(false));
+        assert_eq!(on_after_silence(no_watchdog), Some(true));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::hw::serial::set_up;
 use rustix::fs::{Mode, OFlags, fcntl_getfl, fcntl_setfl};
-use rustix::io::{read, write};
+use rustix::io::{ioctl_fionread, read, write};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
@@ -38,6 +38,12 @@ impl Pty {
     #[must_use]
     pub fn path(&self) -> &str {
         &self.path
+    }
+
+    /// Bytes that have come.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        ioctl_fionread(&self.master).unwrap_or(0) as usize
     }
 
     /// What has come; 0 when nothing has.

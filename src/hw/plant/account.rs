@@ -215,3 +215,62 @@ impl Plant {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{EDGE, TestServo, cell, quiet};
+    use super::super::{Counts, Start, Verdict, Whereabouts};
+    use super::*;
+    use crate::cube::Face;
+    use crate::spatial::Pose;
+    use nalgebra::{Translation3, UnitQuaternion, Vector3};
+
+    /// A hand from above has let go of a cube that stood on the table, tilted so about the jaws' line [rad].
+    fn let_go_on_the_table(tilt: f64) -> Verdict {
+        let mut cell = cell();
+        cell.arms.truncate(1);
+        let down = [0.0, -80.0, 5.0, -15.0, 270.0, 0.0].map(f64::to_radians);
+        cell.arms[0].start.0[1..].copy_from_slice(&down);
+        let mut config = quiet(cell);
+        // Not so deep that the palm is in the way of an edge.
+        let tool_from_cube = Pose::from_parts(
+            Translation3::new(0.0, 0.0, EDGE / 3.0),
+            UnitQuaternion::from_axis_angle(&Vector3::y_axis(), tilt),
+        );
+        config.start = Start::Held { arm: 0, tool_from_cube };
+        let cube = Plant::new(config.clone(), 1).unwrap().balance.nodes[0];
+        let lowest: f64 = (0..3).map(|i| cube.r[(2, i)].abs() * 0.5 * EDGE).sum();
+        config.cell.table_height = cube.p.z - lowest + 1e-4;
+        let mut servo = TestServo::new(Plant::new(config, 1).unwrap());
+        servo.run(0.5);
+        assert!(servo.plant.balance.borne() > 0.0, "it stands on the table");
+        assert_eq!(servo.plant.verdict().cube, Whereabouts::Arms([true, false]));
+
+        servo.jaws[0] = (0.085, 30.0);
+        servo.run(2.0);
+        servo.plant.verdict()
+    }
+
+    #[test]
+    fn what_is_let_go_flat_on_the_table_is_laid_down_and_what_stands_on_an_edge_falls() {
+        let count =
+            |v: &Verdict, what: Incident| v.events.iter().filter(|e| e.what == what).count();
+        let (laid_down, drop) =
+            (Incident::LaidDown { arm: 0, down: Face::U }, Incident::Drop { arm: Some(0) });
+
+        let flat = let_go_on_the_table(0.0);
+        let tilted = let_go_on_the_table(0.5);
+
+        assert_eq!(flat.cube, Whereabouts::Tray { down: Face::U, fell: false });
+        assert_eq!(flat.counts, Counts::default(), "{:?}", flat.events);
+        assert_eq!((count(&flat, laid_down), count(&flat, drop)), (1, 0), "{:?}", flat.events);
+        assert_eq!(tilted.cube, Whereabouts::Tray { down: Face::U, fell: true });
+        assert_eq!(tilted.counts, Counts { drops: 1, ..Counts::default() }, "{:?}", tilted.events);
+        assert_eq!(
+            (count(&tilted, laid_down), count(&tilted, drop)),
+            (0, 1),
+            "{:?}",
+            tilted.events
+        );
+    }
+}

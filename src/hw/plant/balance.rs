@@ -117,8 +117,7 @@ impl Balance {
 
     /// At rest with bodies that were kept.
     pub(super) fn restore(&mut self, nodes: [Frame; 2], split: Option<Split>) {
-        let rest = self.rest.clone();
-        *self = Self { nodes, split, rest, ..Self::new(nodes[0], self.edge, 0.0) };
+        *self = Self { nodes, split, ..Self::new(nodes[0], self.edge, self.rest.height) };
     }
 
     /// The middle layer's frame in the world.

@@ -53,7 +53,7 @@ use self::sensor::WristSensor;
 use super::port::{Port, PortFault};
 use super::scene::{Scene, SceneArm, SceneCube};
 use crate::cell::{Cell, Gripper};
-use crate::cube::{Axis, Face};
+use crate::cube::{Axis, Face, Keeper};
 use crate::motion::{AXES, Depth};
 use crate::servo::io::{ArmDrive, ArmReading, JAW};
 use crate::spatial::Twist;
@@ -174,6 +174,12 @@ impl Plant {
                 arm.world_from_tool.times(&Frame::from_pose(&tool_from_cube))
             }
         };
+        let (keeper, state) = match config.start {
+            Start::Table(_) => {
+                (Keeper::Table, State::Tray { down: lowest_face(&world_from_cube), fell: false })
+            }
+            Start::Hand | Start::Held { .. } => (Keeper::Person, State::Held),
+        };
         let mut this = Self {
             arms,
             jaws,
@@ -183,10 +189,7 @@ impl Plant {
             balance: Balance::new(world_from_cube, edge, cell.table_height),
             grasps: [Grasp::OPEN; 2],
             hand,
-            state: match config.start {
-                Start::Table(_) => State::Tray { down: lowest_face(&world_from_cube), fell: false },
-                Start::Hand | Start::Held { .. } => State::Held,
-            },
+            state,
             last_holder: None,
             period: 0,
             core: world_from_cube,
@@ -202,7 +205,7 @@ impl Plant {
             faults: Faults::new(&[]),
             operator_has: config.start == Start::Hand,
             angle_at_split: 0.0,
-            verdict: Verdict::empty(&world_from_cube.to_pose()),
+            verdict: Verdict::empty(&world_from_cube.to_pose(), keeper),
             config,
         };
         if let Start::Held { arm, .. } = this.config.start {
@@ -257,7 +260,6 @@ impl Plant {
         verdict.turning = Axis::ALL[axis];
         verdict.layer_angles = self.puzzle.angles[axis];
         verdict.returned = self.hand.has_it_back();
-        verdict.nobody = matches!(self.config.start, Start::Table(_));
         verdict.both_hold = self.both_hold();
         verdict.cube = match self.state {
             State::Tray { down, fell } => Whereabouts::Tray { down, fell },

@@ -26,7 +26,8 @@ const DEEPEST: f64 = 0.02;
 /// A table top and how the cube stands on it.
 #[derive(Debug, Clone)]
 pub(super) struct Rest {
-    height: f64,
+    /// Of the table top in the world [m].
+    pub(super) height: f64,
     half_edge: f64,
     /// Where the cube came to rest, while it does.
     settled: Option<Frame>,
@@ -191,6 +192,35 @@ mod tests {
         let borne = Rest::new(0.7, EDGE).bear(&tilt, DT).unwrap();
 
         assert!(borne.torque.x < 0.0, "{}", borne.torque);
+    }
+
+    #[test]
+    fn near_the_table_the_cube_is_slowed_down_the_more_the_faster_it_goes() {
+        let mut rest = Rest::new(0.7, EDGE);
+        let gone = at(0.0, 0.7299 + 0.5 * NEAR);
+        assert!(rest.bear(&gone, DT).is_none(), "it was not there before");
+        let borne = rest.bear(&at(0.0, 0.7299), DT).unwrap();
+        rest.commit(Some(borne));
+        let (down, turned, dt) = (1e-3, 0.02, 5e-4);
+        let moved = Frame {
+            r: super::super::frame::about(&Vector3::x(), turned),
+            ..at(0.0, 0.7299 - down)
+        };
+
+        let slowly = rest.bear(&moved, DT).unwrap();
+        let quickly = rest.bear(&moved, dt).unwrap();
+
+        let (force, torque) = (quickly.force - slowly.force, quickly.torque - slowly.torque);
+        assert!((force - Vector3::z() * (DAMPING.0 * down / dt)).norm() < 1e-6, "{force}");
+        assert!((torque + Vector3::x() * (DAMPING.1 * turned / dt)).norm() < 1e-6, "{torque}");
+        let stiffer = quickly.stiffness - slowly.stiffness;
+        let (along, about) = (DAMPING.0 / dt, DAMPING.1 / dt);
+        let wanted = Vector6::new(along, along, along, about, about, about);
+        assert!((stiffer - Matrix6::from_diagonal(&wanted)).norm() < 1e-6, "{stiffer}");
+        // Just above, too, where nothing bears it any more, and no farther.
+        let above = rest.bear(&gone, dt).unwrap();
+        assert!((above.force.z + DAMPING.0 * 0.5 * NEAR / dt).abs() < 1e-6, "{}", above.force);
+        assert!(rest.bear(&at(0.0, 0.7301 + NEAR), dt).is_none());
     }
 
     #[test]

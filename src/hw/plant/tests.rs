@@ -5,7 +5,7 @@ use super::truth::{ErrorSpreads, GraspError, draw};
 use super::*;
 use crate::motion::PERIOD;
 use crate::spatial::Pose;
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::{Matrix6, UnitQuaternion, Vector6};
 use std::f64::consts::FRAC_PI_2;
 
 impl Plant {
@@ -287,23 +287,63 @@ fn a_cube_that_both_let_go_falls_onto_the_tray_and_lies_on_a_face() {
 #[test]
 fn a_cube_lies_where_and_how_the_seed_says_and_no_hand_is_there() {
     let lying = Lying { offset: [0.0; 2], spread: 1.0, yaw: 0.7, any_face: true };
-    let (mut faces, mut places) = ([false; 6], Vec::new());
-    for seed in 0..60 {
+    let laid = |lying: Lying, seed: u64| {
         let mut config = quiet(cell());
+        // The place itself is turned, too.
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.3);
+        config.cell.hand.world_from_cube.rotation = turned;
         config.start = Start::Table(lying);
         let plant = Plant::new(config, seed).unwrap();
+        let Whereabouts::Tray { down, fell: false } = plant.verdict().cube else {
+            panic!("{:?}", plant.verdict().cube)
+        };
+        (plant, down)
+    };
+    let (mut faces, mut draws) = ([false; 6], Vec::new());
+    for seed in 0..60 {
+        let (plant, down) = laid(lying, seed);
         let v = plant.verdict();
-        let Whereabouts::Tray { down, fell: false } = v.cube else { panic!("{:?}", v.cube) };
         faces[down.index()] = true;
-        assert!(plant.scene().hand.is_none() && v.nobody && !v.returned);
+        assert!(plant.scene().hand.is_none() && !v.returned);
+        assert_eq!(v.keeper, Keeper::Table);
         let zone = &plant.cell().hand;
         let at =
             zone.world_from_cube.inverse() * Point3::from(v.world_from_cube.translation.vector);
-        places.push(at.x / zone.half_extent.x);
         assert!(at.x.abs() <= zone.half_extent.x && at.y.abs() <= zone.half_extent.y);
+        let in_place = zone.world_from_cube.rotation.inverse() * v.world_from_cube.rotation;
+        let yaw = yaw(&in_place);
+        assert!(yaw.abs() <= lying.yaw + 1e-9, "{yaw}");
+        draws.push([at.x / zone.half_extent.x, at.y / zone.half_extent.y, yaw / lying.yaw]);
+
+        // With U up it lies in the same place, and turned as far.
+        let (upright, down) = laid(Lying { any_face: false, ..lying }, seed);
+        assert_eq!(down, Face::D);
+        let pose = upright.verdict().world_from_cube;
+        assert_eq!(pose.translation, v.world_from_cube.translation);
+        let turned = zone.world_from_cube.rotation.inverse() * pose.rotation;
+        assert!((turned.scaled_axis() - Vector3::z() * yaw).norm() < 1e-9, "{turned}");
+
+        // Where the place really is, it is for every draw.
+        let offset = [0.02, -0.03];
+        let (elsewhere, _) = laid(Lying { offset, ..lying }, seed);
+        let moved = elsewhere.verdict().world_from_cube.translation.vector
+            - v.world_from_cube.translation.vector;
+        assert!((moved - Vector3::new(0.02, -0.03, 0.0)).norm() < 1e-12, "{moved}");
     }
     assert_eq!(faces, [true; 6]);
-    assert!(places.iter().any(|x| *x > 0.7) && places.iter().any(|x| *x < -0.7), "{places:?}");
+    for (i, what) in ["x", "y", "yaw"].into_iter().enumerate() {
+        let drawn: Vec<f64> = draws.iter().map(|draw| draw[i]).collect();
+        assert!(drawn.iter().any(|d| *d > 0.7), "{what}: {drawn:?}");
+        assert!(drawn.iter().any(|d| *d < -0.7), "{what}: {drawn:?}");
+    }
+}
+
+/// How far a cube that lies on any of its faces is turned about the vertical, to the nearest quarter [rad].
+fn yaw(rotation: &UnitQuaternion<f64>) -> f64 {
+    let sides = [Vector3::x(), Vector3::y()].map(|axis| rotation * axis);
+    let level = if sides[0].z.abs() < 0.5 { sides[0] } else { sides[1] };
+    let angle = level.y.atan2(level.x);
+    angle - (angle / FRAC_PI_2).round() * FRAC_PI_2
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! What really happened: the plant's account of a run, for summaries and tests, never for the controller.
 
-use crate::cube::{Axis, Face};
+use crate::cube::{Axis, Face, Keeper};
 use crate::spatial::Pose;
 
 /// Most events that are kept; later ones are only counted.
@@ -19,8 +19,8 @@ pub struct Verdict {
     pub world_from_cube: Pose,
     /// The operator has the cube back.
     pub returned: bool,
-    /// No person is in the cell: the cube's place is the table.
-    pub nobody: bool,
+    /// Who is to have the cube in the end; where it is the table, no person is in the cell.
+    pub keeper: Keeper,
     /// Both arms hold the cube.
     pub both_hold: bool,
     /// The axis that layers turn about, or were turned about last.
@@ -181,6 +181,75 @@ pub enum Incident {
     },
 }
 
+impl Incident {
+    /// Whether it should not have happened, by whoever's doing.
+    #[must_use]
+    pub fn is_accident(&self) -> bool {
+        match self {
+            Self::Stuck { .. }
+            | Self::Slip { .. }
+            | Self::GraspLost { .. }
+            | Self::Drop { .. }
+            | Self::Pop { .. }
+            | Self::Crush { .. }
+            | Self::Collision { .. }
+            | Self::Saturation { .. } => true,
+            Self::Grasped { .. }
+            | Self::Released { .. }
+            | Self::LaidDown { .. }
+            | Self::Landed { .. }
+            | Self::Operator { .. } => false,
+        }
+    }
+
+    /// In words, with the names of the arms.
+    #[must_use]
+    pub fn words(&self, arms: &[&str]) -> String {
+        let name = |arm: usize| arms.get(arm).copied().unwrap_or("?");
+        let part = |part: Part| match part {
+            Part::Finger(arm) => format!("{}'s finger", name(arm)),
+            Part::Palm(arm) => format!("{}'s palm", name(arm)),
+            Part::Hand(arm) => format!("{}'s hand", name(arm)),
+            Part::Forearm(arm) => format!("{}'s forearm", name(arm)),
+            Part::Cube => "the cube".to_owned(),
+            Part::Table => "the table".to_owned(),
+        };
+        match *self {
+            Self::Grasped { arm } => format!("{} closes on the cube", name(arm)),
+            Self::Released { arm } => format!("{} lets go of the cube", name(arm)),
+            Self::Stuck { axis, angle, torque } => format!(
+                "a layer about {axis:?} stands {:.1} deg off a quarter under {torque:.2} Nm",
+                angle.to_degrees()
+            ),
+            Self::Slip { arm, distance, angle } => format!(
+                "the cube slips in {}'s grip by {:.1} mm and {:.1} deg",
+                name(arm),
+                distance * 1e3,
+                angle.to_degrees()
+            ),
+            Self::GraspLost { arm } => format!("{} loses its grasp", name(arm)),
+            Self::Drop { arm: Some(arm) } => format!("{} drops the cube", name(arm)),
+            Self::Drop { arm: None } => "the cube falls".to_owned(),
+            Self::LaidDown { arm, down } => {
+                format!("{} lays the cube down, face {} below", name(arm), down.letter())
+            }
+            Self::Landed { down } => {
+                format!("the cube comes to rest, face {} below", down.letter())
+            }
+            Self::Pop { tilt, pull } => format!("the cube pops under {tilt:.2} Nm and {pull:.0} N"),
+            Self::Crush { arm, squeeze } => {
+                format!("{} squeezes the cube with {squeeze:.0} N", name(arm))
+            }
+            Self::Collision { what, with, depth } => {
+                format!("{} touches {}, {:.2} mm deep", part(what), part(with), depth * 1e3)
+            }
+            Self::Saturation { arm } => format!("{}'s wrist sensor leaves its range", name(arm)),
+            Self::Operator { has_cube: true } => "the operator has the cube".to_owned(),
+            Self::Operator { has_cube: false } => "the operator lets go of the cube".to_owned(),
+        }
+    }
+}
+
 /// What can collide.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
@@ -202,29 +271,39 @@ impl Verdict {
     /// Whether the cube is where it is to be in the end: with the person, or laid down where no person is.
     #[must_use]
     pub fn is_back(&self) -> bool {
-        self.returned || self.nobody && matches!(self.cube, Whereabouts::Tray { fell: false, .. })
+        self.returned
+            || self.keeper == Keeper::Table
+                && matches!(self.cube, Whereabouts::Tray { fell: false, .. })
     }
 
     /// The same in words.
     #[must_use]
     pub fn place(&self) -> &'static str {
-        match (self.nobody, self.is_back()) {
-            (false, true) => "back in the operator's hand",
-            (false, false) => "not with the operator",
-            (true, true) => "on the table",
-            (true, false) => "not laid on the table",
+        match (self.keeper, self.is_back()) {
+            (Keeper::Person, true) => "back in the operator's hand",
+            (Keeper::Person, false) => "not with the operator",
+            (Keeper::Table, true) => "on the table",
+            (Keeper::Table, false) => "not laid on the table",
         }
     }
 
+    /// What happened, with the names of the arms and a period's length [s]: each with its time [s], whether it is an
+    /// accident, and in words.
+    pub fn told(&self, arms: &[&str], period: f64) -> impl Iterator<Item = (f64, bool, String)> {
+        self.events.iter().map(move |Event { period: at, what }| {
+            (*at as f64 * period, what.is_accident(), what.words(arms))
+        })
+    }
+
     /// Before anything happened.
-    pub(super) fn empty(world_from_cube: &Pose) -> Self {
+    pub(super) fn empty(world_from_cube: &Pose, keeper: Keeper) -> Self {
         Self {
             period: 0,
             facelets: [0; 54],
             cube: Whereabouts::Hand,
             world_from_cube: *world_from_cube,
             returned: false,
-            nobody: false,
+            keeper,
             both_hold: false,
             turning: Axis::X,
             layer_angles: [0.0; 2],
@@ -237,5 +316,21 @@ impl Verdict {
             arm_peak_torque: [0.0; 2],
             events: Vec::with_capacity(MOST_EVENTS),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn incidents_are_told_with_the_names_of_the_arms() {
+        let arms = ["left", "right"];
+        let bump =
+            Incident::Collision { what: Part::Finger(1), with: Part::Palm(0), depth: 2.5e-4 };
+
+        assert!(bump.is_accident() && !Incident::Released { arm: 1 }.is_accident());
+        assert_eq!(bump.words(&arms), "right's finger touches left's palm, 0.25 mm deep");
+        assert_eq!(Incident::Drop { arm: Some(0) }.words(&arms), "left drops the cube");
     }
 }

@@ -13,6 +13,7 @@
 //!   synchronisation must show twice as well.
 
 use super::frame::{Mode, Order, Parameter, STATUS, Status};
+use crate::servo::span::Span;
 
 /// What the servo wants of an axis in a period.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,6 +56,8 @@ pub enum Answer {
     Missed(u32),
     /// What came cannot be true, so many times in a row.
     Impossible(u32),
+    /// What came was owed to an earlier order.
+    Late,
 }
 
 /// Why a line is given up.
@@ -113,13 +116,21 @@ pub struct Axis {
     count: i32,
     step: f64,
     /// Periods by the clock since that answer, and those of them since the order before the last.
-    since: f64,
+    span: Span,
     passed: f64,
+    /// How far it went in a period before the last gap.
+    fast: f64,
+    /// Counter of the answer from which the step is reckoned, and periods since: the last one, but while that may be
+    /// older than it seems the one before the gap.
+    from: i32,
+    age: f64,
     /// Answers taken, as far as they settle the start.
     settled: u32,
     /// First byte of its answers, once one has come.
     begins: Option<u8>,
     misses: u32,
+    /// Answers in a row that were taken for an earlier order's.
+    late: u32,
     impossible: u32,
     /// Counter of the last answer, when it was off by more than a motor could be: another one may confirm it.
     doubted: Option<i32>,
@@ -148,7 +159,12 @@ const GOES_ON: f64 = 10.0;
 const LEAP: f64 = 64.0;
 /// Answers nearer together than this say nothing of the speed [periods].
 const APART: f64 = 0.5;
-/// Answers that settle a start.
+/// So many times nearer to where the axis was expected a period before is what counts as late. One that brakes is somewhat
+/// nearer, too; what is passed over then makes it seem to have run on, and its regulator brakes even harder.
+const CLEARLY: f64 = 3.0;
+/// Answers in a row that may be an earlier order's. An axis that brakes looks late, too, and what is owed may be lost.
+const LATE: u32 = 2;
+/// Answers that settle a start, when they agree.
 const SETTLING: u32 = 4;
 
 impl Axis {
@@ -160,11 +176,15 @@ impl Axis {
             status: Status::default(),
             count: 0,
             step: 0.0,
-            since: 0.0,
+            span: Span::default(),
             passed: 0.0,
+            fast: 0.0,
+            from: 0,
+            age: 0.0,
             settled: 0,
             begins: None,
             misses: 0,
+            late: 0,
             impossible: 0,
             doubted: None,
             upper: Twice::default(),
@@ -213,8 +233,9 @@ impl Axis {
     /// machine that was kept from running has not stopped the motors.
     pub fn pass(&mut self, periods: f64) {
         self.passed = periods;
-        self.since += periods;
-        self.count = self.expected(self.since);
+        self.age += periods;
+        self.span.pass(periods);
+        self.count = self.expected(self.span.since());
     }
 
     fn expected(&self, since: f64) -> i32 {
@@ -222,16 +243,24 @@ impl Axis {
     }
 
     /// Whether what came while an answer was owed is that one rather than the last order's: the axis seems to stand
-    /// where it was expected then.
+    /// clearly where it was expected then.
     #[must_use]
     pub fn is_late(&self, answer: &[u8; STATUS]) -> bool {
-        if self.begins != Some(answer[0]) {
+        if self.begins != Some(answer[0]) || self.late >= LATE {
             return false;
         }
         let told = Status::decode(answer);
-        let off = |count: i32| told.count.wrapping_sub(count).unsigned_abs();
+        let off = |count: i32| f64::from(told.count.wrapping_sub(count)).abs();
+        let since = self.span.since();
         self.step.abs() > NOISE
-            && off(self.expected(self.since - self.passed)) < off(self.expected(self.since))
+            && off(self.expected(since - self.passed)) * CLEARLY < off(self.expected(since))
+    }
+
+    /// What came was an earlier order's ([`Self::is_late`]): nothing is known of this period, but the line speaks.
+    pub fn overlook(&mut self) -> Answer {
+        self.late += 1;
+        self.misses = 0;
+        Answer::Late
     }
 
     /// Judges what came in answer to the last order.
@@ -247,7 +276,7 @@ impl Axis {
             self.count_try()?;
             return Ok(Answer::Missed(self.misses));
         };
-        self.misses = 0;
+        (self.misses, self.late) = (0, 0);
         // What answers a parameter need not be a reading.
         if self.sent.is_some() && self.begins.is_none_or(|first| first == bytes[0]) {
             self.confirm();
@@ -259,14 +288,17 @@ impl Axis {
             (self.begins, self.settled) = (Some(bytes[0]), 0);
         }
         let told = (self.begins == Some(bytes[0])).then(|| Status::decode(bytes));
-        let most = f64::from(self.rules.jump) * self.since.max(1.0);
+        let jump = f64::from(self.rules.jump);
+        let most = jump * self.span.room();
+        let plain = self.step.abs() + LEAP * self.span.since().max(1.0).powi(2);
+        let hidden = (self.fast + 2.0 * LEAP).min(jump) * self.span.older();
         let doubted = self.doubted.take();
         let possible = told.filter(|now| {
             let off = |count: i32| f64::from(now.count.wrapping_sub(count)).abs();
-            let likely = self.step.abs() + LEAP * self.since.max(1.0).powi(2);
             // Answers have no checksum: one wrong bit would throw an axis about. A motor that was really carried off
             // shows so again, somewhere near.
-            let odd = off(self.count) > likely && !doubted.is_some_and(|at| off(at) <= 0.5 * most);
+            let odd = off(self.count) > plain + hidden
+                && !doubted.is_some_and(|at| off(at) <= 0.5 * most);
             self.doubted = odd.then_some(now.count);
             !settled || self.finds_zero(now) || (!odd && off(self.count) <= most)
         });
@@ -289,13 +321,34 @@ impl Axis {
             };
         };
         self.impossible = 0;
+        let near = f64::from(now.count.wrapping_sub(self.status.count)).abs() <= most;
+        if !settled && !near {
+            // One of the two is spoilt: neither says where the axis stands until others agree with it.
+            self.settled = 0;
+        }
         self.settled = self.settled.saturating_add(1);
         if !settled || self.finds_zero(&now) {
             self.step = 0.0;
-        } else if self.since > APART {
-            self.step = f64::from(now.count.wrapping_sub(self.status.count)) / self.since;
+            self.span = Span::default();
+        } else {
+            let gone = f64::from(now.count.wrapping_sub(self.status.count)).abs();
+            let since = self.span.since();
+            if self.span.older() == 0.0 {
+                self.fast = self.step.abs();
+            }
+            if self.age > APART {
+                self.step = f64::from(now.count.wrapping_sub(self.from)) / self.age;
+            }
+            // One that shows half of what a gap hid, or what the time since the last one does not explain, is of now.
+            // Periods by the clock are never quite one.
+            let gap = since > 1.0 + APART;
+            let explained = (self.fast + 2.0 * LEAP) * since.max(1.0);
+            self.span.read(gap && gone > 0.5 * self.fast * since || gone > explained);
         }
-        (self.status, self.count, self.since) = (now, now.count, 0.0);
+        if self.span.older() == 0.0 {
+            (self.from, self.age) = (now.count, 0.0);
+        }
+        (self.status, self.count) = (now, now.count);
         self.confirm();
         self.see_flags(&now)
     }
@@ -355,7 +408,7 @@ impl Axis {
     /// Whether the counter is carried on: the last order was not answered.
     #[must_use]
     pub fn is_guessed(&self) -> bool {
-        self.since > 0.0
+        self.span.since() > 0.0
     }
 
     /// Motor current [A].
@@ -457,6 +510,20 @@ mod tests {
     }
 
     #[test]
+    fn a_spoilt_answer_settles_no_start() {
+        let (good, spoilt) = (at(5000).encode(), at(5000 + (1 << 30)).encode());
+        for spoilt_one in 0..SETTLING {
+            let mut axis = Axis::new(Rules::default());
+            for k in 0..=SETTLING + spoilt_one {
+                assert!(!axis.has_settled() || axis.count() == 5000, "after {k}");
+                let answer = if k == spoilt_one { &spoilt } else { &good };
+                assert_eq!(after_a_period(&mut axis, Some(answer)), Ok(Answer::Taken));
+            }
+            assert!(axis.has_settled() && axis.count() == 5000, "{spoilt_one}");
+        }
+    }
+
+    #[test]
     fn three_missed_answers_in_a_row_are_a_fault_and_two_are_not() {
         let mut axis = running();
         let miss = |axis: &mut Axis| {
@@ -487,6 +554,58 @@ mod tests {
         assert!(!axis.is_late(&at(300 * 21 - 5)));
     }
 
+    /// What becomes of the answers to an axis that went 20 increments a period, after one was lost.
+    fn after_a_lost_answer(counts: [i32; 3]) -> [Answer; 3] {
+        let mut axis = Axis::new(Rules::default());
+        let at = |count| Status { count, ..Status::default() }.encode();
+        for k in 0..20 {
+            after_a_period(&mut axis, Some(&at(20 * k))).unwrap();
+        }
+        after_a_period(&mut axis, None).unwrap();
+
+        counts.map(|count| {
+            axis.pass(1.0);
+            let late = axis.is_late(&at(count));
+            if late { axis.overlook() } else { axis.take(Some(&at(count))).unwrap() }
+        })
+    }
+
+    #[test]
+    fn what_seems_late_is_no_silence_and_is_believed_soon() {
+        use Answer::{Late, Taken};
+
+        // It stands where it was expected a period before: nothing tells that from an answer that is late.
+        assert_eq!(after_a_lost_answer([400, 400, 400]), [Late, Taken, Taken]);
+        // Always a period behind: what is owed is not to come.
+        assert_eq!(after_a_lost_answer([400, 420, 440]), [Late, Late, Taken]);
+        assert_eq!(after_a_lost_answer([420, 440, 460]), [Taken; 3]);
+    }
+
+    #[test]
+    fn an_axis_that_brakes_hard_is_read_at_once_after_a_lost_answer() {
+        // At the end of it, below 80 increments a period, it is anybody's guess, and little depends on it.
+        for lost in 1..9 {
+            let mut axis = Axis::new(Rules::default());
+            let at = |count| Status { count, ..Status::default() }.encode();
+            let mut count = 0;
+            for _ in 0..20 {
+                count += 190;
+                after_a_period(&mut axis, Some(&at(count))).unwrap();
+            }
+            for k in 1..12 {
+                // A track that brakes as fast as it may, in 20 ms.
+                count += 190 - 16 * k;
+                axis.pass(1.0);
+                if k == lost {
+                    axis.take(None).unwrap();
+                    continue;
+                }
+                assert!(k != lost + 1 || !axis.is_late(&at(count)), "{lost}");
+                axis.take(Some(&at(count))).unwrap();
+            }
+        }
+    }
+
     #[test]
     fn a_motor_goes_on_while_this_machine_is_kept_from_running() {
         let mut axis = Axis::new(Rules::default());
@@ -500,7 +619,46 @@ mod tests {
         assert_eq!(axis.take(Some(&at(300 * 23))), Ok(Answer::Taken), "it was braked meanwhile");
         axis.pass(1.0);
         assert_eq!(axis.count(), 300 * 23 + 150, "4 steps in 8 periods");
-        assert!(matches!(axis.take(Some(&at(300 * 40))), Ok(Answer::Impossible(1))));
+        assert!(matches!(axis.take(Some(&at(300 * 60))), Ok(Answer::Impossible(1))));
+    }
+
+    #[test]
+    fn what_a_standstill_of_the_machine_hid_may_show_an_answer_later() {
+        let mut axis = Axis::new(Rules::default());
+        let at = |count| Status { count, ..Status::default() }.encode();
+        for k in 0..20 {
+            after_a_period(&mut axis, Some(&at(300 * k))).unwrap();
+        }
+
+        axis.pass(12.0);
+        let old = at(300 * 20);
+        assert_eq!(axis.take(Some(&old)), Ok(Answer::Taken), "from when the standstill began");
+        for k in 32..40 {
+            let taken = after_a_period(&mut axis, Some(&at(300 * k)));
+            assert_eq!(taken, Ok(Answer::Taken), "now is told of now");
+            // What is guessed after it is right at once.
+            let mut guess = axis.clone();
+            after_a_period(&mut guess, None).unwrap();
+            assert!((guess.count() - i64::from(300 * (k + 1))).abs() <= 2, "{}", guess.count());
+        }
+        let far = at(300 * 39 + 1400);
+        assert_eq!(after_a_period(&mut axis, Some(&far)), Ok(Answer::Impossible(1)), "no more");
+    }
+
+    #[test]
+    fn a_line_that_catches_up_may_show_a_little_first() {
+        let mut axis = Axis::new(Rules::default());
+        let at = |count| Status { count, ..Status::default() }.encode();
+        for k in 0..20 {
+            after_a_period(&mut axis, Some(&at(300 * k))).unwrap();
+        }
+
+        axis.pass(12.0);
+        axis.take(Some(&at(300 * 20))).unwrap();
+        for count in [300 * 21, 300 * 33] {
+            axis.pass(1.003);
+            assert_eq!(axis.take(Some(&at(count))), Ok(Answer::Taken), "{count}");
+        }
     }
 
     #[test]

@@ -116,11 +116,12 @@ pub struct Lines {
     answers: Vec<Partial>,
 }
 
-/// The most answers of one line that are kept apart: the last order's and late ones before it.
-const MOST_DUE: usize = 4;
+/// The most answers of one line that are kept apart: the last order's and late ones before it. What stood still for as
+/// long as a bridge waits (20 periods) says it all at once, and only the last of it is of now.
+const MOST_DUE: usize = 24;
 
 /// Answers as far as they have come.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone)]
 struct Partial {
     bytes: [u8; MOST_DUE * STATUS],
     length: usize,
@@ -132,6 +133,16 @@ struct Partial {
 }
 
 impl Partial {
+    /// Nothing is due.
+    const NONE: Self =
+        Self { bytes: [0; MOST_DUE * STATUS], length: 0, dead: false, due: 0, late: false };
+
+    /// An order has gone out, or could not; so many answers are due now.
+    fn begin(&mut self, due: usize, dead: bool) {
+        (self.length, self.late) = (0, false);
+        (self.due, self.dead) = (due, dead);
+    }
+
     /// Whole answers.
     fn received(&self) -> usize {
         self.length / STATUS
@@ -163,7 +174,7 @@ impl Lines {
     #[must_use]
     pub fn new(lines: Vec<Line>) -> Self {
         assert!(lines.len() <= MOST, "at most {MOST} lines");
-        let answers = vec![Partial::default(); lines.len()];
+        let answers = vec![Partial::NONE; lines.len()];
         Self { lines, answers }
     }
 
@@ -190,7 +201,7 @@ impl Lines {
         let gone = self.lines[line].drain();
         let due = (self.answers[line].outstanding(gone) + 1).min(MOST_DUE);
         let dead = !self.lines[line].write(order);
-        self.answers[line] = Partial { dead, due, ..Partial::default() };
+        self.answers[line].begin(due, dead);
     }
 
     /// Waits until every line has answered, and no longer than the deadline. Where an answer is owed from before, the
@@ -328,15 +339,19 @@ mod tests {
     }
 
     #[test]
-    fn two_late_answers_give_way_to_the_third() {
-        let (far, mut lines) = late();
-        lines.gather(Instant::now());
-        lines.send(0, &[0; ORDER]);
+    fn however_many_answers_are_late_the_last_one_counts() {
+        for orders in [3, 21] {
+            let (far, mut lines) = late();
+            for _ in 2..orders {
+                lines.gather(Instant::now());
+                lines.send(0, &[0; ORDER]);
+            }
 
-        assert!((1..=3).all(|i| far.write(&[i; STATUS])));
-        lines.gather(soon());
+            assert!((1..=orders).all(|i| far.write(&[i; STATUS])));
+            lines.gather(soon());
 
-        assert_eq!(lines.answer(0), Some(&[3; STATUS]));
+            assert_eq!(lines.answer(0), Some(&[orders; STATUS]));
+        }
     }
 
     #[test]

@@ -2,6 +2,8 @@
 //!
 //! - in: the drives of a period; out: the readings that the controllers give in answer, within the period
 //! - all lines are served at once; what has not answered by the deadline is missed, and reads as it did before
+//! - lines do not fail in the same period by themselves: where several are silent at once, what they all hang on is late,
+//!   and is waited for longer than one of them
 //! - a line that must be given up is a fault of the whole bridge: every controller of every arm is put into its error
 //!   mode, power off and brakes on, since a cube may join the arms, and told so in every period until the run ends
 //! - when the bridge ends, every controller is put into its manual mode
@@ -48,6 +50,8 @@ enum Phase {
     Start,
     /// It is a fault after a few periods.
     Run,
+    /// It says nothing of a line that is still there: others are silent with it.
+    Together,
 }
 
 /// All arms.
@@ -61,13 +65,18 @@ pub struct SerialPort {
     begun: bool,
     /// When the last orders went out.
     asked: Option<Instant>,
-    /// Periods in a row in which no line at all answered.
-    all_missed: u32,
+    rules: Rules,
+    /// For how many periods in a row each line has been silent.
+    silent: Vec<u32>,
+    /// No line at all answered in the last one.
+    all_missed: bool,
 }
 
-/// So many periods without an answer on any line are a fault. All lines at once are late rather than dead: this
-/// machine was kept from running, or whatever all of them hang on was.
-const ALL_MISSED: u32 = 20;
+/// So many lines that are silent in the same period are late rather than dead: this machine was kept from running, or
+/// whatever they hang on was (measured: all lines of one arm for 3 periods, those of the other one not for one).
+const SEVERAL: usize = 3;
+/// So many such periods in a row of one of them are a fault, or as many as of a line alone, where those are more.
+const MOST_TOGETHER: u32 = 20;
 /// The same of lines that are all gone.
 const ALL_GONE: u32 = 3;
 
@@ -99,13 +108,15 @@ impl SerialPort {
             .collect();
         Self {
             arms,
+            rules,
+            silent: vec![0; lines.len()],
             lines: Lines::new(lines),
             notes,
             patience: Self::PATIENCE,
             fault: None,
             begun: false,
             asked: None,
-            all_missed: 0,
+            all_missed: false,
         }
     }
 
@@ -133,11 +144,35 @@ impl SerialPort {
 
     /// Judges the answers; returns the first line that must be given up.
     fn judge(&mut self, period: u64) -> Result<(), PortFault> {
-        if self.misses_all() {
-            return self.wait_for_all(period);
+        let all = self.lines.len();
+        let (mut missed, mut late) = (0, 0);
+        for (line, silent) in self.silent.iter_mut().enumerate() {
+            let is_silent = self.lines.answer(line).is_none();
+            *silent = if is_silent { *silent + 1 } else { 0 };
+            missed += usize::from(is_silent);
+            late += usize::from(is_silent && !self.lines.is_dead(line));
         }
-        self.all_missed = 0;
-        self.judge_each(period, Phase::Run)
+        self.all_missed = all > 1 && missed == all;
+        if !self.all_missed && late < SEVERAL {
+            return self.judge_each(period, Phase::Run);
+        }
+        // Lines that are gone are not late.
+        let most = if late == 0 { ALL_GONE } else { MOST_TOGETHER.max(self.rules.misses) };
+        let longest = self.silent.iter().copied().max().unwrap_or_default();
+        if longest >= most {
+            return Err(self.silent_together(period, missed, longest));
+        }
+        for (effector, arm) in self.arms.iter().enumerate() {
+            let silent = |line: &Option<usize>| line.is_some_and(|line| self.silent[line] > 0);
+            if arm.lines.iter().filter(|line| silent(line)).count() >= SEVERAL.min(all) {
+                self.notes.tell(period, effector, What::MissedTogether);
+                continue;
+            }
+            for axis in (0..=AXES).filter(|&axis| silent(&arm.lines[axis])) {
+                self.notes.tell(period, effector, What::Missed { axis });
+            }
+        }
+        if self.all_missed { Ok(()) } else { self.judge_each(period, Phase::Together) }
     }
 
     fn judge_each(&mut self, period: u64, phase: Phase) -> Result<(), PortFault> {
@@ -146,12 +181,19 @@ impl SerialPort {
         for (effector, arm) in self.arms.iter_mut().enumerate() {
             for index in 0..=AXES {
                 let Some(line) = arm.lines[index] else { continue };
+                let is_silent = self.lines.answer(line).is_none();
+                if phase == Phase::Together && is_silent && !self.lines.is_dead(line) {
+                    continue;
+                }
                 let late = self.lines.is_doubtful(line)
                     && self.lines.answer(line).is_some_and(|told| arm.axes[index].is_late(told));
-                if late {
+                let became = if late {
                     self.lines.owe(line);
-                }
-                let what = match arm.axes[index].take(self.lines.answer(line)) {
+                    Ok(arm.axes[index].overlook())
+                } else {
+                    arm.axes[index].take(self.lines.answer(line))
+                };
+                let what = match became {
                     Ok(Answer::Taken) => continue,
                     // A controller that is still booting is silent and takes nothing.
                     Ok(Answer::Missed(_)) | Err(AxisFault::Silent(_) | AxisFault::Untaken(_))
@@ -159,7 +201,7 @@ impl SerialPort {
                     {
                         continue;
                     }
-                    Ok(Answer::Missed(_)) => What::Missed { axis: index },
+                    Ok(Answer::Missed(_) | Answer::Late) => What::Missed { axis: index },
                     Ok(Answer::Impossible(_)) => What::Impossible { axis: index },
                     Err(fault) => {
                         others += u32::from(first.is_some());
@@ -189,29 +231,27 @@ impl SerialPort {
         format!("{}, {axis} ({path})", arm.name)
     }
 
-    fn misses_all(&self) -> bool {
-        self.lines.len() > 1 && (0..self.lines.len()).all(|line| self.lines.answer(line).is_none())
-    }
-
-    fn wait_for_all(&mut self, period: u64) -> Result<(), PortFault> {
-        self.all_missed += 1;
-        // Lines that are gone are not late.
-        let gone = (0..self.lines.len()).all(|line| self.lines.is_dead(line));
-        let most = if gone { ALL_GONE } else { ALL_MISSED };
-        if self.all_missed < most {
-            for effector in 0..self.arms.len() {
-                self.notes.tell(period, effector, What::MissedAll);
-            }
-            return Ok(());
+    /// Why lines that are silent together must be given up: one of them has been for the `longest`.
+    fn silent_together(&self, period: u64, missed: usize, longest: u32) -> PortFault {
+        let at = period as f64 * PERIOD;
+        let end = format!("no answer for {longest} periods, in period {period} ({at:.3} s)");
+        if self.all_missed {
+            let names: Vec<&str> = self.arms.iter().map(|arm| arm.name.as_str()).collect();
+            let (first, last) = (self.lines.path(0), self.lines.path(self.lines.len() - 1));
+            let reason = format!("{}, all axes ({first} to {last}): {end}", names.join(" and "));
+            return PortFault { effector: 0, reason };
         }
-        let (at, names) = (period as f64 * PERIOD, self.arms.iter().map(|arm| arm.name.as_str()));
-        let reason = format!(
-            "{}, all axes ({} to {}): no answer for {most} periods, in period {period} ({at:.3} s)",
-            names.collect::<Vec<_>>().join(" and "),
-            self.lines.path(0),
-            self.lines.path(self.lines.len() - 1),
-        );
-        Err(PortFault { effector: 0, reason })
+        let (effector, axis) = (0..self.arms.len())
+            .flat_map(|arm| (0..=AXES).map(move |axis| (arm, axis)))
+            .find(|&(arm, axis)| {
+                self.arms[arm].lines[axis].is_some_and(|line| self.silent[line] == longest)
+            })
+            .unwrap_or_default();
+        let (line, others) = (self.line_of(effector, axis), missed.saturating_sub(1));
+        PortFault {
+            effector,
+            reason: format!("{line}: {end}; {others} other lines are silent, too"),
+        }
     }
 
     /// Puts every controller into a mode; none is waited for.
@@ -304,7 +344,7 @@ impl Port for SerialPort {
         for (effector, (arm, reading)) in self.arms.iter_mut().zip(readings).enumerate() {
             hand_over(&arm.axes, arm.lines[0].is_some(), reading);
             // Where nothing at all gets through, its silence is not the sensor's: the last wrench holds meanwhile.
-            if self.all_missed > 0 {
+            if self.all_missed {
                 reading.wrench_is_old = true;
                 continue;
             }
@@ -375,13 +415,13 @@ mod tests {
     use crate::hw::emulator::pty::Pty;
     use crate::hw::force::NoSensor;
     use crate::hw::serial::AXIS_BAUD;
-    use crate::hw::serial::frame::ORDER;
+    use crate::hw::serial::frame::{ORDER, STATUS};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering};
     use std::thread::JoinHandle;
 
     /// An arm of one axis, whose controller boots after a while: what it was told before is lost.
-    fn booting(after: Duration, stop: &Arc<AtomicBool>) -> (SerialArm, JoinHandle<()>) {
+    fn booting(after: Duration, stop: &Arc<AtomicBool>) -> (SerialArm, JoinHandle<Pty>) {
         let far = Pty::open().unwrap();
         let mut axes = [const { None }; AXES + 1];
         axes[1] = Some(Line::open(far.path(), AXIS_BAUD, true).unwrap());
@@ -400,6 +440,7 @@ mod tests {
                 }
                 std::thread::sleep(Duration::from_micros(200));
             }
+            far
         });
         let (name, force) = ("arm".to_owned(), Box::new(NoSensor));
         (SerialArm { name, axes, max_currents: [1.0; AXES + 1], force }, thread)
@@ -447,5 +488,62 @@ mod tests {
         drop(port);
         stops[0].store(true, Ordering::Release);
         threads.remove(0).join().unwrap();
+    }
+
+    #[test]
+    fn lines_that_are_late_in_turn_are_not_given_up() {
+        let mut port = SerialPort::new(Vec::new(), Rules::default(), Notes::none());
+        let far: Vec<Pty> = (0..2 * SEVERAL).map(|_| Pty::open().unwrap()).collect();
+        let lines = far.iter().map(|far| Line::open(far.path(), AXIS_BAUD, true).unwrap());
+        port.lines = Lines::new(lines.collect());
+        port.silent = vec![0; far.len()];
+
+        for period in 0..3 * u64::from(MOST_TOGETHER) {
+            for (line, far) in far.iter().enumerate() {
+                port.lines.send(line, &[0; ORDER]);
+                if (line < SEVERAL) == (period % 2 == 0) {
+                    // What is owed from before comes, too.
+                    assert!(far.write(&[0; 2 * STATUS]));
+                }
+            }
+            port.lines.gather(Instant::now() + Duration::from_millis(5));
+            assert_eq!(port.judge(period), Ok(()), "{period}");
+        }
+    }
+
+    #[test]
+    fn lines_that_fall_silent_together_are_waited_for_while_the_others_are_read() {
+        const ARMS: usize = SEVERAL + 1;
+        let stops = [false; ARMS].map(|stops| Arc::new(AtomicBool::new(stops)));
+        let (arms, threads): (Vec<_>, Vec<_>) =
+            stops.iter().map(|stop| booting(Duration::ZERO, stop)).unzip();
+        let mut port = SerialPort::new(arms, Rules::default(), Notes::none());
+        port.patience = Duration::from_millis(20);
+        let (drives, mut readings) = ([ArmDrive::OFF; ARMS], [ArmReading::default(); ARMS]);
+        port.exchange(0, &drives, &mut readings).unwrap();
+
+        for stop in &stops[1..] {
+            stop.store(true, Ordering::Release);
+        }
+        let mut threads = threads.into_iter();
+        let answers = threads.next().unwrap();
+        let _still_there: Vec<Pty> = threads.map(|thread| thread.join().unwrap()).collect();
+        let most = u64::from(MOST_TOGETHER);
+        let mut read = 0;
+        for period in 1..most {
+            assert_eq!(port.exchange(period, &drives, &mut readings), Ok(()), "{period}");
+            assert!(readings[1..].iter().all(|reading| reading.guessed == 1 << 1));
+            read += u64::from(readings[0].guessed == 0);
+        }
+        assert!(read > most / 2, "this processor may be another's for some of them");
+        port.patience = Duration::from_millis(500);
+        let fault = port.exchange(most, &drives, &mut readings).unwrap_err();
+
+        assert!(fault.reason.contains("no answer for 20 periods"), "{fault}");
+        assert!(fault.reason.contains("2 other lines are silent, too"), "{fault}");
+        assert_eq!(fault.effector, 1);
+        drop(port);
+        stops[0].store(true, Ordering::Release);
+        answers.join().unwrap();
     }
 }

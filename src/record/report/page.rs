@@ -4,6 +4,7 @@ use super::figures::{figures, quantile};
 use super::story::{ArmStory, BIN, Shot, Story};
 use super::svg::{self, Curve, Row};
 use crate::operator::Class;
+use crate::record::reading::End;
 use std::fmt::Write;
 
 /// The look, for light, dark and paper.
@@ -49,7 +50,8 @@ fn head(html: &mut String, story: &Story, title: &str) {
         let class = if summary.exit_code() == 0 { "good" } else { "bad" };
         (class, word, summary.reason.clone())
     } else {
-        let word = if matches!(story.cut, Some(("damaged", _))) { "Damaged" } else { "Cut off" };
+        let damaged = matches!(story.file_end, Some(End::Damaged(_)));
+        let word = if damaged { "Damaged" } else { "Cut off" };
         ("bad", word, "the recording ends before the run does".to_owned())
     };
     let _ = write!(
@@ -58,12 +60,12 @@ fn head(html: &mut String, story: &Story, title: &str) {
         escaped(title),
         escaped(&capital(&reason))
     );
-    if let Some((how, why)) = &story.cut {
+    if let Some(flaw) = story.file_end.as_ref().and_then(End::flaw) {
+        let how = format!("{:#}", flaw.after(story.end));
         let _ = write!(
             html,
-            "<p class=warn>The recording is {how} after {:.1} s ({}). What is here is what was saved.</p>",
-            story.end,
-            escaped(why)
+            "<p class=warn>The recording is {}. What is here is what was saved.</p>",
+            escaped(&how)
         );
     }
     for why in incomplete(story) {
@@ -602,6 +604,21 @@ mod tests {
 
         assert!(html.contains("17 messages of this run are not here"), "{html}");
         assert!(html.contains("10 of 100 servo periods of track are not here"), "{html}");
+    }
+
+    #[test]
+    fn how_the_file_ends_is_told_at_the_top() {
+        let ends =
+            |file_end| page(&Story { file_end: Some(file_end), end: 1.5, ..Story::default() });
+
+        assert!(!ends(End::Whole).contains("class=warn"));
+        let cut = ends(End::Cut("no more".into()));
+        assert!(cut.contains("<b>Cut off</b>"), "{cut}");
+        assert!(cut.contains("The recording is cut off after 1.5 s (no more). What"), "{cut}");
+        let damaged = ends(End::Damaged("before byte 7: <b>".into()));
+        assert!(damaged.contains("<b>Damaged</b>"), "{damaged}");
+        let told = "The recording is damaged after 1.5 s (before byte 7: &lt;b&gt;). What";
+        assert!(damaged.contains(told), "{damaged}");
     }
 
     #[test]

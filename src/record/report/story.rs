@@ -52,8 +52,8 @@ pub struct Story {
     pub operator: Vec<(f64, String)>,
     /// When the recording ends [s].
     pub end: f64,
-    /// How it ends in the middle, and why.
-    pub cut: Option<(&'static str, String)>,
+    /// How its file ends.
+    pub file_end: Option<End>,
     /// Messages in the recording.
     pub count: u64,
 }
@@ -129,7 +129,7 @@ pub fn gather<R: Read>(from: R) -> Result<Story, Unreadable> {
         return Err(Unreadable::Missing("not a recording of this program".to_owned()));
     }
     story.summary = serde_json::from_str(story.label.of("summary", "json")).ok();
-    story.cut = reading.end().and_then(End::flaw).map(|(how, why)| (how, why.to_owned()));
+    story.file_end = reading.end().cloned();
     Ok(story)
 }
 

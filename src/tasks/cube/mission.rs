@@ -9,6 +9,8 @@
 
 mod recover;
 mod sight;
+#[cfg(test)]
+mod testing;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -64,6 +66,7 @@ enum Job {
     Open {
         hand: Hand,
         opening: f64,
+        stops: Depth,
     },
     /// Lets go of the cube and forgets it.
     LetGo(Hand),
@@ -99,6 +102,8 @@ enum Job {
     Release {
         tries: u32,
     },
+    /// The track hand draws back with the cube, as far as the arm folds.
+    DrawBack(f64),
     Remember,
     Step(Step),
     Look {
@@ -160,6 +165,10 @@ pub struct Mission {
     widths: [Option<f64>; 2],
     /// Where its tool had closed on it, in its base [m].
     taken_at: Option<[f64; 3]>,
+    /// By how much less than usual it drew back from there [m].
+    short: f64,
+    /// Where the palms' stops were put last.
+    stops: [Depth; 2],
     /// The cube is still where it was given.
     untouched: bool,
     turned: f64,
@@ -274,6 +283,8 @@ impl Mission {
             hand_over: None,
             widths: [None; 2],
             taken_at: None,
+            short: 0.0,
+            stops: [Depth::One; 2],
             turned: 0.0,
             given_back: false,
             rounds: 1,
@@ -306,7 +317,7 @@ impl Mission {
     fn take(&mut self) {
         self.queue.extend([
             Job::Phase("acquire"),
-            Job::Open { hand: Hand::Track, opening: self.settings.opening },
+            Job::Open { hand: Hand::Track, opening: self.settings.opening, stops: Depth::One },
             Job::Watch(true),
             Job::Bias([true, true]),
             Job::VisualServo { tries: 1 },
@@ -321,7 +332,7 @@ impl Mission {
         if self.settings.keeper == Keeper::Person {
             self.queue.extend([Job::Wait(Hand::Track, RELEASE_WAIT), Job::Release { tries: 1 }]);
         }
-        self.queue.extend([Job::Watch(false), Job::Along(Hand::Track, -back), Job::Remember]);
+        self.queue.extend([Job::Watch(false), Job::DrawBack(back), Job::Remember]);
     }
 
     fn begin(&mut self, arms: &[ArmState]) {
@@ -343,7 +354,11 @@ impl Mission {
                 self.queue.extend([
                     Job::Phase("grasp"),
                     Job::Close { hand: Hand::Postument, hold: held.hold },
-                    Job::Open { hand: Hand::Track, opening: self.settings.opening },
+                    Job::Open {
+                        hand: Hand::Track,
+                        opening: self.settings.opening,
+                        stops: Depth::One,
+                    },
                     Job::Bias([true, true]),
                     Job::PreGrasp { hand: Hand::Track, hold, half_roll: false },
                     Job::Approach { hand: Hand::Track, hold, half_roll: false },
@@ -459,7 +474,7 @@ impl Mission {
                 Some(Outcome::NotTouched) if tries < TAKE_TRIES => {
                     self.log.notes.push(format!("the cube was not where it was seen, try {tries}"));
                     self.push_front(&[
-                        Job::Along(Hand::Track, -self.settings.back),
+                        Job::DrawBack(self.settings.back),
                         Job::VisualServo { tries: tries + 1 },
                     ]);
                     Ok(())
@@ -473,7 +488,7 @@ impl Mission {
                     let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
                     self.belief.taken(Hand::Track, hold, false);
                     self.widths[Hand::Track.index()] = Some(width);
-                    self.taken_at = Some(place(arms));
+                    (self.taken_at, self.short) = (Some(place(arms)), 0.0);
                     self.untouched = false;
                     Ok(())
                 }
@@ -483,8 +498,12 @@ impl Mission {
                         Outcome::words(other)
                     ));
                     self.push_front(&[
-                        Job::Open { hand: Hand::Track, opening: self.settings.opening },
-                        Job::Along(Hand::Track, -self.settings.back),
+                        Job::Open {
+                            hand: Hand::Track,
+                            opening: self.settings.opening,
+                            stops: Depth::One,
+                        },
+                        Job::DrawBack(self.settings.back),
                         Job::Bias([true, false]),
                         Job::VisualServo { tries: 1 },
                         Job::Take { tries: tries + 1 },
@@ -796,9 +815,15 @@ impl Mission {
                 ]);
                 return Ok(None);
             }
-            Job::Open { hand, opening } => behave(hand, self.open(hand, opening)),
+            Job::Open { hand, opening, stops } => {
+                let order = self.open(hand, opening, stops);
+                self.stops[hand.index()] = stops;
+                behave(hand, order)
+            }
             Job::LetGo(hand) => {
-                let open = Job::Open { hand, opening: s.opening };
+                // Stops that came forward now would push the cube out of both hands.
+                let stops = self.stops[hand.index()];
+                let open = Job::Open { hand, opening: s.opening, stops };
                 let back = Job::Along(hand, -s.back);
                 self.belief.released(hand);
                 self.push_front(&[open, back]);
@@ -836,6 +861,7 @@ impl Mission {
                     selector: s.grasp_selector(),
                     stops: hold.depth,
                 };
+                self.stops[hand.index()] = hold.depth;
                 behave(hand, order)
             }
             Job::Secure { hand, hold, .. } => {
@@ -845,6 +871,7 @@ impl Mission {
                     selector: s.grasp_selector(),
                     stops: hold.depth,
                 };
+                self.stops[hand.index()] = hold.depth;
                 behave(hand, order)
             }
             Job::VisualServo { .. } => {
@@ -862,6 +889,7 @@ impl Mission {
                     selector: s.grasp_selector(),
                     stops: Depth::One,
                 };
+                self.stops[Hand::Track.index()] = Depth::One;
                 behave(Hand::Track, order)
             }
             Job::Wait(hand, seconds) => {
@@ -879,6 +907,21 @@ impl Mission {
                     selector,
                 };
                 behave(Hand::Track, order)
+            }
+            Job::DrawBack(way) => {
+                let goes = folds(s, way, &arms[Hand::Track.index()]);
+                // Where nothing was taken, nothing is drawn back from there.
+                if self.taken_at.is_some() {
+                    self.short += way - goes;
+                }
+                if goes < way {
+                    let (goes, way) = (goes * 1e3, way * 1e3);
+                    self.log.notes.push(format!(
+                        "the arm folds no farther: drawn back by {goes:.0} of {way:.0} mm"
+                    ));
+                }
+                self.push_front(&[Job::Along(Hand::Track, -goes)]);
+                return Ok(None);
             }
             Job::Remember => {
                 self.hand_over = Some(arms[Hand::Track.index()].desired_joints);
@@ -959,7 +1002,7 @@ impl Mission {
             }
             Job::LayDown => {
                 self.given_back = true;
-                // The place was noted where it was taken, and its hold may be one layer deeper by now.
+                // Farther than the table can be: one that is not felt by then is not there.
                 let distance = s.pre_grasp + s.edge / 3.0 + 0.01;
                 let selector = [false; 6];
                 let order = Behaviour::Approach {
@@ -991,12 +1034,12 @@ impl Mission {
         Ok(Some(action))
     }
 
-    fn open(&self, hand: Hand, opening: f64) -> Behaviour {
+    fn open(&self, hand: Hand, opening: f64, stops: Depth) -> Behaviour {
         // While the partner or the operator holds the cube too, what is strained between the hands gives way before
         // the pads do.
         let chained = self.belief.held[hand.other().index()].is_some() && !self.apart;
         Behaviour::Jaw {
-            jaw: JawCommand { opening, force_limit: self.settings.grip, stops: Depth::One },
+            jaw: JawCommand { opening, force_limit: self.settings.grip, stops },
             seconds: LEAVE_SECONDS,
             selector: if chained || self.given_back {
                 self.settings.grasp_selector()
@@ -1050,7 +1093,8 @@ impl Mission {
                     .ok_or("the arms cannot meet in this pair of holds")?;
                 let mut jobs = vec![
                     Job::Meet { newcomer: hand, meeting, back: true },
-                    Job::Open { hand, opening: self.settings.opening },
+                    // The palm's stops stand where the grasp has them before the hand comes near.
+                    Job::Open { hand, opening: self.settings.opening, stops: hold.depth },
                     Job::Bias([true, true]),
                     Job::PreGrasp { hand, hold, half_roll },
                     Job::Approach { hand, hold, half_roll },
@@ -1142,25 +1186,20 @@ impl Mission {
 
     fn unfold_hand_back(&mut self) -> Result<(), String> {
         let target = self.hand_over.ok_or("the place of the hand-over is not known")?;
-        let (speed, back) = (self.settings.speed, self.settings.back);
-        let to_there = [Job::Apart, Job::Joints([Some(target), None], speed)];
-        let mut jobs = match self.settings.keeper {
-            Keeper::Person => vec![
-                Job::Phase("hand back"),
-                Job::Along(Hand::Track, back),
-                Job::Bias([true, false]),
-                Job::Present { tries: 1 },
-            ],
-            Keeper::Table => vec![
-                Job::Phase("lay down"),
-                Job::Along(Hand::Track, back - self.settings.pre_grasp),
-                Job::Bias([true, false]),
-                Job::LayDown,
-            ],
+        let (speed, back) = (self.settings.speed, self.settings.back - self.short);
+        let (phase, way, end) = match self.settings.keeper {
+            Keeper::Person => ("hand back", back, Job::Present { tries: 1 }),
+            Keeper::Table => ("lay down", back - self.settings.pre_grasp, Job::LayDown),
         };
-        jobs.splice(1..1, to_there);
-        jobs.push(Job::LetGo(Hand::Track));
-        self.push_front(&jobs);
+        self.push_front(&[
+            Job::Phase(phase),
+            Job::Apart,
+            Job::Joints([Some(target), None], speed),
+            Job::Along(Hand::Track, way),
+            Job::Bias([true, false]),
+            end,
+            Job::LetGo(Hand::Track),
+        ]);
         Ok(())
     }
 }
@@ -1227,12 +1266,17 @@ impl Task for Mission {
                 | Job::Present { .. }
                 | Job::LayDown
                 | Job::Along(..)
+                // The first that knows where the cube is to go back to.
+                | Job::Apart
+                | Job::Joints(..)
         );
         (over || changes).then(|| Entry {
             doing: if over { "over" } else { doing(job) }.to_owned(),
             held: self.belief.held.map(|held| held.map(|held| held.hold.depth)),
             hand_over: self.hand_over,
             taken_at: self.taken_at,
+            short: self.short,
+            stops: self.stops.map(Some),
             handing_back: self.given_back,
             over,
         })
@@ -1262,6 +1306,15 @@ impl Shown {
         self.plan = Arc::new(answer.lines.iter().map(line).collect());
         self.step = Some(0);
     }
+}
+
+/// How far the track arm draws back, of so long a way. Where it is less than two thirds of the usual way in all, the cube would
+/// still be in the operator's hand: then all of it is tried, and the arm says what is in its way.
+fn folds(settings: &CubeSettings, way: f64, track: &ArmState) -> f64 {
+    const LEAST: f64 = 2.0 / 3.0;
+    let goes = settings.fold.way(&track.desired_base_from_tool, &track.desired_joints, way);
+    let before = settings.back - way;
+    if before + goes >= LEAST * settings.back { goes } else { way }
 }
 
 /// Where the track's tool is set to be, in its base [m].

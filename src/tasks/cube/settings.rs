@@ -2,11 +2,11 @@
 
 use crate::cube::Keeper;
 use crate::generators::{Selector, position::Speeds, visual_servo};
-use crate::reach::MeetingTable;
+use crate::reach::{Fold, MeetingTable};
 use crate::spatial::Pose;
 use nalgebra::Point3;
 
-use super::plan::{Costs, Rule, Terms};
+use super::plan::{Costs, Depths, Rule, Terms};
 use super::think::Strategy;
 
 /// Which arm yields while a face is turned.
@@ -47,6 +47,8 @@ pub struct ArmBelief {
 pub struct CubeSettings {
     /// The two arms, track first.
     pub arms: [ArmBelief; 2],
+    /// How far the track arm can draw back.
+    pub fold: Fold,
     /// Where they can meet.
     pub meetings: MeetingTable,
     /// Edge of the cube [m].
@@ -115,7 +117,11 @@ impl CubeSettings {
     /// The terms of the plan: the rule, and what motions cost with these speeds.
     #[must_use]
     pub fn terms(&self) -> Terms {
-        Terms { costs: self.costs(), ..Terms::of(self.rule) }
+        let finish_depths = match self.keeper {
+            Keeper::Person => Depths::Both,
+            Keeper::Table => Depths::One,
+        };
+        Terms { costs: self.costs(), finish_depths, ..Terms::of(self.rule) }
     }
 
     /// What motions cost.

@@ -79,6 +79,8 @@ impl Mission {
             held: [None; 2],
             hand_over: None,
             taken_at: None,
+            short: 0.0,
+            stops: [None; 2],
             handing_back: false,
             over: false,
         }));
@@ -113,11 +115,11 @@ impl Mission {
     /// The cube has fallen: the hand goes where it took the cube from the operator, who may hold it out once more.
     fn dropped(&mut self, hand: Hand, hand_over: JointPositions) {
         self.forget_cube();
-        self.hand_over = None;
+        (self.hand_over, self.taken_at, self.short) = (None, None, 0.0);
         let (opening, speed) = (self.settings.opening, self.settings.speed);
         self.queue.extend([
             Job::Phase("wait for the cube"),
-            Job::Open { hand, opening },
+            Job::Open { hand, opening, stops: Depth::One },
             Job::Apart,
             Job::Joints([Some(hand_over), None], speed),
         ]);
@@ -300,6 +302,8 @@ impl Mission {
             gap > GONE * edge && gap < edge + WIDER
         };
         (self.hand_over, self.taken_at) = (last.hand_over, last.taken_at);
+        self.short = last.short;
+        self.stops = [Hand::Track, Hand::Postument].map(|hand| depth(Some(last), hand));
         let places = self.settings.meetings.grasps.iter().flatten().map(|m| m.track_back.0[0]);
         let least = places.fold(f64::INFINITY, f64::min) - self.settings.meetings.separation;
         self.apart = arms[0].desired_joints.0[0] < least + 0.5 * self.settings.meetings.separation;
@@ -315,7 +319,7 @@ impl Mission {
             }
             [false, false] => {
                 self.log.notes.push("no hand holds the cube: it is taken anew".to_owned());
-                (self.hand_over, self.taken_at) = (None, None);
+                (self.hand_over, self.taken_at, self.short) = (None, None, 0.0);
                 self.queue.push_back(Job::Apart);
                 self.take();
             }
@@ -348,25 +352,32 @@ impl Mission {
         if between < 3.0 * self.settings.edge {
             self.queue.push_back(Job::LetGo(hand));
         } else {
-            self.queue.push_back(Job::Open { hand, opening: self.settings.opening });
+            self.queue.push_back(Job::Open {
+                hand,
+                opening: self.settings.opening,
+                stops: self.stops[hand.index()],
+            });
         }
     }
 
     /// What follows when one hand is known to hold the cube: without a place to hand it back, the operator may still
     /// have hold of it.
     fn settle(&mut self, holder: Hand, arms: &[ArmState]) {
+        let back = self.settings.back - self.short;
+        // Of the way back from where it was taken a part may have been gone already.
+        let left = |from: [f64; 3]| {
+            let gone = (Vector3::from(super::place(arms)) - Vector3::from(from)).norm();
+            (back - gone).max(0.0)
+        };
         if self.hand_over.is_none() && holder == Hand::Track {
-            // A part of the way back may have been gone already.
-            let from = Vector3::from(self.taken_at.unwrap_or_else(|| super::place(arms)));
-            let gone = (Vector3::from(super::place(arms)) - from).norm();
-            self.draw_back_with((self.settings.back - gone).max(0.0));
+            self.draw_back_with(self.taken_at.map_or(back, left));
         } else if let (Hand::Track, Keeper::Table, Some(from)) =
             (holder, self.settings.keeper, self.taken_at)
         {
             // It may stand on the table, or just above: not along it, but up from there.
-            let above = (Vector3::from(super::place(arms)) - Vector3::from(from)).norm();
-            if above < self.settings.back {
-                self.queue.push_back(Job::Along(holder, above - self.settings.back));
+            let left = left(from);
+            if left > 0.0 {
+                self.queue.push_back(Job::Along(holder, -left));
             }
         }
         self.queue.extend([Job::Phase("identify"), Job::Looks]);
@@ -411,7 +422,8 @@ impl Mission {
 
 /// How deep a hand holds, as far as it was noted.
 fn depth(last: Option<&Entry>, hand: Hand) -> Depth {
-    last.and_then(|last| last.held[hand.index()]).unwrap_or(Depth::One)
+    let noted = last.and_then(|last| last.held[hand.index()].or(last.stops[hand.index()]));
+    noted.unwrap_or(Depth::One)
 }
 
 /// Which hand turns a layer, and by how much more about its own z the layer is straight [rad]: of the 24 ways in which
@@ -438,7 +450,12 @@ fn askew(track: &UnitQuaternion<f64>, postument: &UnitQuaternion<f64>) -> (Hand,
 
 #[cfg(test)]
 mod tests {
+    use super::super::Goal;
+    use super::super::testing::settings;
     use super::*;
+    use crate::spatial::Pose;
+    use crate::tasks::cube::settings::CubeSettings;
+    use crate::tasks::{Action, Event, Forces, Readings, Task};
 
     const PALETTE: Palette = [
         [220.0, 220.0, 215.0],
@@ -459,6 +476,111 @@ mod tests {
             confidence: 1.0,
             occluded: [false; 9],
         }
+    }
+
+    /// What another run noted that had taken the cube there, and lowered it again.
+    fn lowering() -> Entry {
+        Entry {
+            doing: "laying it down".to_owned(),
+            held: [Some(Depth::Two), None],
+            hand_over: Some(JointPositions([0.3; 7])),
+            taken_at: Some([0.5, 0.1, 0.7]),
+            short: 0.0,
+            stops: [None; 2],
+            handing_back: true,
+            over: false,
+        }
+    }
+
+    /// The first jobs of a mission that goes on from there, with the cube in the track hand, so high above where it was
+    /// taken [m].
+    fn first_jobs(keeper: Keeper, last: Entry, above: f64) -> Vec<Job> {
+        let settings = CubeSettings { keeper, ..settings() };
+        let mut mission = Mission::new(settings, Goal::Solve, None).resumed(Some(last));
+        let mut arms = [ArmState { jaw_opening: 0.09, ..ArmState::default() }; 2];
+        arms[0].jaw_opening = 0.057;
+        arms[0].desired_base_from_tool = Pose::translation(0.5, 0.1, 0.7 + above);
+        let readings = Readings { arms: &arms, forces: Forces::default() };
+
+        assert!(matches!(mission.next(Event::Start, &readings), Action::Phase("take stock")));
+        mission.queue.into_iter().collect()
+    }
+
+    /// The motions along the hand's own z before the cube is looked at [m].
+    fn ways(jobs: &[Job]) -> Vec<f64> {
+        let looks = jobs.iter().position(|job| *job == Job::Looks).unwrap();
+        let way = |job: &Job| match job {
+            Job::Along(Hand::Track, way) => Some(*way),
+            Job::DrawBack(way) => Some(-*way),
+            _ => None,
+        };
+        jobs[..looks].iter().filter_map(way).collect()
+    }
+
+    #[test]
+    fn a_cube_that_may_stand_on_the_table_is_lifted_before_it_is_looked_at() {
+        let back = settings().back;
+
+        for above in [0.0, 0.02] {
+            let jobs = first_jobs(Keeper::Table, lowering(), above);
+            let [way] = ways(&jobs)[..] else { panic!("{jobs:?}") };
+            assert!((way + (back - above)).abs() < 1e-12, "{way}");
+            // The arm did not fold farther than it had.
+            let folded = Entry { short: 0.01, ..lowering() };
+            let [way] = ways(&first_jobs(Keeper::Table, folded, above))[..] else { panic!() };
+            assert!((way + (back - 0.01 - above)).abs() < 1e-12, "{way}");
+            // What it holds is closed upon first, and the place of hand-over is known.
+            let close = |job: &Job| matches!(job, Job::Close { hand: Hand::Track, .. });
+            let lift = |job: &Job| matches!(job, Job::Along(..));
+            assert!(jobs.iter().position(close) < jobs.iter().position(lift), "{jobs:?}");
+            assert!(!jobs.contains(&Job::Remember), "{jobs:?}");
+        }
+        for above in [1.001 * back, 2.0 * back] {
+            assert!(ways(&first_jobs(Keeper::Table, lowering(), above)).is_empty(), "{above}");
+        }
+        // No table is below a cube that a person is given back.
+        assert!(ways(&first_jobs(Keeper::Person, lowering(), 0.02)).is_empty());
+    }
+
+    #[test]
+    fn a_hand_that_had_not_drawn_back_goes_the_rest_of_the_way_and_remembers_the_place() {
+        let back = settings().back;
+        let taking = Entry { hand_over: None, handing_back: false, ..lowering() };
+        let nowhere = Entry { taken_at: None, ..taking.clone() };
+
+        for keeper in [Keeper::Person, Keeper::Table] {
+            for (last, above, left) in
+                [(&taking, 0.02, back - 0.02), (&taking, 2.0 * back, 0.0), (&nowhere, 0.02, back)]
+            {
+                let jobs = first_jobs(keeper, last.clone(), above);
+                let [way] = ways(&jobs)[..] else { panic!("{jobs:?}") };
+                assert!((way + left).abs() < 1e-12, "{way} {left}");
+                assert!(jobs.contains(&Job::Remember), "{jobs:?}");
+                let waits = jobs.contains(&Job::Release { tries: 1 });
+                assert_eq!(waits, keeper == Keeper::Person, "{jobs:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn where_a_cube_was_taken_that_no_hand_holds_is_not_noted_again() {
+        let last = Entry { handing_back: false, short: 0.02, ..lowering() };
+        let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(last));
+        let arms = [ArmState { jaw_opening: 0.09, ..ArmState::default() }; 2];
+        let readings = Readings { arms: &arms, forces: Forces::default() };
+
+        let mut event = Event::Start;
+        let noted = (0..10).find_map(|_| {
+            let began = std::mem::replace(&mut event, Event::Done);
+            if matches!(mission.next(began, &readings), Action::Behave { .. }) {
+                event = Event::Behaved([Some(Outcome::Reached), None]);
+            }
+            mission.entry()
+        });
+
+        let noted = noted.unwrap();
+        assert_eq!(noted.doing, "moving");
+        assert_eq!((noted.hand_over, noted.taken_at, noted.short), (None, None, 0.0));
     }
 
     #[test]

@@ -76,6 +76,8 @@ pub struct Terms {
     pub depths: Depths,
     /// Who holds the cube in the end, alone; `None`: whoever.
     pub finish: Option<Hand>,
+    /// How deep that hand may reach then: fingers over two layers are too near a table to lay the cube down.
+    pub finish_depths: Depths,
     /// What motions cost.
     pub costs: Costs,
 }
@@ -85,7 +87,13 @@ impl Terms {
     #[must_use]
     pub fn of(rule: Rule) -> Self {
         let depths = if rule == Rule::Clearance { Depths::One } else { Depths::Both };
-        Self { rule, depths, finish: Some(Hand::Track), costs: Costs::default() }
+        Self {
+            rule,
+            depths,
+            finish: Some(Hand::Track),
+            finish_depths: Depths::Both,
+            costs: Costs::default(),
+        }
     }
 }
 
@@ -228,6 +236,24 @@ mod tests {
 
         assert_eq!(plan.grasps, 1);
         assert_eq!(plan.steps.last(), Some(&Step::Leave { hand: Hand::Track }));
+    }
+
+    #[test]
+    fn who_lays_the_cube_down_reaches_over_one_layer_only() {
+        let ends = |depths| {
+            let terms = Terms { finish_depths: depths, ..Terms::of(Rule::Strict) };
+            let plan = plan(&[parse_turns("U").unwrap()], start(), &terms, &Everywhere).unwrap();
+            let last = plan.steps.iter().rev().find_map(|step| match step {
+                Step::Grasp { hand: Hand::Track, hold, .. } => Some(hold.depth),
+                _ => None,
+            });
+            // It begins over two layers.
+            (plan.grasps, last.unwrap_or(Depth::Two))
+        };
+
+        assert_eq!(ends(Depths::Both), (1, Depth::Two));
+        let (grasps, depth) = ends(Depths::One);
+        assert!(grasps > 1 && depth == Depth::One, "{grasps}, {depth:?}");
     }
 
     /// Two grasps for a face beside the last one, four for the opposite one, and the changes at both ends.

@@ -52,7 +52,8 @@ impl Planner {
     /// The same arms by another rule.
     #[must_use]
     pub fn by_rule(&self, rule: Rule) -> Self {
-        let terms = Terms { costs: self.terms.costs, ..Terms::of(rule) };
+        let Terms { finish_depths, costs, .. } = self.terms;
+        let terms = Terms { finish_depths, costs, ..Terms::of(rule) };
         Self { terms, ..self.clone() }
     }
 

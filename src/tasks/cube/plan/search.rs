@@ -174,8 +174,10 @@ impl<'a, R: Reach> Moves<'a, R> {
                 );
             }
         }
-        let finishers =
-            (0..STATES).filter(|s| self.terms.finish.is_none_or(|hand| hand.index() == s / GRIPS));
+        let finishers = (0..STATES).filter(|s| {
+            self.terms.finish.is_none_or(|hand| hand.index() == s / GRIPS)
+                && s % GRIPS < choices(self.terms.finish_depths)
+        });
         let end = finishers.min_by(|&a, &b| best[last][a].cost.total_cmp(&best[last][b].cost))?;
         let begun = best[last][end].stand.is_some();
         let cost = best[last][end].cost + if begun { self.terms.costs.leave } else { 0.0 };
@@ -276,7 +278,7 @@ impl<'a, R: Reach> Moves<'a, R> {
     ) {
         let (holder, held) = (hand_of(state), state % GRIPS);
         let hand = holder.other();
-        let choices = if self.terms.depths == Depths::One { 24 } else { GRIPS };
+        let choices = choices(self.terms.depths);
         for grip in 0..choices {
             let both = if holder == Hand::Track { [held, grip] } else { [grip, held] };
             let pair = both[0] * GRIPS + both[1];
@@ -372,6 +374,11 @@ impl<'a, R: Reach> Moves<'a, R> {
 
 fn hand_of(state: usize) -> Hand {
     if state < GRIPS { Hand::Track } else { Hand::Postument }
+}
+
+/// The grips of these depths are the first so many.
+fn choices(depths: Depths) -> usize {
+    if depths == Depths::One { 24 } else { GRIPS }
 }
 
 /// The unsettled state of least cost.
