@@ -4,7 +4,7 @@
 //! spoilt in places, and over text of its own alphabet. Every input is limited in memory (counted by the allocator)
 //! and in time (a watchdog names the input that hangs).
 //!
-//! `HOSTILE_CASES=100000 cargo test --release --test hostile` looks longer; what it finds belongs into the corpus.
+//! `HOSTILE_CASES=100000 PROPTEST_RNG_SEED=$RANDOM cargo test --release --test hostile` looks longer; what it finds belongs into the corpus.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 

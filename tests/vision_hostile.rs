@@ -1,7 +1,7 @@
 //! Hostile pictures: bytes that are no picture, or a spoilt one, and pictures made to be hard. Nothing of it panics,
 //! hangs or takes unbounded memory, from the decoder to the pose.
 //!
-//! `HOSTILE_CASES=20000 cargo test --release --test vision_hostile` looks longer.
+//! `HOSTILE_CASES=20000 PROPTEST_RNG_SEED=$RANDOM cargo test --release --test vision_hostile` looks longer.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 

@@ -34,7 +34,7 @@ pub enum Unreadable {
     Long(usize),
 }
 
-/// No entry is longer [bytes].
+/// No entry is longer, its line's end left out [bytes].
 const LONGEST: u64 = 4096;
 
 impl Journal {
@@ -88,7 +88,8 @@ impl Journal {
             if count == 0 {
                 break;
             }
-            if count as u64 > LONGEST {
+            // Whether its line ends or was cut off, an entry is as long as it is.
+            if bytes.strip_suffix(b"\n").unwrap_or(&bytes).len() as u64 > LONGEST {
                 return Err(Unreadable::Long(line));
             }
             match serde_json::from_slice(&bytes) {
@@ -144,6 +145,22 @@ mod tests {
             journal.write(&entry("letting go")).unwrap();
 
             assert_eq!(Journal::last(&path).unwrap(), Some(entry("letting go")), "cut at {cut}");
+        }
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn what_a_crash_left_is_no_longer_for_the_line_that_ends_it() {
+        let path = place("longest");
+        for (long, refused) in [(LONGEST, false), (LONGEST + 1, true)] {
+            Journal::open(&path, false).unwrap().write(&entry("closing")).unwrap();
+            let whole = std::fs::read(&path).unwrap();
+            std::fs::write(&path, [whole, vec![b'x'; long as usize]].concat()).unwrap();
+            assert_eq!(Journal::last(&path).is_err(), refused, "{long}");
+
+            Journal::open(&path, true).unwrap().write(&entry("turning")).unwrap();
+
+            assert_eq!(Journal::last(&path).is_err(), refused, "{long}");
         }
         std::fs::remove_file(path).unwrap();
     }

@@ -68,6 +68,12 @@ pub fn most_held(read: impl FnOnce()) -> usize {
 #[test]
 fn memory_that_is_held_and_given_back_is_counted() {
     let bytes = 1 << 20;
-    assert_eq!(most_held(|| drop(std::hint::black_box(vec![1_u8; bytes]))), bytes);
+    let one = || drop(std::hint::black_box(vec![1_u8; bytes]));
+    assert_eq!(most_held(one), bytes);
+    let one_after_the_other = || {
+        one();
+        one();
+    };
+    assert_eq!(most_held(one_after_the_other), bytes, "what is given back is not held");
     assert_eq!(most_held(|| ()), 0);
 }
