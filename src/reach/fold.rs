@@ -28,6 +28,14 @@ impl Fold {
         Self::of(&super::example_cell().arms[0])
     }
 
+    /// Where that arm folds only a part of 0.3 m: its joints, and its tool in its base.
+    #[cfg(test)]
+    pub(crate) fn example_stand() -> (JointPositions, Pose) {
+        let arm = &super::example_cell().arms[0];
+        let joints = JointPositions([0.0, 0.018, -1.895, 0.55, 1.166, 1.518, 0.091]);
+        (joints, arm.model.base_from_flange(&joints) * arm.flange_from_tool)
+    }
+
     /// How much of so long a way the tool can go back along its own z, in steps of 2 mm at most [m]; the arm stands at
     /// these joint positions, its tool at `base_from_tool`.
     #[must_use]
@@ -56,8 +64,7 @@ mod tests {
     #[test]
     fn an_arm_draws_back_until_its_elbow_meets_its_limit_and_no_farther() {
         let arm = &example_cell().arms[0];
-        let joints = JointPositions([0.0, 0.018, -1.895, 0.55, 1.166, 1.518, 0.091]);
-        let tool = arm.model.base_from_flange(&joints) * arm.flange_from_tool;
+        let (joints, tool) = Fold::example_stand();
         let fold = Fold::of(arm);
 
         let goes = fold.way(&tool, &joints, 0.3);

@@ -910,8 +910,8 @@ impl Mission {
             }
             Job::DrawBack(way) => {
                 let goes = folds(s, way, &arms[Hand::Track.index()]);
-                // Where nothing was taken, nothing is drawn back from there.
-                if self.taken_at.is_some() {
+                // Where nothing was taken, nothing is drawn back from there. That it was is known before where.
+                if self.belief.held[Hand::Track.index()].is_some() {
                     self.short += way - goes;
                 }
                 if goes < way {

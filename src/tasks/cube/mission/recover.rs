@@ -453,6 +453,7 @@ mod tests {
     use super::super::Goal;
     use super::super::testing::settings;
     use super::*;
+    use crate::reach::Fold;
     use crate::spatial::Pose;
     use crate::tasks::cube::settings::CubeSettings;
     use crate::tasks::{Action, Event, Forces, Readings, Task};
@@ -560,6 +561,38 @@ mod tests {
                 assert_eq!(waits, keeper == Keeper::Person, "{jobs:?}");
             }
         }
+    }
+
+    #[test]
+    fn what_the_arm_does_not_fold_is_left_out_on_the_way_back_to_the_operator_too() {
+        let (desired_joints, desired_base_from_tool) = Fold::example_stand();
+        let goes = settings().fold.way(&desired_base_from_tool, &desired_joints, 0.3);
+        let settings = || CubeSettings { back: 1.2 * goes, ..settings() };
+        let track = ArmState {
+            jaw_opening: 0.057,
+            desired_joints,
+            desired_base_from_tool,
+            ..ArmState::default()
+        };
+        let arms = [track, ArmState { jaw_opening: 0.09, ..ArmState::default() }];
+        let readings = Readings { arms: &arms, forces: Forces::default() };
+        let short = |holds: bool, taken_at: Option<[f64; 3]>| {
+            let mut mission = Mission::new(settings(), Goal::Solve, None);
+            if holds {
+                let last = Entry { taken_at, hand_over: None, handing_back: false, ..lowering() };
+                mission = mission.resumed(Some(last));
+                mission.next(Event::Start, &readings);
+            }
+            mission.unfold(Job::DrawBack(1.2 * goes), &arms).unwrap();
+            mission.short
+        };
+
+        let place = super::super::place(&arms);
+        // A run that was killed before it noted where it had taken the cube: it may still know that it did.
+        for taken_at in [None, Some(place)] {
+            assert!((short(true, taken_at) - 0.2 * goes).abs() < 1e-12, "{taken_at:?}");
+        }
+        assert_eq!(short(false, None), 0.0, "nothing was taken");
     }
 
     #[test]
