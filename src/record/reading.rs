@@ -98,8 +98,9 @@ pub struct Reading<R> {
     held: (Vec<Piece>, usize),
     /// To be handed on.
     ready: VecDeque<Piece>,
-    /// Bytes read so far.
+    /// Bytes read so far, and where among the file's records they end.
     at: u64,
+    frame: Frame,
     /// How the file ends: `None` while it is being read.
     end: Option<End>,
 }
@@ -186,6 +187,7 @@ impl<R: Read> Reading<R> {
             held: (Vec::new(), 0),
             ready: VecDeque::new(),
             at: 0,
+            frame: Frame::BEGIN,
             end: None,
         }
     }
@@ -226,16 +228,22 @@ impl<R: Read> Reading<R> {
         };
         match event {
             LinearReadEvent::ReadRequest(count) => {
-                match self.from.read(self.reader.insert(count)) {
+                // More is wanted than the records up to here: their check is done.
+                if self.frame.is_between() {
+                    self.release();
+                }
+                let count = self.frame.room().min(count as u64) as usize;
+                let into = self.reader.insert(count);
+                match self.from.read(into) {
                     Ok(read) => {
+                        self.frame.pass(&into[..read]);
                         self.at += read as u64;
                         self.reader.notify_read(read);
                     }
                     Err(why) => self.cut(&why),
                 }
             }
-            // What stands in no chunk comes after the check of the chunk before it.
-            LinearReadEvent::Record { opcode, .. } if !READ.contains(&opcode) => self.release(),
+            LinearReadEvent::Record { opcode, .. } if !READ.contains(&opcode) => {}
             LinearReadEvent::Record { opcode, data } => {
                 if !lengths_fit(opcode, data) {
                     return self.damaged(&"a text is longer than its record");
@@ -299,6 +307,43 @@ impl<R: Read> Reading<R> {
             _ => {}
         }
         None
+    }
+}
+
+/// Where in a file its records begin and end, chunks as a whole: what a damaged chunk seems to hold says nothing of that.
+#[derive(Debug)]
+struct Frame {
+    /// Opcode and length of the next one, as far as they have come.
+    head: [u8; 9],
+    come: usize,
+    /// Bytes of this one that are still to come.
+    left: u64,
+}
+
+impl Frame {
+    /// A file begins with eight bytes that are no record.
+    const BEGIN: Self = Self { head: [0; 9], come: 0, left: 8 };
+
+    fn is_between(&self) -> bool {
+        self.left == 0 && self.come == 0
+    }
+
+    /// How many bytes there are at most up to its next boundary.
+    fn room(&self) -> u64 {
+        if self.left > 0 { self.left } else { (self.head.len() - self.come) as u64 }
+    }
+
+    /// These have come, no more than there was room for.
+    fn pass(&mut self, bytes: &[u8]) {
+        if self.left > 0 {
+            self.left -= bytes.len() as u64;
+            return;
+        }
+        self.head[self.come..][..bytes.len()].copy_from_slice(bytes);
+        self.come += bytes.len();
+        if let (9, [_, length @ ..]) = (self.come, self.head) {
+            (self.come, self.left) = (0, u64::from_le_bytes(length));
+        }
     }
 }
 
