@@ -199,7 +199,9 @@ fn parts(c: &mut Criterion) {
     let mut regulators = gains.axes.map(|axis| Regulator::new(axis, gains.pwm_limit));
     group.bench_function("seven regulators", |b| {
         b.iter(|| {
-            regulators.each_mut().map(|regulator| regulator.step(black_box(0.2), black_box(0.1)))
+            regulators.each_mut().map(|regulator| {
+                regulator.step(black_box(0.2), black_box(0.1), black_box(Some(0.5)))
+            })
         });
     });
     let motors = model.motors(&START);

@@ -205,11 +205,11 @@ fn an_arm_that_looks_for_its_switch_can_be_terminated() {
 }
 
 #[test]
-fn a_layer_is_turned_by_the_lines_protocol_though_answers_are_missed_and_spoilt() {
+fn a_layer_is_turned_by_the_lines_protocol_though_answers_are_missed_and_lines_fall_silent() {
     let out = program()
         .args(["run", "scenarios/face_turn.toml", "--json", "--set", "bridge.kind=wire"])
         .args(["--set", "plant.lines.missed=0.002", "--set", "plant.lines.corrupt=0.002"])
-        .args(["--set", "plant.lines.lost=0.01"])
+        .args(["--set", "plant.lines.lost=0.01", "--set", "plant.lines.stalled=0.001"])
         .output()
         .unwrap();
 

@@ -360,6 +360,8 @@ pub(super) fn wired(scenario: &Scenario, plant: Plant) -> Wired<Plant> {
         missed: keys.missed,
         corrupt: keys.corrupt,
         lost: keys.lost,
+        stalled: keys.stalled,
+        stall: keys.stall_periods,
         ..LineFaults::default()
     };
     let rules = Rules { misses: scenario.bridge.missed_answers, ..Rules::default() };

@@ -177,6 +177,7 @@ fn faults(args: &EmulateArgs, arms: &[Arm]) -> Result<LineFaults, String> {
         resets: all("reset", &args.reset, true)?,
         unplugged: all("unplug", &args.unplug, true)?,
         silenced: all("silence", &args.silence, false)?,
+        ..LineFaults::default()
     })
 }
 

@@ -24,6 +24,11 @@ pub enum What {
         /// 0 the track, 7 the jaw.
         axis: usize,
     },
+    /// What an axis answered seems to be owed to an earlier order.
+    Late {
+        /// As above.
+        axis: usize,
+    },
     /// Several axes at once did not answer in time, or all of them.
     MissedTogether,
     /// An axis's answer cannot be true and was passed over.
@@ -145,6 +150,7 @@ impl Digest {
 fn words(what: &What) -> String {
     match *what {
         What::Missed { axis } => format!("axis {axis} did not answer in time"),
+        What::Late { axis } => format!("axis {axis} seems to have answered late"),
         What::MissedTogether => "several axes at once did not answer in time".to_owned(),
         What::Impossible { axis } => format!("axis {axis} gave an impossible answer"),
         What::NoInterrupt => "interrupt not received: check the cabinet".to_owned(),

@@ -190,6 +190,8 @@ uint8 encoder_zeros
 uint8 synchronised
 # Axes of which nothing was read: their counters are carried on.
 uint8 guessed
+# Axes of which nothing new came since the last period.
+uint8 unheard
 float64[6] wrench_on_sensor
 # The sensor has told no newer one since the last period.
 bool wrench_is_old

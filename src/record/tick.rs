@@ -76,6 +76,7 @@ pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
         reading.encoder_zeros,
         reading.synchronised,
         reading.guessed,
+        reading.unheard,
     ] {
         to.u8(bits);
     }
@@ -149,6 +150,7 @@ impl Tick {
             &mut reading.encoder_zeros,
             &mut reading.synchronised,
             &mut reading.guessed,
+            &mut reading.unheard,
         ] {
             *bits = from.u8()?;
         }
@@ -247,6 +249,7 @@ impl Tick {
             .or_else(|| one("encoder_zeros", &a.encoder_zeros, &b.encoder_zeros))
             .or_else(|| one("synchronised", &a.synchronised, &b.synchronised))
             .or_else(|| one("guessed", &a.guessed, &b.guessed))
+            .or_else(|| one("unheard", &a.unheard, &b.unheard))
             .or_else(|| {
                 let (a, b) = (wrench(&a.wrench_on_sensor), wrench(&b.wrench_on_sensor));
                 each("wrench_on_sensor", &a, &b, |x, y| bits(*x) == bits(*y))

@@ -41,7 +41,11 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         .iter()
         .map(|e| {
             let gains = gains(&e.servo_profile, &key("effector", &e.name), folder, reader)?;
-            let gains = adjusted(gains, &root.servo);
+            let mut gains = adjusted(gains, &root.servo);
+            if root.bridge.kind == BridgeKind::Isa {
+                // Cards tell how much current flows, not in which direction.
+                gains.axes.iter_mut().for_each(|axis| axis.trip_current = f64::INFINITY);
+            }
             Some(EffectorConfig { palm_clearance: e.gripper.palm_clearance, gains })
         })
         .collect();
@@ -329,9 +333,19 @@ fn profile(name: &str, path: &str, folder: &Path, reader: &mut Reader) -> Option
 /// Regulators of an arm: a built-in profile by name, or a file.
 fn gains(name: &str, path: &str, folder: &Path, reader: &mut Reader) -> Option<ServoGains> {
     let at = format!("{path}.servo_profile");
-    data(name, &at, folder, reader, &["irp6_servo"], |name| {
+    let gains: ServoGains = data(name, &at, folder, reader, &["irp6_servo"], |name| {
         (name == "irp6_servo").then_some(regulator::IRP6)
-    })
+    })?;
+    // A limit that is none, or no number, would drive an axis instead of holding it back.
+    let limits = gains.axes.iter().map(|axis| ("trip_current", axis.trip_current));
+    for (key, value) in limits.chain([("pwm_slew", gains.pwm_slew), ("pwm_limit", gains.pwm_limit)])
+    {
+        if value.is_nan() || value <= 0.0 {
+            fault(reader, &at, format!("`{at}`: \"{name}\": {key} is {value}, wanted more than 0"));
+            return None;
+        }
+    }
+    Some(gains)
 }
 
 fn adjusted(mut gains: ServoGains, keys: &Servo) -> ServoGains {
@@ -587,6 +601,43 @@ mod tests {
             Ok(_) => String::new(),
             Err(faults) => faults.to_string(),
         }
+    }
+
+    #[test]
+    fn a_servo_profile_whose_limits_would_drive_an_axis_is_a_fault() {
+        let folder = std::env::temp_dir().join(format!("rubik-gains-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let of = |from: &str, to: &str| {
+            assert!(regulator::IRP6.contains(from));
+            std::fs::write(folder.join("own.toml"), regulator::IRP6.replacen(from, to, 1)).unwrap();
+            let text =
+                "task = \"idle\"\n[[effector]]\nname = \"track\"\nservo_profile = \"own.toml\"\n";
+            match read(&folder.join("t.toml"), text, &[]) {
+                Ok(_) => String::new(),
+                Err(faults) => faults.to_string(),
+            }
+        };
+
+        for value in ["nan", "0.0", "-10.0", "-inf"] {
+            let told = of("trip_current = 18.0", &format!("trip_current = {value}"));
+            assert!(told.contains("own.toml") && told.contains("trip_current is"), "{told}");
+        }
+        assert!(of("pwm_slew = 25.0", "pwm_slew = nan").contains("pwm_slew is NaN"));
+        assert_eq!(of("trip_current = 18.0", "trip_current = inf"), "");
+        let without = of("trip_current = 18.0\n", "");
+        assert!(without.contains("missing field `trip_current`"), "{without}");
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn the_sign_of_a_current_is_not_known_behind_cards() {
+        let trips = |text: &str| {
+            let scenario = read(Path::new("t.toml"), text, &[]).unwrap();
+            scenario.controller.effectors[0].gains.axes.map(|axis| axis.trip_current)
+        };
+        let paced = "pace = \"real-time\"\n[bridge]\nkind = ";
+        assert!(trips(&format!("{paced}\"isa\"\n")).iter().all(|trip| trip.is_infinite()));
+        assert_eq!(trips(&format!("{paced}\"serial\"\n"))[..2], [25.0, 15.0]);
     }
 
     #[test]

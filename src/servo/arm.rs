@@ -525,7 +525,8 @@ impl ArmServo {
             let wanted = self.steps[axis] * self.config.model.increments[axis] / TAU;
             let moved = (reading.counts[axis] - self.last_counts[axis]) as f64;
             let measured = self.strides[axis].of(moved, self.regulators[axis].drive());
-            drive.pwm[axis] = self.regulators[axis].step(wanted, measured);
+            let current = (reading.unheard >> axis & 1 == 0).then_some(reading.currents[axis]);
+            drive.pwm[axis] = self.regulators[axis].step(wanted, measured, current);
         }
         self.last_counts = reading.counts;
         self.gap = Gap::None;

@@ -51,7 +51,7 @@ pub struct ArmReading {
     pub counts: [i64; AXES],
     /// Encoder counter of the jaw motor.
     pub jaw_count: i64,
-    /// Motor currents, the jaw's last [A].
+    /// Motor currents, the jaw's last [A]; positive where a positive pulse width drives them.
     pub currents: [f64; AXES + 1],
     /// Bit i, here and below, is that of axis i; the jaw's is [`JAW`]: the limit switch of axis i is hit at the end
     /// to which its counter grows.
@@ -70,6 +70,8 @@ pub struct ArmReading {
     pub synchronised: u8,
     /// Bit i: nothing was read of axis i; its counter is carried on as it went before, the rest is what it last showed.
     pub guessed: u8,
+    /// Bit i: nothing new came of axis i since the last period; its power stage stands at the width that it took last.
+    pub unheard: u8,
     /// What the surroundings and the weight of the tool exert on the sensor, in the sensor's frame.
     /// Components are NaN when the sensor is silent.
     pub wrench_on_sensor: Wrench,
@@ -98,6 +100,7 @@ impl Default for ArmReading {
             encoder_zeros: 0,
             synchronised: u8::MAX,
             guessed: 0,
+            unheard: 0,
             wrench_on_sensor: Wrench::default(),
             wrench_is_old: false,
             inputs: 0,

@@ -4,8 +4,9 @@
 //! both in encoder increments, become a change of the pulse width. The steps' error is summed inside, so a
 //! lasting position error is worked off by the small difference of k1 and k2.
 //!
-//! - in: wanted and measured step of one period [encoder increments]
-//! - out: pulse width, within the clamp
+//! - in: wanted and measured step of one period [encoder increments]; the motor's current
+//! - out: pulse width, within the clamp; the nearer the current comes to what trips the power stage the more slowly it goes
+//!   on, whatever the steps ask for: news that came late ask for a lot
 //! - source: regulator algorithm 0 of the original's servo; its gains are data (`irp6_servo.toml`)
 
 use super::period::Length;
@@ -29,6 +30,9 @@ pub struct RegulatorGains {
     pub k1: f64,
     /// Weight of the last step error.
     pub k2: f64,
+    /// Motor current at which its power stage stops [A]: the regulator keeps away from it. Infinite where the sign of a
+    /// current is not known.
+    pub trip_current: f64,
 }
 
 impl RegulatorGains {
@@ -100,6 +104,16 @@ impl ServoGains {
     }
 }
 
+/// Share of the current that trips a stage, at which its pulse width goes on no farther. A mission needs 0.4 at most.
+const MOST_CURRENT: f64 = 0.6;
+/// By how much the pulse width may go on for what is left of that, as a share of the current that trips: what is read is
+/// some periods old, and the current follows the pulse width at once. A motor with 1.5 times that current at full voltage and
+/// standstill bears news that are three periods old.
+const EASES: f64 = 71.0;
+/// By how much it goes back at most where there is more. Readings have no check sum, and one with a wrong bit must not shake
+/// an axis.
+const BACK: f64 = 5.0;
+
 /// The regulator of one axis with its memory.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Regulator {
@@ -136,9 +150,17 @@ impl Regulator {
         Self { slew, ..self }
     }
 
-    /// Pulse width for a period, from the wanted and the measured step [increments].
-    pub fn step(&mut self, wanted: f64, measured: f64) -> i16 {
-        let RegulatorGains { a, b0, b1, ratio, k1, k2 } = self.gains;
+    /// By how much the pulse width may go on in the direction in which this current flows [A].
+    fn room(&self, current: f64) -> f64 {
+        let left = MOST_CURRENT - current / self.gains.trip_current;
+        (EASES * left).max(-BACK).min(self.slew)
+    }
+
+    /// Pulse width for a period, from the wanted and the measured step [increments] and the motor's current [A]; where
+    /// nothing was heard of the axis there is none, and the pulse width stays: its stage may have taken no newer one, and
+    /// must not find a reversal in the next.
+    pub fn step(&mut self, wanted: f64, measured: f64, current: Option<f64>) -> i16 {
+        let RegulatorGains { a, b0, b1, ratio, k1, k2, .. } = self.gains;
         let error = wanted - measured;
         let sum = self.last_sum + k1 * error - k2 * self.last_error;
         let output = (1.0 + a) * self.last_output - a * self.older_output
@@ -149,7 +171,8 @@ impl Regulator {
         }
         // The clamps on the remembered output are what keeps the incremental form from winding up.
         // Never a panic here, whatever a profile says.
-        let slow = output.max(self.last_output - self.slew).min(self.last_output + self.slew);
+        let (down, up) = current.map_or((0.0, 0.0), |now| (self.room(-now), self.room(now)));
+        let slow = output.max(self.last_output - down).min(self.last_output + up);
         let output = slow.max(-self.limit).min(self.limit);
         self.older_output = self.last_output;
         self.last_output = output;
@@ -185,7 +208,12 @@ mod tests {
 
     impl Motor {
         fn turn(&mut self, pwm: f64) {
-            for _ in 0..4 {
+            self.turn_for(pwm, 4);
+        }
+
+        /// For so many quarters of 2 ms.
+        fn turn_for(&mut self, pwm: f64, quarters: u32) {
+            for _ in 0..quarters {
                 let seconds = 0.0005;
                 let drive = pwm * 330.0 / 255.0;
                 let friction = self.friction * 330.0 / 255.0;
@@ -194,6 +222,11 @@ mod tests {
                 self.speed = if free.abs() <= brake { 0.0 } else { free - brake.copysign(free) };
                 self.position += self.speed * seconds;
             }
+        }
+
+        /// Current as a share of what trips its power stage: half as much again at full voltage and standstill.
+        fn current(&self, pwm: f64) -> f64 {
+            1.5 * (pwm / 255.0 - self.speed / 330.0)
         }
     }
 
@@ -215,7 +248,7 @@ mod tests {
         for period in 1..=(seconds / 0.002) as u32 {
             let wanted = set(f64::from(period) * 0.002) * increments / TAU;
             let count = (motor.position * increments / TAU).floor() as i64;
-            let pwm = regulator.step(wanted - last_set, (count - last_count) as f64);
+            let pwm = regulator.step(wanted - last_set, (count - last_count) as f64, Some(0.0));
             (last_set, last_count) = (wanted, count);
             motor.turn(f64::from(pwm));
             worst = worst.max((wanted * TAU / increments - motor.position).abs());
@@ -246,11 +279,11 @@ mod tests {
     fn the_output_is_clamped_and_comes_back_at_once() {
         let mut regulator = Regulator::new(gains().axes[1], 190.0);
         for _ in 0..100 {
-            assert!(regulator.step(400.0, 0.0) <= 190);
+            assert!(regulator.step(400.0, 0.0, Some(0.0)) <= 190);
         }
-        assert_eq!(regulator.step(400.0, 0.0), 190);
+        assert_eq!(regulator.step(400.0, 0.0, Some(0.0)), 190);
 
-        let outputs: Vec<i16> = (0..30).map(|_| regulator.step(0.0, 1600.0)).collect();
+        let outputs: Vec<i16> = (0..30).map(|_| regulator.step(0.0, 1600.0, Some(0.0))).collect();
 
         assert!(outputs.contains(&-190), "{outputs:?}");
     }
@@ -260,19 +293,92 @@ mod tests {
         let mut regulator = Regulator::new(gains().axes[1], 190.0).slowed(25.0);
         let wanted = |k: i32| if k % 40 < 20 { 400.0 } else { -400.0 };
 
-        let outputs: Vec<i16> = (0..200).map(|k| regulator.step(wanted(k), 0.0)).collect();
+        let outputs: Vec<i16> =
+            (0..200).map(|k| regulator.step(wanted(k), 0.0, Some(0.0))).collect();
 
         let steps = outputs.windows(2).map(|w| (w[1] - w[0]).abs());
         assert_eq!(steps.max(), Some(25), "{outputs:?}");
         assert!(outputs.contains(&190) && outputs.contains(&-190));
     }
 
+    /// The largest current of a motor at 200 rad/s, as a share of what trips its stage, and its last pulse width, after
+    /// steps that ask for as fast a way back for some periods; what the regulator reads of the current is `late` periods old.
+    fn reversed(limited: bool, periods: i32, late: usize, ratio: f64) -> (f64, i16) {
+        let mut gains = gains().axes[0];
+        if !limited {
+            gains.trip_current = f64::INFINITY;
+        }
+        let length = Length::of_seconds(0.002 * ratio);
+        let mut regulator = Regulator::new(gains.for_period(length), 190.0).slowed(25.0 * ratio);
+        let mut motor = Motor { position: 0.0, speed: 0.0, friction: 15.0 };
+        let step = 200.0 * 0.002 * ratio * 4000.0 / TAU;
+        let (mut last, mut currents, mut largest, mut pwm) = (0.0, vec![0.0; late + 1], 0.0f64, 0);
+        let begins = (800.0 / ratio) as i32;
+        for period in 0..2 * begins {
+            let way = 1.0 - 0.99f64.powf(f64::from(period) * ratio);
+            let back = (begins..begins + periods).contains(&period);
+            let position = motor.position * 4000.0 / TAU;
+            let read = 25.0 * currents[currents.len() - 1 - late];
+            let asked = if back { -step } else { way * step };
+            pwm = regulator.step(asked, position - last, Some(read));
+            last = position;
+            // At once: it falls as the motor follows.
+            largest = largest.max(motor.current(f64::from(pwm)).abs());
+            motor.turn_for(f64::from(pwm), (4.0 * ratio) as u32);
+            currents.push(motor.current(f64::from(pwm)));
+        }
+        (largest, pwm)
+    }
+
+    #[test]
+    fn steps_that_ask_for_a_reversal_trip_no_power_stage() {
+        for (ratio, latest) in [(0.5, 3), (1.0, 3), (2.0, 2), (4.0, 1)] {
+            for late in 0..=latest {
+                for periods in [1, 5, 10, 30, 100] {
+                    let (largest, _) = reversed(true, periods, late, ratio);
+                    assert!(largest < 0.95, "{ratio}: {periods} periods, {late} late: {largest}");
+                }
+            }
+            let free = reversed(false, 30, 0, ratio).0;
+            assert!(ratio > 2.0 || free > 1.0, "{ratio}: not for want of trying: {free}");
+        }
+        let (limited, free) = (reversed(true, 0, 1, 1.0), reversed(false, 0, 1, 1.0));
+        assert_eq!(limited, free, "what goes as it should is not touched");
+    }
+
+    #[test]
+    fn while_nothing_is_heard_the_pulse_width_stays() {
+        let mut regulator = Regulator::new(gains().axes[0], 190.0).slowed(25.0);
+        let mut outputs = [0; 30];
+        for (k, output) in outputs.iter_mut().enumerate() {
+            let heard = !(10..20).contains(&k);
+            *output = regulator.step(if k < 10 { 20.0 } else { -400.0 }, 0.0, heard.then_some(0.0));
+        }
+        assert!(
+            outputs[9] > 50 && outputs[10..20].iter().all(|now| *now == outputs[9]),
+            "{outputs:?}"
+        );
+        assert_eq!(outputs[20], outputs[9] - 25);
+    }
+
+    #[test]
+    fn a_current_with_a_wrong_bit_shakes_no_axis() {
+        let mut regulator = Regulator::new(gains().axes[0], 190.0).slowed(25.0);
+        let outputs: Vec<i16> = (0..40)
+            .map(|k| {
+                let current = if k == 30 { -32.7 } else { 2.0 };
+                regulator.step(20.0, 20.0 - f64::from(k) / 40.0, Some(current))
+            })
+            .collect();
+        assert!(outputs.windows(2).all(|w| (w[1] - w[0]).abs() <= 5), "{outputs:?}");
+    }
+
     #[test]
     fn what_is_no_number_stops_the_axis() {
         let mut regulator = Regulator::new(gains().axes[1], 190.0);
-        regulator.step(5.0, 0.0);
+        regulator.step(5.0, 0.0, Some(0.0));
 
-        assert_eq!(regulator.step(f64::NAN, 0.0), 0);
+        assert_eq!(regulator.step(f64::NAN, 0.0, Some(0.0)), 0);
         assert_eq!(regulator, Regulator::new(gains().axes[1], 190.0));
     }
 }

@@ -25,6 +25,9 @@ pub struct Watch {
     jump: f64,
     /// Periods for which the remembered speed does not fall off yet.
     holds: [u32; AXES],
+    /// Currents that power stages stop at [A], and for how many periods in a row each was near that.
+    trips: [f64; AXES],
+    strained: [u32; AXES],
     /// Since the counter was last read.
     spans: [Span; AXES],
     /// What a motor can have gone in gaps and is worked off [rad], and how much of it in a period.
@@ -66,6 +69,10 @@ impl Watch {
     /// How much faster than told a motor may be, and by how much time two readings may be further apart than told [s].
     const FASTER: f64 = 1.3;
     const OFF: f64 = 0.002;
+    /// Share of the current that trips a power stage from which on an axis is strained, and the time for which it may be
+    /// [s]: its regulator lets no current rise to what trips, so that an axis that presses on something would do so for ever.
+    const STRAIN: f64 = 0.5;
+    const BEARS: f64 = 0.3;
     /// A step of a set value that is rounding [rad of the motor].
     const STANDS: f64 = 1e-5;
     /// Periods after a reset in which switches come to be known: lines tell of them after they have read them twice.
@@ -80,6 +87,8 @@ impl Watch {
             speed: [0.0; AXES],
             frozen: [0; AXES],
             wanted: [0.0; AXES],
+            trips: gains.axes.map(|axis| axis.trip_current),
+            strained: [0; AXES],
             last_counts: counts,
             seconds: period.seconds(),
             fade: if period == Length::default() {
@@ -102,6 +111,7 @@ impl Watch {
         self.speed = [0.0; AXES];
         self.frozen = [0; AXES];
         self.wanted = [0.0; AXES];
+        self.strained = [0; AXES];
         self.last_counts = counts;
         self.spans = [Span::default(); AXES];
         self.excused = [0.0; AXES];
@@ -145,6 +155,10 @@ impl Watch {
             }
             self.wanted[axis] += steps[axis];
             self.spans[axis].pass(1.0);
+            if reading.unheard >> axis & 1 == 0 {
+                let strains = reading.currents[axis].abs() > Self::STRAIN * self.trips[axis];
+                self.strained[axis] = if strains { self.strained[axis] + 1 } else { 0 };
+            }
             // What was not read is not judged.
             if reading.guessed >> axis & 1 == 1 {
                 continue;
@@ -193,7 +207,11 @@ impl Watch {
         if let Some(axis) = first(reading.power_faults) {
             fault = Some(ArmFault::PowerStage { axis });
         }
-        if let Some(axis) = first(reading.over_currents) {
+        let strained = self
+            .strained
+            .iter()
+            .position(|&periods| f64::from(periods) * self.seconds > Self::BEARS);
+        if let Some(axis) = first(reading.over_currents).or(strained) {
             fault = Some(ArmFault::OverCurrent { axis, amperes: reading.currents[axis] });
         }
         fault
@@ -256,6 +274,35 @@ mod tests {
             let wanted = Wanted { set: &set, steps: &steps, owed: &[0.0; AXES] };
             self.watch.check(&reading, &measured, &wanted, 1, &[INCREMENTS; AXES])
         }
+    }
+
+    /// For how many periods an axis that stands bears this current; every tenth reading may not come.
+    fn bears(amperes: f64, comes: bool) -> Option<u32> {
+        let gains = ServoGains::parse(IRP6).unwrap();
+        let mut watch = Watch::new(&gains, [0; AXES], Length::default());
+        let still = MotorPositions::default();
+        let wanted = Wanted { set: &still, steps: &[0.0; AXES], owed: &[0.0; AXES] };
+        (0..2000).find(|period| {
+            let mut reading = ArmReading::default();
+            reading.currents[1] = amperes;
+            if period % 10 == 9 && !comes {
+                (reading.currents[1], reading.unheard) = (0.0, 1 << 1);
+            }
+            match watch.check(&reading, &still, &wanted, 0, &[INCREMENTS; AXES]) {
+                None => false,
+                Some(ArmFault::OverCurrent { axis: 1, amperes }) => amperes.abs() > 7.5,
+                other => panic!("{other:?}"),
+            }
+        })
+    }
+
+    #[test]
+    fn an_axis_that_strains_for_long_stops_before_its_power_stage_does() {
+        for amperes in [8.0, -8.0] {
+            assert_eq!(bears(amperes, true), Some(150));
+            assert_eq!(bears(amperes, false).map(|periods| periods / 10), Some(16));
+        }
+        assert_eq!(bears(7.0, true), None, "15 A trip its power stage");
     }
 
     #[test]

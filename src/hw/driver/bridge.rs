@@ -245,6 +245,10 @@ impl BridgePort {
             if behind > 0 {
                 reading.guessed = u8::MAX;
             }
+            // One that is always a period behind has news in each, and they are carried on.
+            if !new {
+                reading.unheard = u8::MAX;
+            }
         }
         // A bridge that is always a period behind is late, but not silent.
         self.late_in_a_row = if new || fresh { 0 } else { self.late_in_a_row + 1 };
@@ -333,7 +337,8 @@ mod tests {
         let (mut bridge, mut servo) = port();
         for period in 1..=40 {
             bridge.write(read(period, 90 * period as i64, u8::MAX));
-            assert_eq!(fetched(&mut servo, period + 1).unwrap().guessed, 0);
+            let reading = fetched(&mut servo, period + 1).unwrap();
+            assert_eq!((reading.guessed, reading.unheard), (0, 0));
         }
 
         let guesses: Vec<_> = (42..62).map(|p| fetched(&mut servo, p).unwrap()).collect();
@@ -341,7 +346,17 @@ mod tests {
         let steps: Vec<_> = guesses.windows(2).map(|g| g[1].counts[3] - g[0].counts[3]).collect();
         assert!(steps[..9].iter().all(|step| (80..=90).contains(step)), "{steps:?}");
         assert!(steps[9..].iter().all(|step| *step == 0), "{steps:?}");
-        assert!(guesses.iter().all(|g| g.guessed == u8::MAX));
+        assert!(guesses.iter().all(|g| g.guessed == u8::MAX && g.unheard == u8::MAX));
+    }
+
+    #[test]
+    fn a_bridge_that_is_always_a_period_behind_is_heard_in_each() {
+        let (mut bridge, mut servo) = port();
+        for period in 1..=10 {
+            bridge.write(read(period, 90 * period as i64, u8::MAX));
+            let reading = fetched(&mut servo, period + 2).unwrap();
+            assert_eq!((reading.guessed, reading.unheard), (u8::MAX, 0));
+        }
     }
 
     #[test]

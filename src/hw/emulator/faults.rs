@@ -26,6 +26,10 @@ pub struct LineFaults {
     pub lost: f64,
     /// Share of the force sensors' datagrams that come after their successor.
     pub reordered: f64,
+    /// Share of the periods in which an arm's axes fall silent together, both ways.
+    pub stalled: f64,
+    /// For how many periods they do.
+    pub stall: u32,
     /// Axis controllers that are reset.
     pub resets: Vec<At>,
     /// Lines that are pulled out.
@@ -65,6 +69,11 @@ impl Chance {
             bytes[bit / 8] ^= 1 << (bit % 8);
         }
         Some(bytes)
+    }
+
+    /// For how many periods the axes of an arm are silent from now on.
+    pub(super) fn stalls(&mut self) -> u32 {
+        if self.happens(self.faults.stalled) { self.faults.stall } else { 0 }
     }
 
     pub(super) fn loses(&mut self) -> bool {

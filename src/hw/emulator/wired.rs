@@ -20,6 +20,8 @@ struct Arm {
     axes: [Axis; AXES + 1],
     controllers: [AxisController; AXES + 1],
     intake: Intake,
+    /// Periods for which nothing gets through to its axes or back.
+    stalled: u32,
 }
 
 /// A world behind the protocol.
@@ -48,6 +50,7 @@ impl<P: Port> Wired<P> {
                 axes: std::array::from_fn(|_| Axis::new(rules)),
                 controllers: std::array::from_fn(|_| AxisController::default()),
                 intake: Intake::new(range),
+                stalled: 0,
             })
             .collect();
         let (drives, readings) =
@@ -92,6 +95,10 @@ impl Arm {
             let axis = &mut self.axes[index];
             axis.pass(1.0);
             let order = axis.order(&axis_drive(drive, index, &[u16::MAX; AXES + 1])).encode();
+            // As where all lines of an arm are late together: none of them is judged.
+            if self.stalled > 0 {
+                continue;
+            }
             let controller = &mut self.controllers[index];
             let answer = order.iter().filter_map(|byte| controller.hear(*byte, 1.0)).last();
             let arrived = answer.and_then(|answer| chance.answer(answer.encode()));
@@ -122,6 +129,10 @@ impl<P: Port> Port for Wired<P> {
             }
         }
         for (effector, (arm, reading)) in self.arms.iter_mut().zip(readings).enumerate() {
+            arm.stalled = match arm.stalled.saturating_sub(1) {
+                0 => self.chance.stalls(),
+                left => left,
+            };
             arm.talk(effector, &drives[effector], &mut self.chance)?;
             hand_over(&arm.axes, arm.has_track, reading);
             let felt = self.readings[effector].wrench_on_sensor.directions();
@@ -139,5 +150,53 @@ impl<P: Port> Port for Wired<P> {
 impl<P> std::fmt::Debug for Wired<P> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Wired").field("arms", &self.arms.len()).finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Axes that go a hundred increments a period, and what they were told.
+    struct Axes(Vec<i16>);
+
+    impl Port for Axes {
+        fn exchange(
+            &mut self,
+            period: u64,
+            drives: &[ArmDrive],
+            readings: &mut [ArmReading],
+        ) -> Result<(), PortFault> {
+            self.0.push(drives[0].pwm[2]);
+            readings[0].counts = [100 * period as i64; AXES];
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn axes_that_fall_silent_keep_their_last_width_and_are_not_heard_for_so_long() {
+        let faults = LineFaults { stalled: 0.02, stall: 7, ..LineFaults::default() };
+        let arm = (true, [100.0; 6]);
+        let mut wired = Wired::new(Axes(Vec::new()), [arm], Rules::default(), faults, 3);
+        let mut silent = Vec::new();
+        for period in 1..=1000 {
+            let drive =
+                ArmDrive { enabled: true, pwm: [(period % 200) as i16; AXES], ..ArmDrive::OFF };
+            let mut readings = [ArmReading::default()];
+            wired.exchange(period, &[drive], &mut readings).unwrap();
+            let [reading] = readings;
+            assert!(reading.unheard == 0 || reading.unheard == u8::MAX, "all at once");
+            let told = *wired.world().0.last().unwrap();
+            silent.push((reading.unheard != 0).then_some(told));
+        }
+
+        let stalls: Vec<_> = silent.chunk_by(|a, b| a.is_some() == b.is_some()).collect();
+        // What answers the first parameter is no reading.
+        let stalls = stalls.into_iter().filter(|stall| stall[0].is_some()).skip(1);
+        let stalls: Vec<_> = stalls.collect();
+        assert!(stalls.len() > 5, "{}", stalls.len());
+        assert!(stalls.iter().all(|stall| stall.len() % 7 == 0), "{stalls:?}");
+        let kept = |stall: &&[Option<i16>]| stall.iter().take(7).all(|told| *told == stall[0]);
+        assert!(stalls.iter().all(kept), "{stalls:?}");
     }
 }

@@ -910,7 +910,8 @@ impl Mission {
             }
             Job::DrawBack(way) => {
                 let goes = folds(s, way, &arms[Hand::Track.index()]);
-                // Where nothing was taken, nothing is drawn back from there. That it was is known before where.
+                // Without a cube nothing is drawn back from where one was taken. A run that goes on may hold it without
+                // knowing where that was.
                 if self.belief.held[Hand::Track.index()].is_some() {
                     self.short += way - goes;
                 }

@@ -564,7 +564,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_arm_does_not_fold_is_left_out_on_the_way_back_to_the_operator_too() {
+    fn what_the_arm_does_not_fold_counts_where_it_holds_the_cube() {
         let (desired_joints, desired_base_from_tool) = Fold::example_stand();
         let goes = settings().fold.way(&desired_base_from_tool, &desired_joints, 0.3);
         let settings = || CubeSettings { back: 1.2 * goes, ..settings() };
