@@ -450,7 +450,7 @@ fn a_flipped_bit_anywhere_is_told_and_nothing_wrong_is_read() {
 
     for at in (0..end).step_by((end / 997) | 1) {
         let mut flipped = bytes.clone();
-        flipped[at] ^= 0x10;
+        flipped[at] ^= 1 << (at % 8);
 
         let mut reading = Reading::new(&flipped[..]);
         let read = messages(reading.by_ref());

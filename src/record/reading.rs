@@ -258,6 +258,9 @@ impl<R: Read> Reading<R> {
 
     fn take(&mut self, record: Record<'static>) {
         match self.record(record) {
+            Some(Piece::Message(_)) if self.frame.is_stray() => {
+                self.damaged(&"a message in no chunk");
+            }
             Some(Piece::Message(message)) => {
                 self.held.1 += message.data.len() + COST;
                 self.held.0.push(Piece::Message(message));
@@ -266,10 +269,8 @@ impl<R: Read> Reading<R> {
                     self.release();
                 }
             }
-            Some(piece) => {
-                self.release();
-                self.ready.push_back(piece);
-            }
+            // Even these may be what a damaged chunk seems to hold.
+            Some(piece) => self.held.0.push(piece),
             None => {}
         }
     }
@@ -310,6 +311,9 @@ impl<R: Read> Reading<R> {
     }
 }
 
+/// What holds messages, compressed, with a check.
+const CHUNK: u8 = 0x06;
+
 /// Where in a file its records begin and end, chunks as a whole: what a damaged chunk seems to hold says nothing of that.
 #[derive(Debug)]
 struct Frame {
@@ -318,11 +322,18 @@ struct Frame {
     come: usize,
     /// Bytes of this one that are still to come.
     left: u64,
+    /// There was a chunk.
+    chunked: bool,
 }
 
 impl Frame {
     /// A file begins with eight bytes that are no record.
-    const BEGIN: Self = Self { head: [0; 9], come: 0, left: 8 };
+    const BEGIN: Self = Self { head: [0; 9], come: 0, left: 8, chunked: false };
+
+    /// Whether this is no chunk in a file that has its messages in chunks.
+    fn is_stray(&self) -> bool {
+        self.chunked && self.head[0] != CHUNK
+    }
 
     fn is_between(&self) -> bool {
         self.left == 0 && self.come == 0
@@ -343,6 +354,7 @@ impl Frame {
         self.come += bytes.len();
         if let (9, [_, length @ ..]) = (self.come, self.head) {
             (self.come, self.left) = (0, u64::from_le_bytes(length));
+            self.chunked |= self.head[0] == CHUNK;
         }
     }
 }
