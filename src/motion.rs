@@ -124,7 +124,7 @@ pub struct MoveCommand {
 /// Why an arm stopped by itself. Units and numbers are in the text of the error.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum ArmFault {
-    /// Power stage's current limit.
+    /// The power stage's current limit, or half of the servo profile's `trip_current` for 0.3 s.
     #[error("axis {axis}: over-current, {amperes:.1} A")]
     OverCurrent {
         /// 0 the track, 1..=6 the rotary axes, 7 the jaw.

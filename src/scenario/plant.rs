@@ -67,9 +67,9 @@ section! {
         /// Share of the axes' answers of which one bit is wrong.
         corrupt: f64 = 0.0, 0.0..=1.0;
         /// Share of the periods in which all axes of an arm fall silent together, both ways.
-        stalled: f64 = 0.0, 0.0..=1.0;
-        /// For so many periods they do; controllers that hear nothing for longer than 25 brake by themselves.
-        stall_periods: u32 = 10, 1.0..=24.0;
+        stalled: f64 = 0.0, 0.0..=0.05;
+        /// For so many periods they do; a bridge gives up after 20.
+        stall_periods: u32 = 10, 1.0..=19.0;
         /// Share of the force sensors' records that are lost.
         lost: f64 = 0.0, 0.0..=1.0;
     }

@@ -25,7 +25,7 @@ pub struct Watch {
     jump: f64,
     /// Periods for which the remembered speed does not fall off yet.
     holds: [u32; AXES],
-    /// Currents that power stages stop at [A], and for how many periods in a row each was near that.
+    /// Currents that power stages stop at [A], and for how many periods more than not each axis was strained.
     trips: [f64; AXES],
     strained: [u32; AXES],
     /// Since the counter was last read.
@@ -69,8 +69,8 @@ impl Watch {
     /// How much faster than told a motor may be, and by how much time two readings may be further apart than told [s].
     const FASTER: f64 = 1.3;
     const OFF: f64 = 0.002;
-    /// Share of the current that trips a power stage from which on an axis is strained, and the time for which it may be
-    /// [s]: its regulator lets no current rise to what trips, so that an axis that presses on something would do so for ever.
+    /// Share of the current that trips a power stage from which on an axis is strained, and for how much longer than not it
+    /// may be [s]: its regulator lets no current rise to what trips, so that an axis that presses on something would do so for ever.
     const STRAIN: f64 = 0.5;
     const BEARS: f64 = 0.3;
     /// A step of a set value that is rounding [rad of the motor].
@@ -157,7 +157,11 @@ impl Watch {
             self.spans[axis].pass(1.0);
             if reading.unheard >> axis & 1 == 0 {
                 let strains = reading.currents[axis].abs() > Self::STRAIN * self.trips[axis];
-                self.strained[axis] = if strains { self.strained[axis] + 1 } else { 0 };
+                self.strained[axis] = if strains {
+                    self.strained[axis] + 1
+                } else {
+                    self.strained[axis].saturating_sub(1)
+                };
             }
             // What was not read is not judged.
             if reading.guessed >> axis & 1 == 1 {
@@ -276,8 +280,8 @@ mod tests {
         }
     }
 
-    /// For how many periods an axis that stands bears this current; every tenth reading may not come.
-    fn bears(amperes: f64, comes: bool) -> Option<u32> {
+    /// For how many periods an axis that stands bears this current; every tenth reading does not come, or is another one.
+    fn bears(amperes: f64, tenth: Option<f64>) -> Option<u32> {
         let gains = ServoGains::parse(IRP6).unwrap();
         let mut watch = Watch::new(&gains, [0; AXES], Length::default());
         let still = MotorPositions::default();
@@ -285,8 +289,9 @@ mod tests {
         (0..2000).find(|period| {
             let mut reading = ArmReading::default();
             reading.currents[1] = amperes;
-            if period % 10 == 9 && !comes {
-                (reading.currents[1], reading.unheard) = (0.0, 1 << 1);
+            if period % 10 == 9 {
+                reading.currents[1] = tenth.unwrap_or_default();
+                reading.unheard = u8::from(tenth.is_none()) << 1;
             }
             match watch.check(&reading, &still, &wanted, 0, &[INCREMENTS; AXES]) {
                 None => false,
@@ -299,10 +304,11 @@ mod tests {
     #[test]
     fn an_axis_that_strains_for_long_stops_before_its_power_stage_does() {
         for amperes in [8.0, -8.0] {
-            assert_eq!(bears(amperes, true), Some(150));
-            assert_eq!(bears(amperes, false).map(|periods| periods / 10), Some(16));
+            assert_eq!(bears(amperes, Some(amperes)), Some(150));
+            assert_eq!(bears(amperes, None).map(|periods| periods / 10), Some(16));
+            assert_eq!(bears(amperes, Some(0.0)).map(|periods| periods / 10), Some(18));
         }
-        assert_eq!(bears(7.0, true), None, "15 A trip its power stage");
+        assert_eq!(bears(7.0, Some(32.7)), None, "15 A trip its power stage");
     }
 
     #[test]

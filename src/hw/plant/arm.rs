@@ -346,7 +346,7 @@ impl PlantArm {
             let u =
                 if drive.enabled { f64::from(drive.pwm[j].clamp(-255, 255)) / 255.0 } else { 0.0 };
             self.currents[j] = if drive.enabled {
-                1.5 * motor.trip_current * (u - self.vm[j] / motor.no_load_speed)
+                motor.stall_current * (u - self.vm[j] / motor.no_load_speed)
             } else {
                 0.0
             };

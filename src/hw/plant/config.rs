@@ -150,13 +150,16 @@ pub struct MotorDynamics {
     pub coulomb: f64,
     /// Viscous friction at the shaft [Nms/rad].
     pub viscous: f64,
-    /// Current that trips the power stage [A]; at standstill and full pulse width 1.5 times this flows.
+    /// Current at standstill and full pulse width [A]; it falls to none at the no-load speed.
+    pub stall_current: f64,
+    /// Current that trips the power stage [A].
     pub trip_current: f64,
 }
 
 impl ArmDynamics {
     /// The assumptions of an `IRp-6`. Rotor 1e-3 kg m2 (main axes) and 3e-4 (wrist); the stall torque follows
-    /// from a mechanical time constant of 40 ms with the reflected load and a no-load speed of 330 rad/s.
+    /// from a mechanical time constant of 40 ms with the reflected load and a no-load speed of 330 rad/s; the stall current is
+    /// half as much again as what trips the original's controllers.
     #[must_use]
     pub fn irp6() -> Self {
         let motor = |inertia: f64, load: f64, coulomb: f64, trip_current: f64| MotorDynamics {
@@ -165,6 +168,7 @@ impl ArmDynamics {
             no_load_speed: 330.0,
             coulomb,
             viscous: 1e-5,
+            stall_current: 1.5 * trip_current,
             trip_current,
         };
         Self {
