@@ -104,7 +104,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         while let Ok(note) = noted.pop() {
             missed += match note.what {
                 What::Missed { .. } => 1,
-                What::MissedAll => 7 + u64::from(arms[note.effector].model.has_track),
+                What::MissedTogether => 7 + u64::from(arms[note.effector].model.has_track),
                 _ => 0,
             };
         }
@@ -122,7 +122,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     );
     println!("exchanges that were cut short, since an answer had not come: {cut} of {PERIODS}");
     println!(
-        "answers missed: {missed} of {}; the emulator stood still for {} periods",
+        "answers missed: at most {missed} of {}; the emulator stood still for {} periods",
         PERIODS * axes as u64,
         course.stalled
     );

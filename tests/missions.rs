@@ -167,6 +167,27 @@ fn a_cube_from_a_hand_nearby_is_drawn_back_as_far_as_the_arm_folds() {
     assert_eq!((summary.drops, summary.slips, summary.collisions), (Some(0), Some(0), Some(0)));
 }
 
+/// These hands lead the arm to a motor's limit on their way, and turn the cube past 45 deg there.
+#[test]
+fn an_arm_that_meets_a_limit_while_it_follows_the_hand_goes_on_when_the_cube_comes_back() {
+    for seed in ["seed=20027", "seed=20078"] {
+        let summary = run("solve.toml", &["task=acquire", seed]);
+
+        // The rest is not its matter: a person who never saw the cube leave the place of hand-over does not ask for it.
+        assert!(summary.phases.iter().any(|phase| phase.name == "hand back"), "{}", summary.reason);
+        assert_eq!((summary.drops, summary.slips, summary.collisions), (Some(0), Some(0), Some(0)));
+    }
+}
+
+/// This hand takes the cube back so near that the arm cannot draw back all the way without it.
+#[test]
+fn an_arm_leaves_a_hand_nearby_as_far_as_it_folds() {
+    let summary = run("solve.toml", &["task=acquire", "seed=20500"]);
+
+    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert_eq!((summary.drops, summary.slips, summary.collisions), (Some(0), Some(0), Some(0)));
+}
+
 /// Somewhere in its place, on any face, turned as it may be.
 #[test]
 fn a_cube_that_lies_on_the_table_is_taken_and_laid_down_again() {

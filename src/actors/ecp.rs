@@ -269,7 +269,10 @@ impl Ecp {
                     if let (Some(sensing), Some(tracker)) = (sensing, &self.parts.tracker) {
                         tracker.configure(sensing);
                     }
-                    state = self.parts.edp.execute(command).await?;
+                    state = match self.parts.edp.execute(command).await {
+                        Err(error) if motion.bears(&error) => self.parts.edp.state().await?,
+                        executed => executed?,
+                    };
                 }
                 Err(outcome) => return Ok((outcome, state)),
             }

@@ -5,6 +5,7 @@
 //! stop dead trip the power stages.
 
 use super::control::Control;
+use crate::error::{Error, NonFatal};
 use crate::generators::{
     Behaviour, Compliance, Generator, Inputs, Next, Outcome, Sensing, Target, position::Speeds,
 };
@@ -72,6 +73,15 @@ impl Motion {
         match self.generator.next(&inputs) {
             (Next::Go(command), sensing) => Ok((command, sensing)),
             (Next::Done(outcome), _) => Err(outcome),
+        }
+    }
+
+    /// Whether this is a refusal of its last command that its generator can go on from.
+    #[must_use]
+    pub fn bears(&self, error: &Error) -> bool {
+        match error {
+            Error::NonFatal { cause: NonFatal::Refused(why), .. } => self.generator.bears(why),
+            _ => false,
         }
     }
 }

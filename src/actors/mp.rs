@@ -581,10 +581,14 @@ impl Mp {
             let send = |effector: usize| {
                 let command = commands[effector];
                 let ecp = self.parts.ecps.get(effector).cloned();
+                let motion = motions[effector].as_ref();
                 async move {
-                    match (ecp, command) {
-                        (Some(ecp), Some(command)) => ecp.transmit(command).await.map(Some),
-                        _ => Ok(None),
+                    let (Some(ecp), Some(command)) = (ecp, command) else { return Ok(None) };
+                    match ecp.transmit(command).await {
+                        Err(error) if motion.is_some_and(|motion| motion.bears(&error)) => {
+                            ecp.state().await.map(Some)
+                        }
+                        sent => sent.map(Some),
                     }
                 }
             };

@@ -18,7 +18,7 @@ pub mod turn;
 pub mod visual_servo;
 
 use crate::motion::{
-    ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion, MoveCommand,
+    ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion, MoveCommand, MoveRefused,
 };
 use crate::spatial::Pose;
 use nalgebra::Vector3;
@@ -130,6 +130,8 @@ pub enum Outcome {
     LostSight(f64),
     /// The cube stayed outside the place of hand-over for this long [s].
     OutOfZone(f64),
+    /// The arm cannot get to where the cube is held, for this reason.
+    OutOfReach(MoveRefused),
     /// It took longer than allowed [s].
     TimedOut(f64),
 }
@@ -176,6 +178,7 @@ impl std::fmt::Display for Outcome {
             Self::OutOfZone(seconds) => {
                 write!(f, "the cube stayed outside the place of hand-over for {seconds:.1} s")
             }
+            Self::OutOfReach(why) => write!(f, "the arm does not get there ({why})"),
             Self::TimedOut(seconds) => write!(f, "not done in {seconds:.1} s"),
         }
     }
@@ -461,6 +464,12 @@ impl Generator {
             return (Next::Done(oscillates), None);
         }
         (next, None)
+    }
+
+    /// Whether it can go on although its last command was refused for this reason; `inputs.arm.refused` tells it.
+    #[must_use]
+    pub fn bears(&self, why: &MoveRefused) -> bool {
+        matches!(self.kind, Kind::VisualServo(_)) && visual_servo::VisualServo::bears(why)
     }
 }
 

@@ -7,7 +7,7 @@
 //!   stages (lead, follow, back off, approach, frozen close to the cube) after the 2008 sources
 
 use super::{Compliance, Inputs, Mode, Next, Outcome, Sensing, Target, Window};
-use crate::motion::{Direction, Motion, MoveCommand, PERIOD};
+use crate::motion::{Direction, Motion, MoveCommand, MoveRefused, PERIOD};
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -70,6 +70,7 @@ pub struct VisualServo {
     goal: Option<Pose>,
     seen: u64,
     velocity: Vector3<f64>,
+    spin: Vector3<f64>,
     still: f64,
     confirmed: u32,
     first_period: Option<u64>,
@@ -77,6 +78,10 @@ pub struct VisualServo {
     cube: Option<Vector3<f64>>,
     /// Last period in which it was seen inside the zone.
     inside: Option<u64>,
+    /// Where it waits short of the seat: [`Order::vicinity`], or as far as the arm folds [m].
+    vicinity: f64,
+    /// Since when the arm has been refused its way, and never come to where it is to wait.
+    refused: Option<u64>,
     /// Exposure that was asked for last, and the one with which the cube was seen.
     asked: f64,
     exposure: f64,
@@ -88,6 +93,11 @@ const FILTER: f64 = 0.4;
 const FOLLOW_GAIN: f64 = 2.5;
 /// The gripper is in the vicinity when it is this close to the waiting pose [m], [rad].
 const THERE: (f64, f64) = (0.006, 0.03);
+
+/// An arm that does not fold far enough to wait in the vicinity waits nearer by this at each refusal [m], at most so
+/// near as this part of the vicinity: the fingers must not reach the cube yet.
+const NEARER: f64 = 0.005;
+const NEAREST: f64 = 2.0 / 3.0;
 
 /// While nothing is seen, exposures are tried in turn, each for this long [s]: a workshop's light is not the one that
 /// the nominal exposure was chosen for.
@@ -114,9 +124,24 @@ impl VisualServo {
             first_period: None,
             cube: None,
             inside: None,
+            vicinity: order.vicinity,
+            refused: None,
+            spin: Vector3::zeros(),
             asked: 1.0,
             exposure: 1.0,
         }
+    }
+
+    /// A limit of the arm on the way after a cube that somebody moves: it may come back into reach.
+    #[must_use]
+    pub fn bears(why: &MoveRefused) -> bool {
+        matches!(
+            why,
+            MoveRefused::OutOfReach(_)
+                | MoveRefused::JointLimit { .. }
+                | MoveRefused::MotorLimit { .. }
+                | MoveRefused::TooFast { .. }
+        )
     }
 
     /// See [`super::Generator::next`].
@@ -169,9 +194,12 @@ impl VisualServo {
         if !frozen && total > RESTLESS * self.order.patience {
             return Next::Done(Outcome::TimedOut(total));
         }
+        if let Some(why) = inputs.arm.refused.filter(Self::bears) {
+            return self.give_way(inputs.period, why);
+        }
         let Some(goal) = self.goal else { return Next::Go(self.hold()) };
         if !frozen && age > self.order.stale {
-            self.velocity = Vector3::zeros();
+            self.stand();
             self.still = 0.0;
             return Next::Go(self.hold());
         }
@@ -179,6 +207,25 @@ impl VisualServo {
             Stage::Follow => self.follow(inputs, &pose, &goal),
             Stage::Approach { began_at } => self.approach(inputs, &pose, &goal, began_at, frozen),
         }
+    }
+
+    /// After a refusal: the arm stands, and tries again from there, nearer to a cube that stands still. So close to the
+    /// cube as in an approach it would only come back to the same place.
+    fn give_way(&mut self, period: u64, why: MoveRefused) -> Next {
+        let since = *self.refused.get_or_insert(period);
+        let long = period.saturating_sub(since) as f64 * PERIOD > self.order.patience;
+        if long || matches!(self.stage, Stage::Approach { .. }) {
+            return Next::Done(Outcome::OutOfReach(why));
+        }
+        self.stand();
+        if self.still > 0.0 {
+            self.vicinity = (self.vicinity - NEARER).max(NEAREST * self.order.vicinity);
+        }
+        Next::Go(self.hold())
+    }
+
+    fn stand(&mut self) {
+        (self.velocity, self.spin) = (Vector3::zeros(), Vector3::zeros());
     }
 
     fn hold(&self) -> MoveCommand {
@@ -235,29 +282,33 @@ impl VisualServo {
         self.goal = Some(goal);
         let is_still = is_inside && target.speed < self.order.still_speed;
         self.still = if is_still { self.still + moved.min(0.2) } else { 0.0 };
+        if !is_still {
+            self.vicinity = self.order.vicinity;
+        }
     }
 
     fn follow(&mut self, inputs: &Inputs<'_>, pose: &Pose, goal: &Pose) -> Next {
         let step = self.step_seconds();
-        let wait = goal * Pose::translation(0.0, 0.0, -self.order.vicinity);
+        let wait = goal * Pose::translation(0.0, 0.0, -self.vicinity);
         let way = wait.translation.vector - pose.translation.vector;
         let turn = pose.rotation.rotation_to(&wait.rotation).scaled_axis();
-        if way.norm() < THERE.0 && turn.norm() < THERE.1 && self.still > self.order.still_seconds {
+        let is_there = way.norm() < THERE.0 && turn.norm() < THERE.1;
+        if is_there {
+            self.refused = None;
+        }
+        if is_there && self.still > self.order.still_seconds {
             self.stage = Stage::Approach { began_at: goal.translation.vector };
             return self.approach(inputs, pose, goal, goal.translation.vector, false);
         }
-        // Speed that still allows braking within the way left.
-        let speed = (FOLLOW_GAIN * way.norm())
-            .min(self.order.speed.0)
-            .min((2.0 * self.order.acceleration * way.norm()).sqrt());
-        let wanted = if way.norm() > 1e-9 { way.normalize() * speed } else { Vector3::zeros() };
-        let change = wanted - self.velocity;
-        let most = self.order.acceleration * step;
-        self.velocity += if change.norm() > most { change.normalize() * most } else { change };
-        let angular = clamp_norm(turn * FOLLOW_GAIN, self.order.speed.1);
+        let (linear, angular) = self.order.speed;
+        let acceleration = self.order.acceleration;
+        self.velocity = led(self.velocity, way, linear, acceleration, step);
+        // Its full speed is reached as soon as the linear one. A cube that turns past 45 deg is grasped by other sides,
+        // and then all of it is turned back: at once, axis 6 would be left behind.
+        self.spin = led(self.spin, turn, angular, acceleration * angular / linear, step);
         let next = Pose::from_parts(
             (pose.translation.vector + self.velocity * step).into(),
-            UnitQuaternion::from_scaled_axis(angular * step) * pose.rotation,
+            UnitQuaternion::from_scaled_axis(self.spin * step) * pose.rotation,
         );
         Next::Go(MoveCommand {
             motion: Motion::Pose(next),
@@ -277,7 +328,7 @@ impl VisualServo {
         let order = self.order;
         if !frozen && (goal.translation.vector - began_at).norm() > order.retreat {
             self.stage = Stage::Follow;
-            self.velocity = Vector3::zeros();
+            self.stand();
             self.still = 0.0;
             return Next::Go(self.hold());
         }
@@ -321,9 +372,19 @@ impl VisualServo {
     }
 }
 
-fn clamp_norm(v: Vector3<f64>, most: f64) -> Vector3<f64> {
-    let norm = v.norm();
-    if norm > most { v * (most / norm) } else { v }
+/// A velocity after one more step on the way that is left: within a speed and an acceleration, and so that it can still
+/// brake on that way.
+fn led(
+    velocity: Vector3<f64>,
+    way: Vector3<f64>,
+    most: f64,
+    acceleration: f64,
+    step: f64,
+) -> Vector3<f64> {
+    let left = way.norm();
+    let speed = (FOLLOW_GAIN * left).min(most).min((2.0 * acceleration * left).sqrt());
+    let wanted = if left > 1e-9 { way * (speed / left) } else { Vector3::zeros() };
+    velocity + (wanted - velocity).cap_magnitude(acceleration * step)
 }
 
 /// Orientation of the tool whose z is the cube's axis nearest to `approach` and whose y the one nearest to `jaws`.
@@ -504,6 +565,127 @@ mod tests {
 
         assert!(matches!(outcome, Outcome::LostSight(_)));
         assert!(pose.translation.x < 1.0 - 0.019 - 0.08, "kept its distance: {pose}");
+    }
+
+    /// Runs the generator against an arm that goes nowhere nearer to its base than `least` nor farther than `most`, and
+    /// says so; returns the outcome and the place at the end.
+    fn run_within(
+        (least, most): (f64, f64),
+        cube: impl Fn(u64) -> Target,
+    ) -> (Outcome, Vector3<f64>) {
+        let rotation = grasp_rotation(&UnitQuaternion::identity(), &Vector3::x(), &Vector3::z());
+        let mut arm = ArmState {
+            desired_base_from_tool: Pose::from_parts(Vector3::new(0.85, 0.0, 1.2).into(), rotation),
+            ..ArmState::default()
+        };
+        let mut generator = VisualServo::new(order(), compliance());
+        for step in 0..5000_u64 {
+            let period = step * 8;
+            let target = cube(period);
+            let inputs = Inputs { arm: &arm, target: Some(&target), period, pace: 1.0 };
+            let next = match generator.next(&inputs).0 {
+                Next::Done(outcome) => {
+                    return (outcome, arm.desired_base_from_tool.translation.vector);
+                }
+                Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) => pose,
+                Next::Go(MoveCommand { motion: Motion::Task { directions, .. }, .. }) => {
+                    let Direction::Guarded { velocity, .. } = directions[2] else { panic!() };
+                    arm.desired_base_from_tool * Pose::translation(0.0, 0.0, velocity * 0.016)
+                }
+                Next::Go(_) => arm.desired_base_from_tool,
+            };
+            let x = next.translation.x;
+            arm.refused = (!(least..=most).contains(&x)).then_some(MoveRefused::OutOfReach(x));
+            if arm.refused.is_none() {
+                arm.desired_base_from_tool = next;
+            }
+        }
+        panic!("no end");
+    }
+
+    #[test]
+    fn an_arm_at_its_limit_waits_until_the_cube_comes_back_into_its_reach() {
+        let at = |x: f64, period| {
+            let world_from_cube = Pose::translation(x, 0.0, 1.2);
+            Target { world_from_cube, speed: 0.0, period }
+        };
+        let span = (0.5, 1.02);
+
+        // Its waiting place would be at 1.06 m.
+        let (outcome, _) =
+            run_within(span, |period| at(if period < 1500 { 1.18 } else { 1.0 }, period));
+        assert_eq!(outcome, Outcome::NotTouched, "there, and nothing pushes back");
+
+        let (outcome, place) = run_within(span, |period| at(1.18, period));
+        assert!(matches!(outcome, Outcome::OutOfReach(MoveRefused::OutOfReach(_))), "{outcome:?}");
+        assert!(place.x > 1.0, "as far as it goes: {place}");
+    }
+
+    #[test]
+    fn an_arm_that_does_not_fold_so_far_waits_nearer_to_a_cube_at_rest_but_never_at_it() {
+        let cube = |speed: f64| {
+            move |period| Target {
+                world_from_cube: Pose::translation(0.85, 0.0, 1.2),
+                speed,
+                period,
+            }
+        };
+        // The usual place is at 0.731 m, and two thirds of the way at 0.764 m.
+        let from = |least: f64| run_within((least, 2.0), cube(0.0)).0;
+
+        assert_eq!(from(0.755), Outcome::NotTouched);
+        assert!(matches!(from(0.775), Outcome::OutOfReach(_)));
+        let (outcome, place) = run_within((0.755, 2.0), cube(0.1));
+        assert!(matches!(outcome, Outcome::OutOfReach(_)), "it does not stand still: {outcome:?}");
+        assert!(place.x < 0.765, "it keeps its distance: {place}");
+    }
+
+    #[test]
+    fn a_limit_met_in_the_approach_ends_it() {
+        let cube = |period| Target {
+            world_from_cube: Pose::translation(1.0, 0.0, 1.2),
+            speed: 0.0,
+            period,
+        };
+
+        let (outcome, place) = run_within((0.5, 0.95), cube);
+
+        assert!(matches!(outcome, Outcome::OutOfReach(_)), "{outcome:?}");
+        assert!(place.x > 0.94 && place.x <= 0.95, "{place}");
+    }
+
+    #[test]
+    fn the_tool_is_turned_back_no_faster_than_its_axes_can_follow() {
+        let rotation = grasp_rotation(&UnitQuaternion::identity(), &Vector3::x(), &Vector3::z());
+        let mut arm = ArmState {
+            desired_base_from_tool: Pose::from_parts(Vector3::new(0.85, 0.0, 1.2).into(), rotation),
+            ..ArmState::default()
+        };
+        let mut generator = VisualServo::new(order(), compliance());
+        let (mut spin, mut fastest, mut turned_back) = (Vector3::zeros(), 0.0_f64, false);
+        for step in 1..500_u64 {
+            let period = step * 8;
+            // To and fro past 45 deg, where another of its sides is the nearest one.
+            let angle = 0.9 * (period as f64 * 0.002).sin();
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle);
+            let world_from_cube = Pose::from_parts(Vector3::new(1.0, 0.0, 1.2).into(), turn);
+            let target = Target { world_from_cube, speed: 0.1, period };
+            let inputs = Inputs { arm: &arm, target: Some(&target), period, pace: 1.0 };
+            let Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) =
+                generator.next(&inputs).0
+            else {
+                panic!("it follows");
+            };
+            let before = arm.desired_base_from_tool.rotation;
+            let next = before.rotation_to(&pose.rotation).scaled_axis() / 0.016;
+            assert!((next - spin).norm() <= 1.0 * 0.016 + 1e-6, "{spin} {next}");
+            assert!(next.norm() <= 0.5 + 1e-6);
+            turned_back |= next.dot(&spin) < 0.0 || (spin.x > 0.0) != (next.x > 0.0);
+            fastest = fastest.max(next.norm());
+            spin = next;
+            arm.desired_base_from_tool = pose;
+        }
+        assert!(fastest > 0.3 && turned_back, "{fastest}");
     }
 
     #[test]

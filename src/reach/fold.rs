@@ -15,6 +15,9 @@ pub struct Fold {
 impl Fold {
     /// Distance between the places that are looked at [m].
     const STEP: f64 = 0.002;
+    /// What stays free before the place where a joint meets its limit [m]: the arm sets out from where the servo has it
+    /// by then, not from where it was asked, and must not be refused for a tenth of a millimetre.
+    const SPARE: f64 = 0.004;
 
     /// Of an arm with its tool.
     #[must_use]
@@ -36,15 +39,22 @@ impl Fold {
         (joints, arm.model.base_from_flange(&joints) * arm.flange_from_tool)
     }
 
-    /// How much of so long a way the tool can go back along its own z, in steps of 2 mm at most [m]; the arm stands at
-    /// these joint positions, its tool at `base_from_tool`.
+    /// How much of so long a way the tool can go back along its own z and still have 4 mm to the limit [m]; the arm stands
+    /// at these joint positions, its tool at `base_from_tool`.
     #[must_use]
     pub fn way(&self, base_from_tool: &Pose, joints: &JointPositions, way: f64) -> f64 {
+        let goes = self.limit(base_from_tool, joints, way + Self::SPARE);
+        // All of it to the last bit, where it is free.
+        if goes < way + Self::SPARE { (goes - Self::SPARE).max(0.0) } else { way }
+    }
+
+    /// The same up to the limit, in steps of 2 mm.
+    fn limit(&self, base_from_tool: &Pose, joints: &JointPositions, way: f64) -> f64 {
         let steps = (way / Self::STEP).ceil() as u32;
         let (mut near, mut goes) = (*joints, 0.0);
         for step in 1..=steps {
             // The last one is the way itself, to the last bit.
-            let gone = way - way * f64::from(steps - step) / f64::from(steps);
+            let gone = if step == steps { way } else { Self::STEP * f64::from(step) };
             let tool = base_from_tool * Pose::translation(0.0, 0.0, -gone);
             let found = self.model.inverse(&(tool * self.tool_from_flange), &near);
             let Some(joints) = found.ok().filter(|joints| self.model.check(joints).is_ok()) else {
@@ -74,7 +84,7 @@ mod tests {
             let flange = tool * Pose::translation(0.0, 0.0, -way) * fold.tool_from_flange;
             arm.model.inverse(&flange, &joints).and_then(|joints| arm.model.check(&joints))
         };
-        assert!(at(goes).is_ok() && at(goes + 0.003).is_err());
+        assert!(at(goes + Fold::SPARE).is_ok() && at(goes + Fold::SPARE + 0.003).is_err());
         for way in [0.006, 0.011, 0.012, 0.5 * goes] {
             assert_eq!(fold.way(&tool, &joints, way), way, "all of a shorter way");
         }

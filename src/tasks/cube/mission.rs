@@ -824,7 +824,12 @@ impl Mission {
                 // Stops that came forward now would push the cube out of both hands.
                 let stops = self.stops[hand.index()];
                 let open = Job::Open { hand, opening: s.opening, stops };
-                let back = Job::Along(hand, -s.back);
+                // Two arms meet where both can draw back; where a person or a table holds the cube, the track's folds as far
+                // as it does.
+                let back = match (self.given_back, hand) {
+                    (true, Hand::Track) => Job::DrawBack(s.back),
+                    _ => Job::Along(hand, -s.back),
+                };
                 self.belief.released(hand);
                 self.push_front(&[open, back]);
                 return Ok(None);
