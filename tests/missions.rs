@@ -170,8 +170,13 @@ fn a_cube_from_a_hand_nearby_is_drawn_back_as_far_as_the_arm_folds() {
 /// These hands lead the arm to a motor's limit on their way, and turn the cube past 45 deg there.
 #[test]
 fn an_arm_that_meets_a_limit_while_it_follows_the_hand_goes_on_when_the_cube_comes_back() {
-    for seed in ["seed=20027", "seed=20078"] {
-        let summary = run("solve.toml", &["task=acquire", seed]);
+    // Under the one it is the ECP that goes on, under the other MP.
+    for (seed, coordination) in [
+        ("seed=20027", "coordination=sporadic"),
+        ("seed=20078", "coordination=sporadic"),
+        ("seed=20027", "coordination=continuous"),
+    ] {
+        let summary = run("solve.toml", &["task=acquire", seed, coordination]);
 
         // The rest is not its matter: a person who never saw the cube leave the place of hand-over does not ask for it.
         assert!(summary.phases.iter().any(|phase| phase.name == "hand back"), "{}", summary.reason);

@@ -84,7 +84,7 @@ mod tests {
             let flange = tool * Pose::translation(0.0, 0.0, -way) * fold.tool_from_flange;
             arm.model.inverse(&flange, &joints).and_then(|joints| arm.model.check(&joints))
         };
-        assert!(at(goes + Fold::SPARE).is_ok() && at(goes + Fold::SPARE + 0.003).is_err());
+        assert!(at(goes + 0.004).is_ok() && at(goes + 0.004 + 0.003).is_err());
         for way in [0.006, 0.011, 0.012, 0.5 * goes] {
             assert_eq!(fold.way(&tool, &joints, way), way, "all of a shorter way");
         }

@@ -260,7 +260,8 @@ section! {
         withdraw [mm]: f64 = 50.0, 1.0..=500.0;
         /// A pose older than this is no longer followed.
         pose_age [ms]: f64 = 100.0, 20.0..=2000.0;
-        /// The task fails when no cube came within this time, or when it did not stand still in five times this.
+        /// The task fails when no cube came within this time, when a limit kept the arm from it for so long, or when it
+        /// did not stand still in five times this.
         patience [s]: f64 = 60.0, 1.0..=3600.0;
     }
 }
