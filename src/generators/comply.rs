@@ -8,6 +8,9 @@ use crate::motion::PERIOD;
 
 /// Time that a pull must last [s].
 const PULL_SECONDS: f64 = 0.3;
+/// An arm that yields relieves what strains it: only a wrench beyond the limits for so long is one it cannot yield to [s].
+/// More than a pull lasts: a hard one is a pull, too.
+const STRAIN_SECONDS: f64 = 0.5;
 
 /// Memory of a yielding arm.
 #[derive(Debug, Clone)]
@@ -17,13 +20,14 @@ pub struct Comply {
     compliance: Compliance,
     steps: u32,
     pulled: u32,
+    strained: u32,
 }
 
 impl Comply {
-    /// Until it is ended from above.
+    /// Until it is ended from above, or strained at all: its partner drives it.
     #[must_use]
     pub fn until_ended(selector: Selector, compliance: Compliance) -> Self {
-        Self { pull: None, selector, compliance, steps: 0, pulled: 0 }
+        Self { pull: None, selector, compliance, steps: 0, pulled: 0, strained: 0 }
     }
 
     /// Until a force above `pull` [N] has lasted, at most `seconds`.
@@ -34,16 +38,22 @@ impl Comply {
         seconds: f64,
         compliance: Compliance,
     ) -> Self {
-        Self { pull: Some((pull, seconds)), selector, compliance, steps: 0, pulled: 0 }
+        let pull = Some((pull, seconds));
+        Self { pull, ..Self::until_ended(selector, compliance) }
     }
 
     /// See [`super::Generator::next`].
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
         self.steps += 1;
-        if let Some(excess) = self.compliance.excess(inputs.arm) {
+        let step = f64::from(self.compliance.macrostep) * PERIOD;
+        let excess = self.compliance.excess(inputs.arm);
+        self.strained = if excess.is_some() { self.strained + 1 } else { 0 };
+        let borne = if self.pull.is_some() { STRAIN_SECONDS } else { 0.0 };
+        if let Some(excess) = excess
+            && f64::from(self.strained) * step > borne
+        {
             return Next::Done(excess);
         }
-        let step = f64::from(self.compliance.macrostep) * PERIOD;
         if let Some((pull, patience)) = self.pull {
             let force = inputs.arm.wrench_in_tool.force.norm();
             self.pulled = if force > pull { self.pulled + 1 } else { 0 };
@@ -55,5 +65,60 @@ impl Comply {
             }
         }
         Next::Go(self.compliance.task(self.compliance.yielding(&self.selector), None))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::compliance;
+    use super::*;
+    use crate::motion::ArmState;
+    use crate::spatial::Wrench;
+
+    /// Feels the forces along z [N], each for so long [s], and tells when and how it ended.
+    fn felt(mut comply: Comply, forces: &[(f64, f64)]) -> Option<(f64, Outcome)> {
+        let step = f64::from(compliance().macrostep) * PERIOD;
+        let mut now = 0.0;
+        for (force, seconds) in forces {
+            for _ in 0..(seconds / step).round() as u32 {
+                let wrench_in_tool = Wrench::from_directions([0.0, 0.0, *force, 0.0, 0.0, 0.0]);
+                let arm = ArmState { wrench_in_tool, ..ArmState::default() };
+                now += step;
+                let inputs = Inputs { arm: &arm, target: None, period: 0, pace: 1.0 };
+                if let Next::Done(outcome) = comply.next(&inputs) {
+                    return Some((now, outcome));
+                }
+            }
+        }
+        None
+    }
+
+    fn presented() -> Comply {
+        Comply::until_pulled(5.0, [true; 6], 10.0, compliance())
+    }
+
+    #[test]
+    fn a_pull_harder_than_the_limit_is_a_pull() {
+        let (at, outcome) = felt(presented(), &[(0.0, 0.5), (60.0, 1.0)]).unwrap();
+
+        assert_eq!(outcome, Outcome::Pulled);
+        assert!((0.78..0.84).contains(&at), "{at}");
+    }
+
+    #[test]
+    fn who_waits_lives_with_a_strain_that_passes_and_ends_at_one_that_stays() {
+        let waits = || Comply::until_pulled(f64::INFINITY, [true; 6], 10.0, compliance());
+
+        assert_eq!(felt(waits(), &[(60.0, 0.4), (1.0, 0.1), (60.0, 0.4), (1.0, 5.0)]), None);
+        let (at, outcome) = felt(waits(), &[(60.0, 5.0)]).unwrap();
+        assert_eq!(outcome, Outcome::OverForce(2, 60.0));
+        assert!((0.5..0.56).contains(&at), "{at}");
+    }
+
+    #[test]
+    fn who_yields_to_a_partner_ends_at_once() {
+        let ended = felt(Comply::until_ended([true; 6], compliance()), &[(60.0, 1.0)]);
+
+        assert_eq!(ended, Some((0.016, Outcome::OverForce(2, 60.0))));
     }
 }
