@@ -642,15 +642,17 @@ mod tests {
 
     #[test]
     fn a_limit_met_in_the_approach_ends_it() {
-        let cube = |period| Target {
-            world_from_cube: Pose::translation(1.0, 0.0, 1.2),
-            speed: 0.0,
-            period,
+        let last = std::cell::Cell::new(0);
+        let cube = |period| {
+            last.set(period);
+            Target { world_from_cube: Pose::translation(1.0, 0.0, 1.2), speed: 0.0, period }
         };
 
         let (outcome, place) = run_within((0.5, 0.95), cube);
 
         assert!(matches!(outcome, Outcome::OutOfReach(_)), "{outcome:?}");
+        // It is there after 5 s, and would be patient for 5 s more.
+        assert!(last.get() < 3500, "at once: {last:?}");
         assert!(place.x > 0.94 && place.x <= 0.95, "{place}");
     }
 

@@ -374,6 +374,25 @@ impl Mission {
         }
     }
 
+    /// How far the track arm draws back, of so long a way. Where it would stay nearer than two thirds of the usual way to
+    /// where the cube was taken, that is still in the operator's hand: then all of the way is tried, and the arm says what
+    /// stops it.
+    fn folds(&self, way: f64, arms: &[ArmState]) -> f64 {
+        const LEAST: f64 = 2.0 / 3.0;
+        let track = &arms[Hand::Track.index()];
+        let goes =
+            self.settings.fold.way(&track.desired_base_from_tool, &track.desired_joints, way);
+        let has_been = self.belief.held[Hand::Track.index()].is_some() || self.given_back;
+        let before = self.gone(arms).filter(|_| has_been).unwrap_or(0.0);
+        if before + goes >= LEAST * self.settings.back { goes } else { way }
+    }
+
+    /// How far the track's tool is from where it closed on the cube [m].
+    fn gone(&self, arms: &[ArmState]) -> Option<f64> {
+        let from = nalgebra::Vector3::from(self.taken_at?);
+        Some((nalgebra::Vector3::from(place(arms)) - from).norm())
+    }
+
     /// Where the cube is, as the controller believes.
     #[must_use]
     pub fn whereabouts(&self) -> String {
@@ -914,7 +933,7 @@ impl Mission {
                 behave(Hand::Track, order)
             }
             Job::DrawBack(way) => {
-                let goes = folds(s, way, &arms[Hand::Track.index()]);
+                let goes = self.folds(way, arms);
                 // Without a cube nothing is drawn back from where one was taken. A run that goes on may hold it without
                 // knowing where that was.
                 if self.belief.held[Hand::Track.index()].is_some() {
@@ -1312,15 +1331,6 @@ impl Shown {
         self.plan = Arc::new(answer.lines.iter().map(line).collect());
         self.step = Some(0);
     }
-}
-
-/// How far the track arm draws back, of so long a way. Where it is less than two thirds of the usual way in all, the cube would
-/// still be in the operator's hand: then all of it is tried, and the arm says what is in its way.
-fn folds(settings: &CubeSettings, way: f64, track: &ArmState) -> f64 {
-    const LEAST: f64 = 2.0 / 3.0;
-    let goes = settings.fold.way(&track.desired_base_from_tool, &track.desired_joints, way);
-    let before = settings.back - way;
-    if before + goes >= LEAST * settings.back { goes } else { way }
 }
 
 /// Where the track's tool is set to be, in its base [m].

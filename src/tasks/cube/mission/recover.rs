@@ -365,17 +365,13 @@ impl Mission {
     fn settle(&mut self, holder: Hand, arms: &[ArmState]) {
         let back = self.settings.back - self.short;
         // Of the way back from where it was taken a part may have been gone already.
-        let left = |from: [f64; 3]| {
-            let gone = (Vector3::from(super::place(arms)) - Vector3::from(from)).norm();
-            (back - gone).max(0.0)
-        };
+        let left = self.gone(arms).map(|gone| (back - gone).max(0.0));
         if self.hand_over.is_none() && holder == Hand::Track {
-            self.draw_back_with(self.taken_at.map_or(back, left));
-        } else if let (Hand::Track, Keeper::Table, Some(from)) =
-            (holder, self.settings.keeper, self.taken_at)
+            self.draw_back_with(left.unwrap_or(back));
+        } else if let (Hand::Track, Keeper::Table, Some(left)) =
+            (holder, self.settings.keeper, left)
         {
             // It may stand on the table, or just above: not along it, but up from there.
-            let left = left(from);
             if left > 0.0 {
                 self.queue.push_back(Job::Along(holder, -left));
             }
@@ -593,6 +589,37 @@ mod tests {
             assert!((short(true, taken_at) - 0.2 * goes).abs() < 1e-12, "{taken_at:?}");
         }
         assert_eq!(short(false, None), 0.0, "nothing was taken");
+    }
+
+    #[test]
+    fn what_has_been_drawn_back_already_counts_where_the_arm_folds_only_a_part() {
+        let (desired_joints, desired_base_from_tool) = Fold::example_stand();
+        let goes = settings().fold.way(&desired_base_from_tool, &desired_joints, 0.3);
+        let back = goes / 0.6;
+        let track = ArmState {
+            jaw_opening: 0.057,
+            desired_joints,
+            desired_base_from_tool,
+            ..ArmState::default()
+        };
+        let arms = [track, ArmState { jaw_opening: 0.09, ..ArmState::default() }];
+        let readings = Readings { arms: &arms, forces: Forces::default() };
+        let drawn = |before: f64| {
+            let taken_at = desired_base_from_tool * nalgebra::Point3::new(0.0, 0.0, before);
+            let last = Entry {
+                taken_at: Some(taken_at.into()),
+                hand_over: None,
+                handing_back: false,
+                ..lowering()
+            };
+            let mut mission = Mission::new(CubeSettings { back, ..settings() }, Goal::Solve, None)
+                .resumed(Some(last));
+            mission.next(Event::Start, &readings);
+            mission.folds(back, &arms)
+        };
+
+        assert_eq!(drawn(0.0), back, "the cube would stay in the operator's hand: the arm refuses");
+        assert_eq!(drawn(0.1 * back), goes, "far enough in all");
     }
 
     #[test]
