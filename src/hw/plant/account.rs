@@ -29,15 +29,9 @@ impl Plant {
             rotation_vector(&(core.r * self.core.r.transpose())) / self.config.period.seconds();
         self.velocity = Twist { linear: moved, angular: turned };
         self.core = core;
-        for (gone, touch) in self.let_go.iter_mut().zip(&self.balance.touches) {
-            *gone &= touch.any();
-        }
-        // The chain is closed as soon as a second hand touches the cube that one holds, and open when one has let
-        // go: a layer that leans on the palm then joins the core within a period, which may knock at the stops with
-        // up to 20 N. That is this model's, not the controller's.
+        // The chain is closed as soon as a second hand touches the cube that one holds.
         let both = self.arms.len() == 2
             && self.balance.touches.iter().all(Touch::any)
-            && self.let_go == [false; 2]
             && self.grasps.iter().any(Grasp::holds);
         for i in 0..self.arms.len() {
             let touch = self.balance.touches[i];
@@ -51,7 +45,7 @@ impl Plant {
             }
             let grasp = self.grasps[i];
             let (distance, angle) = grasp.slip;
-            let held = grasp.attached && !self.jaws[i].opens();
+            let held = grasp.attached && !grasp.opened && !self.jaws[i].opens();
             if held && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians()) {
                 self.grasps[i].reported = true;
                 self.verdict.counts.slips += 1;

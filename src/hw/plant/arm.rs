@@ -112,8 +112,8 @@ impl PlantArm {
             mass: [[0.0; AXES]; AXES],
             bias: [0.0; AXES],
             placement,
-            world_from_flange: Frame::identity(),
-            world_from_tool: Frame::identity(),
+            world_from_flange: Frame::IDENTITY,
+            world_from_tool: Frame::IDENTITY,
         };
         let ratios = this.motors_per_joint(&stretched);
         // Joint torques t reach the motors as H^-T t; H is lower triangular, so solve from the end.

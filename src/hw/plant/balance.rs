@@ -142,7 +142,9 @@ impl Balance {
         self.nodes[body].times(&Frame::rotated(back))
     }
 
-    /// Makes one body of the cube or two, without moving anything.
+    /// Makes one body of the cube or two, without moving anything but a layer that becomes a body again while it is still
+    /// held: it lies as far off the core as before. Without that its play would begin anew each time, and what a hand
+    /// holds would lean over by as much more.
     pub(super) fn regroup(
         &mut self,
         split: Option<Split>,
@@ -153,6 +155,11 @@ impl Balance {
             return;
         }
         let core = self.core(puzzle);
+        if let Some(old) = self.split {
+            for grasp in grasps.iter_mut().filter(|grasp| grasp.attached) {
+                grasp.off[old.axis] = core.to_local(&self.unturned(grasp.node, old, puzzle));
+            }
+        }
         if let Some(old) = self.split
             && split.is_none_or(|s| s.axis != old.axis)
         {
@@ -163,7 +170,10 @@ impl Balance {
         if let Some(s) = split {
             for (body, node) in nodes.iter_mut().enumerate() {
                 let angle = layer_angle(puzzle, s.axis, s.layers[body]);
-                *node = core.times(&Frame::rotated(about(&Axis::ALL[s.axis].unit(), angle)));
+                let turned = Frame::rotated(about(&Axis::ALL[s.axis].unit(), angle));
+                let layer = s.layers[body] & MIDDLE == 0 && grasps[body].attached;
+                let off = if layer { grasps[body].off[s.axis] } else { Frame::IDENTITY };
+                *node = core.times(&off).times(&turned);
             }
         }
         for (i, grasp) in grasps.iter_mut().enumerate() {

@@ -17,9 +17,10 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    pub(super) fn identity() -> Self {
-        Self { r: Matrix3::identity(), p: Vector3::zeros() }
-    }
+    pub(super) const IDENTITY: Self = Self {
+        r: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        p: Vector3::new(0.0, 0.0, 0.0),
+    };
 
     pub(super) fn from_pose(pose: &Pose) -> Self {
         Self { r: *pose.rotation.to_rotation_matrix().matrix(), p: pose.translation.vector }

@@ -33,14 +33,19 @@ const SETTLING: f64 = 0.02;
 /// State of a gripper's grasp.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(super) struct Grasp {
-    /// Both pads are on the cube.
+    /// The pads closed on the cube, and what they held has not left the hand.
     pub(super) attached: bool,
+    /// The jaws have let go: it holds nothing, but a layer may still lean on the palm.
+    pub(super) opened: bool,
     /// It slipped too far; holds nothing until the jaws have opened.
     pub(super) lost: bool,
     /// Which body of the cube it touches, 0 or 1.
     pub(super) node: usize,
     /// `tool_from_body` without strain, of the grasp as closed.
     pub(super) reference: Frame,
+    /// How far the layers in it lie off the core by their play, by axis, in the core's axes: as they were when they last
+    /// were bodies of their own.
+    pub(super) off: [Frame; 3],
     /// Slid part of x, z, and of the rotations about x, y, z.
     slid: [f64; 5],
     /// Rotations about x and z when the pads closed.
@@ -74,6 +79,8 @@ pub(super) struct Touch {
     pub(super) pads: [f64; 2],
     /// Force of the palm's stops [N].
     pub(super) palm: f64,
+    /// How far the nearest of the palm's stops is off the face [m], below 0 where it presses; infinite far from it.
+    pub(super) gap: f64,
     /// Force on the ends of the fingers [N].
     pub(super) front: f64,
     slid: [f64; 5],
@@ -90,6 +97,7 @@ impl Touch {
         ),
         pads: [0.0; 2],
         palm: 0.0,
+        gap: f64::INFINITY,
         front: 0.0,
         slid: [0.0; 5],
         slip_step: 0.0,
@@ -109,12 +117,11 @@ impl Touch {
 impl Grasp {
     pub(super) const OPEN: Self = Self {
         attached: false,
+        opened: false,
         lost: false,
         node: 0,
-        reference: Frame {
-            r: nalgebra::Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-            p: Vector3::new(0.0, 0.0, 0.0),
-        },
+        reference: Frame::IDENTITY,
+        off: [Frame::IDENTITY; 3],
         slid: [0.0; 5],
         closed_tilt: [0.0; 2],
         grown: (0.0, 0.0),
@@ -124,7 +131,7 @@ impl Grasp {
 
     /// Whether it can carry the cube.
     pub(super) fn holds(&self) -> bool {
-        self.attached && !self.lost
+        self.attached && !self.lost && !self.opened
     }
 
     /// The strain-free frame of flat pads around a cube that stands nearly so.
@@ -141,9 +148,11 @@ impl Grasp {
         let w = rotation_vector(&e.r);
         *self = Self {
             attached: true,
+            opened: false,
             lost: false,
             node,
             reference: flat,
+            off: [Frame::IDENTITY; 3],
             slid: [e.p.x, e.p.z, 0.0, w.y, 0.0],
             closed_tilt: [w.x, w.z],
             grown: (0.0, 0.0),
@@ -309,6 +318,7 @@ fn palm(t: &mut Touch, hands: &Hands, local: &Frame, face: f64, w: &Vector3<f64>
     for (x, y) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
         let (x, y) = (x * STOP_SPACING, y * STOP_SPACING);
         let press = stop - (face + w.x * y - w.y * x);
+        t.gap = t.gap.min(-press);
         if press > 0.0 {
             let f = (k * press).min(400.0);
             t.palm += f;

@@ -17,6 +17,8 @@ const CLOSED: f64 = 0.2;
 /// Jaws wider than the cube by this have let go [m]: the layer between them may lie askew by its play, and must be clear
 /// of both pads before it counts as part of the cube again.
 const OPEN_GAP: f64 = 1.5e-3;
+/// Stops nearer than this to the layer that the jaws have left may touch it once it lies on the core again [m].
+const PALM_GAP: f64 = 1e-3;
 /// Overlap of a pad with a layer from which on it holds the layer [m].
 const OVERLAP: f64 = 1e-3;
 /// What is left of a layer's misalignment when pads close over it and its neighbour.
@@ -29,14 +31,19 @@ impl Plant {
         for i in 0..self.arms.len() {
             let touch = self.balance.touches[i];
             let (attached, grip) = (self.grasps[i].attached, touch.grip());
-            if !attached && grip > CLOSED && !matches!(self.state, State::Falling { .. }) {
+            let closes = grip > CLOSED && !matches!(self.state, State::Falling { .. });
+            if !attached && closes {
                 self.state = State::Held;
                 self.close(i);
-            } else if attached {
-                let gone = touch.pads == [0.0; 2] && self.jaws[i].opening() > edge + OPEN_GAP;
-                if gone {
-                    self.open(i);
+            } else if self.grasps[i].opened {
+                // A layer that joins the core while the palm presses it would jump by its play, against the stops.
+                if closes || self.balance.split.is_none() || touch.gap > PALM_GAP {
+                    self.part(i);
                 }
+            } else if attached && touch.pads == [0.0; 2] && self.jaws[i].opening() > edge + OPEN_GAP
+            {
+                self.grasps[i].opened = true;
+                self.record(Incident::Released { arm: i });
             }
         }
     }
@@ -73,12 +80,10 @@ impl Plant {
         self.regroup();
     }
 
-    fn open(&mut self, i: usize) {
+    fn part(&mut self, i: usize) {
         self.grasps[i].attached = false;
-        self.let_go[i] = true;
         self.regroup();
         self.grasps[i] = Grasp::OPEN;
-        self.record(Incident::Released { arm: i });
     }
 
     /// Decides whether the cube is one body or two.

@@ -97,8 +97,6 @@ pub struct Plant {
     fronts: [bool; 2],
     popped: bool,
     crushed: [bool; 2],
-    /// Hands that have let go and still touch.
-    let_go: [bool; 2],
     saturated: [bool; 2],
     /// Power stages that were on in the last period.
     powered: [bool; 2],
@@ -160,7 +158,7 @@ impl Plant {
         let puzzle = Puzzle::new(config.facelets, config.cube, factors);
         let mut hand = OperatorHand::new(&config.hand, &cell.hand, edge, &mut stream(2));
         let world_from_cube = match config.start {
-            Start::Hand => hand.hold(0.0).unwrap_or_else(Frame::identity),
+            Start::Hand => hand.hold(0.0).unwrap_or(Frame::IDENTITY),
             Start::Table(lying) => {
                 hand.keep_out();
                 lying.drawn(cell, &mut stream(3))
@@ -199,7 +197,6 @@ impl Plant {
             fronts: [false; 2],
             popped: false,
             crushed: [false; 2],
-            let_go: [false; 2],
             saturated: [false; 2],
             powered: [false; 2],
             faults: Faults::new(&[]),

@@ -1,5 +1,6 @@
 //! What the plant must do as a whole.
 
+use super::frame::rotation_vector;
 use super::testing::{TestServo, cell, held, quiet, world_from_tool};
 use super::truth::{ErrorSpreads, GraspError, draw};
 use super::*;
@@ -72,8 +73,16 @@ fn a_quarter_turn_turns_one_face_and_nothing_else() {
     assert!(v.peak_force < 2.5 && v.peak_torque > 0.3 && v.peak_torque < 0.7, "{v:?}");
 
     // Let go on the track's side: the postument holds the turned cube, its angle now a permutation.
+    // As long as its palm stands at the layer, that is a body of its own.
     servo.jaws[0] = (0.085, 30.0);
-    servo.run(2.0);
+    servo.run(1.5);
+    assert_eq!(servo.plant.verdict().cube, Whereabouts::Arms([false, true]));
+    assert!(servo.plant.balance.split.is_some());
+    for _ in 0..200 {
+        servo.plant.arms[0].shift(&(Vector3::x() * -1e-5));
+        servo.tick();
+    }
+    assert!(servo.plant.balance.split.is_none());
     let after = servo.plant.verdict();
     assert_eq!(after.cube, Whereabouts::Arms([false, true]));
     assert_eq!(after.facelets, v.facelets);
@@ -253,6 +262,25 @@ fn stiff_jaws_two_millimetres_off_fail_under_position_control_for_most_direction
         })
         .count();
     assert!(failed >= 6, "{failed} of 8");
+}
+
+#[test]
+fn a_layer_that_is_held_through_many_splits_does_not_lean_more_and_more() {
+    let mut servo = both_hold(spoilt(Jaws::rubber(), 1.0, 1.0, 3), 30.0, 3);
+    let before = servo.plant.grasps.map(|grasp| grasp.reference);
+    assert!(servo.plant.balance.split.is_some());
+
+    for _ in 0..12 {
+        let plant = &mut servo.plant;
+        plant.balance.regroup(None, &mut plant.puzzle, &mut plant.grasps);
+        plant.regroup();
+        servo.run(0.1);
+    }
+
+    for (grasp, before) in servo.plant.grasps.iter().zip(before) {
+        let lean = rotation_vector(&(grasp.reference.r * before.r.transpose())).norm();
+        assert!(lean < 1e-6, "{lean}");
+    }
 }
 
 #[test]
