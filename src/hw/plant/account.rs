@@ -5,7 +5,7 @@
 
 use super::collision::HeldCube;
 use super::frame::rotation_vector;
-use super::grasp::{FRONT_STIFFNESS, Grasp, Touch};
+use super::grasp::{FRONT_STIFFNESS, Grasp, Hold, Touch};
 use super::hand::Sight;
 use super::verdict::MOST_EVENTS;
 use super::{Event, Incident, Part, Plant, State, lowest_face};
@@ -45,7 +45,7 @@ impl Plant {
             }
             let grasp = self.grasps[i];
             let (distance, angle) = grasp.slip;
-            let held = grasp.attached && !grasp.opened && !self.jaws[i].opens();
+            let held = grasp.hold == Hold::Closed && !self.jaws[i].opens();
             if held && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians()) {
                 self.grasps[i].reported = true;
                 self.verdict.counts.slips += 1;
@@ -89,7 +89,7 @@ impl Plant {
         self.faults.decide(time, turned);
         let acting = self.faults.acting;
         for (grasp, lost) in self.grasps.iter_mut().zip(acting.lost) {
-            grasp.lost |= lost && grasp.attached;
+            grasp.lost |= lost && grasp.attached();
         }
         self.puzzle.jam = acting.torque;
         if acting.withdraw {

@@ -156,7 +156,7 @@ impl Balance {
         }
         let core = self.core(puzzle);
         if let Some(old) = self.split {
-            for grasp in grasps.iter_mut().filter(|grasp| grasp.attached) {
+            for grasp in grasps.iter_mut().filter(|grasp| grasp.attached()) {
                 grasp.off[old.axis] = core.to_local(&self.unturned(grasp.node, old, puzzle));
             }
         }
@@ -171,13 +171,13 @@ impl Balance {
             for (body, node) in nodes.iter_mut().enumerate() {
                 let angle = layer_angle(puzzle, s.axis, s.layers[body]);
                 let turned = Frame::rotated(about(&Axis::ALL[s.axis].unit(), angle));
-                let layer = s.layers[body] & MIDDLE == 0 && grasps[body].attached;
+                let layer = s.layers[body] & MIDDLE == 0 && grasps[body].attached();
                 let off = if layer { grasps[body].off[s.axis] } else { Frame::IDENTITY };
                 *node = core.times(&off).times(&turned);
             }
         }
         for (i, grasp) in grasps.iter_mut().enumerate() {
-            if grasp.attached {
+            if grasp.attached() {
                 let node = if split.is_some() { i } else { 0 };
                 let old_from_new = self.nodes[grasp.node].to_local(&nodes[node]);
                 grasp.rename(node, &old_from_new);
@@ -237,7 +237,7 @@ impl Balance {
                 break;
             }
             for (i, touch) in self.touches.iter().enumerate() {
-                if touch.any() || grasps[i].attached {
+                if touch.any() || grasps[i].attached() {
                     let body = self.body_of(&grasps[i]);
                     let lever = tools[i].p - self.nodes[body].p;
                     system.stiffness[body][body] +=
@@ -280,7 +280,7 @@ impl Balance {
     /// First guess: a cube that one gripper alone holds goes with its tool. From where it was, a tool at 0.5 m/s would
     /// seem to strain the pads beyond their friction, and the cube would slip by the solver's fault.
     fn carry(&mut self, grasps: &[Grasp; 2], tools: &[Frame; 2]) {
-        let alone = match (grasps[0].attached, grasps[1].attached) {
+        let alone = match (grasps[0].attached(), grasps[1].attached()) {
             (true, false) => 0,
             (false, true) => 1,
             _ => return,
@@ -294,7 +294,7 @@ impl Balance {
 
     /// Which body a gripper touches.
     fn body_of(&self, grasp: &Grasp) -> usize {
-        if grasp.attached && self.split.is_some() { grasp.node } else { 0 }
+        if grasp.attached() && self.split.is_some() { grasp.node } else { 0 }
     }
 
     /// The hand took hold anew.

@@ -30,13 +30,21 @@ const LOST: (f64, f64) = (5e-3, 0.349);
 /// A grip that has not grown for this long has settled [s].
 const SETTLING: f64 = 0.02;
 
+/// What a gripper's jaws have of the cube.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub(super) enum Hold {
+    /// Nothing.
+    Open,
+    /// The pads closed on the cube, and what they held has not left the hand.
+    Closed,
+    /// They have let go: they hold nothing, but a layer may still lean on the palm.
+    LetGo,
+}
+
 /// State of a gripper's grasp.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(super) struct Grasp {
-    /// The pads closed on the cube, and what they held has not left the hand.
-    pub(super) attached: bool,
-    /// The jaws have let go: it holds nothing, but a layer may still lean on the palm.
-    pub(super) opened: bool,
+    pub(super) hold: Hold,
     /// It slipped too far; holds nothing until the jaws have opened.
     pub(super) lost: bool,
     /// Which body of the cube it touches, 0 or 1.
@@ -116,8 +124,7 @@ impl Touch {
 
 impl Grasp {
     pub(super) const OPEN: Self = Self {
-        attached: false,
-        opened: false,
+        hold: Hold::Open,
         lost: false,
         node: 0,
         reference: Frame::IDENTITY,
@@ -129,9 +136,14 @@ impl Grasp {
         reported: false,
     };
 
+    /// Whether what the pads closed on has not left the hand.
+    pub(super) fn attached(&self) -> bool {
+        self.hold != Hold::Open
+    }
+
     /// Whether it can carry the cube.
     pub(super) fn holds(&self) -> bool {
-        self.attached && !self.lost && !self.opened
+        self.hold == Hold::Closed && !self.lost
     }
 
     /// The strain-free frame of flat pads around a cube that stands nearly so.
@@ -147,8 +159,7 @@ impl Grasp {
         let e = tool_from_body.times(&flat.inverse());
         let w = rotation_vector(&e.r);
         *self = Self {
-            attached: true,
-            opened: false,
+            hold: Hold::Closed,
             lost: false,
             node,
             reference: flat,
@@ -171,10 +182,10 @@ impl Grasp {
     pub(super) fn touch(&self, tool: &Frame, body: &Frame, hands: &Hands) -> Touch {
         let local = tool.to_local(body);
         let reach = hands.edge + hands.gripper.palm;
-        if !self.attached && local.p.norm_squared() > reach * reach {
+        if !self.attached() && local.p.norm_squared() > reach * reach {
             return Touch::NONE;
         }
-        let reference = if self.attached { self.reference } else { Self::flat(&local) };
+        let reference = if self.attached() { self.reference } else { Self::flat(&local) };
         let e = local.times(&reference.inverse());
         let w = rotation_vector(&e.r);
         let mut t = Touch::NONE;
@@ -191,7 +202,7 @@ impl Grasp {
                 if press <= 0.0 {
                     continue;
                 }
-                if self.attached || depth > press {
+                if self.attached() || depth > press {
                     let k = 0.5 * j.stiffness[1];
                     t.pads[i] = (k * press).min(400.0);
                     t.force.y -= side * t.pads[i];
@@ -205,7 +216,7 @@ impl Grasp {
             }
         }
         palm(&mut t, hands, &local, face, &w);
-        if self.attached {
+        if self.attached() {
             self.friction(&mut t, hands, &e, &w);
         }
         t
@@ -279,7 +290,7 @@ impl Grasp {
 
     /// Takes over the slip of the substep's last evaluation.
     pub(super) fn commit(&mut self, t: &Touch, dt: f64) {
-        if !self.attached {
+        if !self.attached() {
             return;
         }
         let about_jaws = (t.slid[3] - self.slid[3]).abs();

@@ -7,7 +7,7 @@ use super::account::StillWatch;
 use super::balance::{Split, layer_angle};
 use super::cube::{Layers, MIDDLE};
 use super::frame::{Frame, about, nearest_alignment};
-use super::grasp::Grasp;
+use super::grasp::{Grasp, Hold};
 use super::{Incident, Plant, State};
 use crate::cube::Axis;
 use nalgebra::Vector3;
@@ -30,19 +30,19 @@ impl Plant {
         let edge = self.config.cell.cube.edge;
         for i in 0..self.arms.len() {
             let touch = self.balance.touches[i];
-            let (attached, grip) = (self.grasps[i].attached, touch.grip());
+            let (attached, grip) = (self.grasps[i].attached(), touch.grip());
             let closes = grip > CLOSED && !matches!(self.state, State::Falling { .. });
             if !attached && closes {
                 self.state = State::Held;
                 self.close(i);
-            } else if self.grasps[i].opened {
+            } else if self.grasps[i].hold == Hold::LetGo {
                 // A layer that joins the core while the palm presses it would jump by its play, against the stops.
                 if closes || self.balance.split.is_none() || touch.gap > PALM_GAP {
                     self.part(i);
                 }
             } else if attached && touch.pads == [0.0; 2] && self.jaws[i].opening() > edge + OPEN_GAP
             {
-                self.grasps[i].opened = true;
+                self.grasps[i].hold = Hold::LetGo;
                 self.record(Incident::Released { arm: i });
             }
         }
@@ -81,7 +81,7 @@ impl Plant {
     }
 
     fn part(&mut self, i: usize) {
-        self.grasps[i].attached = false;
+        self.grasps[i].hold = Hold::Open;
         self.regroup();
         self.grasps[i] = Grasp::OPEN;
     }
@@ -135,7 +135,7 @@ impl Plant {
 
     /// The axes that could turn while both hold: those under a palm's lone layer.
     fn splits(&self) -> impl Iterator<Item = Split> + use<> {
-        let both = self.grasps.iter().all(|g| g.attached) && self.arms.len() == 2;
+        let both = self.grasps.iter().all(Grasp::attached) && self.arms.len() == 2;
         let core = self.balance.core(&self.puzzle);
         let mut found = [None; 3];
         if both {
@@ -197,7 +197,7 @@ impl Plant {
         }
         let turn = Frame::rotated(about(&Axis::ALL[split.axis].unit(), by));
         self.balance.nodes[body] = self.balance.nodes[body].times(&turn);
-        for grasp in self.grasps.iter_mut().filter(|g| g.attached && g.node == body) {
+        for grasp in self.grasps.iter_mut().filter(|g| g.attached() && g.node == body) {
             grasp.rename(body, &turn);
         }
     }

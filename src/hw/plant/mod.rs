@@ -374,7 +374,7 @@ impl Plant {
         let near = |i: usize| {
             i < self.arms.len() && (tools[i].p - self.balance.nodes[0].p).norm_squared() < 0.04
         };
-        if !near(0) && !near(1) && !self.grasps.iter().any(|g| g.attached) {
+        if !near(0) && !near(1) && !self.grasps.iter().any(grasp::Grasp::attached) {
             if let (Some(hold), State::Held) = (&hold, self.state) {
                 self.balance.place(hold.world_from_cube);
                 self.balance.hand_comes(&hold.world_from_cube);
