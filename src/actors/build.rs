@@ -82,7 +82,7 @@ pub(super) fn cube_settings(
     let keeper = config.cell.keeper;
     Some(CubeSettings {
         arms: [arm_belief(&config.cell, 0)?, arm_belief(&config.cell, 1)?],
-        fold: Fold::of(arm),
+        folds: [Fold::of(arm), Fold::of(config.cell.arms.get(1)?)],
         meetings,
         edge: config.cell.cube.edge,
         grip: c.grip,

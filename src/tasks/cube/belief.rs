@@ -124,6 +124,14 @@ impl Belief {
         Some(self.world_from_base(hand).inverse() * world_from_tool)
     }
 
+    /// Where the centre of the cube that the partner holds is in the tool of `hand` [m].
+    #[must_use]
+    pub fn centre_in_tool(&self, hand: Hand, arms: &[ArmState]) -> Option<Vector3<f64>> {
+        let world_from_cube = self.cube(&self.state, hand.other(), arms)?;
+        let world_from_tool = self.tool(&self.state, hand, arms);
+        Some((world_from_tool.inverse() * world_from_cube).translation.vector)
+    }
+
     /// `camera_from_face` of a face of the held cube in the camera of `viewer`.
     #[must_use]
     pub fn face_in_camera(&self, viewer: Hand, face: Face, arms: &[ArmState]) -> Option<Pose> {

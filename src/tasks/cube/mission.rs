@@ -374,17 +374,29 @@ impl Mission {
         }
     }
 
-    /// How far the track arm draws back, of so long a way. Where it would stay nearer than two thirds of the usual way to
-    /// where the cube was taken, that is still in the operator's hand: then all of the way is tried, and the arm says what
-    /// stops it.
-    fn folds(&self, way: f64, arms: &[ArmState]) -> f64 {
+    /// How far an arm draws back, of so long a way and having gone so far already. Where it would stay nearer than two
+    /// thirds of the usual way to where it had the cube, that is still in the other hand: then all of the way is tried, and
+    /// the arm says what stops it.
+    fn folds(&mut self, hand: Hand, way: f64, before: f64, arms: &[ArmState]) -> f64 {
         const LEAST: f64 = 2.0 / 3.0;
-        let track = &arms[Hand::Track.index()];
-        let goes =
-            self.settings.fold.way(&track.desired_base_from_tool, &track.desired_joints, way);
+        let (fold, arm) = (&self.settings.folds[hand.index()], &arms[hand.index()]);
+        let goes = fold.way(&arm.desired_base_from_tool, &arm.desired_joints, way);
+        if goes >= way || before + goes < LEAST * self.settings.back {
+            return way;
+        }
+        let (short, all) = (goes * 1e3, way * 1e3);
+        self.log.notes.push(format!(
+            "the {} arm folds no farther: drawn back by {short:.0} of {all:.0} mm",
+            name(hand)
+        ));
+        goes
+    }
+
+    /// The same of the track arm, by how far it is from where it took the cube.
+    fn track_folds(&mut self, way: f64, arms: &[ArmState]) -> f64 {
         let has_been = self.belief.held[Hand::Track.index()].is_some() || self.given_back;
         let before = self.gone(arms).filter(|_| has_been).unwrap_or(0.0);
-        if before + goes >= LEAST * self.settings.back { goes } else { way }
+        self.folds(Hand::Track, way, before, arms)
     }
 
     /// How far the track's tool is from where it closed on the cube [m].
@@ -494,6 +506,8 @@ impl Mission {
                     self.log.notes.push(format!("the cube was not where it was seen, try {tries}"));
                     self.push_front(&[
                         Job::DrawBack(self.settings.back),
+                        // The force may have been zeroed while something pushed.
+                        Job::Bias([true, false]),
                         Job::VisualServo { tries: tries + 1 },
                     ]);
                     Ok(())
@@ -933,17 +947,11 @@ impl Mission {
                 behave(Hand::Track, order)
             }
             Job::DrawBack(way) => {
-                let goes = self.folds(way, arms);
+                let goes = self.track_folds(way, arms);
                 // Without a cube nothing is drawn back from where one was taken. A run that goes on may hold it without
                 // knowing where that was.
                 if self.belief.held[Hand::Track.index()].is_some() {
                     self.short += way - goes;
-                }
-                if goes < way {
-                    let (goes, way) = (goes * 1e3, way * 1e3);
-                    self.log.notes.push(format!(
-                        "the arm folds no farther: drawn back by {goes:.0} of {way:.0} mm"
-                    ));
                 }
                 self.push_front(&[Job::Along(Hand::Track, -goes)]);
                 return Ok(None);

@@ -47,8 +47,8 @@ pub struct ArmBelief {
 pub struct CubeSettings {
     /// The two arms, track first.
     pub arms: [ArmBelief; 2],
-    /// How far the track arm can draw back.
-    pub fold: Fold,
+    /// How far they can draw back.
+    pub folds: [Fold; 2],
     /// Where they can meet.
     pub meetings: MeetingTable,
     /// Edge of the cube [m].

@@ -31,6 +31,8 @@ const CLOSER: f64 = 0.0012;
 const WIDER: f64 = 0.002;
 /// A layer that stands off by less is straightened by the jaws that close over it [rad].
 const STRAIGHT: f64 = 0.1;
+/// A way that is not worth a motion [m].
+const NEARLY: f64 = 1e-3;
 
 /// Colours as this cube's stickers look, by face [0..=255 each].
 pub(super) type Palette = [[f64; 3]; 6];
@@ -320,6 +322,7 @@ impl Mission {
             [false, false] => {
                 self.log.notes.push("no hand holds the cube: it is taken anew".to_owned());
                 (self.hand_over, self.taken_at, self.short) = (None, None, 0.0);
+                self.back_off(arms);
                 self.queue.push_back(Job::Apart);
                 self.take();
             }
@@ -342,22 +345,35 @@ impl Mission {
         }
     }
 
-    /// An empty hand opens, and draws back where it may have its fingers beside the cube.
+    /// The track hand may have its fingers beside the cube that is held out to it, and press it: it goes out of the way
+    /// first, as far as its arm folds, since neither is it to go sideways then nor are the forces to be zeroed.
+    fn back_off(&mut self, arms: &[ArmState]) {
+        let (hand, opening) = (Hand::Track, self.settings.opening);
+        let arm = &arms[hand.index()];
+        let (tool, joints) = (&arm.desired_base_from_tool, &arm.desired_joints);
+        let goes = self.settings.folds[hand.index()].way(tool, joints, self.settings.back);
+        self.queue
+            .extend([Job::Open { hand, opening, stops: Depth::One }, Job::Along(hand, -goes)]);
+    }
+
+    /// An empty hand opens, and goes what is left of the way back where it may have its fingers beside the cube: a limit of
+    /// the arm may be near behind that.
     fn clear(&mut self, hand: Hand, arms: &[ArmState]) {
-        let place = |hand: Hand| {
-            let base_from_tool = arms[hand.index()].desired_base_from_tool;
-            (self.belief.world_from_base(hand) * base_from_tool).translation.vector
-        };
-        let between = (place(hand) - place(hand.other())).norm();
-        if between < 3.0 * self.settings.edge {
-            self.queue.push_back(Job::LetGo(hand));
-        } else {
-            self.queue.push_back(Job::Open {
-                hand,
-                opening: self.settings.opening,
-                stops: self.stops[hand.index()],
-            });
+        let (edge, back) = (self.settings.edge, self.settings.back);
+        let stops = self.stops[hand.index()];
+        self.queue.push_back(Job::Open { hand, opening: self.settings.opening, stops });
+        let Some(place) = self.belief.centre_in_tool(hand, arms) else { return };
+        if place.norm() >= 3.0 * edge {
+            return;
         }
+        // Where it would have had one layer, the lesser way of the two.
+        let gone = place.z - edge / 3.0;
+        let left = (back - gone).clamp(0.0, back);
+        if left < NEARLY {
+            return;
+        }
+        let goes = self.folds(hand, left, gone, arms);
+        self.queue.push_back(Job::Along(hand, -goes));
     }
 
     /// What follows when one hand is known to hold the cube: without a place to hand it back, the operator may still
@@ -562,7 +578,7 @@ mod tests {
     #[test]
     fn what_the_arm_does_not_fold_counts_where_it_holds_the_cube() {
         let (desired_joints, desired_base_from_tool) = Fold::example_stand();
-        let goes = settings().fold.way(&desired_base_from_tool, &desired_joints, 0.3);
+        let goes = settings().folds[0].way(&desired_base_from_tool, &desired_joints, 0.3);
         let settings = || CubeSettings { back: 1.2 * goes, ..settings() };
         let track = ArmState {
             jaw_opening: 0.057,
@@ -594,7 +610,7 @@ mod tests {
     #[test]
     fn what_has_been_drawn_back_already_counts_where_the_arm_folds_only_a_part() {
         let (desired_joints, desired_base_from_tool) = Fold::example_stand();
-        let goes = settings().fold.way(&desired_base_from_tool, &desired_joints, 0.3);
+        let goes = settings().folds[0].way(&desired_base_from_tool, &desired_joints, 0.3);
         let back = goes / 0.6;
         let track = ArmState {
             jaw_opening: 0.057,
@@ -615,11 +631,71 @@ mod tests {
             let mut mission = Mission::new(CubeSettings { back, ..settings() }, Goal::Solve, None)
                 .resumed(Some(last));
             mission.next(Event::Start, &readings);
-            mission.folds(back, &arms)
+            mission.track_folds(back, &arms)
         };
 
         assert_eq!(drawn(0.0), back, "the cube would stay in the operator's hand: the arm refuses");
         assert_eq!(drawn(0.1 * back), goes, "far enough in all");
+    }
+
+    #[test]
+    fn an_empty_hand_goes_what_is_left_of_the_way_from_its_partners_cube_as_far_as_its_arm_folds() {
+        let (desired_joints, stand) = Fold::example_stand();
+        let goes = settings().folds[1].way(&stand, &desired_joints, 0.3);
+        let back = goes / 0.6;
+        let edge = settings().edge;
+        let ways = |gone: f64| {
+            let settings = CubeSettings { back, ..settings() };
+            let mut mission = Mission::new(settings, Goal::Solve, None).resumed(Some(lowering()));
+            let cube = stand * Pose::translation(0.0, 0.0, edge / 3.0 + gone);
+            let track =
+                ArmState { jaw_opening: edge, desired_base_from_tool: cube, ..ArmState::default() };
+            let postument = ArmState {
+                jaw_opening: 0.09,
+                desired_joints,
+                desired_base_from_tool: stand,
+                ..ArmState::default()
+            };
+            let arms = [track, postument];
+            mission.next(Event::Start, &Readings { arms: &arms, forces: Forces::default() });
+            let opens = |job: &Job| matches!(job, Job::Open { hand: Hand::Postument, .. });
+            assert!(mission.queue.iter().any(opens), "{gone}");
+            let way = |job: &Job| match job {
+                Job::Along(Hand::Postument, way) => Some(-*way),
+                _ => None,
+            };
+            mission.queue.iter().filter_map(way).collect::<Vec<_>>()
+        };
+        let near = |ways: Vec<f64>, way: f64| ways.len() == 1 && (ways[0] - way).abs() < 1e-9;
+
+        assert!(near(ways(0.0), back), "the cube stays between its fingers: the arm refuses");
+        assert!(near(ways(0.1 * back), goes), "far enough in all");
+        assert!(near(ways(0.5 * back), 0.5 * back));
+        assert!(near(ways(-0.1 * back), back), "deeper than it ever holds");
+        assert!(ways(back).is_empty(), "it has gone");
+        assert!(ways(3.0 * edge).is_empty(), "far from it");
+    }
+
+    #[test]
+    fn a_hand_that_may_press_a_cube_held_out_to_it_backs_off_before_it_goes_aside_or_zeroes() {
+        let (desired_joints, desired_base_from_tool) = Fold::example_stand();
+        let settings = CubeSettings { back: 0.3, ..settings() };
+        let goes = settings.folds[0].way(&desired_base_from_tool, &desired_joints, 0.3);
+        let taking = Entry { held: [None; 2], hand_over: None, handing_back: false, ..lowering() };
+        let mut mission = Mission::new(settings, Goal::Solve, None).resumed(Some(taking));
+        let arm = ArmState {
+            jaw_opening: 0.09,
+            desired_joints,
+            desired_base_from_tool,
+            ..ArmState::default()
+        };
+        mission.next(Event::Start, &Readings { arms: &[arm; 2], forces: Forces::default() });
+        let at = |wanted: Job| mission.queue.iter().position(|job| *job == wanted).unwrap();
+
+        let gone = at(Job::Along(Hand::Track, -goes));
+        assert!(gone > 0 && goes < 0.3, "{goes}");
+        assert!(matches!(mission.queue[gone - 1], Job::Open { hand: Hand::Track, .. }));
+        assert!(gone < at(Job::Apart) && gone < at(Job::Bias([true, true])));
     }
 
     #[test]
@@ -639,7 +715,7 @@ mod tests {
         });
 
         let noted = noted.unwrap();
-        assert_eq!(noted.doing, "moving");
+        assert_eq!(noted.doing, "opening the jaws");
         assert_eq!((noted.hand_over, noted.taken_at, noted.short), (None, None, 0.0));
     }
 

@@ -30,7 +30,7 @@ pub(super) fn settings() -> CubeSettings {
     });
     CubeSettings {
         arms: [arm; 2],
-        fold: Fold::of_example(),
+        folds: [Fold::of_example(), Fold::of_example()],
         meetings: MeetingTable {
             grasps: [meeting; 24],
             views: [[meeting; 3]; 2],
