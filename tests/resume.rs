@@ -95,7 +95,7 @@ fn a_mission_killed_while_it_lays_the_cube_down_lifts_it_and_lays_it_down_solved
     let lowering = (0..5).any(|_| {
         killed_after(&scenario, &world, "laying it down", 1);
         let state = kept(&world);
-        let held = state["state"] == "Held" && state["grasps"][0]["attached"] == true;
+        let held = state["state"] == "Held" && state["grasps"][0]["hold"] == "Closed";
         if !held {
             std::fs::remove_file(journal(&world)).unwrap();
             std::fs::remove_file(&world).unwrap();
