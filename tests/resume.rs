@@ -138,5 +138,8 @@ fn what_cannot_be_resumed_is_refused_with_the_reason() {
     std::fs::write(&world, "{}").unwrap();
     let (code, told) = refused(&["--world", &at]);
     assert!(code == 4 && told.contains("not the state of a plant"), "{code} {told}");
+    std::fs::write(&world, "{\"version\": 2, \"grasps\": []}").unwrap();
+    let (code, told) = refused(&["--world", &at]);
+    assert!(code == 4 && told.contains("of a plant of version 2, this program reads"), "{told}");
     std::fs::remove_file(&world).unwrap();
 }

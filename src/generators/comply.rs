@@ -8,7 +8,7 @@ use crate::motion::PERIOD;
 
 /// Time that a pull must last [s].
 const PULL_SECONDS: f64 = 0.3;
-/// An arm that yields relieves what strains it: only a wrench beyond the limits for so long is one it cannot yield to [s].
+/// An arm that yields relieves what strains it: only a force beyond the limits for so long is one it cannot yield to [s].
 /// More than a pull lasts: a hard one is a pull, too.
 const STRAIN_SECONDS: f64 = 0.5;
 
@@ -49,9 +49,10 @@ impl Comply {
         let excess = self.compliance.excess(inputs.arm);
         self.strained = if excess.is_some() { self.strained + 1 } else { 0 };
         let borne = if self.pull.is_some() { STRAIN_SECONDS } else { 0.0 };
-        if let Some(excess) = excess
-            && f64::from(self.strained) * step > borne
-        {
+        let too_long = f64::from(self.strained) * step > borne;
+        // What does not yield relieves nothing: behind the limit comes the end of the sensor's range.
+        let unborne = self.compliance.unyielding(&self.selector, inputs.arm);
+        if let Some(excess) = unborne.or(excess.filter(|_| too_long)) {
             return Next::Done(excess);
         }
         if let Some((pull, patience)) = self.pull {
@@ -113,6 +114,24 @@ mod tests {
         let (at, outcome) = felt(waits(), &[(60.0, 5.0)]).unwrap();
         assert_eq!(outcome, Outcome::OverForce(2, 60.0));
         assert!((0.5..0.56).contains(&at), "{at}");
+    }
+
+    #[test]
+    fn what_strains_a_direction_that_does_not_yield_ends_it_at_once() {
+        let (mut selector, tff) = ([true; 6], [true, true, true, false, false, false]);
+        let waits = |selector| Comply::until_pulled(5.0, selector, 10.0, compliance());
+
+        selector[2] = false;
+        assert_eq!(
+            felt(waits(selector), &[(60.0, 1.0)]),
+            Some((0.016, Outcome::OverForce(2, 60.0)))
+        );
+        // A force that it yields to, at a lever that it does not.
+        let force_and_torque = Wrench::from_directions([30.0, 0.0, 0.0, 0.0, 60.0, 0.0]);
+        let arm = ArmState { wrench_in_tool: force_and_torque, ..ArmState::default() };
+        let inputs = Inputs { arm: &arm, target: None, period: 0, pace: 1.0 };
+        let next = waits(tff).next(&inputs);
+        assert!(matches!(next, Next::Done(Outcome::OverForce(4, _))), "{next:?}");
     }
 
     #[test]

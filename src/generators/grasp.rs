@@ -18,7 +18,7 @@ enum Mode {
     /// Closes until something is held.
     Close { force: f64, least_width: f64, stops: Depth },
     /// Goes to a set opening.
-    Open { jaw: JawCommand, seconds: f64 },
+    Open { jaw: JawCommand, seconds: f64, limited: bool },
 }
 
 /// Memory of a grasp.
@@ -47,15 +47,16 @@ impl Grasp {
         Self::with(Mode::Close { force, least_width, stops }, selector, compliance)
     }
 
-    /// Goes to a set opening in a set time, or as long as the jaws need.
+    /// Goes to a set opening in a set time, or as long as the jaws need; unless `limited`, under whatever wrench.
     #[must_use]
     pub fn jaw_only(
         jaw: JawCommand,
         seconds: f64,
         selector: Selector,
+        limited: bool,
         compliance: Compliance,
     ) -> Self {
-        Self::with(Mode::Open { jaw, seconds }, selector, compliance)
+        Self::with(Mode::Open { jaw, seconds, limited }, selector, compliance)
     }
 
     fn with(mode: Mode, selector: Selector, compliance: Compliance) -> Self {
@@ -80,11 +81,12 @@ impl Grasp {
             self.still_at = arm.jaw_opening;
         }
         self.steps += 1;
-        if let Some(excess) = self.compliance.excess(arm) {
+        let limited = !matches!(self.mode, Mode::Open { limited: false, .. });
+        if let Some(excess) = self.compliance.excess(arm).filter(|_| limited) {
             return Next::Done(excess);
         }
         match self.mode {
-            Mode::Open { jaw, seconds } => self.open(arm, jaw, seconds),
+            Mode::Open { jaw, seconds, .. } => self.open(jaw, seconds),
             Mode::Close { force, least_width, stops } => self.close(arm, force, least_width, stops),
         }
     }
@@ -93,7 +95,7 @@ impl Grasp {
         f64::from(self.compliance.macrostep) * PERIOD
     }
 
-    fn open(&mut self, _arm: &ArmState, jaw: JawCommand, seconds: f64) -> Next {
+    fn open(&mut self, jaw: JawCommand, seconds: f64) -> Next {
         let step = self.macrostep_seconds();
         let way = (jaw.opening - self.start).abs();
         let seconds = seconds.max(way / self.compliance.jaw_open_speed);
@@ -182,6 +184,27 @@ mod tests {
             assert!(jaw.opening <= set, "{} after {set}", jaw.opening);
             set = jaw.opening;
         }
+    }
+
+    #[test]
+    fn jaws_that_are_to_relieve_a_strain_open_under_it_and_others_do_not() {
+        let wrench_in_tool =
+            crate::spatial::Wrench::from_directions([0.0, 60.0, 0.0, 0.0, 0.0, 0.0]);
+        let arm = ArmState { jaw_opening: 0.057, wrench_in_tool, ..ArmState::default() };
+        let jaw = JawCommand { opening: 0.09, force_limit: 40.0, stops: Depth::One };
+        let opened = |limited: bool| {
+            let mut grasp = Grasp::jaw_only(jaw, 1.0, [true; 6], limited, compliance());
+            let mut set = arm.jaw_opening;
+            loop {
+                match grasp.next(&Inputs { arm: &arm, target: None, period: 0, pace: 1.0 }) {
+                    Next::Go(command) => set = command.jaw.unwrap().opening,
+                    Next::Done(outcome) => return (outcome, set),
+                }
+            }
+        };
+
+        assert_eq!(opened(false), (Outcome::Reached, 0.09));
+        assert_eq!(opened(true), (Outcome::OverForce(1, 60.0), 0.057));
     }
 
     #[test]

@@ -20,7 +20,7 @@ pub mod visual_servo;
 use crate::motion::{
     ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion, MoveCommand, MoveRefused,
 };
-use crate::spatial::Pose;
+use crate::spatial::{Pose, Wrench};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -256,14 +256,28 @@ impl Compliance {
     /// The first direction in which the arm's wrench is beyond the limits.
     #[must_use]
     pub fn excess(&self, arm: &ArmState) -> Option<Outcome> {
-        let (force, torque) = (arm.wrench_in_tool.force.norm(), arm.wrench_in_tool.torque.norm());
-        if force > self.force_limit {
-            Some(Outcome::OverForce(arm.wrench_in_tool.force.iamax(), force))
-        } else if torque > self.torque_limit {
-            Some(Outcome::OverForce(3 + arm.wrench_in_tool.torque.iamax(), torque))
-        } else {
-            None
-        }
+        self.excesses(arm).find_map(|excess| excess)
+    }
+
+    /// Of the force and of the torque, each with the direction that has most of it.
+    fn excesses(&self, arm: &ArmState) -> impl Iterator<Item = Option<Outcome>> {
+        let Wrench { force, torque } = arm.wrench_in_tool;
+        [(0, force, self.force_limit), (3, torque, self.torque_limit)].into_iter().map(
+            |(first, vector, limit)| {
+                let much = vector.norm();
+                (much > limit).then(|| Outcome::OverForce(first + vector.iamax(), much))
+            },
+        )
+    }
+
+    /// The first that is beyond the limits in a direction that does not yield.
+    #[must_use]
+    pub fn unyielding(&self, selector: &Selector, arm: &ArmState) -> Option<Outcome> {
+        let stiff = |excess: &Outcome| match excess {
+            Outcome::OverForce(direction, _) => !selector[*direction],
+            _ => true,
+        };
+        self.excesses(arm).flatten().find(stiff)
     }
 }
 
@@ -294,6 +308,8 @@ pub enum Behaviour {
         seconds: f64,
         /// Directions that yield meanwhile.
         selector: Selector,
+        /// Whether they go on under a wrench beyond the limits, since to open is what relieves it.
+        strained: bool,
     },
     /// Approaches along the tool's z until the palm's stops touch.
     Approach {
@@ -406,8 +422,9 @@ impl Behaviour {
                 speeds,
                 compliance.macrostep,
             )),
-            Self::Jaw { jaw, seconds, selector } => {
-                Kind::Grasp(grasp::Grasp::jaw_only(jaw, seconds, selector, *compliance))
+            Self::Jaw { jaw, seconds, selector, strained } => {
+                let limited = !strained;
+                Kind::Grasp(grasp::Grasp::jaw_only(jaw, seconds, selector, limited, *compliance))
             }
             Self::Approach { speed, distance, force, selector } => Kind::Secure(
                 secure::Secure::approach(speed, distance, force, selector, *compliance),

@@ -96,6 +96,7 @@ impl Panel {
                     jaw: JawCommand { opening, force_limit: bench.grip, stops: Depth::One },
                     seconds: JAW_SECONDS,
                     selector: [false; 6],
+                    strained: false,
                 }
             }
             Manual::Pose { name } => {

@@ -172,6 +172,15 @@ impl Grasp {
         };
     }
 
+    /// The pads that had let go meet the layer that they had, which still leans on the palm.
+    pub(super) fn close_again(&mut self) {
+        self.hold = Hold::Closed;
+        self.lost = false;
+        self.grown = (0.0, 0.0);
+        self.slip = (0.0, 0.0);
+        self.reported = false;
+    }
+
     /// The touched body is from now on described by another frame: `old_from_new`.
     pub(super) fn rename(&mut self, node: usize, old_from_new: &Frame) {
         self.node = node;

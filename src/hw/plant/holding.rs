@@ -37,8 +37,11 @@ impl Plant {
                 self.close(i);
             } else if self.grasps[i].hold == Hold::LetGo {
                 // A layer that joins the core while the palm presses it would jump by its play, against the stops.
-                if closes || self.balance.split.is_none() || touch.gap > PALM_GAP {
+                if self.balance.split.is_none() || touch.gap > PALM_GAP {
                     self.part(i);
+                } else if closes {
+                    self.grasps[i].close_again();
+                    self.closed(i);
                 }
             } else if attached && touch.pads == [0.0; 2] && self.jaws[i].opening() > edge + OPEN_GAP
             {
@@ -74,10 +77,14 @@ impl Plant {
         let body = self.balance.nodes[0];
         let reference = flat.times(&touched.to_local(&body));
         self.grasps[i].close(0, &tool.to_local(&body), reference);
+        self.closed(i);
+        self.regroup();
+    }
+
+    fn closed(&mut self, i: usize) {
         self.last_holder = Some(i);
         self.verdict.grasps[i] += 1;
         self.record(Incident::Grasped { arm: i });
-        self.regroup();
     }
 
     fn part(&mut self, i: usize) {

@@ -69,6 +69,12 @@ pub enum Unfit {
     Other(String),
 }
 
+/// What every version has.
+#[derive(serde::Deserialize)]
+struct Versioned {
+    version: u32,
+}
+
 impl Saved {
     /// Reads a file; `None` when there is none.
     ///
@@ -80,8 +86,12 @@ impl Saved {
             Err(why) if why.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(why) => return Err(why.into()),
         };
-        let saved: Self = serde_json::from_slice(&bytes)?;
-        if saved.version == VERSION { Ok(Some(saved)) } else { Err(Unfit::Version(saved.version)) }
+        // Of another version everything else may be otherwise.
+        let Versioned { version } = serde_json::from_slice(&bytes)?;
+        if version != VERSION {
+            return Err(Unfit::Version(version));
+        }
+        Ok(Some(serde_json::from_slice(&bytes)?))
     }
 
     /// Replaces a file.

@@ -1,6 +1,7 @@
 //! What the plant must do as a whole.
 
 use super::frame::rotation_vector;
+use super::grasp::Hold;
 use super::testing::{TestServo, cell, held, quiet, world_from_tool};
 use super::truth::{ErrorSpreads, GraspError, draw};
 use super::*;
@@ -281,6 +282,55 @@ fn a_layer_that_is_held_through_many_splits_does_not_lean_more_and_more() {
         let lean = rotation_vector(&(grasp.reference.r * before.r.transpose())).norm();
         assert!(lean < 1e-6, "{lean}");
     }
+}
+
+/// The track's jaws let go of the layer that both strain, and its hand draws back by so many steps of 0.01 mm; how its palm
+/// pressed just before the layer joined the cube, and just after [N].
+fn let_go(servo: &mut TestServo, steps: usize) -> Option<(f64, f64)> {
+    servo.jaws[0] = (0.085, 30.0);
+    let mut joined = None;
+    for step in 0..750 + steps {
+        if step >= 750 {
+            servo.plant.arms[0].shift(&(Vector3::x() * -1e-5));
+        }
+        let palm = |servo: &TestServo| servo.plant.balance.touches[0].palm;
+        let (before, apart) = (palm(servo), servo.plant.balance.split.is_some());
+        servo.tick();
+        if apart && servo.plant.balance.split.is_none() {
+            joined = Some((before, palm(servo)));
+        }
+    }
+    joined
+}
+
+#[test]
+fn a_layer_that_is_let_go_does_not_jump_at_the_palm() {
+    for seed in 0..4 {
+        let mut servo = both_hold(spoilt(Jaws::stiff(), 1.0, 1.0, seed), 30.0, seed);
+
+        assert_eq!(let_go(&mut servo, 200), Some((0.0, 0.0)), "{seed}");
+
+        assert_eq!(servo.plant.verdict().cube, Whereabouts::Arms([false, true]));
+    }
+}
+
+#[test]
+fn jaws_that_close_again_before_the_palm_has_gone_hold_the_layer_as_it_stands() {
+    let mut servo = both_hold(spoilt(Jaws::stiff(), 1.0, 1.0, 3), 30.0, 3);
+    let before = servo.plant.verdict();
+    let_go(&mut servo, 0);
+    assert_eq!(servo.plant.grasps[0].hold, Hold::LetGo);
+
+    servo.jaws[0] = (0.055, 30.0);
+    servo.run(1.5);
+
+    let v = servo.plant.verdict();
+    assert_eq!(servo.plant.grasps[0].hold, Hold::Closed);
+    assert_eq!(v.cube, Whereabouts::Arms([true, true]));
+    assert_eq!(v.grasps[0], before.grasps[0] + 1);
+    assert!(v.peak_force < 1.1 * before.peak_force, "{} {}", v.peak_force, before.peak_force);
+    turn(&mut servo, FRAC_PI_2);
+    assert!((servo.plant.verdict().layer_angles[1] + FRAC_PI_2).abs() < 0.05);
 }
 
 #[test]

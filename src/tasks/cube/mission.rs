@@ -196,7 +196,7 @@ pub struct Mission {
     odd: Vec<(Face, usize)>,
     /// How often the cube was read and planned anew.
     recoveries: u32,
-    /// How often jaws were strained when they opened.
+    /// How often the jaws that are to open now were strained.
     strained: u32,
     /// The turner's hold before the turn that is being made.
     before_turn: Option<Grip>,
@@ -240,7 +240,9 @@ pub struct MissionLog {
 }
 
 const ARMS_APART: [Option<JointPositions>; 2] = [None, None];
-/// Strained openings of jaws that a mission gets over.
+/// Share of the way that a hand draws back after which nobody else's fingers are where it was.
+const CLEAR: f64 = 2.0 / 3.0;
+/// How often jaws that are strained try to open.
 const MOST_STRAINED: u32 = 6;
 /// Retries of a stalled turn.
 const TURN_TRIES: u32 = 2;
@@ -374,14 +376,12 @@ impl Mission {
         }
     }
 
-    /// How far an arm draws back, of so long a way and having gone so far already. Where it would stay nearer than two
-    /// thirds of the usual way to where it had the cube, that is still in the other hand: then all of the way is tried, and
-    /// the arm says what stops it.
-    fn folds(&mut self, hand: Hand, way: f64, before: f64, arms: &[ArmState]) -> f64 {
-        const LEAST: f64 = 2.0 / 3.0;
+    /// How far an arm draws back, of so long a way of which so much must be: where it does not fold that far, all of the way
+    /// is tried, and the arm says what stops it.
+    fn folds(&mut self, hand: Hand, way: f64, least: f64, arms: &[ArmState]) -> f64 {
         let (fold, arm) = (&self.settings.folds[hand.index()], &arms[hand.index()]);
         let goes = fold.way(&arm.desired_base_from_tool, &arm.desired_joints, way);
-        if goes >= way || before + goes < LEAST * self.settings.back {
+        if goes >= way || goes < least {
             return way;
         }
         let (short, all) = (goes * 1e3, way * 1e3);
@@ -392,11 +392,17 @@ impl Mission {
         goes
     }
 
-    /// The same of the track arm, by how far it is from where it took the cube.
+    /// The same of the track arm. Nearer than two thirds of the usual way to where it took the cube, that is still in the
+    /// operator's hand; fingers that have let go are clear of it after an edge.
     fn track_folds(&mut self, way: f64, arms: &[ArmState]) -> f64 {
-        let has_been = self.belief.held[Hand::Track.index()].is_some() || self.given_back;
-        let before = self.gone(arms).filter(|_| has_been).unwrap_or(0.0);
-        self.folds(Hand::Track, way, before, arms)
+        let holds = self.belief.held[Hand::Track.index()].is_some();
+        let least = if self.given_back && !holds {
+            self.settings.edge
+        } else {
+            let gone = self.gone(arms).filter(|_| holds).unwrap_or(0.0);
+            CLEAR * self.settings.back - gone
+        };
+        self.folds(Hand::Track, way, least, arms)
     }
 
     /// How far the track's tool is from where it closed on the cube [m].
@@ -476,6 +482,11 @@ impl Mission {
                     Job::Approach { hand, .. }
                     | Job::Close { hand, .. }
                     | Job::Secure { hand, .. } => self.not_grasped(hand, &why),
+                    // Nobody else is there who could strain it.
+                    Job::Present { .. } if matches!(alarm, Outcome::OverForce(..)) => {
+                        self.log.notes.push(format!("{why}: the jaws let go"));
+                        Ok(())
+                    }
                     // Jaws that open relieve what is strained: once more, after it has given way for a while.
                     Job::Open { hand, .. } if self.strained < MOST_STRAINED => {
                         self.strained += 1;
@@ -489,6 +500,10 @@ impl Mission {
         }
         let of = |hand: Hand| outcomes[hand.index()];
         match job {
+            Job::Open { .. } => {
+                self.strained = 0;
+                Ok(())
+            }
             Job::VisualServo { tries } => match of(Hand::Track) {
                 Some(Outcome::Touched(_)) => Ok(()),
                 Some(Outcome::LostSight(seconds)) => {
@@ -1079,6 +1094,8 @@ impl Mission {
             } else {
                 [false; 6]
             },
+            // Whoever takes the cube, however hard, is to have it.
+            strained: self.given_back,
         }
     }
 

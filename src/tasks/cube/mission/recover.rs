@@ -317,6 +317,9 @@ impl Mission {
         match [Hand::Track, Hand::Postument].map(between) {
             [false, false] if last.over || last.handing_back => {
                 self.given_back = true;
+                if !last.over {
+                    self.back_off(arms);
+                }
                 self.queue.push_back(Job::Finish { achieved: true });
             }
             [false, false] => {
@@ -345,8 +348,8 @@ impl Mission {
         }
     }
 
-    /// The track hand may have its fingers beside the cube that is held out to it, and press it: it goes out of the way
-    /// first, as far as its arm folds, since neither is it to go sideways then nor are the forces to be zeroed.
+    /// The track hand may have its fingers beside a cube that somebody else has, and press it: it goes out of the way, as
+    /// far as its arm folds, before it goes sideways or the forces are zeroed.
     fn back_off(&mut self, arms: &[ArmState]) {
         let (hand, opening) = (Hand::Track, self.settings.opening);
         let arm = &arms[hand.index()];
@@ -372,7 +375,7 @@ impl Mission {
         if left < NEARLY {
             return;
         }
-        let goes = self.folds(hand, left, gone, arms);
+        let goes = self.folds(hand, left, super::CLEAR * back - gone, arms);
         self.queue.push_back(Job::Along(hand, -goes));
     }
 
@@ -696,6 +699,56 @@ mod tests {
         assert!(gone > 0 && goes < 0.3, "{goes}");
         assert!(matches!(mission.queue[gone - 1], Job::Open { hand: Hand::Track, .. }));
         assert!(gone < at(Job::Apart) && gone < at(Job::Bias([true, true])));
+    }
+
+    #[test]
+    fn a_hand_that_had_let_go_of_the_cube_leaves_it_before_the_mission_ends() {
+        let ends = |over: bool| {
+            let last = Entry { held: [None; 2], over, ..lowering() };
+            let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(last));
+            let arms = [ArmState { jaw_opening: 0.09, ..ArmState::default() }; 2];
+            mission.next(Event::Start, &Readings { arms: &arms, forces: Forces::default() });
+            assert_eq!(mission.queue.back(), Some(&Job::Finish { achieved: true }));
+            mission.queue.iter().any(|job| matches!(job, Job::Along(Hand::Track, _)))
+        };
+
+        assert!(ends(false));
+        assert!(!ends(true), "it had left it");
+    }
+
+    #[test]
+    fn fingers_that_have_let_go_are_clear_after_an_edge_and_what_was_gone_before_counts_nothing() {
+        let (desired_joints, desired_base_from_tool) = Fold::example_stand();
+        let goes = settings().folds[0].way(&desired_base_from_tool, &desired_joints, 0.3);
+        let track = ArmState { desired_joints, desired_base_from_tool, ..ArmState::default() };
+        let drawn = |edge: f64| {
+            let settings = CubeSettings { back: 2.0 * goes, edge, ..settings() };
+            let mut mission = Mission::new(settings, Goal::Solve, None);
+            mission.given_back = true;
+            mission.taken_at = Some([0.0; 3]);
+            mission.track_folds(2.0 * goes, &[track; 2])
+        };
+
+        assert_eq!(drawn(0.9 * goes), goes);
+        assert_eq!(drawn(1.1 * goes), 2.0 * goes, "the arm refuses");
+    }
+
+    #[test]
+    fn a_pull_beyond_the_limits_at_a_cube_that_is_handed_back_opens_the_jaws_however_strained() {
+        let mut mission = Mission::new(settings(), Goal::Solve, None);
+        let arms = [ArmState::default(); 2];
+        mission.unfold(Job::Present { tries: 1 }, &arms).unwrap();
+
+        let over = Some(Outcome::OverForce(0, 60.0));
+        mission.behaved(Job::Present { tries: 1 }, [over, None], &arms).unwrap();
+
+        let opens = mission.open(Hand::Track, 0.09, Depth::One);
+        assert!(
+            matches!(opens, crate::generators::Behaviour::Jaw { strained: true, .. }),
+            "{opens:?}"
+        );
+        let shaken = Some(Outcome::Oscillates(0, 30.0, 4.0));
+        assert!(mission.behaved(Job::Present { tries: 1 }, [shaken, None], &arms).is_err());
     }
 
     #[test]
