@@ -52,7 +52,7 @@ impl Comply {
         let too_long = f64::from(self.strained) * step > borne;
         // What does not yield relieves nothing: behind the limit comes the end of the sensor's range.
         let unborne = self.compliance.unyielding(&self.selector, inputs.arm);
-        if let Some(excess) = unborne.or(excess.filter(|_| too_long)) {
+        if let Some(excess) = excess.filter(|_| too_long).or(unborne) {
             return Next::Done(excess);
         }
         if let Some((pull, patience)) = self.pull {
