@@ -422,6 +422,8 @@ const TOLD: &[(&str, i32, &[&str])] = &[
     ("panic_edp", 4, &["system", "edp postument panicked: a panic was injected"]),
     ("panic_mp", 4, &["system", "mp panicked: a panic was injected"]),
     ("actor_hang", 4, &["system", "no answer from edp track in 0.1 s"]),
+    ("hang_ecp", 4, &["system", "no answer from ecp track in 0.2 s"]),
+    ("hang_mp", 4, &["system", "no answer from mp in 0.1 s", "hold"]),
     ("late_message", 0, &["solved"]),
     ("duplicated_message", 0, &["came twice: obeyed once", "edp track", "period=5"]),
     ("disk_full", 0, &["the recording stops: no storage space", "lost: no storage space"]),

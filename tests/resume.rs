@@ -143,3 +143,54 @@ fn what_cannot_be_resumed_is_refused_with_the_reason() {
     assert!(code == 4 && told.contains("of a plant of version 2, this program reads"), "{told}");
     std::fs::remove_file(&world).unwrap();
 }
+
+#[test]
+fn a_file_that_another_has_written_is_left_as_it_is() {
+    let run = |world: &Path, journal: &Path, resume: bool| {
+        let mut run = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
+        let scenario = if resume { "scenarios/solve.toml" } else { "scenarios/face_turn.toml" };
+        run.args(["run", scenario, "--json", "--world"]).arg(world);
+        run.arg("--journal").arg(journal).current_dir(env!("CARGO_MANIFEST_DIR"));
+        let out = run.args(resume.then_some("--resume")).stdin(Stdio::null()).output().unwrap();
+        (out.status.code().unwrap(), String::from_utf8_lossy(&out.stderr).into_owned())
+    };
+    let (world, notes) = (place("world"), place("journal"));
+    let unfinished = r#"{"doing":"turning","held":["One",null],"handing_back":false,"over":false}"#;
+    let cases = [
+        ("a thesis", "", false, "not the state of a plant"),
+        ("", "notes", false, "line 1"),
+        ("", unfinished, false, "broken off while turning: go on with --resume"),
+        ("", unfinished, true, "the journal tells of a run that was broken off"),
+    ];
+
+    for (kept, noted, resume, told) in cases {
+        for (path, text) in [(&world, kept), (&notes, noted)] {
+            if !text.is_empty() {
+                std::fs::write(path, format!("{text}\n")).unwrap();
+            }
+        }
+        let (code, err) = run(&world, &notes, resume);
+        assert!(code == 4 && err.contains(told), "{told}: {code} {err}");
+        for (path, text) in [(&world, kept), (&notes, noted)] {
+            if !text.is_empty() {
+                assert_eq!(std::fs::read_to_string(path).unwrap().trim(), text, "{told}");
+            }
+            let _ = std::fs::remove_file(path);
+        }
+    }
+
+    // What a run has left that has ended is no loss.
+    for _ in 0..2 {
+        let (code, err) = run(&world, &notes, false);
+        assert_eq!(code, 0, "{err}");
+    }
+    std::fs::remove_file(&world).unwrap();
+    let file = std::fs::File::options().append(true).open(&notes).unwrap();
+    file.lock().unwrap();
+    let (code, err) = run(&world, &notes, false);
+    assert!(code == 4 && err.contains("another run is writing it"), "{code} {err}");
+    std::fs::remove_file(&notes).unwrap();
+    let folder = std::env::temp_dir();
+    let (code, err) = run(&folder, &notes, false);
+    assert!(code == 4 && err.contains("not a file"), "{code} {err}");
+}

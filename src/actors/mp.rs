@@ -28,7 +28,8 @@ use crate::record::tape::Tape;
 use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-use std::time::Instant;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, watch};
 
 /// Who runs the generators.
@@ -108,6 +109,9 @@ pub struct Mp {
     /// Which actor has failed, and what befalls this one.
     alarm: Option<watch::Receiver<Option<Error>>>,
     mishap: Arc<Mishap>,
+    /// Odd while it is at its own work, even while it waits for others, who have limits of their own.
+    own: Arc<AtomicU64>,
+    patience: Duration,
 }
 
 enum Stop {
@@ -126,13 +130,15 @@ impl Mp {
     #[must_use]
     pub fn new(parts: Parts) -> Self {
         let (arms, phases) = (Vec::new(), Vec::new());
-        Self { parts, arms, phases, alarm: None, mishap: Arc::default() }
+        let Care { mishap, patience, .. } = Care::default();
+        Self { parts, arms, phases, alarm: None, mishap, own: Arc::default(), patience }
     }
 
     /// The same, which heeds an alarm.
     pub(super) fn heeding(mut self, care: &Care) -> Self {
         self.alarm = Some(care.alarm.listen());
         self.mishap = Arc::clone(&care.mishap);
+        self.patience = care.patience;
         self
     }
 
@@ -168,8 +174,10 @@ impl Mp {
             felt: Forces::default(),
         };
         let mut alarm = self.alarm.clone();
+        let own = Arc::clone(&self.own);
         let performed = tokio::select! {
             biased;
+            error = silence(&own, self.patience) => Err(Stop::Error(error)),
             error = async {
                 match &mut alarm {
                     Some(listens) => raised(listens).await,
@@ -199,6 +207,7 @@ impl Mp {
         let mut event = Event::Start;
         loop {
             self.permitted().await?.map_err(|_| Stop::Terminated)?;
+            self.own.fetch_add(1, Ordering::Relaxed);
             self.mishap.befall().await;
             let forces = self.felt();
             self.parts.tape.message("mp", "kernel", &(&event, &forces));
@@ -224,6 +233,7 @@ impl Mp {
                 task.picture().map(|picture| Entry::Belief(Box::new(picture)))
             });
             tracing::debug!(now = self.now(), ?action, "action");
+            self.own.fetch_add(1, Ordering::Relaxed);
             event = match action {
                 Action::Finish(finish) => return Ok(finish),
                 Action::Phase(name) => {
@@ -608,6 +618,21 @@ impl Mp {
         self.refresh().await?;
         Ok(outcomes)
     }
+}
+
+/// Until MP has been at one piece of its own work for so long.
+async fn silence(own: &AtomicU64, patience: Duration) -> Error {
+    // Looks, not time: a machine that stands still makes nobody silent.
+    const LOOKS: u32 = 4;
+    let (mut before, mut same) = (own.load(Ordering::Relaxed), 0);
+    while same + 1 < LOOKS {
+        tokio::time::sleep(patience / LOOKS).await;
+        let now = own.load(Ordering::Relaxed);
+        same = if now == before && !now.is_multiple_of(2) { same + 1 } else { 0 };
+        before = now;
+    }
+    let cause = System::Silent { who: "mp".into(), seconds: patience.as_secs_f64() };
+    Error::System { actor: "supervisor".into(), place: "watch", cause }
 }
 
 /// Both answers, or the graver of two errors.

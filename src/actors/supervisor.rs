@@ -240,6 +240,8 @@ fn carried_out(
 ) -> Result<(Option<Goal>, Done), Error> {
     let plan = Plan::of(scenario)?;
     let goal = build::goal(&scenario.controller, plan.angle);
+    // First of all: what another run has left is not to be lost.
+    desk.journal = Logbook::of(files)?;
     let mut noted = None;
     let (world, cameras) = if let Some(playback) = &desk.playback {
         World::of_recording(scenario, playback.clone(), control)
@@ -249,18 +251,23 @@ fn carried_out(
         (world, cameras)
     } else {
         let mut plant = plan.plant(scenario)?;
-        if let (Some(path), true) = (&files.world, files.resume) {
+        if let Some(path) = &files.world {
             let failed = |why: Unfit| not_created("plant", &format!("{}: {why}", path.display()));
-            if let Some(saved) = Saved::read(path).map_err(failed)? {
-                plant = plant.restored(saved, scenario.seed).map_err(failed)?;
-            } else {
-                tracing::warn!("{}: not there, so nothing had begun", path.display());
+            match Saved::read(path) {
+                // Another run has ended with it.
+                Ok(_) | Err(Unfit::Version(_)) if !files.resume => {}
+                Ok(Some(saved)) => plant = plant.restored(saved, scenario.seed).map_err(failed)?,
+                Ok(None) if desk.journal.last.is_some() => {
+                    let why = "not there, but the journal tells of a run that was broken off";
+                    return Err(not_created("plant", &format!("{}: {why}", path.display())));
+                }
+                Ok(None) => tracing::warn!("{}: not there, so nothing had begun", path.display()),
+                Err(why) => return Err(failed(why)),
             }
         }
         let (world, cameras) = World::of_plant(scenario, plant, control, &desk.troubles)?;
-        (world.keeping(files.world.as_deref(), scenario.seed), cameras)
+        (world.keeping(files.world.as_deref(), scenario.seed)?, cameras)
     };
-    desk.journal = Logbook::of(files)?;
     // From here on the controller: the world has its truth.
     let believed = super::calibrate::believed(scenario);
     if let Cow::Owned(Scenario { controller, .. }) = &believed {
@@ -1088,6 +1095,11 @@ fn accidents(verdict: &Verdict, scenario: &Scenario) -> Vec<Accident> {
     told.map(|(time_s, _, what)| Accident { time_s, what }).collect()
 }
 
+/// Where the cube is, to be put after a reason.
+fn placed(whereabouts: &str) -> String {
+    if whereabouts.is_empty() { String::new() } else { format!("; {whereabouts}") }
+}
+
 /// The verdict: what was asked must be so in the plant, whatever the controller believes. Of hardware there is only
 /// the controller's word.
 fn verdict_of(
@@ -1100,16 +1112,14 @@ fn verdict_of(
     if let Some(error) = &ending.error {
         let ended_by =
             if matches!(error, Error::System { .. }) { EndedBy::System } else { EndedBy::Fatal };
-        return (Outcome::Aborted, error.to_string(), ended_by);
+        return (Outcome::Aborted, format!("{error}{}", placed(&done.whereabouts)), ended_by);
     }
     if ending.finish.is_none() && done.by_hand {
         let reason = "the arms were moved by hand until the operator ended it".to_owned();
         return (Outcome::Solved, reason, EndedBy::Operator);
     }
     let Some(finish) = &ending.finish else {
-        let place = &done.whereabouts;
-        let place = if place.is_empty() { String::new() } else { format!("; {place}") };
-        let reason = format!("{BY_OPERATOR}{place}");
+        let reason = format!("{BY_OPERATOR}{}", placed(&done.whereabouts));
         return (Outcome::Aborted, reason, EndedBy::Operator);
     };
     let (Some(Truth { verdict, jams, .. }), Some(end)) = (&done.truth, end) else {

@@ -227,20 +227,21 @@ impl World {
     }
 
     /// A plant that keeps its state in a file, from now on and every tenth of a second.
-    pub(super) fn keeping(mut self, path: Option<&Path>, seed: u64) -> Self {
+    ///
+    /// # Errors
+    /// When it cannot.
+    pub(super) fn keeping(mut self, path: Option<&Path>, seed: u64) -> Result<Self, Error> {
         self.kept = path.map(|path| (path.to_owned(), seed));
-        self.keep();
-        self
+        self.keep().map_err(|why| not_created("plant", &why))?;
+        Ok(self)
     }
 
-    fn keep(&mut self) {
+    fn keep(&self) -> Result<(), String> {
         let (Some((path, seed)), Kind::Plant { plant, .. }) = (&self.kept, &self.kind) else {
-            return;
+            return Ok(());
         };
-        if let Err(why) = plant.plant().saved(*seed).write(path) {
-            tracing::error!("{}: the plant cannot keep its state: {why}", path.display());
-            self.kept = None;
-        }
+        let written = plant.plant().saved(*seed).write(path);
+        written.map_err(|why| format!("{}: the plant cannot keep its state: {why}", path.display()))
     }
 
     /// What there is to be seen, where that is known.
@@ -323,8 +324,12 @@ impl Port for World {
             Kind::Bridge(port) => port.exchange(period, drives, readings),
             Kind::Recording(playback) => playback.exchange(period, drives, readings),
         };
-        if self.kept.is_some() && period.is_multiple_of(KEPT_EVERY) {
-            self.keep();
+        if self.kept.is_some()
+            && period.is_multiple_of(KEPT_EVERY)
+            && let Err(why) = self.keep()
+        {
+            tracing::error!("{why}");
+            self.kept = None;
         }
         if let (Err(fault), Kind::Bridge(_)) = (&done, &self.kind) {
             // The operator learns it now; the task would only learn it when it asks an arm for something.

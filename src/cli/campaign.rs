@@ -210,16 +210,16 @@ impl ToldArgs {
                 Err(format!("--at-least: {share} is no share; write 0.995 for 99.5 %"))
             }
             _ => Ok(()),
+        }?;
+        let folder = self.output.as_deref().and_then(Path::parent);
+        match folder.filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+            Some(missing) => Err(format!("-o: there is no folder {}", missing.display())),
+            None => Ok(()),
         }
     }
 
     /// Tells a tally in all the ways that are wanted; returns the exit code.
     fn tell(&self, tally: &Tally, output: &mut Output) -> anyhow::Result<u8> {
-        if let Some(path) = &self.output {
-            std::fs::write(path, page::page(tally, self.at_least))
-                .with_context(|| format!("{}", path.display()))?;
-            complain(&format!("report: {}", path.display()));
-        }
         if !tally.is_complete() {
             complain(&format!("{} of {} runs are there", tally.runs(), tally.asked));
         }
@@ -227,6 +227,12 @@ impl ToldArgs {
             output.line(&tally.json().to_string())?;
         } else {
             output.text(&tally.table())?;
+        }
+        // Last, since what can fail must not take the results with it.
+        if let Some(path) = &self.output {
+            std::fs::write(path, page::page(tally, self.at_least))
+                .with_context(|| format!("{}", path.display()))?;
+            complain(&format!("report: {}", path.display()));
         }
         let short = self.at_least.is_some_and(|share| {
             tally.success() < share || !tally.is_complete() || tally.runs() == 0

@@ -5,7 +5,7 @@
 //! - a last line that a crash cut off is left out; the entry before it was durable, and the motion had not begun
 
 use crate::tasks::Entry;
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::path::Path;
 
@@ -15,9 +15,18 @@ pub struct Journal {
     file: File,
 }
 
-/// Why a journal cannot be read.
+/// Why a journal cannot be read, or begun.
 #[derive(Debug, thiserror::Error)]
 pub enum Unreadable {
+    /// Something else than a file: a folder, a device.
+    #[error("not a file")]
+    NoFile,
+    /// It is locked.
+    #[error("another run is writing it")]
+    Taken,
+    /// Of a run that has not ended: to begin anew would lose it.
+    #[error("it tells of a run that was broken off while {0}: go on with --resume, or remove it")]
+    Unfinished(String),
     /// The file.
     #[error("{0}")]
     File(#[from] io::Error),
@@ -38,24 +47,32 @@ pub enum Unreadable {
 const LONGEST: u64 = 4096;
 
 impl Journal {
-    /// Begins a journal, or goes on with one.
+    /// Begins a journal in place of one whose run has ended, or goes on with one.
     ///
     /// # Errors
-    /// What the operating system says.
-    pub fn open(path: &Path, go_on: bool) -> io::Result<Self> {
-        let mut options = File::options();
-        if go_on {
-            options.append(true)
-        } else {
-            options.write(true).truncate(true)
-        };
-        let mut file = options.create(true).open(path)?;
+    /// When it is no journal, another run writes it, or one that is to be begun would lose what another has left; what the
+    /// operating system says.
+    pub fn open(path: &Path, go_on: bool) -> Result<Self, Unreadable> {
+        if std::fs::metadata(path).is_ok_and(|found| !found.is_file()) {
+            return Err(Unreadable::NoFile);
+        }
+        let mut file = File::options().append(true).create(true).open(path)?;
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => return Err(Unreadable::Taken),
+            // A file system without locks.
+            Err(TryLockError::Error(why)) => tracing::warn!("{}: {why}", path.display()),
+            Ok(()) => {}
+        }
         if go_on {
             // What a crash cut off stays a line of its own.
             let cut = std::fs::read(path)?.last().is_some_and(|&byte| byte != b'\n');
             if cut {
                 file.write_all(b"\n")?;
             }
+        } else if let Some(last) = Self::last(path)?.filter(|last| !last.over) {
+            return Err(Unreadable::Unfinished(last.doing));
+        } else {
+            file.set_len(0)?;
         }
         Ok(Self { file })
     }

@@ -58,6 +58,9 @@ pub enum Unfit {
     /// It cannot be read or written.
     #[error("{0}")]
     File(#[from] std::io::Error),
+    /// Something else than a file: a folder, a device.
+    #[error("not a file")]
+    NoFile,
     /// It is no such file.
     #[error("not the state of a plant: {0}")]
     Format(#[from] serde_json::Error),
@@ -81,11 +84,14 @@ impl Saved {
     /// # Errors
     /// When it cannot be read, or is not what it should be.
     pub fn read(path: &Path) -> Result<Option<Self>, Unfit> {
-        let bytes = match std::fs::read(path) {
-            Ok(bytes) => bytes,
+        match std::fs::metadata(path) {
+            Ok(found) if found.is_file() => {}
+            // A device may have no end.
+            Ok(_) => return Err(Unfit::NoFile),
             Err(why) if why.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(why) => return Err(why.into()),
-        };
+        }
+        let bytes = std::fs::read(path)?;
         // Of another version everything else may be otherwise.
         let Versioned { version } = serde_json::from_slice(&bytes)?;
         if version != VERSION {

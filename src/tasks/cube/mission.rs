@@ -1305,7 +1305,8 @@ impl Task for Mission {
     }
 
     fn entry(&self) -> Option<Entry> {
-        let job = self.pending.as_ref()?;
+        // No other task can go on.
+        let job = self.pending.as_ref().filter(|_| self.goal == Goal::Solve)?;
         let over = matches!(job, Job::Finish { .. });
         let changes = matches!(
             job,
