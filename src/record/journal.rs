@@ -150,6 +150,7 @@ mod tests {
         let mut journal = Journal::open(&path, false).unwrap();
         journal.write(&entry("closing")).unwrap();
         journal.write(&entry("turning")).unwrap();
+        drop(journal);
         let whole = std::fs::read(&path).unwrap();
         let first = whole.iter().position(|&b| b == b'\n').unwrap() + 1;
 
@@ -178,8 +179,8 @@ mod tests {
             Journal::open(&path, true).unwrap().write(&entry("turning")).unwrap();
 
             assert_eq!(Journal::last(&path).is_err(), refused, "{long}");
+            std::fs::remove_file(&path).unwrap();
         }
-        std::fs::remove_file(path).unwrap();
     }
 
     #[test]
