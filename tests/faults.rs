@@ -463,6 +463,12 @@ fn every_fault_ends_with_the_exit_code_of_its_class_and_is_told_with_its_place()
                 assert!(last.contains("force sensor"), "{last}");
                 continue;
             }
+            // The colour that is put in, U for F1, may be the sticker's own.
+            let cube = serde_json::from_str::<serde_json::Value>(last).unwrap();
+            if *name == "misread" && cube["cube_start"].as_str().unwrap()[18..].starts_with('U') {
+                assert_eq!((seed.0 == 1, exit), (false, Some(0)), "{last}");
+                continue;
+            }
             assert_eq!(exit, Some(*code), "{name}: {last}\n{err}");
             // What has numbers in it is that of the first seed.
             let told = |word: &&&str| seed.0 == 1 || !word.contains(|c: char| c.is_ascii_digit());
