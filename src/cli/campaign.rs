@@ -11,11 +11,12 @@ use crate::campaign::soak::soak;
 use crate::campaign::state::{self, Header, Shard, State, Unusable};
 use crate::campaign::tally::Tally;
 use crate::campaign::vary::{Drawn, Vary};
+use crate::record::journal;
 use crate::scenario::{self, Override, Scenario};
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
 use std::collections::BTreeMap;
-use std::fs::{File, TryLockError};
+use std::fs::File;
 use std::io::{BufReader, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -317,13 +318,8 @@ impl Campaign {
             .truncate(false)
             .open(path)
             .map_err(|e| e.to_string())?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                return Err("another campaign is writing it".to_owned());
-            }
-            // A file system without locks.
-            Err(TryLockError::Error(error)) => tracing::warn!("{}: {error}", path.display()),
+        if !journal::is_ours(&file, path) {
+            return Err("another campaign is writing it".to_owned());
         }
         match State::read(BufReader::new(&file)) {
             Err(Unusable::Empty) => {

@@ -79,7 +79,8 @@ pub(super) struct RunArgs {
 /// Files that outlive the run.
 #[derive(Debug, Args)]
 struct KeepArgs {
-    /// Note in this file what a run that goes on after a crash must know [with --world: beside that]
+    /// Note in this file what a run that goes on after a crash must know [with --world: beside that]; refused without --resume
+    /// while it tells of a run that was broken off
     #[arg(long, value_name = "FILE")]
     journal: Option<PathBuf>,
     /// The simulated plant keeps its state in this file, as a real cell stays where it is

@@ -18,7 +18,7 @@ enum Mode {
     /// Closes until something is held.
     Close { force: f64, least_width: f64, stops: Depth },
     /// Goes to a set opening.
-    Open { jaw: JawCommand, seconds: f64, limited: bool },
+    Open { jaw: JawCommand, seconds: f64, strained: bool },
 }
 
 /// Memory of a grasp.
@@ -47,16 +47,16 @@ impl Grasp {
         Self::with(Mode::Close { force, least_width, stops }, selector, compliance)
     }
 
-    /// Goes to a set opening in a set time, or as long as the jaws need; unless `limited`, under whatever wrench.
+    /// Goes to a set opening in a set time, or as long as the jaws need; where `strained`, under whatever wrench.
     #[must_use]
     pub fn jaw_only(
         jaw: JawCommand,
         seconds: f64,
         selector: Selector,
-        limited: bool,
+        strained: bool,
         compliance: Compliance,
     ) -> Self {
-        Self::with(Mode::Open { jaw, seconds, limited }, selector, compliance)
+        Self::with(Mode::Open { jaw, seconds, strained }, selector, compliance)
     }
 
     fn with(mode: Mode, selector: Selector, compliance: Compliance) -> Self {
@@ -81,8 +81,8 @@ impl Grasp {
             self.still_at = arm.jaw_opening;
         }
         self.steps += 1;
-        let limited = !matches!(self.mode, Mode::Open { limited: false, .. });
-        if let Some(excess) = self.compliance.excess(arm).filter(|_| limited) {
+        let borne = matches!(self.mode, Mode::Open { strained: true, .. });
+        if let Some(excess) = self.compliance.excess(arm).filter(|_| !borne) {
             return Next::Done(excess);
         }
         match self.mode {
@@ -192,8 +192,8 @@ mod tests {
             crate::spatial::Wrench::from_directions([0.0, 60.0, 0.0, 0.0, 0.0, 0.0]);
         let arm = ArmState { jaw_opening: 0.057, wrench_in_tool, ..ArmState::default() };
         let jaw = JawCommand { opening: 0.09, force_limit: 40.0, stops: Depth::One };
-        let opened = |limited: bool| {
-            let mut grasp = Grasp::jaw_only(jaw, 1.0, [true; 6], limited, compliance());
+        let opened = |strained: bool| {
+            let mut grasp = Grasp::jaw_only(jaw, 1.0, [true; 6], strained, compliance());
             let mut set = arm.jaw_opening;
             loop {
                 match grasp.next(&Inputs { arm: &arm, target: None, period: 0, pace: 1.0 }) {
@@ -203,8 +203,8 @@ mod tests {
             }
         };
 
-        assert_eq!(opened(false), (Outcome::Reached, 0.09));
-        assert_eq!(opened(true), (Outcome::OverForce(1, 60.0), 0.057));
+        assert_eq!(opened(true), (Outcome::Reached, 0.09));
+        assert_eq!(opened(false), (Outcome::OverForce(1, 60.0), 0.057));
     }
 
     #[test]

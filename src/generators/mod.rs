@@ -256,28 +256,19 @@ impl Compliance {
     /// The first direction in which the arm's wrench is beyond the limits.
     #[must_use]
     pub fn excess(&self, arm: &ArmState) -> Option<Outcome> {
-        self.excesses(arm).find_map(|excess| excess)
+        self.unyielding(&[false; 6], arm)
     }
 
-    /// Of the force and of the torque, each with the direction that has most of it.
-    fn excesses(&self, arm: &ArmState) -> impl Iterator<Item = Option<Outcome>> {
-        let Wrench { force, torque } = arm.wrench_in_tool;
-        [(0, force, self.force_limit), (3, torque, self.torque_limit)].into_iter().map(
-            |(first, vector, limit)| {
-                let much = vector.norm();
-                (much > limit).then(|| Outcome::OverForce(first + vector.iamax(), much))
-            },
-        )
-    }
-
-    /// The first that is beyond the limits in a direction that does not yield.
+    /// The first that is beyond the limits and does not yield: of the force, then of the torque, the direction that has
+    /// most of it, and all of it.
     #[must_use]
     pub fn unyielding(&self, selector: &Selector, arm: &ArmState) -> Option<Outcome> {
-        let stiff = |excess: &Outcome| match excess {
-            Outcome::OverForce(direction, _) => !selector[*direction],
-            _ => true,
-        };
-        self.excesses(arm).flatten().find(stiff)
+        let Wrench { force, torque } = arm.wrench_in_tool;
+        [(0, force, self.force_limit), (3, torque, self.torque_limit)]
+            .into_iter()
+            .map(|(first, vector, limit)| (first + vector.iamax(), vector.norm(), limit))
+            .find(|(direction, much, limit)| much > limit && !selector[*direction])
+            .map(|(direction, much, _)| Outcome::OverForce(direction, much))
     }
 }
 
@@ -423,8 +414,7 @@ impl Behaviour {
                 compliance.macrostep,
             )),
             Self::Jaw { jaw, seconds, selector, strained } => {
-                let limited = !strained;
-                Kind::Grasp(grasp::Grasp::jaw_only(jaw, seconds, selector, limited, *compliance))
+                Kind::Grasp(grasp::Grasp::jaw_only(jaw, seconds, selector, strained, *compliance))
             }
             Self::Approach { speed, distance, force, selector } => Kind::Secure(
                 secure::Secure::approach(speed, distance, force, selector, *compliance),

@@ -57,11 +57,8 @@ impl Journal {
             return Err(Unreadable::NoFile);
         }
         let mut file = File::options().append(true).create(true).open(path)?;
-        match file.try_lock() {
-            Err(TryLockError::WouldBlock) => return Err(Unreadable::Taken),
-            // A file system without locks.
-            Err(TryLockError::Error(why)) => tracing::warn!("{}: {why}", path.display()),
-            Ok(()) => {}
+        if !is_ours(&file, path) {
+            return Err(Unreadable::Taken);
         }
         if go_on {
             // What a crash cut off stays a line of its own.
@@ -118,6 +115,20 @@ impl Journal {
         match (last, torn) {
             (None, Some(why)) => Err(why),
             (last, _) => Ok(last),
+        }
+    }
+}
+
+/// Locks a file that one run alone may write; whether nobody else does.
+#[must_use]
+pub fn is_ours(file: &File, path: &Path) -> bool {
+    match file.try_lock() {
+        Ok(()) => true,
+        Err(TryLockError::WouldBlock) => false,
+        Err(TryLockError::Error(why)) => {
+            // A file system without locks.
+            tracing::warn!("{}: {why}", path.display());
+            true
         }
     }
 }

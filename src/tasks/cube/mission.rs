@@ -379,8 +379,7 @@ impl Mission {
     /// How far an arm draws back, of so long a way of which so much must be: where it does not fold that far, all of the way
     /// is tried, and the arm says what stops it.
     fn folds(&mut self, hand: Hand, way: f64, least: f64, arms: &[ArmState]) -> f64 {
-        let (fold, arm) = (&self.settings.folds[hand.index()], &arms[hand.index()]);
-        let goes = fold.way(&arm.desired_base_from_tool, &arm.desired_joints, way);
+        let goes = self.free_way(hand, way, arms);
         if goes >= way || goes < least {
             return way;
         }
@@ -392,7 +391,13 @@ impl Mission {
         goes
     }
 
-    /// The same of the track arm. Nearer than two thirds of the usual way to where it took the cube, that is still in the
+    /// How much of a way back an arm folds [m].
+    fn free_way(&self, hand: Hand, way: f64, arms: &[ArmState]) -> f64 {
+        let (fold, arm) = (&self.settings.folds[hand.index()], &arms[hand.index()]);
+        fold.way(&arm.desired_base_from_tool, &arm.desired_joints, way)
+    }
+
+    /// How far the track arm draws back. Nearer than two thirds of the usual way to where it took the cube, that is still in the
     /// operator's hand; fingers that have let go are clear of it after an edge.
     fn track_folds(&mut self, way: f64, arms: &[ArmState]) -> f64 {
         let holds = self.belief.held[Hand::Track.index()].is_some();
@@ -433,13 +438,9 @@ impl Mission {
         self.pending = None;
         let mut reason = reason.into();
         // Whoever comes to help must know where it is.
-        let whereabouts = match self.belief.held.map(|held| held.is_some()) {
-            [true, true] => "; both hands hold the cube",
-            [true, false] => "; the track hand holds the cube",
-            [false, true] => "; the postument hand holds the cube",
-            [false, false] => "",
-        };
-        reason.push_str(whereabouts);
+        if self.belief.held.iter().any(Option::is_some) {
+            reason = format!("{reason}; {}", self.whereabouts());
+        }
         Action::Finish(Finish { achieved: false, reason })
     }
 

@@ -352,9 +352,7 @@ impl Mission {
     /// far as its arm folds, before it goes sideways or the forces are zeroed.
     fn back_off(&mut self, arms: &[ArmState]) {
         let (hand, opening) = (Hand::Track, self.settings.opening);
-        let arm = &arms[hand.index()];
-        let (tool, joints) = (&arm.desired_base_from_tool, &arm.desired_joints);
-        let goes = self.settings.folds[hand.index()].way(tool, joints, self.settings.back);
+        let goes = self.free_way(hand, self.settings.back, arms);
         self.queue
             .extend([Job::Open { hand, opening, stops: Depth::One }, Job::Along(hand, -goes)]);
     }
@@ -731,6 +729,36 @@ mod tests {
 
         assert_eq!(drawn(0.9 * goes), goes);
         assert_eq!(drawn(1.1 * goes), 2.0 * goes, "the arm refuses");
+    }
+
+    #[test]
+    fn forces_are_zeroed_before_the_cube_is_approached_once_more() {
+        let mut mission = Mission::new(settings(), Goal::Solve, None);
+        let tried = Job::VisualServo { tries: 1 };
+
+        mission.behaved(tried, [Some(Outcome::NotTouched), None], &[]).unwrap();
+
+        let at = |wanted: Job| mission.queue.iter().position(|job| *job == wanted).unwrap();
+        let (back, zeroed) = (Job::DrawBack(settings().back), Job::Bias([true, false]));
+        assert!(at(back) < at(zeroed) && at(zeroed) < at(Job::VisualServo { tries: 2 }));
+    }
+
+    #[test]
+    fn jaws_that_have_opened_in_the_end_may_be_strained_as_often_the_next_time() {
+        let mut mission = Mission::new(settings(), Goal::Solve, None);
+        let open = Job::Open { hand: Hand::Postument, opening: 0.09, stops: Depth::One };
+        let strained = [None, Some(Outcome::OverForce(0, 30.0))];
+
+        for _ in 0..2 {
+            for _ in 0..super::super::MOST_STRAINED {
+                mission.behaved(open, strained, &[]).unwrap();
+            }
+            mission.behaved(open, [None, Some(Outcome::Reached)], &[]).unwrap();
+        }
+        for _ in 0..super::super::MOST_STRAINED {
+            mission.behaved(open, strained, &[]).unwrap();
+        }
+        assert!(mission.behaved(open, strained, &[]).is_err());
     }
 
     #[test]
