@@ -345,6 +345,8 @@ pub struct ArmState {
     pub wrench_in_tool: Wrench,
     /// Measured distance between the pads [m], by the controller's belief of the jaw.
     pub jaw_opening: f64,
+    /// Its set value of this period [m].
+    pub desired_jaw_opening: f64,
     /// Force that the jaw's motor current stands for [N].
     pub jaw_force: f64,
     /// Last period of the command being executed; not after `period` when idle.
@@ -368,6 +370,7 @@ impl Default for ArmState {
             desired_base_from_tool: Pose::identity(),
             wrench_in_tool: Wrench::default(),
             jaw_opening: 0.0,
+            desired_jaw_opening: 0.0,
             jaw_force: 0.0,
             command_end: 0,
             refused: None,

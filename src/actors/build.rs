@@ -2,7 +2,7 @@
 
 use super::move_instruction::Manner;
 use super::supervisor::RunOptions;
-use crate::cell::{Cell, Mount};
+use crate::cell::{Cell, Gripper, Mount};
 use crate::cube::{Axis, Face, Keeper};
 use crate::generators::{Compliance, position::Speeds, visual_servo};
 use crate::hw::driver::WallOptions;
@@ -99,6 +99,8 @@ pub(super) fn cube_settings(
         speed: 1.0,
         speeds: manner(config).speeds,
         jaw_speeds: (c.jaw_close_speed, c.jaw_open_speed),
+        finger_depth: [Gripper::FACE_BEHIND_TOOL_ONE, Gripper::FACE_BEHIND_TOOL_TWO]
+            .map(|behind| behind + arm.gripper.finger_tip),
         compliant_arm: match c.compliant_arm {
             keys::CompliantArm::Body => CompliantArm::Body,
             keys::CompliantArm::Turner => CompliantArm::Turner,

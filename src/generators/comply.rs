@@ -21,13 +21,15 @@ pub struct Comply {
     steps: u32,
     pulled: u32,
     strained: u32,
+    /// How far apart the jaws were at first [m].
+    jaws: Option<f64>,
 }
 
 impl Comply {
     /// Until it is ended from above, or strained at all: its partner drives it.
     #[must_use]
     pub fn until_ended(selector: Selector, compliance: Compliance) -> Self {
-        Self { pull: None, selector, compliance, steps: 0, pulled: 0, strained: 0 }
+        Self { pull: None, selector, compliance, steps: 0, pulled: 0, strained: 0, jaws: None }
     }
 
     /// Until a force above `pull` [N] has lasted, at most `seconds`.
@@ -54,6 +56,11 @@ impl Comply {
         let unborne = self.compliance.unyielding(&self.selector, inputs.arm);
         if let Some(excess) = excess.filter(|_| too_long).or(unborne) {
             return Next::Done(excess);
+        }
+        // Only what a partner turns is not to turn in the hand.
+        let apart = Compliance::forced_apart(&mut self.jaws, inputs.arm);
+        if let Some(apart) = apart.filter(|_| self.pull.is_none()) {
+            return Next::Done(apart);
         }
         if let Some((pull, patience)) = self.pull {
             let force = inputs.arm.wrench_in_tool.force.norm();
@@ -132,6 +139,26 @@ mod tests {
         let inputs = Inputs { arm: &arm, target: None, period: 0, pace: 1.0 };
         let next = waits(tff).next(&inputs);
         assert!(matches!(next, Next::Done(Outcome::OverForce(4, _))), "{next:?}");
+    }
+
+    #[test]
+    fn a_cube_that_turns_in_the_hand_ends_who_yields_to_a_partner_and_nobody_else() {
+        let ends = |mut comply: Comply, apart: f64| {
+            [0.0568, 0.0568 + apart].into_iter().find_map(|jaw_opening| {
+                let arm = ArmState { jaw_opening, ..ArmState::default() };
+                let inputs = Inputs { arm: &arm, target: None, period: 0, pace: 1.0 };
+                match comply.next(&inputs) {
+                    Next::Done(outcome) => Some(outcome),
+                    Next::Go(_) => None,
+                }
+            })
+        };
+        let yields = || Comply::until_ended([true; 6], compliance());
+
+        assert!(matches!(ends(yields(), 0.0016), Some(Outcome::ForcedApart(_))));
+        assert_eq!(ends(yields(), 0.0014), None);
+        // Who pulls at it may turn it.
+        assert_eq!(ends(presented(), 0.0016), None);
     }
 
     #[test]

@@ -76,7 +76,8 @@ impl Grasp {
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
         let arm = inputs.arm;
         if self.steps == 0 {
-            self.start = arm.jaw_opening;
+            // What they hold keeps jaws wider than they are told to be.
+            self.start = arm.desired_jaw_opening;
             self.set = arm.jaw_opening;
             self.still_at = arm.jaw_opening;
         }
@@ -190,21 +191,30 @@ mod tests {
     fn jaws_that_are_to_relieve_a_strain_open_under_it_and_others_do_not() {
         let wrench_in_tool =
             crate::spatial::Wrench::from_directions([0.0, 60.0, 0.0, 0.0, 0.0, 0.0]);
-        let arm = ArmState { jaw_opening: 0.057, wrench_in_tool, ..ArmState::default() };
+        let arm = ArmState {
+            jaw_opening: 0.057,
+            desired_jaw_opening: 0.055,
+            wrench_in_tool,
+            ..ArmState::default()
+        };
         let jaw = JawCommand { opening: 0.09, force_limit: 40.0, stops: Depth::One };
         let opened = |strained: bool| {
             let mut grasp = Grasp::jaw_only(jaw, 1.0, [true; 6], strained, compliance());
-            let mut set = arm.jaw_opening;
+            let mut set = arm.desired_jaw_opening;
+            let mut first = None;
             loop {
                 match grasp.next(&Inputs { arm: &arm, target: None, period: 0, pace: 1.0 }) {
-                    Next::Go(command) => set = command.jaw.unwrap().opening,
+                    Next::Go(command) => {
+                        set = command.jaw.unwrap().opening;
+                        assert!(*first.get_or_insert(set) < arm.jaw_opening, "they jump");
+                    }
                     Next::Done(outcome) => return (outcome, set),
                 }
             }
         };
 
         assert_eq!(opened(true), (Outcome::Reached, 0.09));
-        assert_eq!(opened(false), (Outcome::OverForce(1, 60.0), 0.057));
+        assert_eq!(opened(false), (Outcome::OverForce(1, 60.0), 0.055));
     }
 
     #[test]

@@ -122,6 +122,8 @@ pub enum Outcome {
     Stalled(f64, f64),
     /// A force [N] or torque [Nm] beyond the set limit, in this direction.
     OverForce(usize, f64),
+    /// What the jaws hold has forced them apart by this since the behaviour began [m]: it turns between them.
+    ForcedApart(f64),
     /// Ended from above.
     Ended,
     /// The operator pulls at the cube.
@@ -172,6 +174,9 @@ impl std::fmt::Display for Outcome {
                     DIRECTIONS[direction.min(5)]
                 )
             }
+            Self::ForcedApart(way) => {
+                write!(f, "slip: the cube has forced the jaws apart by {:.1} mm", way * 1e3)
+            }
             Self::Ended => f.write_str("ended from above"),
             Self::Pulled => f.write_str("the operator pulls"),
             Self::LostSight(seconds) => write!(f, "the cube was out of sight for {seconds:.1} s"),
@@ -188,7 +193,7 @@ impl Outcome {
     /// Whether it ends the partner's behaviour too.
     #[must_use]
     pub fn alarms(&self) -> bool {
-        matches!(self, Self::OverForce(..) | Self::Oscillates(..))
+        matches!(self, Self::OverForce(..) | Self::Oscillates(..) | Self::ForcedApart(_))
     }
 
     /// A behaviour's end in words, for the operator.
@@ -222,6 +227,10 @@ pub struct Compliance {
     pub torque_limit: f64,
 }
 
+/// Jaws that hold the cube and are forced apart by more do not lie flat on it any more [m]: a cube that turns between them
+/// about the palm's axis stands askew by 1.5 deg then, beyond the give of the pads.
+pub const FORCED_APART: f64 = 0.0015;
+
 /// Which directions of the tool frame yield: x, y, z, then rotations about them.
 pub type Selector = [bool; 6];
 
@@ -251,6 +260,12 @@ impl Compliance {
             periods: self.macrostep,
             jaw,
         }
+    }
+
+    /// Whether jaws that were so far apart [m] when a turn began are forced apart by what they hold.
+    fn forced_apart(jaws: &mut Option<f64>, arm: &ArmState) -> Option<Outcome> {
+        let apart = arm.jaw_opening - *jaws.get_or_insert(arm.jaw_opening);
+        (apart > FORCED_APART).then_some(Outcome::ForcedApart(apart))
     }
 
     /// The first direction in which the arm's wrench is beyond the limits.

@@ -52,6 +52,8 @@ pub struct Turn {
     stiff: bool,
     compliance: Compliance,
     start: Option<f64>,
+    /// How far apart the jaws were at first [m].
+    jaws: Option<f64>,
     steps: u32,
     progress_at: u32,
     progress: f64,
@@ -86,6 +88,7 @@ impl Turn {
             stiff,
             compliance,
             start: None,
+            jaws: None,
             steps: 0,
             progress_at: 0,
             progress: 0.0,
@@ -109,7 +112,8 @@ impl Turn {
         self.strained = if torque.abs() > MOST_TORQUE { self.strained + 1 } else { 0 };
         let strained = (f64::from(self.strained) * step > TOO_LONG)
             .then_some(Outcome::Stalled(turned * self.angle.signum(), torque));
-        if let Some(why) = self.compliance.excess(arm).or(strained)
+        let apart = Compliance::forced_apart(&mut self.jaws, arm);
+        if let Some(why) = self.compliance.excess(arm).or(apart).or(strained)
             && self.broken_off.is_none()
         {
             if self.stiff {

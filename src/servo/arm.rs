@@ -544,6 +544,7 @@ impl ArmServo {
             desired_base_from_tool: self.set.base_from_tool,
             wrench_in_tool: measured.wrench,
             jaw_opening: self.jaw.opening_at(reading.jaw_count),
+            desired_jaw_opening: self.jaw.set_value(),
             jaw_force: self.jaw.force_at(reading.currents[AXES]),
             command_end: self.command_end,
             refused: self.refused,

@@ -102,6 +102,12 @@ impl Jaw {
         c0 + motor * (c1 + motor * c2) + self.gripper.opening_offset
     }
 
+    /// Set value of this period [m].
+    #[must_use]
+    pub fn set_value(&self) -> f64 {
+        self.opening
+    }
+
     /// Force that a motor current stands for [N].
     #[must_use]
     pub fn force_at(&self, amperes: f64) -> f64 {

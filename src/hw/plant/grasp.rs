@@ -4,12 +4,15 @@
 //!
 //! - pads: two one-sided springs on the true faces. The jaws are coupled, so together they centre the cube
 //!   along y, with a deadband of half the clearance; the grip is the lesser of the two
-//! - friction: x, z and the rotation about y start stress-free where the pads close. The rotations about x
-//!   and z, which flat pads align, are strained by what the geometry says while the grip grows; from then on
-//!   all five are held by friction
-//! - slip surface: `(F_xz / 2 mu N)^2 + (M_xy / 0.6 Ts)^2 + (M_z / Ts)^2 <= 1`, `Ts = 2 mu N edge/2`; outside,
-//!   strains slide back to it: tilts first (pads rock before they slide), then force and torsion in proportion.
-//!   In proportion for all, two degrees of tilt would leave no friction for a lateral force
+//! - friction: x, z and the rotation about y start stress-free where the pads close. The rotation about x, which flat
+//!   pads align, is strained by what the geometry says while the grip grows; from then on it is held by friction, too
+//! - slip surface: `(F_xz / 2 mu N)^2 + (M_xy / 0.6 Ts)^2 <= 1`, `Ts = 2 mu N edge/2`; outside, strains slide back to
+//!   it: tilts first (pads rock before they slide), then force. In proportion for all, two degrees of tilt would leave
+//!   no friction for a lateral force
+//! - about z nothing slides: flat pads drive what stands askew between them back to the nearest quarter, with
+//!   `Ts (cos a - sin a)` at most
+//! - what turns about x or z beyond the give of the rubber forces the jaws apart by its corners: to
+//!   `edge (cos a + sin a)` about z, by the depth of the fingers times `sin a` about x
 //! - palm: four one-sided points of the two-position stops
 //! - out: the wrench on the cube and its stiffness; a state that the caller commits once a substep
 
@@ -18,6 +21,7 @@ use super::frame::{Frame, nearest_alignment, rotation_vector};
 use crate::cell::Gripper;
 use crate::motion::Depth;
 use nalgebra::{Matrix6, Vector3};
+use std::f64::consts::FRAC_PI_2;
 
 /// Share of the pads' stiffness that is left where they do not press: the solver's matrix stays regular.
 const FREE: f64 = 1e-3;
@@ -25,10 +29,14 @@ const FREE: f64 = 1e-3;
 const STOP_SPACING: f64 = 0.020;
 /// A finger's end that meets the cube's face from the front [N/m].
 pub(super) const FRONT_STIFFNESS: f64 = 5e4;
-/// Beyond this slip the grasp is lost [m, rad].
-const LOST: (f64, f64) = (5e-3, 0.349);
 /// A grip that has not grown for this long has settled [s].
 const SETTLING: f64 = 0.02;
+/// What turns between the pads by less does not force them apart: the rubber gives [rad].
+pub(super) const GIVE: f64 = 0.015;
+/// Time in which the pads follow it [s].
+const FOLLOWS: f64 = 0.02;
+/// Beyond this slip the grasp is lost [m, rad].
+const LOST: (f64, f64) = (5e-3, 0.349);
 
 /// What a gripper's jaws have of the cube.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -54,10 +62,12 @@ pub(super) struct Grasp {
     /// How far the layers in it lie off the core by their play, by axis, in the core's axes: as they were when they last
     /// were bodies of their own.
     pub(super) off: [Frame; 3],
-    /// Slid part of x, z, and of the rotations about x, y, z.
-    slid: [f64; 5],
+    /// Slid part of x, z, and of the rotations about x and y.
+    slid: [f64; 4],
     /// Rotations about x and z when the pads closed.
     closed_tilt: [f64; 2],
+    /// How far what is between the pads stands askew about x and z, as their rubber follows it [rad].
+    askew: [f64; 2],
     /// Greatest grip so far [N], and for how long it has not grown [s].
     grown: (f64, f64),
     /// Slip since closing [m, rad].
@@ -73,6 +83,8 @@ pub(super) struct Hands<'a> {
     pub(super) edge: f64,
     pub(super) opening: f64,
     pub(super) stops: Depth,
+    /// What the pads are about to touch, in the body that they touch: a lone layer may stand askew.
+    pub(super) layer: Frame,
 }
 
 /// One evaluation.
@@ -91,7 +103,11 @@ pub(super) struct Touch {
     pub(super) gap: f64,
     /// Force on the ends of the fingers [N].
     pub(super) front: f64,
-    slid: [f64; 5],
+    /// How far apart what stands between the pads forces them [m]: the edge, or more where it stands askew.
+    pub(super) width: f64,
+    /// How far it stands askew about x and z, beyond the give of the rubber [rad].
+    askew: [f64; 2],
+    slid: [f64; 4],
     slip_step: f64,
 }
 
@@ -107,7 +123,9 @@ impl Touch {
         palm: 0.0,
         gap: f64::INFINITY,
         front: 0.0,
-        slid: [0.0; 5],
+        width: 0.0,
+        askew: [0.0; 2],
+        slid: [0.0; 4],
         slip_step: 0.0,
     };
 
@@ -129,8 +147,9 @@ impl Grasp {
         node: 0,
         reference: Frame::IDENTITY,
         off: [Frame::IDENTITY; 3],
-        slid: [0.0; 5],
+        slid: [0.0; 4],
         closed_tilt: [0.0; 2],
+        askew: [0.0; 2],
         grown: (0.0, 0.0),
         slip: (0.0, 0.0),
         reported: false,
@@ -164,8 +183,9 @@ impl Grasp {
             node,
             reference: flat,
             off: [Frame::IDENTITY; 3],
-            slid: [e.p.x, e.p.z, 0.0, w.y, 0.0],
+            slid: [e.p.x, e.p.z, 0.0, w.y],
             closed_tilt: [w.x, w.z],
+            askew: self.askew,
             grown: (0.0, 0.0),
             slip: (0.0, 0.0),
             reported: false,
@@ -189,12 +209,17 @@ impl Grasp {
 
     /// Forces between the gripper at `world_from_tool` and the body at `world_from_body`.
     pub(super) fn touch(&self, tool: &Frame, body: &Frame, hands: &Hands) -> Touch {
-        let local = tool.to_local(body);
+        let mut local = tool.to_local(body);
         let reach = hands.edge + hands.gripper.palm;
         if !self.attached() && local.p.norm_squared() > reach * reach {
             return Touch::NONE;
         }
-        let reference = if self.attached() { self.reference } else { Self::flat(&local) };
+        let reference = if self.attached() {
+            self.reference
+        } else {
+            local = local.times(&hands.layer);
+            Self::flat(&local)
+        };
         let e = local.times(&reference.inverse());
         let w = rotation_vector(&e.r);
         let mut t = Touch::NONE;
@@ -204,10 +229,16 @@ impl Grasp {
 
         // Fingers beside the cube, or in front of it?
         let depth = g.finger_tip - face;
+        t.askew = [w.x, w.z].map(beyond_give);
+        // As it was before: the solver knows no stiffness that would lead it back.
+        let [about_x, about_z] = self.askew;
+        let (tilt, _) = libm::sincos(about_x.min(FRAC_PI_2));
+        t.width = hands.edge * corners(about_z) + depth.clamp(0.0, hands.edge) * tilt;
+        let between = 0.5 * t.width;
         let beside = local.p.x.abs() < half + 0.5 * g.finger_width && face + hands.edge > -g.palm;
         if beside && depth > 0.0 {
             for (i, side) in [1.0, -1.0].into_iter().enumerate() {
-                let press = half + side * e.p.y - 0.5 * hands.opening;
+                let press = between + side * e.p.y - 0.5 * hands.opening;
                 if press <= 0.0 {
                     continue;
                 }
@@ -233,33 +264,28 @@ impl Grasp {
 
     fn friction(&self, t: &mut Touch, hands: &Hands, e: &Frame, w: &Vector3<f64>) {
         let j = hands.jaws;
-        let strain: [f64; 5] = [
-            e.p.x - self.slid[0],
-            e.p.z - self.slid[1],
-            w.x - self.slid[2],
-            w.y - self.slid[3],
-            w.z - self.slid[4],
-        ];
+        let strain: [f64; 4] =
+            [e.p.x - self.slid[0], e.p.z - self.slid[1], w.x - self.slid[2], w.y - self.slid[3]];
         let mut fx = -j.stiffness[0] * strain[0];
         let mut fz = -j.stiffness[2] * strain[1];
-        let mut m = Vector3::from_fn(|i, _| -j.rotation[i] * strain[2 + i]);
+        let mut m = Vector3::from_fn(|i, _| -j.rotation[i] * [strain[2], strain[3], w.z][i]);
         let grip = if self.lost { 0.0 } else { t.grip() };
         let plane = (2.0 * j.friction * grip).max(1e-9);
         let torsion = plane * 0.5 * hands.edge;
         let tilt = 0.6 * torsion;
+        let aligning = torsion * lever(self.askew[1]);
+        m.z = m.z.clamp(-aligning, aligning);
         // While the grip grows, what flat pads align is not friction's business.
         let growing = self.grown.1 < SETTLING;
-        let mut load = (fx * fx + fz * fz) / (plane * plane);
+        let load = (fx * fx + fz * fz) / (plane * plane);
         let mut rocking = m.y * m.y / (tilt * tilt);
         if growing {
             m.x = m.x.clamp(-tilt, tilt);
-            m.z = m.z.clamp(-torsion, torsion);
         } else {
-            load += m.z * m.z / (torsion * torsion);
             rocking += m.x * m.x / (tilt * tilt);
         }
         let slide = |t: &mut Touch, keep: f64, which: &[usize]| {
-            for i in which.iter().filter(|i| !growing || (**i != 2 && **i != 4)) {
+            for i in which.iter().filter(|i| !growing || **i != 2) {
                 t.slid[*i] += (1.0 - keep) * strain[*i];
             }
         };
@@ -268,10 +294,7 @@ impl Grasp {
             let keep = 1.0 / load.sqrt();
             fx *= keep;
             fz *= keep;
-            if !growing {
-                m.z *= keep;
-            }
-            slide(t, keep, &[0, 1, 4]);
+            slide(t, keep, &[0, 1]);
             t.slip_step = (1.0 - keep) * strain[0].hypot(strain[1]);
         }
         // Pads rock before they slide: tilt has what force and torsion leave.
@@ -299,6 +322,9 @@ impl Grasp {
 
     /// Takes over the slip of the substep's last evaluation.
     pub(super) fn commit(&mut self, t: &Touch, dt: f64) {
+        for (askew, now) in self.askew.iter_mut().zip(t.askew) {
+            *askew += (now - *askew) * dt / (dt + FOLLOWS);
+        }
         if !self.attached() {
             return;
         }
@@ -307,7 +333,7 @@ impl Grasp {
         self.slip.0 += t.slip_step;
         // Of the aligned rotations only what goes beyond the misalignment at closing is slip.
         let beyond = (self.slid[2].abs() - self.closed_tilt[0].abs())
-            .max(self.slid[4].abs() - self.closed_tilt[1].abs());
+            .max(t.askew[1] - self.closed_tilt[1].abs());
         self.slip.1 = (self.slip.1 + about_jaws).max(beyond);
         let grip = t.grip();
         if grip > 1.02 * self.grown.0 {
@@ -319,6 +345,24 @@ impl Grasp {
             self.lost = true;
         }
     }
+}
+
+/// What of an angle about z forces the pads apart [rad].
+fn beyond_give(angle: f64) -> f64 {
+    (angle.abs() - GIVE).max(0.0)
+}
+
+/// How much wider a square is, measured along one of its sides' normals, after it has turned by `angle` [rad].
+fn corners(angle: f64) -> f64 {
+    let (s, c) = libm::sincos(angle % FRAC_PI_2);
+    c + s
+}
+
+/// The lever at which two flat pads press on its opposite corners, as a share of its side; 0 from an eighth turn on, from
+/// where they drive it on to the next quarter.
+fn lever(angle: f64) -> f64 {
+    let (s, c) = libm::sincos(angle);
+    (c - s).max(0.0)
 }
 
 /// The palm's stops on the face, which lies at `face` and is tilted by `w`.

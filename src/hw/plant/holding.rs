@@ -7,7 +7,7 @@ use super::account::StillWatch;
 use super::balance::{Split, layer_angle};
 use super::cube::{Layers, MIDDLE};
 use super::frame::{Frame, about, nearest_alignment};
-use super::grasp::{Grasp, Hold};
+use super::grasp::{GIVE, Grasp, Hold};
 use super::{Incident, Plant, State};
 use crate::cube::Axis;
 use nalgebra::Vector3;
@@ -43,7 +43,9 @@ impl Plant {
                     self.grasps[i].close_again();
                     self.closed(i);
                 }
-            } else if attached && touch.pads == [0.0; 2] && self.jaws[i].opening() > edge + OPEN_GAP
+            } else if attached
+                && touch.pads == [0.0; 2]
+                && self.jaws[i].opening() > edge.max(touch.width) + OPEN_GAP
             {
                 self.grasps[i].hold = Hold::LetGo;
                 self.record(Incident::Released { arm: i });
@@ -65,20 +67,36 @@ impl Plant {
                 }
             }
         }
-        // The layer that the pads touch stands by its misalignment off the core.
-        let mut touched = core;
-        for (axis, layers) in held.iter().enumerate() {
-            let angle = layer_angle(&self.puzzle, axis, *layers);
-            if matches!(layers, 1 | 4) {
-                touched = touched.times(&Frame::rotated(about(&Axis::ALL[axis].unit(), angle)));
-            }
-        }
+        let touched = core.times(&self.lone_layer(held));
         let flat = Grasp::flat(&tool.to_local(&touched));
         let body = self.balance.nodes[0];
         let reference = flat.times(&touched.to_local(&body));
         self.grasps[i].close(0, &tool.to_local(&body), reference);
         self.closed(i);
         self.regroup();
+    }
+
+    /// The layer that pads touch alone, in the core: it stands off by its misalignment.
+    fn lone_layer(&self, held: [Layers; 3]) -> Frame {
+        let mut touched = Frame::IDENTITY;
+        for (axis, layers) in held.iter().enumerate() {
+            let angle = layer_angle(&self.puzzle, axis, *layers);
+            if matches!(layers, 1 | 4) {
+                touched = touched.times(&Frame::rotated(about(&Axis::ALL[axis].unit(), angle)));
+            }
+        }
+        touched
+    }
+
+    /// What an open hand is about to touch, in the body that it would touch first.
+    pub(super) fn layer_ahead(&self, i: usize) -> Frame {
+        let straight = self.puzzle.angles.as_flattened().iter().all(|angle| angle.abs() < GIVE);
+        if straight || self.grasps[i].attached() {
+            return Frame::IDENTITY;
+        }
+        let core = self.balance.core(&self.puzzle);
+        let held = self.layers_held(i, &core);
+        self.balance.nodes[0].to_local(&core.times(&self.lone_layer(held)))
     }
 
     fn closed(&mut self, i: usize) {

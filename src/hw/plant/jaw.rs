@@ -93,9 +93,9 @@ impl PlantJaw {
         }
     }
 
-    /// Whether it opens: what moves between the pads then is let go, it does not slip.
+    /// Whether its drive opens it: what moves between the pads then is let go, it does not slip.
     pub(super) fn opens(&self) -> bool {
-        self.speed > OPENS
+        self.speed > OPENS && self.force > 0.0
     }
 
     /// Encoder and switch, once a period.

@@ -385,6 +385,8 @@ impl Plant {
             let jaws = self.config.jaws;
             Jaws { friction: share * jaws.friction, ..jaws }
         });
+        let layers: [Frame; 2] =
+            std::array::from_fn(|i| if near(i) { self.layer_ahead(i) } else { Frame::IDENTITY });
         let hands: [Option<Hands>; 2] = std::array::from_fn(|i| {
             near(i).then(|| Hands {
                 gripper: &self.config.cell.arms[i].gripper,
@@ -392,6 +394,7 @@ impl Plant {
                 edge,
                 opening: self.jaws[i].opening(),
                 stops: self.stops[i],
+                layer: layers[i],
             })
         });
         let weight = Vector3::new(0.0, 0.0, -9.81 * self.config.cell.cube.mass);

@@ -2,7 +2,7 @@
 
 use super::frame::rotation_vector;
 use super::grasp::Hold;
-use super::testing::{TestServo, cell, held, quiet, world_from_tool};
+use super::testing::{EDGE, TestServo, cell, held, quiet, world_from_tool};
 use super::truth::{ErrorSpreads, GraspError, draw};
 use super::*;
 use crate::motion::PERIOD;
@@ -342,6 +342,54 @@ fn five_newtons_of_grip_slip_instead_of_turning() {
     let v = servo.plant.verdict();
     assert!(v.counts.slips > 0, "{:?}", v.counts);
     assert!(v.layer_angles[1].abs() < 0.2, "{:?}", v.layer_angles);
+}
+
+/// The layer stands, the hand with the weak grip turns by 0.25 rad.
+#[test]
+fn what_turns_between_flat_jaws_forces_them_apart_and_a_firm_grip_drives_it_back() {
+    let mut servo = both_hold(held(Jaws::rubber(), CubeMechanics::of_2007()), 30.0, 1);
+    let flat = servo.plant.jaws[1].opening();
+    servo.jaws[1] = (0.055, 3.0);
+    servo.run(0.5);
+
+    turn(&mut servo, 0.25);
+
+    let v = servo.plant.verdict();
+    assert!(v.layer_angles[1].abs() < 0.05, "{:?}", v.layer_angles);
+    assert!(!servo.plant.grasps[1].lost);
+    // cos a + sin a, beyond the give of the pads: 0.235 rad
+    let apart = servo.plant.jaws[1].opening() - flat;
+    assert!((apart - 0.2052 * EDGE).abs() < 5e-4, "{apart}");
+    assert!(v.counts.slips > 0, "{:?}", v.counts);
+
+    servo.jaws[1] = (0.055, 40.0);
+    servo.run(1.5);
+
+    let v = servo.plant.verdict();
+    assert!((v.layer_angles[1] + 0.25).abs() < 0.03, "{:?}", v.layer_angles);
+    let apart = servo.plant.jaws[1].opening() - flat;
+    assert!(apart.abs() < 5e-4, "{apart}");
+}
+
+/// A layer that both hands have left askew keeps jaws that come back to it straight as far apart as its corners.
+#[test]
+fn a_layer_askew_is_met_by_its_corners() {
+    for angle in [0.1, 0.4] {
+        let mut plant = Plant::new(held(Jaws::rubber(), CubeMechanics::of_2007()), 1).unwrap();
+        plant.puzzle.angles[0][1] = angle;
+        let mut servo = TestServo::new(plant);
+        servo.jaws[1] = (0.055, 30.0);
+        let mut met = None;
+        for _ in 0..1250 {
+            servo.tick();
+            if servo.plant.grasps[1].attached() {
+                met = met.or_else(|| Some(servo.plant.jaws[1].opening()));
+            }
+        }
+
+        let corners = EDGE * ((angle - 0.015).cos() + (angle - 0.015).sin());
+        assert!((met.unwrap() - corners).abs() < 5e-4, "{met:?} {corners}");
+    }
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod recover;
 mod sight;
 #[cfg(test)]
 mod testing;
+mod unwind;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -125,6 +126,26 @@ enum Job {
     Anew,
     /// Of a mission that goes on, while both hold: which layer is askew?
     Untwist,
+    /// A layer that was left askew is brought back into line.
+    Unwind {
+        turner: Hand,
+        tries: u32,
+        eased: bool,
+    },
+    /// The turner gives way about its own z, too, until no torque is left.
+    Ease(Hand),
+    /// Both hands stand where they are, for so long [s].
+    Stand(f64),
+    /// About the tool's own z, relative to the set pose [rad].
+    Roll(Hand, f64),
+    /// The hand is known to have the layer at whose roll it closed.
+    Holds {
+        hand: Hand,
+        hold: Hold,
+        half_roll: bool,
+    },
+    /// The cube goes back with a layer askew.
+    GiveUp,
     Plan,
     /// The operator is asked what the eyes cannot decide.
     Ask,
@@ -144,6 +165,14 @@ enum Job {
     Finish {
         achieved: bool,
     },
+}
+
+/// Whether sensors are believed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Trust {
+    Believed,
+    /// They contradict each other, and are to be zeroed first.
+    Doubted,
 }
 
 /// The kernel.
@@ -198,8 +227,10 @@ pub struct Mission {
     recoveries: u32,
     /// How often the jaws that are to open now were strained.
     strained: u32,
-    /// The turner's hold before the turn that is being made.
-    before_turn: Option<Grip>,
+    /// The turn that is being made, or being undone.
+    begun: Option<unwind::Begun>,
+    /// Whether what the force sensors tell is to be followed.
+    forces: Trust,
     /// What an earlier run left, if this one goes on from there.
     resume: Option<Entry>,
     /// The track is not drawn back beyond this [m]; known to a mission that goes on from anywhere.
@@ -240,6 +271,8 @@ pub struct MissionLog {
 }
 
 const ARMS_APART: [Option<JointPositions>; 2] = [None, None];
+/// Time in which a hand that gives way about its own z is rid of a torque [s].
+const EASE: f64 = 0.6;
 /// Share of the way that a hand draws back after which nobody else's fingers are where it was.
 const CLEAR: f64 = 2.0 / 3.0;
 /// How often jaws that are strained try to open.
@@ -301,7 +334,8 @@ impl Mission {
             odd: Vec::new(),
             recoveries: 0,
             strained: 0,
-            before_turn: None,
+            begun: None,
+            forces: Trust::Believed,
             resume: None,
             least_track: None,
             shown: Shown::default(),
@@ -478,7 +512,12 @@ impl Mission {
                 let why = format!("{alarm}, at the {} hand while {}", name(hand), doing(&job));
                 return match job {
                     Job::Turn { turner, tries, .. } if tries != u32::MAX => {
-                        self.turn_slipped(turner, &why)
+                        self.turn_failed(turner, &why)
+                    }
+                    Job::Turn { .. } | Job::Wait(..) | Job::Ease(_) if self.unwinds() => {
+                        self.log.notes.push(why);
+                        self.try_again();
+                        Ok(())
                     }
                     Job::Approach { hand, .. }
                     | Job::Close { hand, .. }
@@ -653,7 +692,7 @@ impl Mission {
                 if let Some(turn) = self.turning.take_if(|_| over) {
                     self.shown.facelets = self.shown.facelets.map(|f| f.turned(turn));
                     self.log.executed.push(turn);
-                    self.straight = None;
+                    (self.straight, self.begun) = (None, None);
                 }
                 Ok(())
             }
@@ -673,14 +712,13 @@ impl Mission {
                 Ok(())
             }
             Some(Outcome::Stalled(turned, torque)) => {
-                let stood = self.turned + turned;
-                let degrees = stood.to_degrees();
+                let degrees = (self.turned + turned).to_degrees();
                 let why = format!(
                     "jam: the face stands still after {degrees:.0} deg under {torque:.1} Nm"
                 );
-                self.turn_jammed(turner, stood, &why)
+                self.turn_failed(turner, &why)
             }
-            Some(slipped @ Outcome::Slipped(..)) => self.turn_slipped(turner, &slipped.to_string()),
+            Some(slipped @ Outcome::Slipped(..)) => self.turn_failed(turner, &slipped.to_string()),
             other => Err(format!("the turn ended otherwise: {}", Outcome::words(other))),
         }
     }
@@ -802,7 +840,12 @@ impl Mission {
         let action = match job {
             Job::Phase(name) => Action::Phase(name),
             Job::Watch(on) => Action::Watch(on),
-            Job::Bias(which) => Action::Bias(which),
+            Job::Bias(which) => {
+                if which == [true; 2] {
+                    self.forces = Trust::Believed;
+                }
+                Action::Bias(which)
+            }
             Job::Joints(targets, speed) => {
                 if targets == ARMS_APART {
                     return Ok(None);
@@ -978,7 +1021,7 @@ impl Mission {
             }
             Job::Step(step) => {
                 self.shown.step = self.shown.step.map(|step| step + 1);
-                self.unfold_step(step)?;
+                self.unfold_step(step, arms)?;
                 return Ok(None);
             }
             Job::Inspect => {
@@ -1027,9 +1070,42 @@ impl Mission {
                 Some((_, question)) => Action::Ask(question.clone()),
                 None => return Ok(None),
             },
-            Job::Turn { turner, angle, .. } => {
+            Job::Unwind { turner, tries, eased } => {
+                self.unwind(turner, tries, eased, arms);
+                return Ok(None);
+            }
+            Job::Ease(hand) => {
+                let mut selector = s.grasp_selector();
+                selector[5] = true;
+                let order = Behaviour::Present { pull: f64::INFINITY, selector, seconds: EASE };
+                behave(hand, order)
+            }
+            Job::Stand(seconds) => {
+                let stand = |arm: &ArmState| {
+                    let (target, speed) = (arm.desired_joints, s.speed);
+                    Some(Behaviour::Joints { target, speed, seconds })
+                };
+                let orders = [stand(&arms[0]), stand(&arms[1])];
+                Action::Behave { orders, until: Until::All }
+            }
+            Job::Roll(hand, angle) => {
+                let roll = UnitQuaternion::from_axis_angle(&nalgebra::Vector3::z_axis(), angle);
+                let target = arms[hand.index()].desired_base_from_tool * roll;
+                behave(hand, Behaviour::Line { target, speed: s.speed })
+            }
+            Job::Holds { hand, hold, half_roll } => {
+                self.belief.turned(hand, hold, half_roll);
+                return Ok(None);
+            }
+            Job::GiveUp => {
+                self.give_up()?;
+                return Ok(None);
+            }
+            Job::Turn { turner, angle, tries } => {
                 self.straight = self.straight.or_else(|| self.straight_now(turner));
-                self.turn(turner, angle)?
+                // On the way back nothing may slip any more, neither way.
+                let most = if tries == u32::MAX { unwind::GENTLE } else { f64::INFINITY };
+                self.turn(turner, angle, s.turn_torque.min(most))?
             }
             Job::Report => {
                 let achieved = match self.goal {
@@ -1090,17 +1166,17 @@ impl Mission {
         Behaviour::Jaw {
             jaw: JawCommand { opening, force_limit: self.settings.grip, stops },
             seconds: LEAVE_SECONDS,
-            selector: if chained || self.given_back {
+            selector: if (chained || self.given_back) && self.forces == Trust::Believed {
                 self.settings.grasp_selector()
             } else {
                 [false; 6]
             },
-            // Whoever takes the cube, however hard, is to have it.
-            strained: self.given_back,
+            // Whoever takes the cube, however hard, is to have it; and what is only believed to strain does not hinder.
+            strained: self.given_back || self.forces == Trust::Doubted,
         }
     }
 
-    fn unfold_step(&mut self, step: Step) -> Result<(), String> {
+    fn unfold_step(&mut self, step: Step, arms: &[ArmState]) -> Result<(), String> {
         let held = self.belief.held;
         let holds = |hand: Hand| held[hand.index()];
         match step {
@@ -1164,7 +1240,9 @@ impl Mission {
                 self.turned = 0.0;
                 self.push_front(&[Job::Turn { turner, angle, tries: 1 }]);
                 let held = holds(turner).ok_or("the turner holds nothing")?;
-                self.before_turn = Some(Grip { hold: held.hold, half_roll: held.half_roll });
+                let grip = Grip { hold: held.hold, half_roll: held.half_roll };
+                let roll = arms[turner.index()].desired_joints.0[6];
+                self.begun = Some(unwind::Begun::new(turner, grip, roll, angle.signum()));
                 let (hold, half_roll) = held.hold.after_turn(held.half_roll, turn.quarters);
                 self.belief.turned(turner, hold, half_roll);
             }
@@ -1195,7 +1273,8 @@ impl Mission {
         })
     }
 
-    fn turn(&self, turner: Hand, angle: f64) -> Result<Action<Thought>, String> {
+    /// The turner turns, and stands still at a torque [Nm]; its partner gives way.
+    fn turn(&self, turner: Hand, angle: f64, torque: f64) -> Result<Action<Thought>, String> {
         let s = &self.settings;
         let body = turner.other();
         let stiff = s.compliance == ComplianceChoice::None;
@@ -1208,7 +1287,7 @@ impl Mission {
         orders[turner.index()] = Some(Behaviour::Turn {
             angle,
             speed: s.turn_speed,
-            torque: s.turn_torque,
+            torque,
             least_torque: s.turn_least_torque,
             selector: turner_selector,
             stiff,
@@ -1390,6 +1469,7 @@ fn doing(job: &Job) -> &'static str {
         Job::Close { .. } | Job::Take { .. } => "closing the jaws",
         Job::Secure { .. } => "securing",
         Job::Open { .. } => "opening the jaws",
+        Job::Wait(..) | Job::Ease(_) => "giving way",
         Job::Present { .. } => "handing back",
         Job::LayDown => "laying it down",
         _ => "moving",

@@ -101,6 +101,8 @@ pub struct CubeSettings {
     pub calibrated_at: Point3<f64>,
     /// From whom the cube is taken, and to whom it goes back.
     pub keeper: Keeper,
+    /// How deep the fingers reach beyond the face under the palm, with one and with two layers between them [m].
+    pub finger_depth: [f64; 2],
 }
 
 /// Time in which a hand opens to leave its partner or the operator [s], at least.

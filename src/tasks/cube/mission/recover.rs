@@ -2,21 +2,21 @@
 //!
 //! - before the cube is handed back, the three sides that the free hand can see are compared with what the turns
 //!   should have made of them: any single layer that stands otherwise shows on one of these sides
-//! - after a turn that slipped or jammed, jaws that close straight over the layer bring it back into line; then all
+//! - after a turn that slipped or jammed, and whose layer has been brought back into line (see [`super::unwind`]), all
 //!   six faces are read anew and planned anew, whatever has become of them
 //! - so little is believed that a mission which was broken off anywhere goes on in the same way: see [`Mission::resumed`]
 
+use super::unwind::Begun;
 use super::{Job, Mission, name};
 use crate::cube::{Axis, Face, Keeper, rotations};
-use crate::generators::Outcome;
 use crate::motion::{ArmState, Depth, JointPositions};
 use crate::tasks::Entry;
-use crate::tasks::cube::hold::{Hand, Hold};
+use crate::tasks::cube::hold::{Grip, Hand, Hold};
 use crate::vision::sensor::FaceReading;
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// How often a mission begins anew before it gives up.
-const MOST_RECOVERIES: u32 = 3;
+pub(super) const MOST_RECOVERIES: u32 = 3;
 /// Looks at one side before it goes uninspected.
 const CHECK_TRIES: u32 = 3;
 /// A sticker looks otherwise when another colour is nearer than this share of the way to its own.
@@ -109,7 +109,7 @@ impl Mission {
         (self.given, self.given_back) = (None, false);
         self.rounds = 1;
         self.odd.clear();
-        (self.turning, self.straight, self.before_turn) = (None, None, None);
+        (self.turning, self.straight, self.begun) = (None, None, None);
         self.shown.net = crate::operator::Net::default();
         self.queue.clear();
     }
@@ -205,55 +205,14 @@ impl Mission {
         Ok(())
     }
 
-    /// The layer did not go along with the hand: it is brought into line, and the cube read anew.
-    pub(super) fn turn_slipped(&mut self, turner: Hand, why: &str) -> Result<(), String> {
-        if !self.may_recover() {
-            return Err(why.to_owned());
-        }
-        self.log.notes.push(format!("{why}: the layer is straightened and the cube read anew"));
-        self.queue.clear();
-        self.straighten(turner)
-    }
-
-    /// The layer stands still for good: the hand goes back to where it began, and the cube is read anew.
-    pub(super) fn turn_jammed(
-        &mut self,
-        turner: Hand,
-        stood: f64,
-        why: &str,
-    ) -> Result<(), String> {
-        let before = self.before_turn.take().filter(|_| self.may_recover());
-        let Some(before) = before else { return Err(why.to_owned()) };
-        self.log.notes.push(format!("{why}: turned back, straightened, and the cube read anew"));
-        self.queue.clear();
-        self.turning = None;
-        self.belief.turned(turner, before.hold, before.half_roll);
-        // No more tries: what stands still on the way back, too, stays.
-        self.straighten(turner)?;
-        self.push_front(&[Job::Turn { turner, angle: -stood, tries: u32::MAX }]);
-        Ok(())
-    }
-
-    /// The hand lets go and closes once more, straight: flat jaws bring the layer between them into line.
-    fn straighten(&mut self, hand: Hand) -> Result<(), String> {
-        (self.turning, self.straight) = (None, None);
-        let held = self.belief.held[hand.index()].ok_or("the turner holds nothing")?;
-        let (hold, half_roll) = (held.hold, held.half_roll);
-        self.queue.extend([
-            Job::LetGo(hand),
-            Job::Bias([true, true]),
-            Job::PreGrasp { hand, hold, half_roll },
-            Job::Approach { hand, hold, half_roll },
-            Job::Close { hand, hold },
-            Job::Secure { hand, hold, half_roll },
-            Job::LetGo(hand),
-            Job::Anew,
-        ]);
-        Ok(())
-    }
-
     /// A hand did not get hold of the cube: the partner, who has it, begins anew.
     pub(super) fn not_grasped(&mut self, hand: Hand, why: &str) -> Result<(), String> {
+        if self.unwinds() {
+            self.log.notes.push(why.to_owned());
+            self.try_again();
+            self.queue.push_front(Job::LetGo(hand));
+            return Ok(());
+        }
         if !self.may_recover() || self.belief.held[hand.other().index()].is_none() {
             return Err(why.to_owned());
         }
@@ -421,15 +380,16 @@ impl Mission {
                 "a layer stands askew: the {} hand turns it by {degrees:.0} deg",
                 name(turner)
             ));
+            self.begun = Some(Begun::new(
+                turner,
+                Grip { hold: turned, half_roll },
+                arms[turner.index()].desired_joints.0[6] + by,
+                by.signum(),
+            ));
             self.queue.push_back(Job::Turn { turner, angle: by, tries: 1 });
         }
         self.queue.push_back(Job::LetGo(turner));
         self.settle(body, arms);
-    }
-
-    /// The outcome of a turn that belongs to no plan any more.
-    pub(super) fn turned_back(outcome: Option<&Outcome>) -> bool {
-        matches!(outcome, Some(Outcome::Turned(_) | Outcome::Stalled(..) | Outcome::Slipped(..)))
     }
 }
 
@@ -466,6 +426,7 @@ mod tests {
     use super::super::Goal;
     use super::super::testing::settings;
     use super::*;
+    use crate::generators::Outcome;
     use crate::reach::Fold;
     use crate::spatial::Pose;
     use crate::tasks::cube::settings::CubeSettings;

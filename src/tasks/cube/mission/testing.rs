@@ -85,6 +85,7 @@ pub(super) fn settings() -> CubeSettings {
         candidates: 1,
         seconds_per_node: 0.0,
         calibrated_at: Point3::origin(),
+        finger_depth: [0.017, 0.036],
         keeper: Keeper::Person,
     }
 }
