@@ -317,11 +317,17 @@ fn arms_hold_when_an_actor_panics_or_hangs_or_no_heart_beats() {
             both_hold(&seen, begin, within);
             seen.is_held_by([true, true]);
         }
-        for name in ["panic_ecp", "panic_mp"] {
+        for name in ["hang_vsp", "panic_vsp"] {
+            // While the arm follows the cube, from 4 s on.
+            both_hold(&seed.seen(name, &[]), 2000, 190);
+        }
+        let later =
+            [("panic_ecp", false), ("panic_mp", false), ("hang_ecp", true), ("hang_mp", true)];
+        for (name, turner) in later {
             let seen = seed.seen(name, &[]);
             let noticed = (seen.summary.sim_time_s / 0.002).round() as u64;
             both_hold(&seen, noticed, 130);
-            seen.is_held_by([false, true]);
+            seen.is_held_by([turner, true]);
         }
     });
 }
@@ -422,7 +428,9 @@ const TOLD: &[(&str, i32, &[&str])] = &[
     ("panic_edp", 4, &["system", "edp postument panicked: a panic was injected"]),
     ("panic_mp", 4, &["system", "mp panicked: a panic was injected"]),
     ("actor_hang", 4, &["system", "no answer from edp track in 0.1 s"]),
-    ("hang_ecp", 4, &["system", "no answer from ecp track in 0.2 s"]),
+    ("hang_ecp", 4, &["system", "no answer from ecp track in 0.1 s"]),
+    ("hang_vsp", 4, &["system", "no answer from vsp mpc in 0.1 s"]),
+    ("panic_vsp", 4, &["system", "vsp mpc panicked: a panic was injected"]),
     ("hang_mp", 4, &["system", "no answer from mp in 0.1 s", "hold"]),
     ("late_message", 0, &["solved"]),
     ("duplicated_message", 0, &["came twice: obeyed once", "edp track", "period=5"]),

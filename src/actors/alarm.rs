@@ -1,8 +1,8 @@
-//! The alarm: who has panicked. An actor runs under it; whoever waits for it learns of a panic at once, even of an actor
-//! that nobody is asking anything.
+//! The alarm: who has panicked, and who does not get on with its own work. An actor runs under it; whoever waits for it
+//! learns of a panic at once and of silence within a tenth of a second, even of an actor that nobody is asking anything.
 //!
-//! - in: actors' futures
-//! - out: the system error of the first one that panics
+//! - in: actors' futures, and their pulses
+//! - out: the system error of the first one that panics or is silent
 
 use super::disturbance::Mishap;
 use crate::error::{Error, System};
@@ -10,7 +10,8 @@ use std::any::Any;
 use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
-use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
 use std::time::Duration;
 use tokio::sync::{oneshot, watch};
@@ -67,13 +68,52 @@ pub(super) async fn answer_of<T>(
     answer.map_err(|_| error(System::Closed(who.to_owned())))?
 }
 
+/// Whether an actor gets on: odd while it is at its own work, even while it waits for others, who have limits of their own.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Pulse(Arc<AtomicU64>);
+
+impl Pulse {
+    /// It begins a piece of its own work.
+    pub(super) fn works(&self) {
+        self.0.fetch_or(1, Ordering::Relaxed);
+    }
+
+    /// It waits for somebody.
+    pub(super) fn waits(&self) {
+        if self.at_work().is_some() {
+            self.0.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Waits for somebody, and goes on.
+    pub(super) async fn away<T>(&self, other: impl Future<Output = T>) -> T {
+        self.waits();
+        let answer = other.await;
+        self.works();
+        answer
+    }
+
+    /// The piece of its own work that it is at.
+    fn at_work(&self) -> Option<u64> {
+        Some(self.0.load(Ordering::Relaxed)).filter(|beats| beats % 2 == 1)
+    }
+}
+
+/// How long a piece of an actor's own work may take.
+const SILENCE: Duration = Duration::from_millis(100);
+/// Looks, not time: a machine that stands still makes nobody silent.
+const LOOKS: u32 = 4;
+
 /// A handle on the alarm of a run.
 #[derive(Debug, Clone)]
-pub(super) struct Alarm(Arc<watch::Sender<Option<Error>>>);
+pub(super) struct Alarm {
+    first: Arc<watch::Sender<Option<Error>>>,
+    pulses: Arc<Mutex<Vec<(String, Pulse)>>>,
+}
 
 impl Default for Alarm {
     fn default() -> Self {
-        Self(Arc::new(watch::channel(None).0))
+        Self { first: Arc::new(watch::channel(None).0), pulses: Arc::default() }
     }
 }
 
@@ -88,9 +128,50 @@ impl Alarm {
         });
     }
 
+    /// A new actor's pulse.
+    pub(super) fn pulse(&self, name: &str) -> Pulse {
+        let pulse = Pulse::default();
+        self.pulses().push((name.to_owned(), pulse.clone()));
+        pulse
+    }
+
+    fn pulses(&self) -> MutexGuard<'_, Vec<(String, Pulse)>> {
+        self.pulses.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Until somebody panics, or is silent.
+    pub(super) async fn raised(&self) -> Error {
+        let mut listens = self.listen();
+        tokio::select! {
+            biased;
+            error = raised(&mut listens) => error,
+            error = self.silence() => error,
+        }
+    }
+
+    /// Until somebody has been at one piece of its own work for too long.
+    async fn silence(&self) -> Error {
+        let mut before: Vec<(Option<u64>, u32)> = Vec::new();
+        loop {
+            tokio::time::sleep(SILENCE / LOOKS).await;
+            let pulses = self.pulses();
+            before.resize(pulses.len(), (None, 0));
+            for ((name, pulse), (was, same)) in pulses.iter().zip(&mut before) {
+                let is = pulse.at_work();
+                *same = if is.is_some() && is == *was { *same + 1 } else { 0 };
+                *was = is;
+                if *same + 1 >= LOOKS {
+                    let seconds = SILENCE.as_secs_f64();
+                    let cause = System::Silent { who: name.clone(), seconds };
+                    return Error::System { actor: "supervisor".into(), place: "watch", cause };
+                }
+            }
+        }
+    }
+
     /// The first error wins.
     fn raise(&self, error: Error) {
-        self.0.send_if_modified(|first| {
+        self.first.send_if_modified(|first| {
             let is_first = first.is_none();
             first.get_or_insert(error);
             is_first
@@ -99,7 +180,7 @@ impl Alarm {
 
     /// For whoever waits.
     pub(super) fn listen(&self) -> watch::Receiver<Option<Error>> {
-        self.0.subscribe()
+        self.first.subscribe()
     }
 }
 

@@ -3,7 +3,7 @@
 //! Under continuous coordination it transmits what MP computes; under sporadic coordination it runs the generators
 //! of the behaviours that MP invokes, with the readings of the VSPs that belong to it.
 
-use super::alarm::Care;
+use super::alarm::{Care, Pulse};
 use super::control::{Control, permission_soon};
 use super::disturbance::Mishap;
 use super::edp::EdpHandle;
@@ -165,6 +165,7 @@ struct Ecp {
     mailbox: mpsc::Receiver<Request>,
     mishap: Arc<Mishap>,
     alive: Arc<AtomicU64>,
+    pulse: Pulse,
 }
 
 /// Creates an ECP.
@@ -181,8 +182,14 @@ pub(super) fn spawn_under(name: &str, parts: Parts, care: &Care) -> EcpHandle {
     // Between two signs of life lies a macrostep, and whatever the EDP may take for it.
     let macrostep = f64::from(parts.manner.compliance.macrostep) * PERIOD;
     let patience = Duration::from_secs_f64(2.0 * macrostep) + 2 * care.patience;
-    let ecp =
-        Ecp { name: name.clone(), parts, mailbox: requests, mishap, alive: Arc::clone(&alive) };
+    let ecp = Ecp {
+        name: name.clone(),
+        parts,
+        mailbox: requests,
+        mishap,
+        alive: Arc::clone(&alive),
+        pulse: care.alarm.pulse(&name),
+    };
     let span = tracing::info_span!("ecp", name = ecp.name);
     care.alarm.spawn(&name, ecp.run().instrument(span));
     EcpHandle { name, mailbox, alive, patience }
@@ -191,12 +198,13 @@ pub(super) fn spawn_under(name: &str, parts: Parts, care: &Care) -> EcpHandle {
 impl Ecp {
     async fn run(mut self) {
         while let Some(request) = self.mailbox.recv().await {
+            self.pulse.works();
             self.mishap.befall().await;
             self.alive.fetch_add(1, Ordering::Relaxed);
             match request {
                 Request::Transmit { command, reply } => {
                     self.parts.tape.message("mp", &self.name, &command);
-                    let answer = self.parts.edp.execute(command).await;
+                    let answer = self.pulse.away(self.parts.edp.execute(command)).await;
                     let _ = reply.send(answer);
                 }
                 Request::Behave { behaviour, reply } => {
@@ -211,16 +219,16 @@ impl Ecp {
                 Request::End => {}
                 Request::Bias { reply } => {
                     self.parts.tape.message("mp", &self.name, &"bias");
-                    let answer = self.parts.edp.bias().await;
+                    let answer = self.pulse.away(self.parts.edp.bias()).await;
                     let _ = reply.send(answer);
                 }
                 Request::Synchronise { reply } => {
                     self.parts.tape.message("mp", &self.name, &"synchronise");
-                    let answer = self.parts.edp.synchronise().await;
+                    let answer = self.pulse.away(self.parts.edp.synchronise()).await;
                     let _ = reply.send(answer);
                 }
                 Request::State { reply } => {
-                    let answer = self.parts.edp.state().await;
+                    let answer = self.pulse.away(self.parts.edp.state()).await;
                     let _ = reply.send(answer);
                 }
                 Request::Watch { on } => {
@@ -231,24 +239,25 @@ impl Ecp {
                 }
                 Request::Look { view, reply } => {
                     self.parts.tape.message("mp", &self.name, &view);
-                    let answer = self.look(view).await;
+                    let answer = self.pulse.away(self.look(view)).await;
                     self.parts.tape.message(&self.name, "mp", &answer);
                     let _ = reply.send(answer);
                 }
             }
+            self.pulse.waits();
         }
     }
 
     async fn behave(&mut self, behaviour: &Behaviour) -> Result<(Outcome, ArmState), Error> {
         let mut motion = Motion::begin(behaviour, &self.parts.manner);
-        let mut state = self.parts.edp.state().await?;
+        let mut state = self.pulse.away(self.parts.edp.state()).await?;
         loop {
             while motion.rests() {
                 self.alive.fetch_add(1, Ordering::Relaxed);
-                match permission_soon(&mut self.parts.control).await {
+                match self.pulse.away(permission_soon(&mut self.parts.control)).await {
                     Some(Ok(())) => break,
                     Some(Err(_)) => return Ok((Outcome::Ended, state)),
-                    None => state = self.parts.edp.state().await?,
+                    None => state = self.pulse.away(self.parts.edp.state()).await?,
                 }
             }
             self.alive.fetch_add(1, Ordering::Relaxed);
@@ -269,8 +278,10 @@ impl Ecp {
                     if let (Some(sensing), Some(tracker)) = (sensing, &self.parts.tracker) {
                         tracker.configure(sensing);
                     }
-                    state = match self.parts.edp.execute(command).await {
-                        Err(error) if motion.bears(&error) => self.parts.edp.state().await?,
+                    state = match self.pulse.away(self.parts.edp.execute(command)).await {
+                        Err(error) if motion.bears(&error) => {
+                            self.pulse.away(self.parts.edp.state()).await?
+                        }
                         executed => executed?,
                     };
                 }

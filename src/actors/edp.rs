@@ -4,7 +4,7 @@
 //!
 //! An answer goes out two servo periods before the macrostep ends, so that the next one follows without a gap.
 
-use super::alarm::{Care, answer_of};
+use super::alarm::{Care, Pulse, answer_of};
 use super::clock::Clock;
 use super::disturbance::Mishap;
 use crate::error::{Error, Fatal, NonFatal, System};
@@ -134,6 +134,7 @@ struct Edp {
     /// First period after the last command.
     free: u64,
     mishap: Arc<Mishap>,
+    pulse: Pulse,
     /// Commands that came twice, as far as they were told.
     doubles: u64,
 }
@@ -165,6 +166,7 @@ pub(super) fn spawn_under(
         tape,
         free: 0,
         mishap,
+        pulse: care.alarm.pulse(&name),
         doubles: 0,
     };
     let span = tracing::info_span!("edp", name = edp.name);
@@ -179,6 +181,7 @@ impl Edp {
             self.clock.until(self.clock.period() + 1).await;
         }
         while let Some(request) = self.mailbox.recv().await {
+            self.pulse.works();
             self.mishap.befall().await;
             let (answer, reply) = match request {
                 Request::Execute { command, reply } => (self.execute(command).await, reply),
@@ -193,6 +196,7 @@ impl Edp {
             self.tape.message(&self.name, "ecp", &answer);
             // The asker may have gone; that is its affair.
             let _ = reply.send(answer);
+            self.pulse.waits();
         }
     }
 
@@ -267,14 +271,14 @@ impl Edp {
             if self.link.is_closed() {
                 return Err(self.silent("synchronise"));
             }
-            self.clock.until(self.clock.period() + PROGRESS).await;
+            self.pulse.away(self.clock.until(self.clock.period() + PROGRESS)).await;
         }
     }
 
     /// Waits until a period has come and the servo has dealt with a command. Under the wall clock the servo's
     /// periods and the runtime's time differ by a little, hence the polling.
     async fn done(&mut self, place: &'static str, ticket: u64, period: u64) -> Result<(), Error> {
-        self.clock.until(period).await;
+        self.pulse.away(self.clock.until(period)).await;
         let patience = (SILENCE / POLL.as_secs_f64()) as u64;
         for _ in 0..patience {
             if self.link.is_done(ticket, EARLY) {
@@ -283,7 +287,7 @@ impl Edp {
             if self.link.is_closed() {
                 break;
             }
-            tokio::time::sleep(POLL).await;
+            self.pulse.away(tokio::time::sleep(POLL)).await;
         }
         Err(self.silent(place))
     }

@@ -4,7 +4,7 @@
 //! all effectors and commands them at each macrostep through transmitting ECPs; and *sporadic*, in which MP invokes
 //! behaviours and the ECPs run the generators.
 
-use super::alarm::{Care, raised};
+use super::alarm::{Alarm, Care, Pulse};
 use super::clock::Clock;
 use super::control::{Attended, Control, LOOK, Tempo, Terminated, Word, permission_soon};
 use super::disturbance::Mishap;
@@ -28,8 +28,7 @@ use crate::record::tape::Tape;
 use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use tokio::sync::{mpsc, watch};
 
 /// Who runs the generators.
@@ -107,11 +106,9 @@ pub struct Mp {
     arms: Vec<ArmState>,
     phases: Vec<(&'static str, f64, Instant)>,
     /// Which actor has failed, and what befalls this one.
-    alarm: Option<watch::Receiver<Option<Error>>>,
+    alarm: Alarm,
     mishap: Arc<Mishap>,
-    /// Odd while it is at its own work, even while it waits for others, who have limits of their own.
-    own: Arc<AtomicU64>,
-    patience: Duration,
+    pulse: Pulse,
 }
 
 enum Stop {
@@ -130,15 +127,16 @@ impl Mp {
     #[must_use]
     pub fn new(parts: Parts) -> Self {
         let (arms, phases) = (Vec::new(), Vec::new());
-        let Care { mishap, patience, .. } = Care::default();
-        Self { parts, arms, phases, alarm: None, mishap, own: Arc::default(), patience }
+        let Care { mishap, alarm, .. } = Care::default();
+        let pulse = alarm.pulse("mp");
+        Self { parts, arms, phases, alarm, mishap, pulse }
     }
 
     /// The same, which heeds an alarm.
     pub(super) fn heeding(mut self, care: &Care) -> Self {
-        self.alarm = Some(care.alarm.listen());
+        self.alarm = care.alarm.clone();
+        self.pulse = self.alarm.pulse("mp");
         self.mishap = Arc::clone(&care.mishap);
-        self.patience = care.patience;
         self
     }
 
@@ -173,17 +171,10 @@ impl Mp {
             end: 0.0,
             felt: Forces::default(),
         };
-        let mut alarm = self.alarm.clone();
-        let own = Arc::clone(&self.own);
+        let alarm = self.alarm.clone();
         let performed = tokio::select! {
             biased;
-            error = silence(&own, self.patience) => Err(Stop::Error(error)),
-            error = async {
-                match &mut alarm {
-                    Some(listens) => raised(listens).await,
-                    None => std::future::pending().await,
-                }
-            } => Err(Stop::Error(error)),
+            error = alarm.raised() => Err(Stop::Error(error)),
             performed = self.perform(task) => performed,
         };
         match performed {
@@ -207,13 +198,16 @@ impl Mp {
         let mut event = Event::Start;
         loop {
             self.permitted().await?.map_err(|_| Stop::Terminated)?;
-            self.own.fetch_add(1, Ordering::Relaxed);
+            self.pulse.works();
             self.mishap.befall().await;
             let forces = self.felt();
             self.parts.tape.message("mp", "kernel", &(&event, &forces));
             let action = task.next(event, &Readings { arms: &self.arms, forces });
             self.parts.tape.message("kernel", "mp", &action);
-            if let (Some(journal), Some(entry)) = (&mut self.parts.journal, task.entry())
+            let entry = task.entry();
+            // A slow disk is not MP's own work.
+            self.pulse.waits();
+            if let (Some(journal), Some(entry)) = (&mut self.parts.journal, entry)
                 && let Err(why) = journal.write(&entry)
             {
                 self.parts.journal = None;
@@ -221,6 +215,7 @@ impl Mp {
                     format!("the journal cannot be written ({why}): nobody can resume this run");
                 self.parts.ui.tell(Notice::Warning(self.now(), note));
             }
+            self.pulse.works();
             for note in task.notes() {
                 self.parts.ui.tell(Notice::Warning(self.now(), note));
             }
@@ -233,7 +228,7 @@ impl Mp {
                 task.picture().map(|picture| Entry::Belief(Box::new(picture)))
             });
             tracing::debug!(now = self.now(), ?action, "action");
-            self.own.fetch_add(1, Ordering::Relaxed);
+            self.pulse.waits();
             event = match action {
                 Action::Finish(finish) => return Ok(finish),
                 Action::Phase(name) => {
@@ -618,21 +613,6 @@ impl Mp {
         self.refresh().await?;
         Ok(outcomes)
     }
-}
-
-/// Until MP has been at one piece of its own work for so long.
-async fn silence(own: &AtomicU64, patience: Duration) -> Error {
-    // Looks, not time: a machine that stands still makes nobody silent.
-    const LOOKS: u32 = 4;
-    let (mut before, mut same) = (own.load(Ordering::Relaxed), 0);
-    while same + 1 < LOOKS {
-        tokio::time::sleep(patience / LOOKS).await;
-        let now = own.load(Ordering::Relaxed);
-        same = if now == before && !now.is_multiple_of(2) { same + 1 } else { 0 };
-        before = now;
-    }
-    let cause = System::Silent { who: "mp".into(), seconds: patience.as_secs_f64() };
-    Error::System { actor: "supervisor".into(), place: "watch", cause }
 }
 
 /// Both answers, or the graver of two errors.

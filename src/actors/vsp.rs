@@ -5,7 +5,7 @@
 //! (of MP) and `VSP_GS1`, `VSP_GS2` (of the ECPs) and the text explains the cameras only: that MPF aggregates the
 //! forces and that GS are the gripper's cameras is our reading.
 
-use super::alarm::{Alarm, Care, answer_of};
+use super::alarm::{Alarm, Care, Pulse, answer_of};
 use super::board::{Board, Found, Sight};
 use super::clock::Clock;
 use super::disturbance::Mishap;
@@ -143,6 +143,7 @@ struct Vsp {
     playback: Option<Playback>,
     ui: UiHandle,
     mishap: Arc<Mishap>,
+    pulse: Pulse,
     /// Period of the last picture that was good, and whether its absence was told.
     seen: u64,
     told: bool,
@@ -185,6 +186,7 @@ pub(super) fn spawn(name: &str, parts: Parts, care: &Care) -> VspHandle {
         playback: parts.playback,
         ui: parts.ui,
         mishap: Arc::clone(&care.mishap),
+        pulse: care.alarm.pulse(&name),
         seen: 0,
         told: false,
         kept: None,
@@ -215,6 +217,7 @@ impl Vsp {
                 biased;
                 look = self.mailbox.recv() => match look {
                     Some(look) => {
+                        self.pulse.works();
                         self.mishap.befall().await;
                         self.answer(look).await;
                     }
@@ -229,6 +232,7 @@ impl Vsp {
                     (self.seen, self.told, self.taken) = (next_frame, false, None);
                 },
                 () = self.clock.until(next_frame), if tracking => {
+                    self.pulse.works();
                     self.mishap.befall().await;
                     self.localise(next_frame).await;
                     // On the grid of frames; a frame that was missed is not made up for.
@@ -237,6 +241,7 @@ impl Vsp {
                     }
                 },
             }
+            self.pulse.waits();
         }
     }
 
@@ -256,30 +261,28 @@ impl Vsp {
         let played = self.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
         let unheard = matches!(played, Some(Played::Nothing));
         let taken = self.taken;
-        let result = self
-            .work
-            .run(move || {
-                let (found, frame) = match source.grab(period, sensing.exposure) {
-                    _ if played.is_some() => (played.map_or_else(unheard_of, of_cube), None),
-                    Ok(frame) if again(&frame, taken).is_some() => {
-                        (Err(again(&frame, taken).unwrap_or_default()), None)
-                    }
-                    Ok(frame) if unfit(&frame, period).is_some() => {
-                        (Err(unfit(&frame, period).unwrap_or_default()), Some(frame))
-                    }
-                    Ok(frame) => {
-                        let seconds = frame.period as f64 * PERIOD;
-                        let found = watcher
-                            .observe(&frame.image, seconds, near, elsewhere)
-                            .map(|seen| (seen, frame.period))
-                            .map_err(|refusal| refusal.to_string());
-                        (found, Some(frame))
-                    }
-                    Err(missing) => (Err(missing.to_string()), None),
-                };
-                ((source, watcher, found, frame), effort)
-            })
-            .await;
+        let work = self.work.run(move || {
+            let (found, frame) = match source.grab(period, sensing.exposure) {
+                _ if played.is_some() => (played.map_or_else(unheard_of, of_cube), None),
+                Ok(frame) if again(&frame, taken).is_some() => {
+                    (Err(again(&frame, taken).unwrap_or_default()), None)
+                }
+                Ok(frame) if unfit(&frame, period).is_some() => {
+                    (Err(unfit(&frame, period).unwrap_or_default()), Some(frame))
+                }
+                Ok(frame) => {
+                    let seconds = frame.period as f64 * PERIOD;
+                    let found = watcher
+                        .observe(&frame.image, seconds, near, elsewhere)
+                        .map(|seen| (seen, frame.period))
+                        .map_err(|refusal| refusal.to_string());
+                    (found, Some(frame))
+                }
+                Err(missing) => (Err(missing.to_string()), None),
+            };
+            ((source, watcher, found, frame), effort)
+        });
+        let result = self.pulse.away(work).await;
         let Some((source, watcher, found, frame)) = result else {
             tracing::error!(actor = %self.name, "the image worker died");
             return;
@@ -319,27 +322,25 @@ impl Vsp {
         let asked = format!("{view:?}");
         let played = self.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
         let unheard = matches!(played, Some(Played::Nothing));
-        let result = self
-            .work
-            .run(move || {
-                let mut took = None;
-                let (reading, frame) = match source.grab(period, view.exposure) {
-                    _ if played.is_some() => (played.map_or_else(unheard_of, of_face), None),
-                    Ok(frame) if unfit(&frame, period).is_some() => {
-                        (Err(unfit(&frame, period).unwrap_or_default()), Some(frame))
-                    }
-                    Ok(frame) => {
-                        let (place, begun) = (&view.camera_from_face, Instant::now());
-                        let reading = sensor::read_face(&frame.image, &intrinsics, edge, place)
-                            .map_err(|refusal| refusal.to_string());
-                        took = Some(begun.elapsed().as_secs_f64());
-                        (reading, Some(frame))
-                    }
-                    Err(missing) => (Err(missing.to_string()), None),
-                };
-                ((source, reading, frame, took), effort)
-            })
-            .await;
+        let work = self.work.run(move || {
+            let mut took = None;
+            let (reading, frame) = match source.grab(period, view.exposure) {
+                _ if played.is_some() => (played.map_or_else(unheard_of, of_face), None),
+                Ok(frame) if unfit(&frame, period).is_some() => {
+                    (Err(unfit(&frame, period).unwrap_or_default()), Some(frame))
+                }
+                Ok(frame) => {
+                    let (place, begun) = (&view.camera_from_face, Instant::now());
+                    let reading = sensor::read_face(&frame.image, &intrinsics, edge, place)
+                        .map_err(|refusal| refusal.to_string());
+                    took = Some(begun.elapsed().as_secs_f64());
+                    (reading, Some(frame))
+                }
+                Err(missing) => (Err(missing.to_string()), None),
+            };
+            ((source, reading, frame, took), effort)
+        });
+        let result = self.pulse.away(work).await;
         if let Some((_, Ok(_), _, Some(took))) = &result {
             // For the report alone: in the run, reading a face takes as long as the scenario declares.
             self.recorder.0.note(period, || Entry::FaceTook(*took));

@@ -18,6 +18,8 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, SQRT_2};
 
 /// A layer that stands off by less is in line [rad].
 const IN_LINE: f64 = 0.03;
+/// How long they do while the cube stands askew in one: a weak grip that turns back slips on.
+const WEAK: f64 = 5.0;
 /// What turns between pads by less does not force them apart: their rubber gives [rad].
 const PAD_GIVE: f64 = 0.015;
 /// The torque at which a turn back stands still: less than pads of rubber carry about any axis [Nm].
@@ -31,7 +33,7 @@ const ASKEW: f64 = 0.0004;
 /// Tries to turn back before the hand lets go and takes the layer anew, and in all.
 const BEFORE_ANEW: u32 = 2;
 const MOST_TRIES: u32 = 6;
-/// How long the hands give way before a try [s]: at first as a push or a weakness lasts, then as a jam may.
+/// How long the hands give way before a try [s]: at first as a push lasts, then as a jam may.
 const WAITS: [f64; MOST_TRIES as usize] = [1.5, 3.0, 1.0, 3.0, 4.0, 4.0];
 
 /// A turn that has begun.
@@ -141,7 +143,8 @@ impl Mission {
         }
         if !eased {
             // What is strained would seem to stand askew, and what strains it may pass.
-            let wait = WAITS[(tries as usize - 1).min(WAITS.len() - 1)];
+            let slips = [turner, body].into_iter().any(|hand| self.apart(hand, arms) > ASKEW);
+            let wait = if slips { WEAK } else { WAITS[(tries as usize - 1).min(WAITS.len() - 1)] };
             self.push_front(&[
                 Job::Wait(turner.other(), wait),
                 Job::Ease(turner),
