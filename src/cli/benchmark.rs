@@ -1,8 +1,8 @@
 //! `rubik-robot benchmark`: accuracy and speed in trials, and their protocol.
 
-use super::campaign::{Campaign, Shape};
+use super::campaign::{Campaign, LAST_SEED, Shape};
 use super::output::Output;
-use super::{ScenarioArgs, WRONG, complain};
+use super::{ScenarioArgs, WRONG, complain, not_negative};
 use crate::campaign::benchmark::{Kind, score, scramble, scrambled, tier};
 use crate::campaign::protocol::{Setup, protocol};
 use crate::campaign::tally::Tally;
@@ -40,16 +40,16 @@ pub(super) struct BenchmarkArgs {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Seed of the first trial; the others have those that follow
-    #[arg(long, value_name = "S", default_value_t = 1)]
+    #[arg(long, value_name = "S", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=LAST_SEED))]
     seed: u64,
     /// Processes at a time; as many as there are cores when not given
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
     /// Distance that each tool must have at the start from wherever the cube may be [mm]
-    #[arg(long, value_name = "MM", default_value_t = 80.0)]
+    #[arg(long, value_name = "MM", default_value_t = 80.0, value_parser = not_negative)]
     clearance_mm: f64,
     /// Simulated time within which a trial must be done [s]
-    #[arg(long, value_name = "SECONDS", default_value_t = 1800.0)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 1800.0, value_parser = not_negative)]
     within_s: f64,
     /// Time that a trial may take by the wall clock [s]
     #[arg(long, value_name = "SECONDS", default_value_t = 900,

@@ -27,6 +27,8 @@ use std::time::{Duration, Instant};
 const INTERRUPTED: u8 = 130;
 /// The most runs: seeds are numbers, and a list of them is kept.
 const MOST: u64 = 10_000_000;
+/// The last seed that a first run may have: a scenario's seed is an integer of TOML, and so is that of the last run.
+pub(super) const LAST_SEED: u64 = i64::MAX as u64 - MOST;
 
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
@@ -62,7 +64,7 @@ pub(super) struct CampaignArgs {
           value_parser = clap::value_parser!(u64).range(1..=MOST))]
     runs: Option<u64>,
     /// Seed of the first run; the others have those that follow
-    #[arg(long, value_name = "S", default_value_t = 1)]
+    #[arg(long, value_name = "S", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=LAST_SEED))]
     seed: u64,
     /// Processes at a time; as many as there are cores when not given
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..))]
@@ -147,7 +149,12 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     let draw = |seed: u64| vary.as_ref().map_or_else(Vec::new, |vary: &Vary| vary.draw(seed));
     let mut campaign = match Campaign::prepare(&scenario, &shape, text.unwrap_or_default(), draw) {
         Ok(campaign) => campaign,
-        Err(faults) => return Ok(told(&faults)),
+        Err(faults) => {
+            let drawn = args.vary.as_ref().filter(|_| faults.starts_with("what seed"));
+            let from =
+                drawn.map_or_else(String::new, |path| format!("--vary: {}: ", path.display()));
+            return Ok(told(&format!("{from}{faults}")));
+        }
     };
     if let Some(path) = &args.state
         && let Err(why) = campaign.keep_in(path)

@@ -383,6 +383,15 @@ fn rows(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<u8> {
     Ok(0)
 }
 
+/// A number of an option that is a size: no less than nothing, and one at all.
+fn not_negative(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
+        Ok(_) => Err("not a number from 0 on".to_owned()),
+        Err(why) => Err(why.to_string()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -18,7 +18,7 @@ use std::io::Write as _;
 use std::path::Path;
 
 /// Counts up whenever the same file means something else.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// What is kept of a plant.
 #[derive(Debug, Serialize, Deserialize)]
