@@ -101,6 +101,7 @@ pub(super) fn cube_settings(
         jaw_speeds: (c.jaw_close_speed, c.jaw_open_speed),
         finger_depth: [Gripper::FACE_BEHIND_TOOL_ONE, Gripper::FACE_BEHIND_TOOL_TWO]
             .map(|behind| behind + arm.gripper.finger_tip),
+        finger_width: arm.gripper.finger_width,
         compliant_arm: match c.compliant_arm {
             keys::CompliantArm::Body => CompliantArm::Body,
             keys::CompliantArm::Turner => CompliantArm::Turner,

@@ -155,10 +155,10 @@ mod tests {
         };
         let yields = || Comply::until_ended([true; 6], compliance());
 
-        assert!(matches!(ends(yields(), 0.0016), Some(Outcome::ForcedApart(_))));
-        assert_eq!(ends(yields(), 0.0014), None);
+        assert!(matches!(ends(yields(), 0.0011), Some(Outcome::ForcedApart(_))));
+        assert_eq!(ends(yields(), 0.0009), None);
         // Who pulls at it may turn it.
-        assert_eq!(ends(presented(), 0.0016), None);
+        assert_eq!(ends(presented(), 0.0011), None);
     }
 
     #[test]

@@ -227,9 +227,9 @@ pub struct Compliance {
     pub torque_limit: f64,
 }
 
-/// Jaws that hold the cube and are forced apart by more do not lie flat on it any more [m]: a cube that turns between them
-/// about the palm's axis stands askew by 1.5 deg then, beyond the give of the pads.
-pub const FORCED_APART: f64 = 0.0015;
+/// Jaws that hold the cube and are forced apart by more do not lie flat on it any more [m]: a cube that turns between
+/// fingers of 12 mm about the palm's axis stands askew by 6 deg then.
+pub const FORCED_APART: f64 = 0.001;
 
 /// Which directions of the tool frame yield: x, y, z, then rotations about them.
 pub type Selector = [bool; 6];

@@ -123,7 +123,7 @@ pub enum What {
         /// By how much.
         by: f64,
     },
-    /// The pads of a hand have only this share of their friction.
+    /// The pads of a hand hold with only this share of their friction, and as little against what turns between them.
     Slip {
         /// Which arm.
         arm: usize,

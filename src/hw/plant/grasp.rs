@@ -4,15 +4,15 @@
 //!
 //! - pads: two one-sided springs on the true faces. The jaws are coupled, so together they centre the cube
 //!   along y, with a deadband of half the clearance; the grip is the lesser of the two
-//! - friction: x, z and the rotation about y start stress-free where the pads close. The rotation about x, which flat
-//!   pads align, is strained by what the geometry says while the grip grows; from then on it is held by friction, too
-//! - slip surface: `(F_xz / 2 mu N)^2 + (M_xy / 0.6 Ts)^2 <= 1`, `Ts = 2 mu N edge/2`; outside, strains slide back to
-//!   it: tilts first (pads rock before they slide), then force. In proportion for all, two degrees of tilt would leave
-//!   no friction for a lateral force
-//! - about z nothing slides: flat pads drive what stands askew between them back to the nearest quarter, with
-//!   `Ts (cos a - sin a)` at most
-//! - what turns about x or z beyond the give of the rubber forces the jaws apart by its corners: to
-//!   `edge (cos a + sin a)` about z, by the depth of the fingers times `sin a` about x
+//! - friction: x, z and the rotation about y start stress-free where the pads close. The rotations about x
+//!   and z, which flat pads align, are strained by what the geometry says while the grip grows; from then on
+//!   all five are held by friction
+//! - slip surface: `(F_xz / 2 mu N)^2 + (M_xy / 0.6 Ts)^2 + (M_z / Ts)^2 <= 1`, `Ts = 2 mu N edge/2`; outside,
+//!   strains slide back to it: tilts first (pads rock before they slide), then force and torsion in proportion.
+//!   In proportion for all, two degrees of tilt would leave no friction for a lateral force
+//! - what turns about x or z beyond the give of the rubber forces the jaws apart: about z a square between fingers
+//!   of width w to `(edge + w sin a) / cos a`, or to its corners; about x by the depth of the fingers times `sin a`.
+//!   The grip drives it back with as much as that costs, `N w` and `N depth`
 //! - palm: four one-sided points of the two-position stops
 //! - out: the wrench on the cube and its stiffness; a state that the caller commits once a substep
 
@@ -62,8 +62,8 @@ pub(super) struct Grasp {
     /// How far the layers in it lie off the core by their play, by axis, in the core's axes: as they were when they last
     /// were bodies of their own.
     pub(super) off: [Frame; 3],
-    /// Slid part of x, z, and of the rotations about x and y.
-    slid: [f64; 4],
+    /// Slid part of x, z, and of the rotations about x, y, z.
+    slid: [f64; 5],
     /// Rotations about x and z when the pads closed.
     closed_tilt: [f64; 2],
     /// How far what is between the pads stands askew about x and z, as their rubber follows it [rad].
@@ -83,6 +83,8 @@ pub(super) struct Hands<'a> {
     pub(super) edge: f64,
     pub(super) opening: f64,
     pub(super) stops: Depth,
+    /// Share of its hold that a fault leaves it.
+    pub(super) hold: f64,
     /// What the pads are about to touch, in the body that they touch: a lone layer may stand askew.
     pub(super) layer: Frame,
 }
@@ -107,7 +109,7 @@ pub(super) struct Touch {
     pub(super) width: f64,
     /// How far it stands askew about x and z, beyond the give of the rubber [rad].
     askew: [f64; 2],
-    slid: [f64; 4],
+    slid: [f64; 5],
     slip_step: f64,
 }
 
@@ -125,7 +127,7 @@ impl Touch {
         front: 0.0,
         width: 0.0,
         askew: [0.0; 2],
-        slid: [0.0; 4],
+        slid: [0.0; 5],
         slip_step: 0.0,
     };
 
@@ -147,7 +149,7 @@ impl Grasp {
         node: 0,
         reference: Frame::IDENTITY,
         off: [Frame::IDENTITY; 3],
-        slid: [0.0; 4],
+        slid: [0.0; 5],
         closed_tilt: [0.0; 2],
         askew: [0.0; 2],
         grown: (0.0, 0.0),
@@ -183,7 +185,7 @@ impl Grasp {
             node,
             reference: flat,
             off: [Frame::IDENTITY; 3],
-            slid: [e.p.x, e.p.z, 0.0, w.y],
+            slid: [e.p.x, e.p.z, 0.0, w.y, 0.0],
             closed_tilt: [w.x, w.z],
             askew: self.askew,
             grown: (0.0, 0.0),
@@ -233,7 +235,8 @@ impl Grasp {
         // As it was before: the solver knows no stiffness that would lead it back.
         let [about_x, about_z] = self.askew;
         let (tilt, _) = libm::sincos(about_x.min(FRAC_PI_2));
-        t.width = hands.edge * corners(about_z) + depth.clamp(0.0, hands.edge) * tilt;
+        t.width =
+            turned_width(hands.edge, g.finger_width, about_z) + depth.clamp(0.0, hands.edge) * tilt;
         let between = 0.5 * t.width;
         let beside = local.p.x.abs() < half + 0.5 * g.finger_width && face + hands.edge > -g.palm;
         if beside && depth > 0.0 {
@@ -258,34 +261,44 @@ impl Grasp {
         palm(&mut t, hands, &local, face, &w);
         if self.attached() {
             self.friction(&mut t, hands, &e, &w);
+            let grip = if self.lost { 0.0 } else { hands.hold * t.grip() };
+            let levers = [depth.clamp(0.0, hands.edge), g.finger_width];
+            for ((axis, lever), askew) in [0, 2].into_iter().zip(levers).zip(self.askew) {
+                t.torque[axis] -= w[axis].signum() * grip * lever * (askew / GIVE).min(1.0);
+            }
         }
         t
     }
 
     fn friction(&self, t: &mut Touch, hands: &Hands, e: &Frame, w: &Vector3<f64>) {
         let j = hands.jaws;
-        let strain: [f64; 4] =
-            [e.p.x - self.slid[0], e.p.z - self.slid[1], w.x - self.slid[2], w.y - self.slid[3]];
+        let strain: [f64; 5] = [
+            e.p.x - self.slid[0],
+            e.p.z - self.slid[1],
+            w.x - self.slid[2],
+            w.y - self.slid[3],
+            w.z - self.slid[4],
+        ];
         let mut fx = -j.stiffness[0] * strain[0];
         let mut fz = -j.stiffness[2] * strain[1];
-        let mut m = Vector3::from_fn(|i, _| -j.rotation[i] * [strain[2], strain[3], w.z][i]);
+        let mut m = Vector3::from_fn(|i, _| -j.rotation[i] * strain[2 + i]);
         let grip = if self.lost { 0.0 } else { t.grip() };
         let plane = (2.0 * j.friction * grip).max(1e-9);
         let torsion = plane * 0.5 * hands.edge;
         let tilt = 0.6 * torsion;
-        let aligning = torsion * lever(self.askew[1]);
-        m.z = m.z.clamp(-aligning, aligning);
         // While the grip grows, what flat pads align is not friction's business.
         let growing = self.grown.1 < SETTLING;
-        let load = (fx * fx + fz * fz) / (plane * plane);
+        let mut load = (fx * fx + fz * fz) / (plane * plane);
         let mut rocking = m.y * m.y / (tilt * tilt);
         if growing {
             m.x = m.x.clamp(-tilt, tilt);
+            m.z = m.z.clamp(-torsion, torsion);
         } else {
+            load += m.z * m.z / (torsion * torsion);
             rocking += m.x * m.x / (tilt * tilt);
         }
         let slide = |t: &mut Touch, keep: f64, which: &[usize]| {
-            for i in which.iter().filter(|i| !growing || **i != 2) {
+            for i in which.iter().filter(|i| !growing || (**i != 2 && **i != 4)) {
                 t.slid[*i] += (1.0 - keep) * strain[*i];
             }
         };
@@ -294,7 +307,10 @@ impl Grasp {
             let keep = 1.0 / load.sqrt();
             fx *= keep;
             fz *= keep;
-            slide(t, keep, &[0, 1]);
+            if !growing {
+                m.z *= keep;
+            }
+            slide(t, keep, &[0, 1, 4]);
             t.slip_step = (1.0 - keep) * strain[0].hypot(strain[1]);
         }
         // Pads rock before they slide: tilt has what force and torsion leave.
@@ -333,7 +349,7 @@ impl Grasp {
         self.slip.0 += t.slip_step;
         // Of the aligned rotations only what goes beyond the misalignment at closing is slip.
         let beyond = (self.slid[2].abs() - self.closed_tilt[0].abs())
-            .max(t.askew[1] - self.closed_tilt[1].abs());
+            .max(self.slid[4].abs() - self.closed_tilt[1].abs());
         self.slip.1 = (self.slip.1 + about_jaws).max(beyond);
         let grip = t.grip();
         if grip > 1.02 * self.grown.0 {
@@ -352,17 +368,12 @@ fn beyond_give(angle: f64) -> f64 {
     (angle.abs() - GIVE).max(0.0)
 }
 
-/// How much wider a square is, measured along one of its sides' normals, after it has turned by `angle` [rad].
-fn corners(angle: f64) -> f64 {
-    let (s, c) = libm::sincos(angle % FRAC_PI_2);
-    c + s
-}
-
-/// The lever at which two flat pads press on its opposite corners, as a share of its side; 0 from an eighth turn on, from
-/// where they drive it on to the next quarter.
-fn lever(angle: f64) -> f64 {
-    let (s, c) = libm::sincos(angle);
-    (c - s).max(0.0)
+/// How far a square that has turned by `angle` [rad] forces flat fingers apart that are so wide [m].
+fn turned_width(side: f64, finger: f64, angle: f64) -> f64 {
+    let angle = angle % FRAC_PI_2;
+    let (s, c) = libm::sincos(angle.min(FRAC_PI_2 - angle));
+    // Beyond its corners there is nothing of it.
+    ((side + finger * s) / c).min(side * (c + s))
 }
 
 /// The palm's stops on the face, which lies at `face` and is tilted by `w`.

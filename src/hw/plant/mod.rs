@@ -394,6 +394,7 @@ impl Plant {
                 edge,
                 opening: self.jaws[i].opening(),
                 stops: self.stops[i],
+                hold: self.faults.acting.friction[i],
                 layer: layers[i],
             })
         });

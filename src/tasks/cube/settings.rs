@@ -103,6 +103,8 @@ pub struct CubeSettings {
     pub keeper: Keeper,
     /// How deep the fingers reach beyond the face under the palm, with one and with two layers between them [m].
     pub finger_depth: [f64; 2],
+    /// Extent of a finger along the tool's x [m].
+    pub finger_width: f64,
 }
 
 /// Time in which a hand opens to leave its partner or the operator [s], at least.

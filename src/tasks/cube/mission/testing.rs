@@ -86,6 +86,7 @@ pub(super) fn settings() -> CubeSettings {
         seconds_per_node: 0.0,
         calibrated_at: Point3::origin(),
         finger_depth: [0.017, 0.036],
+        finger_width: 0.012,
         keeper: Keeper::Person,
     }
 }

@@ -14,7 +14,7 @@ use super::{Job, Mission, Trust, name};
 use crate::generators::Outcome;
 use crate::motion::{ArmState, Depth};
 use crate::tasks::cube::hold::{Grip, Hand};
-use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, SQRT_2};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 /// A layer that stands off by less is in line [rad].
 const IN_LINE: f64 = 0.03;
@@ -29,7 +29,7 @@ const CONTRADICTION: f64 = 8.0;
 /// How long both hands stand and wait for it to pass [s].
 const STAND: f64 = 1.5;
 /// Jaws at rest that are farther apart than they were do not lie flat [m].
-const ASKEW: f64 = 0.0004;
+const ASKEW: f64 = 0.00025;
 /// Tries to turn back before the hand lets go and takes the layer anew, and in all.
 const BEFORE_ANEW: u32 = 2;
 const MOST_TRIES: u32 = 6;
@@ -60,21 +60,21 @@ impl Begun {
         Self { turner, grip, roll, sense, stood: (grip, 0.0), why: None }
     }
 
-    /// The grip at the quarter that is nearest to a roll, and how far the roll is off it [rad]. The cube's body may
-    /// have turned along by so much, in the sense of the turn [rad].
-    fn nearest(&self, roll: f64, along: f64) -> (Grip, f64) {
-        let off = roll - self.roll - self.sense * along;
+    /// The grip at the quarter that is nearest to a roll, and how far the roll is off it [rad]. The hand may have turned by so
+    /// much in vain, since what it or its partner holds stands askew [rad].
+    fn nearest(&self, roll: f64, in_vain: f64) -> (Grip, f64) {
+        let off = roll - self.roll - self.sense * in_vain;
         let quarters = (off / FRAC_PI_2).round();
         let clockwise = (quarters as i64).rem_euclid(4);
         (self.grip.after_turn(clockwise as u8), off - quarters * FRAC_PI_2)
     }
 }
 
-/// By how much a square stands askew between jaws that it holds so far apart, for its side [rad].
-fn askew_between(opening: f64, side: f64) -> f64 {
-    // cos a + sin a = opening / side
-    let share = (opening / side / SQRT_2).clamp(1.0 / SQRT_2, 1.0);
-    libm::asin(share) - FRAC_PI_4
+/// By how much a square of a side [m] stands askew between fingers of a width, that it holds so far apart [m, rad].
+fn askew_between(opening: f64, side: f64, finger: f64) -> f64 {
+    // (side + finger sin a) / cos a = opening
+    let (reach, slant) = (opening.hypot(finger), libm::atan2(finger, opening));
+    (libm::acos((side / reach).min(1.0)) - slant).clamp(0.0, FRAC_PI_4)
 }
 
 impl Mission {
@@ -115,8 +115,7 @@ impl Mission {
         let (_, off) = begun.stood;
         self.begun = Some(begun.clone());
         let body = turner.other();
-        let flat = self.apart(turner, arms) < ASKEW;
-        let in_line = holds && flat && off.abs() < IN_LINE;
+        let in_line = holds && off.abs() < IN_LINE;
         let contradict = self.contradiction(arms) > CONTRADICTION;
         if tries > MOST_TRIES && (!holds || contradict || eased && !in_line) {
             self.log.notes.push("the layer could not be brought back into line".to_owned());
@@ -137,7 +136,7 @@ impl Mission {
                 self.push_front(&[Job::Stand(STAND), next]);
             } else {
                 self.forces = Trust::Doubted;
-                self.take_anew(turner, tries, arms, &begun);
+                self.take_anew(turner, tries, &begun);
             }
             return;
         }
@@ -176,29 +175,19 @@ impl Mission {
             self.push_front(&[Job::Turn { turner, angle: -off, tries: u32::MAX }, next]);
             return;
         }
-        self.take_anew(turner, tries, arms, &begun);
+        self.take_anew(turner, tries, &begun);
     }
 
     /// The turner lets go, zeroes its force in free air, and closes at the roll at which the layer stands.
-    fn take_anew(&mut self, turner: Hand, tries: u32, arms: &[ArmState], begun: &Begun) {
+    fn take_anew(&mut self, turner: Hand, tries: u32, begun: &Begun) {
         let (grip, off) = begun.stood;
         let holds = self.belief.held[turner.index()].is_some();
-        // Where it stands askew between the jaws, it lags behind the hand.
-        let width = self.widths[turner.index()].unwrap_or(self.settings.edge);
-        let lag = if holds && self.apart(turner, arms) > ASKEW {
-            begun.sense * (askew_between(arms[turner.index()].jaw_opening, width) + PAD_GIVE)
-        } else {
-            0.0
-        };
-        if let Some(begun) = &mut self.begun {
-            begun.stood.1 = off - lag;
-        }
         self.log.notes.push(format!("the {} hand takes the layer anew", name(turner)));
         let Grip { hold, half_roll } = grip;
         let mut jobs = vec![
             Job::Bias([true, true]),
             Job::PreGrasp { hand: turner, hold, half_roll },
-            Job::Roll(turner, off - lag),
+            Job::Roll(turner, off),
             Job::Approach { hand: turner, hold, half_roll },
             Job::Close { hand: turner, hold },
             Job::Holds { hand: turner, hold, half_roll },
@@ -213,7 +202,18 @@ impl Mission {
     /// The grip of the turner at the quarter nearest to which the layer stands, and how far off it [rad].
     fn stands(&self, turner: Hand, arms: &[ArmState], begun: &Begun) -> (Grip, f64) {
         let roll = arms[turner.index()].desired_joints.0[6];
-        begun.nearest(roll, self.turned_along(turner, self.apart(turner.other(), arms)))
+        let along = self.turned_along(turner, self.apart(turner.other(), arms));
+        // Where the layer stands askew between the turner's jaws, it lags behind the hand.
+        begun.nearest(roll, along + self.askew_about_palm(turner, self.apart(turner, arms)))
+    }
+
+    /// How far what a hand holds stands askew about the palm's axis, when it has forced the jaws apart by so much [m, rad].
+    fn askew_about_palm(&self, hand: Hand, apart: f64) -> f64 {
+        if apart <= ASKEW {
+            return 0.0;
+        }
+        let width = self.widths[hand.index()].unwrap_or(self.settings.edge);
+        askew_between(width + apart, width, self.settings.finger_width) + PAD_GIVE
     }
 
     /// By how much jaws are farther apart than when they closed [m].
@@ -241,14 +241,13 @@ impl Mission {
         let Some(held) = self.belief.held[body.index()].filter(|_| apart > ASKEW) else {
             return 0.0;
         };
-        let width = self.widths[body.index()].unwrap_or(self.settings.edge);
         match self.belief.turn_axis(turner) {
             // Along the fingers' width: the pads lie on it as deep as the fingers reach.
             Some(0) => {
                 let depth = self.settings.finger_depth[usize::from(held.hold.depth == Depth::Two)];
                 libm::asin((apart / depth).min(1.0)) + PAD_GIVE
             }
-            Some(2) => askew_between(width + apart, width) + PAD_GIVE,
+            Some(2) => self.askew_about_palm(body, apart),
             _ => 0.0,
         }
     }
@@ -361,7 +360,7 @@ mod tests {
 
         // The layer lags behind a hand whose jaws it has forced apart.
         let (mission, _) = turning();
-        arms[0].jaw_opening = WIDTH * (0.2_f64.cos() + 0.2_f64.sin());
+        arms[0].jaw_opening = (WIDTH + 0.012 * libm::sin(0.2)) / libm::cos(0.2);
         let anew = jobs(mission, &arms, BEFORE_ANEW + 1);
         let by = anew.iter().find_map(|job| match job {
             Job::Roll(_, by) => Some(*by),
@@ -441,10 +440,10 @@ mod tests {
 
     #[test]
     fn jaws_tell_how_a_square_stands_between_them() {
-        for angle in [0.0, 0.1, 0.5, FRAC_PI_4] {
-            let opening = 0.057 * (libm::cos(angle) + libm::sin(angle));
-            assert!((askew_between(opening, 0.057) - angle).abs() < 1e-6, "{angle}");
+        for angle in [0.0, 0.1, 0.5] {
+            let opening = (0.057 + 0.012 * libm::sin(angle)) / libm::cos(angle);
+            assert!((askew_between(opening, 0.057, 0.012) - angle).abs() < 1e-6, "{angle}");
         }
-        assert!(askew_between(0.05, 0.057).abs() < 1e-9, "narrower than any");
+        assert!(askew_between(0.05, 0.057, 0.012).abs() < 1e-9, "narrower than any");
     }
 }
