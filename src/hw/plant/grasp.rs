@@ -263,8 +263,11 @@ impl Grasp {
             self.friction(&mut t, hands, &e, &w);
             let grip = if self.lost { 0.0 } else { hands.hold * t.grip() };
             let levers = [depth.clamp(0.0, hands.edge), g.finger_width];
-            for ((axis, lever), askew) in [0, 2].into_iter().zip(levers).zip(self.askew) {
+            for ((axis, lever), askew) in [0, 2].into_iter().zip(levers).zip(t.askew) {
                 t.torque[axis] -= w[axis].signum() * grip * lever * (askew / GIVE).min(1.0);
+                if askew > 0.0 && askew < GIVE {
+                    t.stiffness[(3 + axis, 3 + axis)] += grip * lever / GIVE;
+                }
             }
         }
         t
