@@ -161,6 +161,7 @@ fn manner() -> Manner {
             angular: 0.7,
             angular_acceleration: 1.4,
         },
+        hand: None,
     }
 }
 

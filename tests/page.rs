@@ -239,6 +239,44 @@ fn arms_are_moved_by_hand_in_the_idle_task_and_the_record_shows_it() {
     assert_eq!(summary.exit_code(), 0);
 }
 
+/// Two arms that are moved by hand.
+const BY_HAND: &str = "task = \"idle\"\ncamera = []\nvsp = []\n";
+
+#[test]
+fn a_way_into_the_table_is_refused_with_what_comes_too_near() {
+    let scenario = scenario::read(Path::new("by_hand.toml"), BY_HAND, &[]).unwrap();
+    let run = begin(scenario, RunOptions::default());
+    runtime().block_on(async {
+        let mut page = Page::open(&run.server).await;
+        let at = |s: &Value| s["arms"][1]["joints"][2].as_f64().unwrap();
+        let shoulder = |by: f64| {
+            let order = json!({ "order": "joint", "axis": 2, "by": by });
+            json!({ "command": "manual", "effector": 1, "order": order })
+        };
+        let first = page.sees(|s| s["services"]["manual"] == true).await;
+        page.say(shoulder(0.02)).await;
+        let moved = |s: &Value| (at(s) - at(&first) - 0.02).abs() < 5e-3;
+        let before = page.sees(|s| moved(s) && s["services"]["manual"] == true).await;
+
+        // The shoulder would bring the hand down to the table: nothing moves.
+        page.say(shoulder(0.6)).await;
+        let refused = |m: &Value| {
+            let told = m.get("messages").map(Value::to_string);
+            told.filter(|told| told.contains("guard a way"))
+        };
+        let told = page.until(refused).await;
+        assert!(told.contains("the hand of the postument arm comes within"), "{told}");
+        assert!(told.contains("of the table"), "{told}");
+        let later = page.sees(|s| s["services"]["manual"] == true).await;
+        assert!((at(&later) - at(&before)).abs() < 1e-2, "it did not move");
+
+        page.say(json!({ "command": "terminate" })).await;
+        page.sees(|s| s["control"] == "ended").await;
+    });
+    let summary = run.thread.join().unwrap();
+    assert_eq!((summary.exit_code(), summary.collisions), (0, Some(0)), "{}", summary.reason);
+}
+
 /// The program itself with a page; the WebSocket's address, and the process.
 fn program(arguments: &[&str]) -> (Child, String, Receiver<String>) {
     let mut child = Process::new(env!("CARGO_BIN_EXE_rubik-robot"))

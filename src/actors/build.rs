@@ -1,6 +1,6 @@
 //! From a scenario's controller section to what the shells and kernels are made of.
 
-use super::move_instruction::Manner;
+use super::move_instruction::{Manner, NearHand};
 use super::supervisor::RunOptions;
 use crate::cell::{Cell, Gripper, Mount};
 use crate::cube::{Axis, Face, Keeper};
@@ -23,9 +23,17 @@ use crate::vision::Method;
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
 
-/// How the generators of all effectors behave.
-pub(super) fn manner(config: &ControllerConfig) -> Manner {
+/// How the generators of an effector behave.
+pub(super) fn manner(config: &ControllerConfig, effector: usize) -> Manner {
     let c = &config.control;
+    let zone = &config.cell.hand;
+    let hand = config
+        .cell
+        .arms
+        .get(effector)
+        .filter(|_| config.cell.keeper == Keeper::Person)
+        .map(|arm| (arm.world_from_base.inverse() * zone.world_from_cube, zone.half_extent))
+        .map(|zone| NearHand { zone, force: c.hand_force });
     let mut joint = [c.joint_speed; AXES];
     let mut joint_acceleration = [c.joint_acceleration; AXES];
     joint[0] = c.track_speed;
@@ -51,6 +59,7 @@ pub(super) fn manner(config: &ControllerConfig) -> Manner {
             angular: c.angular_speed,
             angular_acceleration: 2.0 * c.angular_speed,
         },
+        hand,
     }
 }
 
@@ -97,7 +106,7 @@ pub(super) fn cube_settings(
         turn_least_torque: c.turn_least_torque,
         pull: c.approach_force,
         speed: 1.0,
-        speeds: manner(config).speeds,
+        speeds: manner(config, 0).speeds,
         jaw_speeds: (c.jaw_close_speed, c.jaw_open_speed),
         finger_depth: [Gripper::FACE_BEHIND_TOOL_ONE, Gripper::FACE_BEHIND_TOOL_TWO]
             .map(|behind| behind + arm.gripper.finger_tip),

@@ -270,7 +270,7 @@ fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Err
         .ok_or_else(|| failed("the plant has no such camera"))?;
     let mut source = PlantCamera::new(renderer, output);
     let mut arms = Arms::new(scenario, plant)?;
-    let manner = build::manner(config);
+    let manner = build::manner(config, plan.mover);
     let grip = JawCommand {
         opening: (cell.cube.edge - 0.003).max(cell.arms[plan.holder].gripper.opening.0),
         force_limit: config.control.grip,

@@ -10,6 +10,8 @@ use crate::generators::{
     Behaviour, Compliance, Generator, Inputs, Next, Outcome, Sensing, Target, position::Speeds,
 };
 use crate::motion::{ArmState, MoveCommand, PERIOD};
+use crate::spatial::{Pose, Wrench};
+use nalgebra::{Point3, Vector3};
 
 /// A generator with the state that its next call needs.
 #[derive(Debug)]
@@ -18,6 +20,8 @@ pub struct Motion {
     /// Macrosteps from full pace to rest, and how many of them the motion is away from rest.
     ramp: u32,
     pace: u32,
+    /// What is heeded near the operator's hand; nothing by what gives way there, or lets go.
+    hand: Option<NearHand>,
 }
 
 /// Time in which a pause brings a motion to rest, and a resume to its full pace [s]. From the full speed of axis 6 the
@@ -31,6 +35,68 @@ pub struct Manner {
     pub compliance: Compliance,
     /// Full speeds.
     pub speeds: Speeds,
+    /// Where an operator's hand may be.
+    pub hand: Option<NearHand>,
+}
+
+/// Where an operator's hand may be, as one arm sees it.
+#[derive(Debug, Clone, Copy)]
+pub struct NearHand {
+    /// `base_from_zone`, and half the size of the box there [m].
+    pub zone: (Pose, Vector3<f64>),
+    /// Force at which any motion is broken off there [N].
+    pub force: f64,
+}
+
+impl NearHand {
+    /// So near is a tool whose fingers, cube or palm may touch a hand in the zone, and the speed of a braking arm [m].
+    const NEAR: f64 = 0.15;
+
+    /// Whether an arm that is there feels more than it may.
+    fn excess(&self, arm: &ArmState) -> Option<Outcome> {
+        let (base_from_zone, half) = &self.zone;
+        let tool = Point3::from(arm.desired_base_from_tool.translation.vector);
+        let beyond = (base_from_zone.inverse() * tool).coords.abs() - half;
+        let Wrench { force, .. } = arm.wrench_in_tool;
+        (beyond.map(|x| x.max(0.0)).norm() < Self::NEAR && force.norm() > self.force)
+            .then(|| Outcome::OverForce(force.iamax(), force.norm()))
+    }
+}
+
+impl Manner {
+    /// How long a motion along a known way takes [s]; 0 of what is no such motion.
+    #[must_use]
+    pub fn seconds(&self, order: &Behaviour, arm: &ArmState) -> f64 {
+        match *order {
+            Behaviour::Joints { target, speed, seconds } => {
+                self.speeds.joints_seconds(&arm.desired_joints, &target, speed).max(seconds)
+            }
+            Behaviour::Line { target, speed } => {
+                let (way, turn) = off(arm, &target);
+                self.speeds.line_seconds(way, turn, speed)
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// Gives such a motion so much time [s].
+    pub fn last(&self, order: &mut Behaviour, arm: &ArmState, lasts: f64) {
+        match order {
+            Behaviour::Joints { seconds, .. } => *seconds = lasts,
+            Behaviour::Line { target, speed } => {
+                let (way, turn) = off(arm, target);
+                *speed = self.speeds.line_fraction(way, turn, lasts);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Distance [m] and angle [rad] from an arm's tool to `base_from_tool`.
+fn off(arm: &ArmState, target: &Pose) -> (f64, f64) {
+    let from = &arm.desired_base_from_tool;
+    let way = (target.translation.vector - from.translation.vector).norm();
+    (way, from.rotation.angle_to(&target.rotation))
 }
 
 impl Motion {
@@ -40,7 +106,12 @@ impl Motion {
         let macrostep = f64::from(manner.compliance.macrostep) * PERIOD;
         let ramp = (REST / macrostep).ceil().max(1.0) as u32;
         let generator = behaviour.generator(&manner.compliance, &manner.speeds);
-        Self { generator, ramp, pace: ramp }
+        let yields = matches!(
+            behaviour,
+            Behaviour::Comply { .. } | Behaviour::Present { .. } | Behaviour::Jaw { .. }
+        );
+        let hand = manner.hand.filter(|_| !yields);
+        Self { generator, ramp, pace: ramp, hand }
     }
 
     /// Whether it stands still because of [`Motion::heed`].
@@ -66,6 +137,9 @@ impl Motion {
         arm: &ArmState,
         target: Option<&Target>,
     ) -> Result<(MoveCommand, Option<Sensing>), Outcome> {
+        if let Some(excess) = self.hand.and_then(|hand| hand.excess(arm)) {
+            return Err(excess);
+        }
         let share = f64::from(self.pace) / f64::from(self.ramp);
         // Without a jump of the acceleration at either end.
         let pace = share * share * (3.0 - 2.0 * share);

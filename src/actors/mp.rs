@@ -16,15 +16,17 @@ use super::vsp::VspHandle;
 use super::witness::Turning;
 use super::work::Work;
 use crate::error::{Error, NonFatal, System};
+use crate::generators::position::min_jerk;
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::{
     AXES, ArmState, Motion as Way, MotorPositions, MoveCommand, PERIOD, Synchronisation,
 };
 use crate::operator::{Answer, Manual, Question};
-use crate::reach::guard::{Guard, Near};
+use crate::reach::guard::{Guard, Near, Way as Asked};
 use crate::record::journal::Journal;
 use crate::record::recorder::Entry;
 use crate::record::tape::Tape;
+use crate::spatial::Pose;
 use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -144,18 +146,37 @@ impl Mp {
         self.parts.forces.as_ref().map(|f| *f.borrow()).unwrap_or_default()
     }
 
-    /// Whether the ways of joints that are asked for are free, as far as the believed cell tells.
-    fn guarded(&self, orders: &[Option<Behaviour>; 2]) -> Result<(), Near> {
+    /// Whether the ways that are asked for are free, as far as the believed cell tells. Those that are too fast where the
+    /// operator's hand may be are given more time, both arms as much, since they are free when both go evenly. The visual
+    /// servo has its own speed, and its way is not known before.
+    fn guarded(&self, orders: &mut [Option<Behaviour>; 2]) -> Result<(), Near> {
         let (Some(guard), [first, second]) = (&self.parts.guard, self.arms.as_slice()) else {
             return Ok(());
         };
-        let from = [&first.desired_joints, &second.desired_joints];
-        let target = |i: usize| match &orders[i] {
-            Some(Behaviour::Joints { target, .. }) => target,
-            _ => from[i],
-        };
-        let known = [first, second].iter().all(|a| a.synchronisation == Synchronisation::Yes);
-        if known { guard.way(from, [target(0), target(1)]) } else { Ok(()) }
+        let arms = [first, second];
+        if arms.iter().any(|arm| arm.synchronisation != Synchronisation::Yes) {
+            return Ok(());
+        }
+        let from = arms.map(|arm| &arm.desired_joints);
+        let ways = [0, 1].map(|i: usize| asked(orders[i].as_ref(), arms[i]));
+        guard.ways(from, ways.each_ref())?;
+        let lasts: [f64; 2] =
+            std::array::from_fn(|i| match (&orders[i], self.parts.manners.get(i)) {
+                (Some(order), Some(manner)) => manner.seconds(order, arms[i]),
+                _ => 0.0,
+            });
+        let slower = (0..2)
+            .filter(|&i| lasts[i] > 0.0)
+            .map(|i| guard.haste(i, from[i], &ways[i], lasts[i], min_jerk))
+            .fold(1.0, f64::max);
+        if slower > 1.0 {
+            for (i, order) in orders.iter_mut().enumerate().filter(|(i, _)| lasts[*i] > 0.0) {
+                if let (Some(order), Some(manner)) = (order, self.parts.manners.get(i)) {
+                    manner.last(order, arms[i], slower * lasts[i]);
+                }
+            }
+        }
+        Ok(())
     }
 
     fn now(&self) -> f64 {
@@ -237,8 +258,8 @@ impl Mp {
                     self.parts.ui.tell(Notice::Phase(now, name.into()));
                     Event::Done
                 }
-                Action::Behave { orders, until } => {
-                    if let Err(near) = self.guarded(&orders) {
+                Action::Behave { mut orders, until } => {
+                    if let Err(near) = self.guarded(&mut orders) {
                         let cause = NonFatal::Arguments(near.to_string());
                         let error =
                             Error::NonFatal { actor: "mp".into(), place: "guard a way", cause };
@@ -612,6 +633,19 @@ impl Mp {
         }
         self.refresh().await?;
         Ok(outcomes)
+    }
+}
+
+/// How a behaviour moves an arm that stands so, as far as that is known before.
+fn asked(order: Option<&Behaviour>, arm: &ArmState) -> Asked {
+    let ahead =
+        |way: f64| Asked::Line(arm.desired_base_from_tool * Pose::translation(0.0, 0.0, way));
+    match order {
+        Some(Behaviour::Joints { target, .. }) => Asked::Joints(*target),
+        Some(Behaviour::Line { target, .. }) => Asked::Line(*target),
+        Some(Behaviour::Approach { distance, .. }) => ahead(*distance),
+        Some(Behaviour::Withdraw { distance, .. }) => ahead(-distance),
+        _ => Asked::Stays,
     }
 }
 

@@ -12,6 +12,7 @@ use super::disturbance::{Mishap, Troubles};
 use super::gate::{Gate, Inner};
 use super::homing::{self, homed};
 use super::interrupt::Interrupt;
+use super::lookout;
 use super::mp::{self, Coordination, Mp};
 use super::present::Presenter;
 use super::recording;
@@ -29,7 +30,7 @@ use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches
 use crate::hw::note::{self, Note};
 use crate::hw::plant::saved::{Saved, Unfit};
 use crate::hw::plant::{Plant, Verdict};
-use crate::motion::{ArmState, PERIOD, Synchronisation};
+use crate::motion::PERIOD;
 use crate::operator::OutcomeView;
 use crate::reach::guard::Guard;
 use crate::reach::{MeetingTable, ReachSettings};
@@ -723,9 +724,10 @@ async fn perform(
             edp::spawn_under(&arm.name, link, clock.clone(), tape.clone(), &care)
         })
         .collect();
-    if let Some(guard) = Guard::of(&config.cell) {
+    if let Some(guard) = Guard::of(&config.cell, config.control.hand_speed) {
         let states = edps.iter().map(edp::EdpHandle::watch).collect();
-        let watching = watch_over(guard, states, Arc::clone(&switches), ui.clone(), clock.clone());
+        let watching =
+            lookout::watch_over(guard, states, Arc::clone(&switches), ui.clone(), clock.clone());
         alarm.spawn("guard", watching);
     }
     // By hand, the operator decides when an arm is synchronised.
@@ -793,7 +795,8 @@ async fn perform(
             (_, None) => return Err(not_created(&wanted.name, "it has no camera")),
         }
     }
-    let manner = build::manner(config);
+    let manners: Vec<_> =
+        (0..config.cell.arms.len()).map(|effector| build::manner(config, effector)).collect();
     let ecps: Vec<_> = config
         .cell
         .arms
@@ -805,7 +808,7 @@ async fn perform(
                 edp: edp.clone(),
                 tracker: sensors.tracker_of(Owner::Ecp(index)),
                 hand_camera: sensors.hand_camera_of(Owner::Ecp(index), index),
-                manner,
+                manner: manners[index],
                 control: will.clone(),
                 tape: tape.clone(),
             };
@@ -844,7 +847,7 @@ async fn perform(
             keys::Coordination::Continuous => Coordination::Continuous,
             keys::Coordination::Sporadic => Coordination::Sporadic,
         },
-        manners: vec![manner; config.cell.arms.len()],
+        manners,
         control: will,
         ui: ui.clone(),
         operator: words,
@@ -853,7 +856,7 @@ async fn perform(
         work,
         tape: tape.clone(),
         journal: journal.journal,
-        guard: Guard::of(&config.cell),
+        guard: Guard::of(&config.cell, config.control.hand_speed),
     })
     .heeding(&care(Some(&troubles.mp)));
     let span = tracing::info_span!("mp");
@@ -959,34 +962,6 @@ async fn survived(
             ui.tell(ui::Notice::Error(end, error.clone()));
             mp::Ending::broken(end, error)
         }
-    }
-}
-
-/// Stops both arms where they come too near to something, whatever brings them there.
-async fn watch_over(
-    guard: Guard,
-    states: Vec<watch::Receiver<ArmState>>,
-    switches: Arc<Switches>,
-    ui: ui::UiHandle,
-    clock: Clock,
-) {
-    let sound = |guard: &Guard| {
-        let [first, second] = [0, 1].map(|i: usize| *states[i].borrow());
-        let known = [first, second].iter().all(|a| a.synchronisation == Synchronisation::Yes);
-        if known { guard.place([&first.desired_joints, &second.desired_joints]) } else { Ok(()) }
-    };
-    // Who is put too near at the beginning may be led out of there.
-    while sound(&guard).is_err() {
-        tokio::time::sleep(HEART_BEAT).await;
-    }
-    loop {
-        if let Err(near) = sound(&guard) {
-            let now = clock.period() as f64 * PERIOD;
-            ui.tell(ui::Notice::Warning(now, format!("{near}: both arms are stopped")));
-            switches.emergency.store(true, Ordering::Release);
-            return;
-        }
-        tokio::time::sleep(HEART_BEAT).await;
     }
 }
 

@@ -57,6 +57,20 @@ impl Speeds {
             fraction,
         ))
     }
+
+    /// The fraction of the full speeds at which such a way takes so many seconds, in 0..=1.
+    #[must_use]
+    pub fn line_fraction(&self, way: f64, turn: f64, seconds: f64) -> f64 {
+        fraction(way, self.linear, self.linear_acceleration, seconds)
+            .max(fraction(turn, self.angular, self.angular_acceleration, seconds))
+            .min(1.0)
+    }
+}
+
+/// Largest fraction of a full speed and acceleration at which a way takes so long.
+fn fraction(way: f64, speed: f64, acceleration: f64, seconds: f64) -> f64 {
+    let by_speed = PEAK_SPEED * way.abs() / (speed * seconds);
+    by_speed.max(PEAK_ACCELERATION * way.abs() / (acceleration * seconds * seconds))
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -196,6 +210,18 @@ mod tests {
         assert_eq!(last, target);
         assert!(fastest[0] <= 0.05 + 1e-9 && fastest[1] <= 0.5 + 1e-9, "{fastest:?}");
         assert!(fastest[0] > 0.03, "the slowest axis uses its speed: {fastest:?}");
+    }
+
+    #[test]
+    fn a_line_that_is_to_take_so_long_does() {
+        for (way, turn) in [(0.3, 0.0), (0.01, 0.0), (0.1, 1.5), (0.0, 0.2)] {
+            let least = speeds().line_seconds(way, turn, 1.0);
+            for longer in [1.0, 1.3, 7.0] {
+                let fraction = speeds().line_fraction(way, turn, longer * least);
+                let lasts = speeds().line_seconds(way, turn, fraction);
+                assert!((lasts - longer * least).abs() < 1e-9, "{way} {turn}: {lasts} {least}");
+            }
+        }
     }
 
     #[test]

@@ -85,6 +85,14 @@ impl Bodies {
         }
     }
 
+    /// Places on wrist, gripper, fingers and cube, and how far what they stand for reaches from there [m].
+    pub(super) fn hand(&self) -> [(Point3<f64>, f64); 7] {
+        let [.., wrist, gripper] = &self.links;
+        let ends = |c: &Capsule| c.ends.map(|end| (end, c.radius));
+        let ([a, b], [c, d], [e, f]) = (ends(wrist), ends(gripper), ends(&self.fingers));
+        [a, b, c, d, e, f, (self.cube.middle, self.cube.radius)]
+    }
+
     /// Lowest point of wrist and gripper above the floor [m].
     pub(super) fn lowest(&self) -> f64 {
         let ends = self.links[3..].iter().flat_map(|c| c.ends).chain(self.cube.ends);

@@ -1,13 +1,16 @@
-//! A guard over both arms: where they may stand, and which ways they may go.
+//! A guard over both arms: where they may stand, which ways they may go, and how fast near the operator's hand.
 //!
-//! - in: the believed cell, the joints of both arms
-//! - out: what would come too near to what
+//! - in: the believed cell, the joints of both arms, the ways that are asked for
+//! - out: what would come too near to what; how much too fast a way is
 //! - the parts are those of the search for meetings (`bodies`); pairs that meet by design, hands at one cube,
 //!   are left out. Meetings keep 20 mm, corrections are smaller than the rest: the guard never speaks in a sound run
 
 use super::bodies::{Bodies, at_the_cube};
 use crate::cell::Cell;
+use crate::cube::Keeper;
 use crate::motion::JointPositions;
+use crate::spatial::Pose;
+use nalgebra::Point3;
 
 /// Least distance between the arms, and of a hand from its own arm [m].
 const LEAST: f64 = 0.005;
@@ -15,42 +18,76 @@ const LEAST: f64 = 0.005;
 const ABOVE_TABLE: f64 = 0.02;
 /// Places at which a way is looked at.
 const STEPS: u32 = 24;
+/// Moments at which the speed of a way is looked at.
+const MOMENTS: u32 = 60;
+/// So near to where the operator's hand may be, an arm is slow [m].
+const NEAR: f64 = 0.10;
 
 /// Knows the cell as the controller believes it.
 #[derive(Debug, Clone)]
 pub struct Guard {
     cell: Cell,
+    /// Largest speed near the operator's hand [m/s]; nobody's hand is at a table.
+    hand_speed: Option<f64>,
 }
 
-/// What is too near to what.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+/// What is too near to what, or too fast.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Near {
     /// The arms, one to the other.
     #[error("the arms come within {:.0} mm of each other", .0 * 1e3)]
     Arms(f64),
     /// A hand to its own arm.
-    #[error("the hand of arm {arm} comes within {:.0} mm of its own links", .distance * 1e3)]
+    #[error("the hand of the {arm} arm comes within {:.0} mm of its own links", .distance * 1e3)]
     Own {
-        /// Which, in the order of the cell.
-        arm: usize,
+        /// Its name.
+        arm: String,
         /// [m]
         distance: f64,
     },
     /// A hand to the table.
-    #[error("the hand of arm {arm} comes within {:.0} mm of the table", .height * 1e3)]
+    #[error("the hand of the {arm} arm comes within {:.0} mm of the table", .height * 1e3)]
     Table {
-        /// Which, in the order of the cell.
-        arm: usize,
+        /// Its name.
+        arm: String,
         /// [m]
         height: f64,
     },
+    /// A hand is too fast where the operator's may be.
+    #[error("the hand of the {arm} arm goes at {:.0} mm/s where the operator's may be", .speed * 1e3)]
+    Hasty {
+        /// Its name.
+        arm: String,
+        /// [m/s]
+        speed: f64,
+    },
+}
+
+/// What an arm is asked to do, as far as it moves the arm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Way {
+    /// It stays, or moves by less than the guard keeps free.
+    Stays,
+    /// All joints evenly to there.
+    Joints(JointPositions),
+    /// The tool straight to `base_from_tool`; d0 stays.
+    Line(Pose),
 }
 
 impl Guard {
-    /// Of a cell with two arms; others have nothing to guard here.
+    /// Of a cell with two arms, and the largest speed near the operator's hand [m/s]; other cells have nothing to guard here.
     #[must_use]
-    pub fn of(cell: &Cell) -> Option<Self> {
-        (cell.arms.len() == 2).then(|| Self { cell: cell.clone() })
+    pub fn of(cell: &Cell, hand_speed: f64) -> Option<Self> {
+        let hand_speed = (cell.keeper == Keeper::Person).then_some(hand_speed);
+        (cell.arms.len() == 2).then(|| Self { cell: cell.clone(), hand_speed })
+    }
+
+    fn name(&self, arm: usize) -> String {
+        self.cell.arms[arm].name.clone()
+    }
+
+    fn bodies(&self, arm: usize, joints: &JointPositions) -> Bodies {
+        Bodies::of(&self.cell, &self.cell.arms[arm], joints)
     }
 
     /// Whether both arms may stand so.
@@ -58,38 +95,135 @@ impl Guard {
     /// # Errors
     /// What is too near.
     pub fn place(&self, joints: [&JointPositions; 2]) -> Result<(), Near> {
-        let bodies = [0, 1].map(|i: usize| Bodies::of(&self.cell, &self.cell.arms[i], joints[i]));
+        let bodies = [0, 1].map(|i: usize| self.bodies(i, joints[i]));
         for (arm, body) in bodies.iter().enumerate() {
             let height = body.lowest() - self.cell.table_height;
             if height < ABOVE_TABLE {
-                return Err(Near::Table { arm, height });
+                return Err(Near::Table { arm: self.name(arm), height });
             }
             let distance = body.own();
             if distance < LEAST {
-                return Err(Near::Own { arm, distance });
+                return Err(Near::Own { arm: self.name(arm), distance });
             }
         }
         let distance = at_the_cube(&bodies[0], &bodies[1]);
         if distance < LEAST { Err(Near::Arms(distance)) } else { Ok(()) }
     }
 
-    /// Whether both arms may go evenly from one place to another.
+    /// Whether both arms may go their ways, both evenly in the same time.
     ///
     /// # Errors
     /// What comes too near on the way. Where it is too near at the beginning, whatever does not get nearer is allowed:
     /// so that an operator can move an arm out of a corner.
-    pub fn way(&self, from: [&JointPositions; 2], to: [&JointPositions; 2]) -> Result<(), Near> {
+    pub fn ways(&self, from: [&JointPositions; 2], ways: [&Way; 2]) -> Result<(), Near> {
         if self.place(from).is_err() {
             return Ok(());
         }
+        let mut at = [0, 1].map(|i: usize| Course::new(self, i, from[i], ways[i]));
         (1..=STEPS).try_for_each(|step| {
             let part = f64::from(step) / f64::from(STEPS);
-            let between = |i: usize| {
-                let (a, b) = (&from[i].0, &to[i].0);
-                JointPositions(std::array::from_fn(|j| a[j] + part * (b[j] - a[j])))
-            };
-            self.place([&between(0), &between(1)])
+            let [first, second] = at.each_mut().map(|course| course.at(part));
+            self.place([&first, &second])
         })
+    }
+
+    /// How many times too fast a way is where the operator's hand may be, when it takes so long and has gone `share` of itself
+    /// after a share of its time: 1 or less where it is slow enough.
+    #[must_use]
+    pub fn haste(
+        &self,
+        arm: usize,
+        from: &JointPositions,
+        way: &Way,
+        seconds: f64,
+        share: impl Fn(f64) -> f64,
+    ) -> f64 {
+        let Some(allowed) = self.hand_speed else { return 0.0 };
+        let mut course = Course::new(self, arm, from, way);
+        let step = seconds / f64::from(MOMENTS);
+        let mut last = self.bodies(arm, from);
+        (1..=MOMENTS)
+            .map(|moment| {
+                let here =
+                    self.bodies(arm, &course.at(share(f64::from(moment) / f64::from(MOMENTS))));
+                let speed = self.near_hand(&last, &here).map_or(0.0, |way| way / step);
+                last = here;
+                speed / allowed
+            })
+            .fold(0.0, f64::max)
+    }
+
+    /// Whether an arm that has gone from one place to another in so many seconds was slow enough for where it is.
+    ///
+    /// # Errors
+    /// How fast it went, where it went more than a fifth too fast.
+    pub fn pace(
+        &self,
+        arm: usize,
+        from: &JointPositions,
+        to: &JointPositions,
+        seconds: f64,
+    ) -> Result<(), Near> {
+        let Some(allowed) = self.hand_speed.filter(|_| seconds > 0.0) else { return Ok(()) };
+        match self.near_hand(&self.bodies(arm, from), &self.bodies(arm, to)) {
+            Some(way) if way > 1.2 * allowed * seconds => {
+                Err(Near::Hasty { arm: self.name(arm), speed: way / seconds })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The longest way of a part of a hand, if one is near to where the operator's may be [m].
+    fn near_hand(&self, from: &Bodies, to: &Bodies) -> Option<f64> {
+        let zone = &self.cell.hand;
+        let zone_from_world = zone.world_from_cube.inverse();
+        let off = |at: &Point3<f64>| {
+            let beyond = (zone_from_world * at).coords.abs() - zone.half_extent;
+            beyond.map(|x| x.max(0.0)).norm()
+        };
+        let parts = from.hand().into_iter().zip(to.hand());
+        let near = parts.clone().any(|((a, radius), (b, _))| off(&a).min(off(&b)) < radius + NEAR);
+        near.then(|| parts.map(|((a, _), (b, _))| (b - a).norm()).fold(0.0, f64::max))
+    }
+}
+
+/// An arm on its way.
+struct Course<'a> {
+    guard: &'a Guard,
+    arm: usize,
+    from: JointPositions,
+    way: Way,
+    /// Where it was seen last.
+    last: JointPositions,
+    /// `base_from_tool` at the beginning.
+    tool: Pose,
+}
+
+impl<'a> Course<'a> {
+    fn new(guard: &'a Guard, arm: usize, from: &JointPositions, way: &Way) -> Self {
+        let of = &guard.cell.arms[arm];
+        let tool = of.model.base_from_flange(from) * of.flange_from_tool;
+        Self { guard, arm, from: *from, way: *way, last: *from, tool }
+    }
+
+    /// After a share of the way. Of a line that leaves the arm's reach, the last place within: its servo refuses the rest.
+    fn at(&mut self, part: f64) -> JointPositions {
+        self.last = match self.way {
+            Way::Stays => self.from,
+            Way::Joints(to) => JointPositions(std::array::from_fn(|j| {
+                self.from.0[j] + part * (to.0[j] - self.from.0[j])
+            })),
+            Way::Line(to) => {
+                let arm = &self.guard.cell.arms[self.arm];
+                let tool = Pose::from_parts(
+                    self.tool.translation.vector.lerp(&to.translation.vector, part).into(),
+                    self.tool.rotation.slerp(&to.rotation, part),
+                );
+                let flange = tool * arm.flange_from_tool.inverse();
+                arm.model.inverse(&flange, &self.last).unwrap_or(self.last)
+            }
+        };
+        self.last
     }
 }
 
@@ -101,10 +235,10 @@ mod tests {
     #[test]
     fn every_meeting_is_allowed_and_an_arm_in_the_other_or_in_the_table_is_not() {
         let cell = example_cell();
-        let guard = Guard::of(&cell).unwrap();
+        let guard = Guard::of(&cell, 0.25).unwrap();
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let meetings = table.grasps.iter().flatten().chain(table.views.iter().flatten().flatten());
-        let mut refused = 0;
+        let (mut refused, mut into) = (0, 0);
         for meeting in meetings {
             assert_eq!(guard.place([&meeting.track, &meeting.postument]), Ok(()));
             let mut low = meeting.postument;
@@ -121,10 +255,58 @@ mod tests {
 
             // The way there is refused where it comes too near, the way out of there is not.
             let ends = [[&meeting.track, &meeting.postument], [&near, &meeting.postument]];
-            assert!(guard.way(ends[0], ends[1]).is_err());
-            assert_eq!(guard.way(ends[1], ends[0]), Ok(()));
+            let to = |[a, b]: [&JointPositions; 2]| [Way::Joints(*a), Way::Joints(*b)];
+            assert!(guard.ways(ends[0], to(ends[1]).each_ref()).is_err());
+            assert_eq!(guard.ways(ends[1], to(ends[0]).each_ref()), Ok(()));
+
+            // A line is looked at by where it leads, too.
+            let track = &cell.arms[0];
+            let tool = |joints| track.model.base_from_flange(joints) * track.flange_from_tool;
+            let there = Way::Line(tool(&meeting.track) * Pose::translation(0.0, 0.0, 0.1));
+            let back = Way::Line(tool(&meeting.track) * Pose::translation(0.0, 0.0, -0.05));
+            into += usize::from(guard.ways(ends[0], [&there, &Way::Stays]).is_err());
+            assert_eq!(guard.ways(ends[0], [&back, &Way::Stays]), Ok(()));
         }
         // Hands that look past each other may go by each other.
         assert!(refused >= 16, "{refused}");
+        assert!(into >= refused / 2, "{into} of {refused}");
+    }
+
+    #[test]
+    fn a_way_is_too_fast_only_near_the_operator_and_only_when_it_is() {
+        let cell = example_cell();
+        let guard = Guard::of(&cell, 0.25).unwrap();
+        let arm = &cell.arms[0];
+        // Before the hand-over place, approaching along +x.
+        let rotation =
+            nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::y_axis(), 1.571);
+        let standing = |x: f64| {
+            let centre = cell.hand.world_from_cube.translation.vector;
+            let tool = Pose::from_parts((centre - nalgebra::Vector3::x() * x).into(), rotation);
+            let flange = arm.world_from_base.inverse() * tool * arm.flange_from_tool.inverse();
+            let stance = JointPositions([0.4, 0.0, -1.6, 0.3, 1.3, 1.57, 0.0]);
+            (arm.model.inverse(&flange, &stance).unwrap(), arm.world_from_base.inverse() * tool)
+        };
+        let ((far, _), (near, at)) = (standing(0.25), standing(0.05));
+        let even = |u: f64| u;
+
+        // 0.2 m: in 1.2 s slow enough, in 0.6 s not.
+        for way in [Way::Line(at), Way::Joints(near)] {
+            let slow = guard.haste(0, &far, &way, 1.2, even);
+            let fast = guard.haste(0, &far, &way, 0.6, even);
+            assert!(slow > 0.5 && slow <= 1.0, "{slow}");
+            assert!((fast / slow - 2.0).abs() < 1e-9, "{fast} {slow}");
+        }
+        assert!(guard.pace(0, &far, &near, 1.2).is_ok());
+        let told = guard.pace(0, &far, &near, 0.4).unwrap_err().to_string();
+        assert!(told.contains("track arm goes at 5") && told.contains("mm/s"), "{told}");
+        // As fast where nobody is.
+        let mut elsewhere = cell.clone();
+        elsewhere.hand.world_from_cube.translation.vector.x += 1.0;
+        for cell in [elsewhere, Cell { keeper: Keeper::Table, ..cell.clone() }] {
+            let guard = Guard::of(&cell, 0.25).unwrap();
+            assert_eq!(guard.haste(0, &far, &Way::Line(at), 0.2, even), 0.0);
+            assert!(guard.pace(0, &far, &near, 0.1).is_ok());
+        }
     }
 }

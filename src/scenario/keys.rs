@@ -212,6 +212,10 @@ section! {
         force_limit [n]: f64 = 20.0, 1.0..=65.0;
         /// Torque at which a step with contact is broken off.
         torque_limit [nm]: f64 = 4.5, 0.1..=5.0;
+        /// Largest speed of an arm where the operator's hand may be: what ISO 10218 calls reduced speed.
+        hand_speed [mm_s]: f64 = 250.0, 10.0..=1000.0;
+        /// Force at which any motion of an arm is broken off there.
+        hand_force [n]: f64 = 20.0, 1.0..=65.0;
         /// Force with which the last approach and the hand-over stop at contact.
         approach_force [n]: f64 = 4.0, 0.5..=20.0;
         /// Speed of the last approach of a grasp.

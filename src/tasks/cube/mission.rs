@@ -7,6 +7,7 @@
 //! A queue of jobs is worked off from the front. A job either becomes an action at once, or unfolds into
 //! smaller jobs with what is known by then; what an action brought is digested by the job that asked for it.
 
+mod hand_over;
 mod recover;
 mod sight;
 #[cfg(test)]
@@ -165,6 +166,19 @@ enum Job {
     Finish {
         achieved: bool,
     },
+    /// The arms go on with the way that something was met on.
+    GoOn,
+    /// The cube is left to the operator: the task has failed.
+    Leave,
+}
+
+/// What the operator is asked.
+#[derive(Debug)]
+enum Asked {
+    /// The colours of a cube.
+    Colours(Doubt),
+    /// To see to it that the cube can be seen or taken, for this reason.
+    Sight(String),
 }
 
 /// Whether sensors are believed.
@@ -214,7 +228,9 @@ pub struct Mission {
     /// Time that the operator has for an answer [s]; `None` when nobody is there to be asked.
     pub patience: Option<f64>,
     /// What is not certain, and the question about it.
-    doubt: Option<(Doubt, Question)>,
+    asked: Option<(Asked, Question)>,
+    /// The way that the arms were sent last, and how often something was met on it.
+    going: ([Option<Behaviour>; 2], u32),
     /// Questions asked so far.
     questions: u64,
     /// The cube as the operator gave it.
@@ -327,7 +343,8 @@ impl Mission {
             turning: None,
             straight: None,
             patience: None,
-            doubt: None,
+            asked: None,
+            going: ([None; 2], 0),
             questions: 0,
             given: None,
             palette: None,
@@ -522,6 +539,19 @@ impl Mission {
                     Job::Approach { hand, .. }
                     | Job::Close { hand, .. }
                     | Job::Secure { hand, .. } => self.not_grasped(hand, &why),
+                    // At the operator's hand: below.
+                    Job::VisualServo { .. } | Job::Take { .. } | Job::Release { .. } => break,
+                    Job::Joints(..)
+                    | Job::Along(..)
+                    | Job::Apart
+                    | Job::Together(_)
+                    | Job::GoOn
+                    | Job::Wait(..)
+                        if self.meets(hand, job) =>
+                    {
+                        self.give_way(hand, job, &why);
+                        Ok(())
+                    }
                     // Nobody else is there who could strain it.
                     Job::Present { .. } if matches!(alarm, Outcome::OverForce(..)) => {
                         self.log.notes.push(format!("{why}: the jaws let go"));
@@ -544,12 +574,16 @@ impl Mission {
                 self.strained = 0;
                 Ok(())
             }
+            Job::Joints(..) | Job::Along(..) | Job::Apart | Job::Together(_) | Job::GoOn => {
+                self.going.1 = 0;
+                Ok(())
+            }
             Job::VisualServo { tries } => match of(Hand::Track) {
                 Some(Outcome::Touched(_)) => Ok(()),
-                Some(Outcome::LostSight(seconds)) => {
-                    Err(format!("no cube in sight of the stand-alone camera for {seconds:.1} s"))
-                }
-                Some(Outcome::OutOfZone(seconds)) => Err(match self.settings.keeper {
+                Some(Outcome::LostSight(seconds)) => self.unseen(format!(
+                    "no cube in sight of the stand-alone camera for {seconds:.1} s"
+                )),
+                Some(Outcome::OutOfZone(seconds)) => self.unseen(match self.settings.keeper {
                     Keeper::Person => format!(
                         "no cube in reach: it was seen, but outside the place of hand-over for {seconds:.1} s"
                     ),
@@ -557,8 +591,14 @@ impl Mission {
                         "no cube in reach: it was seen, but not on the part of the table where it is to lie, for {seconds:.1} s"
                     ),
                 }),
-                Some(Outcome::NotTouched) if tries < TAKE_TRIES => {
-                    self.log.notes.push(format!("the cube was not where it was seen, try {tries}"));
+                Some(ended @ (Outcome::NotTouched | Outcome::OverForce(..)))
+                    if tries < TAKE_TRIES =>
+                {
+                    let why = match ended {
+                        Outcome::NotTouched => "the cube was not where it was seen".to_owned(),
+                        met => format!("{met}, while approaching: the hand draws back"),
+                    };
+                    self.log.notes.push(format!("{why}, try {tries}"));
                     self.push_front(&[
                         Job::DrawBack(self.settings.back),
                         // The force may have been zeroed while something pushed.
@@ -568,7 +608,8 @@ impl Mission {
                     Ok(())
                 }
                 other => {
-                    Err(format!("the cube could not be approached: {}", Outcome::words(other)))
+                    self.leave(format!("the cube could not be approached: {}", Outcome::words(other)));
+                    Ok(())
                 }
             },
             Job::Take { tries } => match of(Hand::Track) {
@@ -598,11 +639,14 @@ impl Mission {
                     ]);
                     Ok(())
                 }
-                other => Err(format!("the jaws do not hold the cube: {}", Outcome::words(other))),
+                other => {
+                    self.leave(format!("the jaws do not hold the cube: {}", Outcome::words(other)));
+                    Ok(())
+                }
             },
             Job::Release { tries } => match of(Hand::Track) {
                 Some(Outcome::NotTouched) => Ok(()),
-                Some(Outcome::Touched(_)) if tries < RELEASE_TRIES => {
+                Some(Outcome::Touched(_) | Outcome::OverForce(..)) if tries < RELEASE_TRIES => {
                     if tries == 1 {
                         self.log.notes.push("the operator still holds the cube".to_owned());
                     }
@@ -612,9 +656,13 @@ impl Mission {
                     ]);
                     Ok(())
                 }
-                Some(Outcome::Touched(_)) => Err("the operator does not let go of the cube".into()),
+                Some(Outcome::Touched(_)) => {
+                    self.leave("the operator does not let go of the cube".to_owned());
+                    Ok(())
+                }
                 other => {
-                    Err(format!("the cube could not be taken away: {}", Outcome::words(other)))
+                    self.leave(format!("the cube could not be taken away: {}", Outcome::words(other)));
+                    Ok(())
                 }
             },
             Job::Approach { hand, .. } => match of(hand) {
@@ -799,7 +847,7 @@ impl Mission {
             },
         };
         self.log.notes.push(format!("{}: the operator is asked", doubt.reason));
-        self.doubt = Some((doubt, question));
+        self.asked = Some((Asked::Colours(doubt), question));
         self.queue.push_front(Job::Ask);
         Ok(())
     }
@@ -822,16 +870,30 @@ impl Mission {
     }
 
     fn answered(&mut self, answer: Option<&Answer>) -> Result<(), String> {
-        let Some((doubt, _)) = self.doubt.take() else { return Ok(()) };
-        if let Some(Answer::Stickers { stickers }) = answer {
-            self.log.notes.push("the operator has given the colours".to_owned());
-            self.given = Some(*stickers);
-            self.queue.push_front(Job::Plan);
-            return Ok(());
+        match (self.asked.take(), answer) {
+            (None, _) => Ok(()),
+            (Some((Asked::Colours(_), _)), Some(Answer::Stickers { stickers })) => {
+                self.log.notes.push("the operator has given the colours".to_owned());
+                self.given = Some(*stickers);
+                self.queue.push_front(Job::Plan);
+                Ok(())
+            }
+            (
+                Some((Asked::Sight(_), _)),
+                Some(Answer::Choice { option: hand_over::LOOK_AGAIN }),
+            ) => {
+                self.queue.push_front(Job::VisualServo { tries: 1 });
+                Ok(())
+            }
+            (Some((asked, _)), _) => {
+                // Who did not answer now is not asked again.
+                self.patience = None;
+                match asked {
+                    Asked::Colours(doubt) => self.give_back(doubt.reason),
+                    Asked::Sight(why) => Err(why),
+                }
+            }
         }
-        // Who did not answer now is not asked again.
-        self.patience = None;
-        self.give_back(doubt.reason)
     }
 
     /// Turns a job into an action, or into smaller jobs and `None`.
@@ -1066,7 +1128,7 @@ impl Mission {
                 }
                 self.plan()?
             }
-            Job::Ask => match &self.doubt {
+            Job::Ask => match &self.asked {
                 Some((_, question)) => Action::Ask(question.clone()),
                 None => return Ok(None),
             },
@@ -1144,6 +1206,8 @@ impl Mission {
                 let order = Behaviour::Present { pull: s.pull, selector, seconds: 20.0 };
                 behave(Hand::Track, order)
             }
+            Job::GoOn => Action::Behave { orders: self.going.0, until: Until::All },
+            Job::Leave => return Err(self.failure.take().unwrap_or_default()),
             Job::Finish { achieved } => {
                 let back = match s.keeper {
                     Keeper::Person => "the cube was handed back",
@@ -1350,6 +1414,11 @@ impl Task for Mission {
         while let Some(job) = self.queue.pop_front() {
             match self.unfold(job, arms) {
                 Ok(Some(action)) => {
+                    if let Action::Behave { orders, .. } = &action
+                        && !matches!(job, Job::Wait(..))
+                    {
+                        self.going.0 = *orders;
+                    }
                     self.pending = Some(job);
                     return action;
                 }

@@ -1,0 +1,117 @@
+//! Looks after both arms while they move: that they come too near to nothing, nor too fast to the operator's hand.
+//!
+//! - in: the states that both EDPs publish
+//! - out: an emergency stop, with its reason on every face
+
+use super::clock::Clock;
+use super::ui;
+use crate::hw::driver::Switches;
+use crate::motion::{ArmState, PERIOD, Synchronisation};
+use crate::reach::guard::Guard;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+use tokio::sync::watch;
+
+/// The arms are looked at at this interval.
+const INTERVAL: Duration = Duration::from_millis(20);
+
+/// Stops both arms where they come too near to something, or too fast to the operator's hand, whatever brings them there.
+pub(super) async fn watch_over(
+    guard: Guard,
+    states: Vec<watch::Receiver<ArmState>>,
+    switches: Arc<Switches>,
+    ui: ui::UiHandle,
+    clock: Clock,
+) {
+    let present = || [0, 1].map(|i: usize| *states[i].borrow());
+    let known =
+        |arms: &[ArmState; 2]| arms.iter().all(|arm| arm.synchronisation == Synchronisation::Yes);
+    let place = |arms: &[ArmState; 2]| {
+        let [first, second] = arms;
+        if known(arms) {
+            guard.place([&first.desired_joints, &second.desired_joints])
+        } else {
+            Ok(())
+        }
+    };
+    // Who is put too near at the beginning may be led out of there.
+    while place(&present()).is_err() {
+        tokio::time::sleep(INTERVAL).await;
+    }
+    let mut last = present();
+    loop {
+        let arms = present();
+        let slow = |i: usize| {
+            let (from, to) = (&last[i], &arms[i]);
+            let seconds = to.period.saturating_sub(from.period) as f64 * PERIOD;
+            guard.pace(i, &from.desired_joints, &to.desired_joints, seconds)
+        };
+        let slow = if known(&last) && known(&arms) { slow(0).and(slow(1)) } else { Ok(()) };
+        last = arms;
+        if let Err(near) = place(&arms).and(slow) {
+            let now = clock.period() as f64 * PERIOD;
+            ui.tell(ui::Notice::Warning(now, format!("{near}: both arms are stopped")));
+            switches.emergency.store(true, Ordering::Release);
+            return;
+        }
+        tokio::time::sleep(INTERVAL).await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::JointPositions;
+    use crate::reach::{MeetingTable, ReachSettings, example_cell};
+
+    /// Whether both arms are stopped, and what is told, when they go from one place to another in a tenth of a second.
+    async fn stopped(from: [JointPositions; 2], to: [JointPositions; 2]) -> Option<String> {
+        let guard = Guard::of(&example_cell(), 0.25).unwrap();
+        let at = |joints: JointPositions, period: u64| ArmState {
+            desired_joints: joints,
+            synchronisation: Synchronisation::Yes,
+            period,
+            ..ArmState::default()
+        };
+        let channels = from.map(|joints| watch::channel(at(joints, 100)));
+        let states = channels.iter().map(|(_, states)| states.clone()).collect();
+        let switches = Arc::new(Switches::default());
+        let (ui, mut notices) = ui::mailbox();
+        let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
+        let watching = tokio::spawn(watch_over(guard, states, Arc::clone(&switches), ui, clock));
+        tokio::time::sleep(3 * INTERVAL).await;
+        assert!(!switches.emergency.load(Ordering::Acquire), "nothing is wrong yet");
+        for ((sender, _), joints) in channels.iter().zip(to) {
+            sender.send_replace(at(joints, 150));
+        }
+        tokio::time::sleep(3 * INTERVAL).await;
+        watching.abort();
+        let told = notices.try_recv().ok().map(|notice| format!("{notice:?}"));
+        assert_eq!(switches.emergency.load(Ordering::Acquire), told.is_some());
+        told
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_comes_too_near_or_too_fast_stops_both_arms_and_nothing_else_does() {
+        let cell = example_cell();
+        let table = MeetingTable::compute(&cell, &ReachSettings::default());
+        let meeting = table.grasps.iter().flatten().next().unwrap();
+        let (track, postument) = (meeting.track, meeting.postument);
+
+        assert_eq!(stopped([track, postument], [meeting.track_back, postument]).await, None);
+        let mut low = postument;
+        low.0[2] += 0.9;
+        let told = stopped([track, postument], [track, low]).await.unwrap();
+        assert!(told.contains("of the postument arm comes within"), "{told}");
+        assert!(told.contains("both arms are stopped"), "{told}");
+
+        // Half a metre of track in a tenth of a second, past the operator's hand.
+        let before = JointPositions([0.0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
+        let past = |d0: f64| {
+            JointPositions(std::array::from_fn(|i| if i == 0 { d0 } else { before.0[i] }))
+        };
+        let told = stopped([past(0.2), postument], [past(0.4), postument]).await.unwrap();
+        assert!(told.contains("track arm goes at 2000 mm/s"), "{told}");
+    }
+}

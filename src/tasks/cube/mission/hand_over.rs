@@ -1,0 +1,198 @@
+//! At the operator's hand: what touches harder than it may is given way to, and what cannot be seen or taken is asked about.
+//!
+//! - in: an outcome of a behaviour near the operator's hand
+//! - out: jobs; a question; the end of a task that leaves the cube where it is
+
+use super::{Asked, Job, Mission};
+use crate::cube::Keeper;
+use crate::motion::Depth;
+use crate::operator::{Question, Subject};
+use crate::tasks::cube::hold::Hand;
+
+/// How often one way is gone on with.
+const MOST_MET: u32 = 5;
+/// For so long a hand gives way to what it has met [s].
+const GIVES_WAY: f64 = 1.0;
+/// The possibilities of the question, in this order.
+const OPTIONS: [&str; 2] = ["look again", "end the run"];
+/// Index of the first.
+pub(super) const LOOK_AGAIN: usize = 0;
+
+impl Mission {
+    /// Whether what is met now is met on a way near the operator, and may be given way to once more.
+    pub(super) fn meets(&self, hand: Hand, job: Job) -> bool {
+        // What waits gives way to something only when it was met before.
+        let waits = matches!(job, Job::Wait(..));
+        self.settings.keeper == Keeper::Person
+            && hand == Hand::Track
+            && !(waits && self.going.1 == 0)
+            && self.going.1 < MOST_MET
+    }
+
+    /// Gives way to whatever was met for a while, and goes on to where the way leads.
+    pub(super) fn give_way(&mut self, hand: Hand, job: Job, why: &str) {
+        self.going.1 += 1;
+        self.log.notes.push(format!("{why}: the hand gives way, and goes on"));
+        let rest = Job::Wait(hand, GIVES_WAY);
+        match job {
+            // What follows is waiting already.
+            Job::Wait(..) => self.push_front(&[rest]),
+            _ => self.push_front(&[rest, Job::GoOn]),
+        }
+    }
+
+    /// The cube cannot be taken, or is not let go: the hand opens and draws back, and the task has failed.
+    pub(super) fn leave(&mut self, why: String) {
+        self.belief.released(Hand::Track);
+        self.untouched = true;
+        self.failure = Some(why);
+        self.queue.clear();
+        let (opening, back) = (self.settings.opening, self.settings.back);
+        self.queue.extend([
+            Job::Open { hand: Hand::Track, opening, stops: Depth::One },
+            Job::DrawBack(back),
+            Job::Leave,
+        ]);
+    }
+
+    /// Nothing is seen that could be taken: whoever is there may see to it, and have it looked for again.
+    pub(super) fn unseen(&mut self, why: String) -> Result<(), String> {
+        let Some(seconds) = self.patience else { return Err(why) };
+        self.questions += 1;
+        let question = Question {
+            number: self.questions,
+            text: format!(
+                "{why}. Is the camera's view free and lit, and the cube where the hand can take it?"
+            ),
+            otherwise: "without an answer the run ends".to_owned(),
+            seconds,
+            until: 0.0,
+            subject: Subject::Choice { options: OPTIONS.map(str::to_owned).to_vec() },
+        };
+        self.log.notes.push(format!("{why}: the operator is asked"));
+        self.asked = Some((Asked::Sight(why), question));
+        self.queue.push_front(Job::Ask);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::settings;
+    use super::super::{Goal, Thought};
+    use super::*;
+    use crate::generators::{Behaviour, Outcome};
+    use crate::motion::{ArmState, JointPositions};
+    use crate::operator::Answer;
+    use crate::tasks::cube::think::Conclusion;
+    use crate::tasks::{Action, Event, Finish, Forces, Readings, Task as _};
+
+    fn next(mission: &mut Mission, event: Event<Conclusion>) -> Action<Thought> {
+        let arms = [ArmState { jaw_opening: 0.09, ..ArmState::default() }; 2];
+        mission.next(event, &Readings { arms: &arms, forces: Forces::default() })
+    }
+
+    /// Up to where a behaviour of the track's is such.
+    fn until(
+        mission: &mut Mission,
+        mut event: Event<Conclusion>,
+        wanted: impl Fn(&Behaviour) -> bool,
+    ) -> (Behaviour, Vec<&'static str>) {
+        let mut between = Vec::new();
+        for _ in 0..30 {
+            match next(mission, event) {
+                Action::Behave { orders: [Some(order), _], .. } if wanted(&order) => {
+                    return (order, between);
+                }
+                Action::Behave { orders, .. } => {
+                    between.push(match orders[0] {
+                        Some(Behaviour::Line { .. }) => "line",
+                        Some(Behaviour::Jaw { .. }) => "jaws",
+                        Some(Behaviour::Present { .. }) => "gives way",
+                        _ => "other",
+                    });
+                    event = Event::Behaved(orders.map(|order| order.map(|_| Outcome::Reached)));
+                }
+                Action::Bias(_) => {
+                    between.push("bias");
+                    event = Event::Done;
+                }
+                Action::Finish(Finish { reason, .. }) => panic!("{reason}"),
+                _ => event = Event::Done,
+            }
+        }
+        panic!("never: {between:?}");
+    }
+
+    fn servo(order: &Behaviour) -> bool {
+        matches!(order, Behaviour::VisualServo(_))
+    }
+
+    fn met() -> Event<Conclusion> {
+        Event::Behaved([Some(Outcome::OverForce(2, 31.0)), None])
+    }
+
+    #[test]
+    fn a_hand_that_meets_something_draws_back_and_comes_again_and_in_the_end_stays_back() {
+        let mut mission = Mission::new(settings(), Goal::Solve, None);
+        until(&mut mission, Event::Start, servo);
+
+        for _ in 0..2 {
+            let (_, between) = until(&mut mission, met(), servo);
+            assert_eq!(between, ["line", "bias"]);
+        }
+        let (Behaviour::Line { target, .. }, between) =
+            until(&mut mission, met(), |order| matches!(order, Behaviour::Line { .. }))
+        else {
+            panic!()
+        };
+        assert!(target.translation.vector.z < 0.0 && between == ["jaws"], "{between:?}");
+        let reached = Event::Behaved([Some(Outcome::Reached), None]);
+        let Action::Finish(end) = next(&mut mission, reached) else { panic!() };
+        assert!(!end.achieved && end.reason.contains("over-force of 31.0 N"), "{}", end.reason);
+        assert_eq!(mission.whereabouts(), "the operator has the cube");
+    }
+
+    #[test]
+    fn who_is_asked_may_have_the_cube_looked_for_again_or_end_the_run() {
+        let lost = || Event::Behaved([Some(Outcome::LostSight(60.0)), None]);
+        let asked = |answer: Option<Answer>| {
+            let mut mission = Mission::new(settings(), Goal::Solve, None);
+            mission.patience = Some(30.0);
+            until(&mut mission, Event::Start, servo);
+            let Action::Ask(question) = next(&mut mission, lost()) else { panic!() };
+            assert!(question.text.contains("no cube in sight"), "{}", question.text);
+            next(&mut mission, Event::Answered(answer))
+        };
+
+        let again = asked(Some(Answer::Choice { option: LOOK_AGAIN }));
+        assert!(matches!(&again, Action::Behave { orders: [Some(order), _], .. } if servo(order)));
+        for answer in [Some(Answer::Choice { option: 1 }), Some(Answer::Declined), None] {
+            let Action::Finish(end) = asked(answer) else { panic!() };
+            assert!(!end.achieved && end.reason.contains("no cube in sight"), "{}", end.reason);
+        }
+        // Nobody is there.
+        let mut mission = Mission::new(settings(), Goal::Solve, None);
+        until(&mut mission, Event::Start, servo);
+        assert!(matches!(next(&mut mission, lost()), Action::Finish(_)));
+    }
+
+    #[test]
+    fn what_is_met_on_a_way_is_given_way_to_and_the_same_way_gone_on_with() {
+        let mut mission = Mission::new(settings(), Goal::Solve, None);
+        let to = JointPositions([0.4; 7]);
+        mission.queue.push_back(Job::Joints([Some(to), Some(to)], 0.5));
+        mission.resume = None;
+        let Action::Behave { orders: sent, .. } = next(&mut mission, Event::Done) else { panic!() };
+
+        for _ in 0..MOST_MET {
+            let Action::Behave { orders, .. } = next(&mut mission, met()) else { panic!() };
+            assert!(matches!(orders, [Some(Behaviour::Present { .. }), None]), "{orders:?}");
+            let rested = Event::Behaved([Some(Outcome::TimedOut(1.0)), None]);
+            let Action::Behave { orders, .. } = next(&mut mission, rested) else { panic!() };
+            assert_eq!(orders, sent);
+        }
+        let Action::Finish(end) = next(&mut mission, met()) else { panic!() };
+        assert!(!end.achieved && end.reason.contains("while moving"), "{}", end.reason);
+    }
+}
