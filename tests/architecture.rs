@@ -51,6 +51,7 @@ const MAY_USE_THE_PLANT: &[&str] = &[
     "actors/supervisor.rs",
     "actors/calibrate.rs",
     "actors/emulate.rs",
+    "actors/kept.rs",
     "actors/world.rs",
     "cli/look.rs",
     "cli/frames.rs",

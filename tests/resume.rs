@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// A run of a scenario whose plant keeps its state in a file.
@@ -21,7 +21,7 @@ fn run(scenario: &[&str], world: &Path) -> Command {
 }
 
 fn journal(world: &Path) -> PathBuf {
-    PathBuf::from(format!("{}.journal", world.display()))
+    beside(world, "journal")
 }
 
 /// Kills a mission when its journal has so many entries of what it is doing.
@@ -55,6 +55,39 @@ fn kept(world: &Path) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(world).unwrap()).unwrap()
 }
 
+fn remove(world: &Path) {
+    for file in [world, &journal(world), &beside(world, "lock"), &beside(world, "new")] {
+        let _ = std::fs::remove_file(file);
+    }
+}
+
+fn beside(world: &Path, end: &str) -> PathBuf {
+    PathBuf::from(format!("{}.{end}", world.display()))
+}
+
+/// The exit code of a run that has ended, and what it told the operator.
+fn ended(run: &mut Command) -> (i32, String) {
+    let out = run.output().unwrap();
+    (out.status.code().unwrap(), String::from_utf8_lossy(&out.stderr).into_owned())
+}
+
+/// A run that begins, and goes on until it is killed.
+fn begun(run: &mut Command, world: &Path) -> Child {
+    let mut child = run.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let since = Instant::now();
+    while !world.exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it was over before it began");
+        assert!(since.elapsed() < Duration::from_secs(60));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    child
+}
+
+fn killed(mut child: Child) {
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
 fn place(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("rubik-robot-resume-{}-{name}.json", std::process::id()))
 }
@@ -81,9 +114,7 @@ fn a_mission_killed_amid_its_turns_is_resumed_to_a_solved_cube() {
     // And now there is nothing left to do.
     let again = resumed(&scenario, &world);
     assert_eq!((&again["outcome"], &again["turns"]), (&"solved".into(), &0.into()), "{again}");
-    for file in [&world, &journal(&world)] {
-        std::fs::remove_file(file).unwrap();
-    }
+    remove(&world);
 }
 
 #[test]
@@ -97,8 +128,7 @@ fn a_mission_killed_while_it_lays_the_cube_down_lifts_it_and_lays_it_down_solved
         let state = kept(&world);
         let held = state["state"] == "Held" && state["grasps"][0]["hold"] == "Closed";
         if !held {
-            std::fs::remove_file(journal(&world)).unwrap();
-            std::fs::remove_file(&world).unwrap();
+            remove(&world);
         }
         held
     });
@@ -113,9 +143,7 @@ fn a_mission_killed_while_it_lays_the_cube_down_lifts_it_and_lays_it_down_solved
     for count in ["drops", "slips", "collisions"] {
         assert_eq!(summary[count], 0, "{count}: {summary}");
     }
-    for file in [&world, &journal(&world)] {
-        std::fs::remove_file(file).unwrap();
-    }
+    remove(&world);
 }
 
 #[test]
@@ -141,7 +169,7 @@ fn what_cannot_be_resumed_is_refused_with_the_reason() {
     std::fs::write(&world, "{\"version\": 2, \"grasps\": []}").unwrap();
     let (code, told) = refused(&["--world", &at]);
     assert!(code == 4 && told.contains("of a plant of version 2, this program reads"), "{told}");
-    std::fs::remove_file(&world).unwrap();
+    remove(&world);
 }
 
 #[test]
@@ -184,13 +212,85 @@ fn a_file_that_another_has_written_is_left_as_it_is() {
         let (code, err) = run(&world, &notes, false);
         assert_eq!(code, 0, "{err}");
     }
-    std::fs::remove_file(&world).unwrap();
+    remove(&world);
     let file = std::fs::File::options().append(true).open(&notes).unwrap();
     file.lock().unwrap();
     let (code, err) = run(&world, &notes, false);
     assert!(code == 4 && err.contains("another run is writing it"), "{code} {err}");
     std::fs::remove_file(&notes).unwrap();
+    remove(&world);
     let folder = std::env::temp_dir();
     let (code, err) = run(&folder, &notes, false);
     assert!(code == 4 && err.contains("not a file"), "{code} {err}");
+}
+
+#[test]
+fn the_world_of_another_scenario_is_not_taken_up() {
+    let solve = ["scenarios/solve.toml"];
+    let world = place("other");
+    let refused = |more: &[&str]| {
+        let (code, told) = ended(run(&solve, &world).arg("--resume").args(more));
+        assert_eq!(code, 4, "{told}");
+        told
+    };
+
+    // The same seed, but the cube is in a hand, and the bases stand otherwise.
+    let (code, told) = ended(&mut run(&["scenarios/face_turn.toml"], &world));
+    assert_eq!(code, 0, "{told}");
+    let told = refused(&[]);
+    assert!(told.contains("it was made in another cell"), "{told}");
+
+    remove(&world);
+    killed(begun(&mut run(&solve, &world), &world));
+    let before = std::fs::read(&world).unwrap();
+    let told = refused(&["--set", "cube.edge_mm=56"]);
+    assert!(told.contains("it was made in another cell"), "{told}");
+    let told = refused(&["--set", "plant.cube_kind=dry"]);
+    assert!(told.contains("it was made with other plant keys"), "{told}");
+    assert!(std::fs::read(&world).unwrap() == before, "a refused run has changed it");
+
+    // Another controller may go on in the same plant.
+    let other = [solve[0], "--resume", "--set", "control.grip_n=29"];
+    killed_after(&other, &world, "turning", 1);
+    remove(&world);
+}
+
+#[test]
+fn a_world_that_another_run_keeps_is_refused_until_that_run_is_gone_however_it_went() {
+    let (world, notes) = (place("taken"), place("taken-notes"));
+    let idle = ["scenarios/idle.toml", "--set", "idle.time_s=600", "--speed", "1"];
+    let short = ["scenarios/idle.toml", "--set", "idle.time_s=0.5"];
+    let first = begun(&mut run(&idle, &world), &world);
+
+    let (code, told) = ended(run(&short, &world).arg("--journal").arg(&notes));
+
+    assert!(code == 4 && told.contains("another run keeps its plant there"), "{code} {told}");
+    assert!(!notes.exists(), "a run that is refused begins no journal");
+    killed(first);
+    let (code, told) = ended(run(&short, &world).arg("--journal").arg(&notes));
+    assert_eq!(code, 0, "{told}");
+    std::fs::remove_file(notes).unwrap();
+    remove(&world);
+}
+
+#[test]
+fn a_world_that_cannot_be_kept_any_more_is_removed_and_the_run_goes_on() {
+    let world = place("lost");
+    let idle = ["scenarios/idle.toml", "--set", "idle.time_s=6", "--speed", "2"];
+    let run = begun(&mut run(&idle, &world), &world);
+
+    // Where the next state is written first there is no file any more.
+    let hinders = beside(&world, "new");
+    while std::fs::create_dir(&hinders).is_err() {}
+    let out = run.wait_with_output().unwrap();
+
+    let told = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{told}");
+    let lost = format!("{}: the plant's state cannot be kept any more: ", world.display());
+    let (_, why) = told.split_once(&lost).unwrap_or_else(|| panic!("{told}"));
+    assert!(why.contains("it is removed, and this run cannot be resumed"), "{told}");
+    assert_eq!(told.matches(&lost).count(), 1, "told once: {told}");
+    assert!(!world.exists(), "a state of long ago would pass for the truth");
+    std::fs::remove_dir(hinders).unwrap();
+    remove(&world);
 }

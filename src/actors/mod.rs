@@ -17,6 +17,7 @@ pub mod emulate;
 mod gate;
 mod homing;
 mod interrupt;
+mod kept;
 mod lookout;
 pub mod meetings;
 pub mod move_instruction;

@@ -9,6 +9,7 @@ use crate::cube::Keeper;
 use crate::hw::emulator::{LineFaults, Wired};
 use crate::hw::plant::fault::{Fault, Trigger, What, When};
 use crate::hw::plant::render::{Look, Renderer, Setting};
+use crate::hw::plant::saved::Identity;
 use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
 use crate::hw::plant::{
     CubeMechanics, HandScript, Jaws, Lying, Plant, PlantConfig, SensorNoise, Start, sagging,
@@ -53,6 +54,9 @@ pub(super) fn create(
         meetings.map_or(ErrorSpreads::default().pivot, |table| meeting_place(&belief, table));
     let measured = calibrated(&belief, &met, pivot);
     let mut config = config(scenario, &measured, pivot, grasp);
+    // Before the faults: a run that goes on may have others.
+    let identity = Identity::of(&config, scenario.seed);
+    mistakes(scenario, &mut config.cell);
     config.faults = faults(scenario).0;
     if let Some(start) = face_turn {
         let edge = config.cell.cube.edge;
@@ -60,7 +64,8 @@ pub(super) fn create(
         config.start = Start::Held { arm: 1, tool_from_cube };
         config.start_grip = scenario.controller.control.grip;
     }
-    Plant::new(config, scenario.seed).map_err(|e| e.to_string())
+    let plant = Plant::new(config, scenario.seed).map_err(|e| e.to_string())?;
+    Ok(plant.known_as(identity))
 }
 
 /// Creates the plant with the cube in an arm's hand and both arms where they are to be at first.
@@ -76,6 +81,7 @@ pub(super) fn create_holding(
     }
     let pivot = ErrorSpreads::default().pivot;
     let mut config = config(scenario, &belief, pivot, GraspError::default());
+    mistakes(scenario, &mut config.cell);
     config.start = Start::Held { arm, tool_from_cube };
     config.start_grip = scenario.controller.control.grip;
     // Nobody waits for the cube: a hand would take it where a pose shows it near the hand-over place.
@@ -112,7 +118,7 @@ fn calibrated(belief: &Cell, met: &[Meeting], pivot: Point3<f64>) -> Cell {
     cell
 }
 
-/// What the plant is made of, around the controller's belief.
+/// What the plant is made of, around the controller's belief, without any fault.
 fn config(
     scenario: &Scenario,
     belief: &Cell,
@@ -135,11 +141,7 @@ fn config(
         grasp,
         pivot,
     };
-    let mut truth = truth::draw(belief, &errors, scenario.seed);
-    for keys in &scenario.plant.faults {
-        mistake(scenario, keys, &mut truth);
-    }
-    let mut config = PlantConfig::new(truth);
+    let mut config = PlantConfig::new(truth::draw(belief, &errors, scenario.seed));
     config.cube = match keys.cube_kind {
         CubeKind::Of2007 => CubeMechanics::of_2007(),
         CubeKind::Modern => CubeMechanics::modern(),
@@ -210,6 +212,12 @@ fn index<'a>(mut names: impl Iterator<Item = &'a String>, wanted: Option<&String
 }
 
 /// What of the cell is not as believed from the beginning.
+fn mistakes(scenario: &Scenario, truth: &mut Cell) {
+    for keys in &scenario.plant.faults {
+        mistake(scenario, keys, truth);
+    }
+}
+
 fn mistake(scenario: &Scenario, keys: &FaultKeys, truth: &mut Cell) {
     let which = index(truth.arms.iter().map(|a| &a.name), keys.arm.as_ref());
     let size = keys.magnitude.unwrap_or_default() * 1e-3;
@@ -394,4 +402,38 @@ pub(super) fn renderer(scenario: &Scenario, plant: &Plant, camera: usize) -> Opt
         Renderer::new(truth.cameras.get(camera)?.clone(), look, seed)
             .with_setting(Setting::of(truth)),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario;
+    use std::path::Path;
+
+    fn identity(text: &str, more: &str) -> Identity {
+        let text = format!("task = \"solve\"\nseed = 5\n{text}\n{more}\n");
+        let scenario = scenario::read(Path::new("identity.toml"), &text, &[]).unwrap();
+        *create(&scenario, None, None).unwrap().identity()
+    }
+
+    #[test]
+    fn a_plant_is_the_same_whatever_the_controller_and_the_faults_are() {
+        let plain = identity("", "");
+
+        let fault = "[[fault]]\nkind = \"base_calibration\"\narm = \"postument\"\nmagnitude = 2\n";
+        let same = [
+            ("", fault),
+            ("coordination = \"continuous\"", ""),
+            ("pace = \"real-time\"", ""),
+            ("control.grip_n = 29", ""),
+            ("cube.state = \"UUFUUFUUFRRRRRRRRRFFDFFDFFDDDBDDBDDBLLLLLLLLLUBBUBBUBB\"", ""),
+        ];
+        for (keys, more) in same {
+            assert_eq!(identity(keys, more), plain, "{keys}{more}");
+        }
+        let other = ["cube.edge_mm = 56", "plant.cube_kind = \"dry\"", "plant.hand.pull_n = 7"];
+        for keys in other {
+            assert_ne!(identity(keys, ""), plain, "{keys}");
+        }
+    }
 }

@@ -12,6 +12,7 @@ use super::disturbance::{Mishap, Troubles};
 use super::gate::{Gate, Inner};
 use super::homing::{self, homed};
 use super::interrupt::Interrupt;
+use super::kept::Kept;
 use super::lookout;
 use super::mp::{self, Coordination, Mp};
 use super::present::Presenter;
@@ -28,7 +29,6 @@ use crate::error::{Error, Fatal, NonFatal, System};
 use crate::generators::Behaviour;
 use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches, WallEnd};
 use crate::hw::note::{self, Note};
-use crate::hw::plant::saved::{Saved, Unfit};
 use crate::hw::plant::{Plant, Verdict};
 use crate::motion::PERIOD;
 use crate::operator::OutcomeView;
@@ -241,7 +241,9 @@ fn carried_out(
 ) -> Result<(Option<Goal>, Done), Error> {
     let plan = Plan::of(scenario)?;
     let goal = build::goal(&scenario.controller, plan.angle);
-    // First of all: what another run has left is not to be lost.
+    // First of all: what another run has left, or still writes, is not to be lost.
+    let claim = |path: &PathBuf| Kept::claim(path, scenario.pace, desk.ui.clone());
+    let kept = files.world.as_ref().map(claim).transpose()?;
     desk.journal = Logbook::of(files)?;
     let mut noted = None;
     let (world, cameras) = if let Some(playback) = &desk.playback {
@@ -252,22 +254,11 @@ fn carried_out(
         (world, cameras)
     } else {
         let mut plant = plan.plant(scenario)?;
-        if let Some(path) = &files.world {
-            let failed = |why: Unfit| not_created("plant", &format!("{}: {why}", path.display()));
-            match Saved::read(path) {
-                // Another run has ended with it.
-                Ok(_) | Err(Unfit::Version(_)) if !files.resume => {}
-                Ok(Some(saved)) => plant = plant.restored(saved, scenario.seed).map_err(failed)?,
-                Ok(None) if desk.journal.last.is_some() => {
-                    let why = "not there, but the journal tells of a run that was broken off";
-                    return Err(not_created("plant", &format!("{}: {why}", path.display())));
-                }
-                Ok(None) => tracing::warn!("{}: not there, so nothing had begun", path.display()),
-                Err(why) => return Err(failed(why)),
-            }
+        if let Some(kept) = &kept {
+            plant = kept.taken_up(plant, files.resume, desk.journal.last.is_some())?;
         }
         let (world, cameras) = World::of_plant(scenario, plant, control, &desk.troubles)?;
-        (world.keeping(files.world.as_deref(), scenario.seed)?, cameras)
+        (world.keeping(kept)?, cameras)
     };
     // From here on the controller: the world has its truth.
     let believed = super::calibrate::believed(scenario);

@@ -5,6 +5,7 @@
 
 use super::control::Control;
 use super::disturbance::{Blinkers, Disturbance, Troubles};
+use super::kept::Kept;
 use super::supervisor::not_created;
 use crate::cell::Cell;
 use crate::error::Error;
@@ -25,7 +26,6 @@ use crate::scenario::keys::BridgeKind;
 use crate::scenario::{CameraSource, ControllerConfig, Scenario};
 use crate::servo::io::{ArmDrive, ArmReading};
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tokio::sync::watch;
 
@@ -34,8 +34,8 @@ pub(super) struct World {
     kind: Kind,
     /// Told to end the run when the port fails.
     control: Arc<watch::Sender<Control>>,
-    /// Where the plant keeps its state, and its seed.
-    kept: Option<(PathBuf, u64)>,
+    /// Where the plant keeps its state.
+    kept: Option<Kept>,
     /// What is made to go wrong beside the plant, and where that shows.
     disturbances: Vec<Disturbance>,
     troubles: Troubles,
@@ -45,9 +45,6 @@ pub(super) struct World {
     ahead: u64,
     held_up: HeldUp,
 }
-
-/// A plant keeps its state so often [servo periods].
-const KEPT_EVERY: u64 = 50;
 
 enum Kind {
     Plant { plant: Plants, scenes: Vec<triple_buffer::Input<Scene>> },
@@ -230,18 +227,12 @@ impl World {
     ///
     /// # Errors
     /// When it cannot.
-    pub(super) fn keeping(mut self, path: Option<&Path>, seed: u64) -> Result<Self, Error> {
-        self.kept = path.map(|path| (path.to_owned(), seed));
-        self.keep().map_err(|why| not_created("plant", &why))?;
+    pub(super) fn keeping(mut self, kept: Option<Kept>) -> Result<Self, Error> {
+        if let (Some(kept), Some(plant)) = (&kept, self.plant()) {
+            kept.begin(plant)?;
+        }
+        self.kept = kept;
         Ok(self)
-    }
-
-    fn keep(&self) -> Result<(), String> {
-        let (Some((path, seed)), Kind::Plant { plant, .. }) = (&self.kept, &self.kind) else {
-            return Ok(());
-        };
-        let written = plant.plant().saved(*seed).write(path);
-        written.map_err(|why| format!("{}: the plant cannot keep its state: {why}", path.display()))
     }
 
     /// What there is to be seen, where that is known.
@@ -324,12 +315,8 @@ impl Port for World {
             Kind::Bridge(port) => port.exchange(period, drives, readings),
             Kind::Recording(playback) => playback.exchange(period, drives, readings),
         };
-        if self.kept.is_some()
-            && period.is_multiple_of(KEPT_EVERY)
-            && let Err(why) = self.keep()
-        {
-            tracing::error!("{why}");
-            self.kept = None;
+        if let (Some(kept), Kind::Plant { plant, .. }) = (&mut self.kept, &self.kind) {
+            kept.after(period, plant.plant());
         }
         if let (Err(fault), Kind::Bridge(_)) = (&done, &self.kind) {
             // The operator learns it now; the task would only learn it when it asks an arm for something.

@@ -83,7 +83,8 @@ struct KeepArgs {
     /// while it tells of a run that was broken off
     #[arg(long, value_name = "FILE")]
     journal: Option<PathBuf>,
-    /// The simulated plant keeps its state in this file, as a real cell stays where it is
+    /// The simulated plant keeps its state in this file, as a real cell stays where it is; FILE.lock beside it, which stays, lets
+    /// no other run do so meanwhile
     #[arg(long, value_name = "FILE")]
     world: Option<PathBuf>,
     /// Go on where the run that left --journal (and --world) was broken off

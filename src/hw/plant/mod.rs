@@ -49,6 +49,7 @@ use self::frame::{Frame, about};
 use self::grasp::{Grasp, Hands, Touch};
 use self::hand::OperatorHand;
 use self::jaw::PlantJaw;
+use self::saved::Identity;
 use self::sensor::WristSensor;
 use super::port::{Port, PortFault};
 use super::scene::{Scene, SceneArm, SceneCube};
@@ -79,6 +80,7 @@ enum State {
 #[derive(Clone)]
 pub struct Plant {
     config: PlantConfig,
+    identity: Identity,
     arms: Vec<PlantArm>,
     jaws: Vec<PlantJaw>,
     sensors: Vec<WristSensor>,
@@ -119,6 +121,7 @@ impl Plant {
             let reason = format!("the plant needs 1 or 2 arms with dynamics, not {count}");
             return Err(PortFault { effector: 0, reason });
         }
+        let identity = Identity::of(&config, seed);
         let stream = |which: u64| Pcg64::new(u128::from(seed), 0xcafe_f00d + u128::from(which));
         let cell = &config.cell;
         let edge = cell.cube.edge;
@@ -203,6 +206,7 @@ impl Plant {
             operator_has: config.start == Start::Hand,
             angle_at_split: 0.0,
             verdict: Verdict::empty(&world_from_cube.to_pose(), keeper),
+            identity,
             config,
         };
         if let Start::Held { arm, .. } = this.config.start {

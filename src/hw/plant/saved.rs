@@ -4,6 +4,7 @@
 //! - what is not: speeds (whoever switches the power off puts the brakes on), the sensors' noise, what follows from
 //!   scenario and seed
 //! - a file that was cut off by a crash cannot be: a new one replaces the old one whole
+//! - it goes with one plant only, see [`Identity`]
 
 use super::balance::Split;
 use super::encoder::Encoder;
@@ -11,20 +12,21 @@ use super::frame::Frame;
 use super::grasp::Grasp;
 use super::hand::Saved as SavedHand;
 use super::verdict::Counts;
-use super::{Plant, State};
-use crate::motion::{AXES, Depth};
+use super::{Plant, PlantConfig, State};
+use crate::motion::{AXES, Depth, JointPositions};
 use serde::{Deserialize, Serialize};
+use std::fmt::Debug;
 use std::io::Write as _;
 use std::path::Path;
 
 /// Counts up whenever the same file means something else.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 
 /// What is kept of a plant.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Saved {
     version: u32,
-    seed: u64,
+    identity: Identity,
     arms: Vec<SavedArm>,
     jaws: Vec<(f64, Encoder)>,
     stops: [Depth; 2],
@@ -40,6 +42,62 @@ pub struct Saved {
     angle_at_split: f64,
     counts: Counts,
     grasped: [u32; 2],
+}
+
+/// What a plant is, whatever became of it: a state goes with any plant of the same identity.
+///
+/// How a run begins is not in it, since the state tells; nor are faults and the period's length, which may be others when
+/// a run goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity {
+    seed: u64,
+    /// CRC-32 over the true cell.
+    cell: u32,
+    /// CRC-32 over the rest: drives, cube, pads, sensors, the operator's hand.
+    mechanics: u32,
+}
+
+impl Identity {
+    /// Of a plant that is to be made.
+    #[must_use]
+    pub fn of(config: &PlantConfig, seed: u64) -> Self {
+        // Each is named: whoever adds one decides.
+        let PlantConfig {
+            cell,
+            arms,
+            cube,
+            jaws,
+            noise,
+            hand,
+            start: _,
+            start_grip: _,
+            facelets: _,
+            synchronised: _,
+            faults: _,
+            period: _,
+            substeps,
+        } = config;
+        let mut cell = cell.clone();
+        for arm in &mut cell.arms {
+            arm.start = JointPositions::default();
+        }
+        // All digits of each number, in the order of the fields.
+        let sum = |what: &dyn Debug| crc32fast::hash(format!("{what:?}").as_bytes());
+        let mechanics = sum(&(arms, cube, jaws, noise, hand, substeps));
+        Self { seed, cell: sum(&cell), mechanics }
+    }
+
+    /// What hinders a plant of this identity from going on with a state of `other`.
+    fn differs(&self, other: &Self) -> Option<String> {
+        if self.seed != other.seed {
+            return Some(format!("its seed is {}, not {}", other.seed, self.seed));
+        }
+        if self.cell != other.cell {
+            return Some("it was made in another cell, or with other plant.errors".to_owned());
+        }
+        let same = self.mechanics == other.mechanics;
+        (!same).then(|| "it was made with other plant keys".to_owned())
+    }
 }
 
 /// What is kept of an arm.
@@ -67,7 +125,10 @@ pub enum Unfit {
     /// It is of another version of the program.
     #[error("the state of a plant of version {0}, this program reads {VERSION}")]
     Version(u32),
-    /// It was made with another seed or another cell.
+    /// Another run keeps its plant in it.
+    #[error("another run keeps its plant there")]
+    Taken,
+    /// It was made with another seed, in another cell, or with other plant keys.
     #[error("the state of another plant: {0}")]
     Other(String),
 }
@@ -100,17 +161,24 @@ impl Saved {
         Ok(Some(serde_json::from_slice(&bytes)?))
     }
 
-    /// Replaces a file.
+    /// Replaces a file; `synced`: the new one is on the disk before it takes the old one's name.
     ///
     /// # Errors
     /// What the operating system says; the old file is still there then.
-    pub fn write(&self, path: &Path) -> Result<(), Unfit> {
+    pub fn write(&self, path: &Path, synced: bool) -> Result<(), Unfit> {
         let mut beside = path.as_os_str().to_owned();
         beside.push(".new");
+        let bytes = serde_json::to_vec(self)?;
         let mut file = std::fs::File::create(&beside)?;
-        file.write_all(&serde_json::to_vec(self)?)?;
-        drop(file);
-        Ok(std::fs::rename(&beside, path)?)
+        let written = file
+            .write_all(&bytes)
+            .and_then(|()| if synced { file.sync_data() } else { Ok(()) })
+            .and_then(|()| std::fs::rename(&beside, path));
+        if written.is_err() {
+            // A part of a state is of no use to anybody.
+            let _ = std::fs::remove_file(&beside);
+        }
+        Ok(written?)
     }
 
     /// Turns an outer layer by quarters behind everybody's back: axis 0..3, the positive side or the negative one.
@@ -121,12 +189,24 @@ impl Saved {
 }
 
 impl Plant {
+    /// The same plant under another identity: that of one to which nothing was done beforehand.
+    #[must_use]
+    pub fn known_as(self, identity: Identity) -> Self {
+        Self { identity, ..self }
+    }
+
+    /// What this plant is.
+    #[must_use]
+    pub fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
     /// What is kept of the present state.
     #[must_use]
-    pub fn saved(&self, seed: u64) -> Saved {
+    pub fn saved(&self) -> Saved {
         Saved {
             version: VERSION,
-            seed,
+            identity: self.identity,
             arms: self.arms.iter().map(super::PlantArm::saved).collect(),
             jaws: self.jaws.iter().map(super::PlantJaw::saved).collect(),
             stops: self.stops,
@@ -149,9 +229,9 @@ impl Plant {
     ///
     /// # Errors
     /// When the state is that of another plant.
-    pub fn restored(mut self, saved: Saved, seed: u64) -> Result<Self, Unfit> {
-        if saved.seed != seed {
-            return Err(Unfit::Other(format!("its seed is {}, not {seed}", saved.seed)));
+    pub fn restored(mut self, saved: Saved) -> Result<Self, Unfit> {
+        if let Some(difference) = self.identity.differs(&saved.identity) {
+            return Err(Unfit::Other(difference));
         }
         let fits = saved.arms.len() == self.arms.len()
             && saved.jaws.len() == self.jaws.len()
@@ -185,5 +265,67 @@ impl Plant {
         self.core = self.balance.core(&self.puzzle);
         self.account();
         Ok(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fault::{Fault, What, When};
+    use super::super::{CubeMechanics, Jaws, testing};
+    use super::*;
+
+    fn refused(config: PlantConfig, seed: u64) -> Option<String> {
+        let saved = Plant::new(PlantConfig::new(testing::cell()), 1).unwrap().saved();
+        match Plant::new(config, seed).unwrap().restored(saved) {
+            Ok(_) => None,
+            Err(why) => Some(why.to_string()),
+        }
+    }
+
+    #[test]
+    fn a_state_of_another_plant_is_refused_and_what_differs_is_told() {
+        let other = |change: fn(&mut PlantConfig)| {
+            let mut config = PlantConfig::new(testing::cell());
+            change(&mut config);
+            refused(config, 1).unwrap_or_default()
+        };
+
+        let told = refused(PlantConfig::new(testing::cell()), 2).unwrap();
+        assert!(told.ends_with("its seed is 1, not 2"), "{told}");
+        let cells: [fn(&mut PlantConfig); 3] = [
+            |config| config.cell.cube.edge += 1e-9,
+            |config| config.cell.arms[1].world_from_base.translation.vector.x += 1e-9,
+            |config| config.cell.arms[0].gripper.finger_tip += 1e-9,
+        ];
+        for change in cells {
+            let told = other(change);
+            assert!(told.contains("in another cell"), "{told}");
+        }
+        let keys: [fn(&mut PlantConfig); 4] = [
+            |config| config.cube = CubeMechanics::dry(),
+            |config| config.jaws = Jaws::stiff(),
+            |config| config.hand.pull += 1.0,
+            |config| config.noise.force_bias += 1e-9,
+        ];
+        for change in keys {
+            let told = other(change);
+            assert!(told.contains("with other plant keys"), "{told}");
+        }
+    }
+
+    #[test]
+    fn another_beginning_and_other_faults_make_no_other_plant() {
+        let mut config = PlantConfig::new(testing::cell());
+        config.facelets.swap(0, 10);
+        config.synchronised = [false; 2];
+        config.start_grip += 1.0;
+        config.cell.arms[0].start.0[1] += 0.1;
+        config.faults.push(Fault {
+            what: What::Withdraw,
+            when: When::At(1.0),
+            lasts: f64::INFINITY,
+        });
+
+        assert_eq!(refused(config, 1), None);
     }
 }
