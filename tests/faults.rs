@@ -150,7 +150,8 @@ fn a_frozen_counter_stops_its_arm_and_the_other_one_holds_the_cube() {
     each_seed(|seed| {
         let begin = seed.turned_30();
         let seen = seed.seen("encoder_freeze", &[]);
-        seen.stops(0, begin..=begin + 16);
+        // The fault table's ten periods: from the reading on, which is a period old.
+        seen.stops(0, begin..=begin + 10);
         seen.is_held_by([true, true]);
     });
 }
@@ -160,7 +161,7 @@ fn a_jumping_counter_stops_its_arm_at_once() {
     each_seed(|seed| {
         let begin = seed.turned_30();
         let seen = seed.seen("encoder_jump", &[]);
-        seen.stops(0, begin..=begin + 10);
+        seen.stops(0, begin..=begin + 2);
         seen.is_held_by([true, true]);
     });
 }
@@ -170,11 +171,11 @@ fn over_current_and_a_limit_switch_take_the_power_off_one_arm_only() {
     each_seed(|seed| {
         let begin = seed.turned_30();
         let seen_current = seed.seen("over_current", &[]);
-        seen_current.stops(1, begin..=begin + 10);
+        seen_current.stops(1, begin..=begin + 2);
         seen_current.is_held_by([true, true]);
 
         let seen = seed.seen("limit_switch", &[]);
-        seen.stops(0, 950..=954);
+        seen.stops(0, 950..=952);
         seen.is_held_by([false, true]);
     });
 }
@@ -185,7 +186,8 @@ fn a_force_that_is_none_moves_nothing() {
         let begin = seed.turned_30();
         for name in ["force_dropout", "force_nan", "force_saturation"] {
             let seen = seed.seen(name, &[]);
-            seen.stops(0, begin..=begin + 4);
+            // The reading after the one at 30 deg is bad, in the next period its arm is off.
+            seen.stops(0, begin..=begin + 2);
             seen.is_held_by([true, true]);
             // From the reading on: less than the way of two periods of the turn.
             assert!(
@@ -288,7 +290,7 @@ fn an_emergency_stop_takes_the_power_off_both_arms_and_they_stay_where_they_are(
         let begin = seed.turned_30();
         let seen = seed.seen("emergency_stop", &[]);
         for arm in [0, 1] {
-            assert!((begin..begin + 5).contains(&seen.cut(arm).unwrap()), "{:?}", seen.cut(arm));
+            assert!((begin..=begin + 2).contains(&seen.cut(arm).unwrap()), "{:?}", seen.cut(arm));
             assert!(seen.way(arm, begin + 5, seen.last()) < 1e-3);
         }
         seen.is_held_by([true, true]);
@@ -397,6 +399,35 @@ fn an_arm_that_is_blind_stands_within_a_tenth_of_a_second_and_goes_on_when_it_se
 }
 
 #[test]
+fn a_hand_that_meets_something_on_its_way_stops_draws_back_and_comes_again() {
+    each_seed(|seed| {
+        let seen = seed.seen("contact", &[]);
+        assert_eq!(seen.summary.outcome, Outcome::Solved, "{}", seen.summary.reason);
+        // Against its own approach, 30 N from 9 s on for 0.5 s: it stands within a tenth of a second ...
+        let along = |period: u64| seen.at(period).tools[0].translation.vector.x;
+        let stood = along(4550);
+        let nearer = (4550..4800).map(|p| along(p) - stood).fold(0.0, f64::max);
+        assert!(nearer < 2e-3, "{nearer} m nearer to the operator");
+        // ... and is well away before it comes again.
+        let farthest = (4800..6500).map(|p| along(p) - stood).fold(0.0, f64::min);
+        assert!(farthest < -0.05, "it draws back by {farthest} m");
+        assert_eq!(seen.verdict.counts.drops, 0);
+    });
+}
+
+#[test]
+fn a_camera_that_stays_dark_ends_the_run_and_says_so() {
+    each_seed(|seed| {
+        let seen = seed.seen("camera_blackout", &["fault.0.duration_s=3000"]);
+        assert_eq!(seen.summary.exit_code(), 1);
+        let told = "no cube in sight of the stand-alone camera for 60";
+        assert!(seen.summary.reason.contains(told), "{}", seen.summary.reason);
+        let last = seen.last();
+        assert!(seen.away(0, 2100, last) < 2e-3, "it moves blindly");
+    });
+}
+
+#[test]
 fn an_operator_who_draws_back_is_not_followed_into_the_cell_and_gets_rid_of_the_cube_later() {
     each_seed(|seed| {
         let seen = seed.seen("withdraw", &[]);
@@ -443,6 +474,7 @@ const TOLD: &[(&str, i32, &[&str])] = &[
     ("camera_silent", 0, &["non-fatal, vsp mpc", "camera standalone: no picture comes, period 20"]),
     ("late_frames", 0, &["non-fatal, vsp mpc", "camera standalone", "period 20"]),
     ("withdraw", 0, &["solved"]),
+    ("contact", 0, &["over-force of 30", "while approaching: the hand draws back, try 1"]),
     ("misread", 1, &["this cube cannot exist", "stickers in doubt: D7", "handed back"]),
     ("over_constrained", 1, &["over-force", "track"]),
 ];

@@ -713,8 +713,17 @@ impl Mission {
             Job::Present { tries } => match of(Hand::Track) {
                 Some(Outcome::Pulled) => Ok(()),
                 Some(Outcome::TimedOut(seconds)) if tries < 2 => {
-                    self.log.notes.push(format!("nobody took the cube for {seconds:.0} s"));
-                    self.push_front(&[Job::Bias([true, false]), Job::Present { tries: tries + 1 }]);
+                    self.log.notes.push(format!(
+                        "nobody took the cube for {seconds:.0} s: it is drawn back and held out once more"
+                    ));
+                    // Who has not seen it leave may not see that it is there again.
+                    let goes = self.free_way(Hand::Track, 2.0 * self.settings.back, arms);
+                    self.push_front(&[
+                        Job::Along(Hand::Track, -goes),
+                        Job::Along(Hand::Track, goes),
+                        Job::Bias([true, false]),
+                        Job::Present { tries: tries + 1 },
+                    ]);
                     Ok(())
                 }
                 other => Err(format!("the cube was not taken back: {}", Outcome::words(other))),
