@@ -22,6 +22,10 @@ pub struct Motion {
     pace: u32,
     /// What is heeded near the operator's hand; nothing by what gives way there, or lets go.
     hand: Option<NearHand>,
+    /// Of a motion through free space: by how much the force may change on the way [N].
+    free: Option<f64>,
+    /// Where it leads, and the force at first.
+    begun: (Behaviour, Option<Vector3<f64>>),
 }
 
 /// Time in which a pause brings a motion to rest, and a resume to its full pace [s]. From the full speed of axis 6 the
@@ -92,6 +96,12 @@ impl Manner {
     }
 }
 
+/// Whether an arm that stands so is only to stay there, whatever pushes.
+fn stays(order: &Behaviour, arm: &ArmState) -> bool {
+    let Behaviour::Joints { target, .. } = order else { return false };
+    target.0.iter().zip(arm.desired_joints.0).all(|(to, from)| (to - from).abs() < 1e-4)
+}
+
 /// Distance [m] and angle [rad] from an arm's tool to `base_from_tool`.
 fn off(arm: &ArmState, target: &Pose) -> (f64, f64) {
     let from = &arm.desired_base_from_tool;
@@ -111,7 +121,10 @@ impl Motion {
             Behaviour::Comply { .. } | Behaviour::Present { .. } | Behaviour::Jaw { .. }
         );
         let hand = manner.hand.filter(|_| !yields);
-        Self { generator, ramp, pace: ramp, hand }
+        // What is there from the beginning is a sensor that lies, or a strain that the motion is to relieve.
+        let free = matches!(behaviour, Behaviour::Joints { .. } | Behaviour::Line { .. })
+            .then_some(manner.compliance.force_limit);
+        Self { generator, ramp, pace: ramp, hand, free, begun: (*behaviour, None) }
     }
 
     /// Whether it stands still because of [`Motion::heed`].
@@ -140,6 +153,14 @@ impl Motion {
         if let Some(excess) = self.hand.and_then(|hand| hand.excess(arm)) {
             return Err(excess);
         }
+        if self.begun.1.is_none() && stays(&self.begun.0, arm) {
+            self.free = None;
+        }
+        let force = arm.wrench_in_tool.force;
+        let change = force - *self.begun.1.get_or_insert(force);
+        if self.free.is_some_and(|limit| change.norm() > limit) {
+            return Err(Outcome::OverForce(change.iamax(), change.norm()));
+        }
         let share = f64::from(self.pace) / f64::from(self.ramp);
         // Without a jump of the acceleration at either end.
         let pace = share * share * (3.0 - 2.0 * share);
@@ -156,6 +177,89 @@ impl Motion {
         match error {
             Error::NonFatal { cause: NonFatal::Refused(why), .. } => self.generator.bears(why),
             _ => false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::{AXES, Depth, JawCommand, JointPositions};
+
+    fn manner() -> Manner {
+        let compliance = Compliance {
+            jaw_close_speed: 0.012,
+            jaw_open_speed: 0.03,
+            linear_admittance: 0.001,
+            linear_inertia: 20.0,
+            angular_admittance: 0.05,
+            angular_inertia: 0.5,
+            macrostep: 8,
+            force_limit: 20.0,
+            torque_limit: 4.5,
+        };
+        let speeds = Speeds {
+            joint: [0.5; AXES],
+            joint_acceleration: [1.0; AXES],
+            linear: 0.2,
+            linear_acceleration: 0.5,
+            angular: 1.0,
+            angular_acceleration: 2.0,
+        };
+        let zone = (Pose::translation(1.0, 0.0, 1.0), Vector3::repeat(0.1));
+        Manner { compliance, speeds, hand: Some(NearHand { zone, force: 10.0 }) }
+    }
+
+    /// The outcome of the second step of a behaviour that felt one force [N] at first and then another, at x [m].
+    fn ends(behaviour: &Behaviour, x: f64, forces: [f64; 2]) -> Option<Outcome> {
+        let mut motion = Motion::begin(behaviour, &manner());
+        let mut ended = None;
+        for force in forces {
+            let wrench = Wrench::from_directions([0.0, force, 0.0, 0.0, 0.0, 0.0]);
+            let arm = ArmState {
+                desired_base_from_tool: Pose::translation(x, 0.0, 1.0),
+                wrench_in_tool: wrench,
+                jaw_opening: 0.07,
+                desired_jaw_opening: 0.07,
+                ..ArmState::default()
+            };
+            ended = motion.step(&arm, None).err();
+        }
+        ended
+    }
+
+    #[test]
+    fn a_way_through_free_space_ends_where_something_is_met_and_a_sensor_that_lies_stops_nothing() {
+        let target = JointPositions([0.5; AXES]);
+        let joints = Behaviour::Joints { target, speed: 1.0, seconds: 5.0 };
+        let line = Behaviour::Line { target: Pose::translation(0.3, 0.2, 1.0), speed: 1.0 };
+
+        for behaviour in [joints, line] {
+            assert_eq!(ends(&behaviour, 0.3, [0.0, 19.0]), None);
+            assert_eq!(ends(&behaviour, 0.3, [0.0, 21.0]), Some(Outcome::OverForce(1, 21.0)));
+            assert_eq!(ends(&behaviour, 0.3, [30.0, 30.0]), None, "nothing has changed");
+            assert_eq!(ends(&behaviour, 0.3, [30.0, 5.0]), Some(Outcome::OverForce(1, 25.0)));
+        }
+        let target = JointPositions::default();
+        let stays = Behaviour::Joints { target, speed: 1.0, seconds: 5.0 };
+        assert_eq!(ends(&stays, 0.3, [0.0, 50.0]), None, "what only holds its place does");
+    }
+
+    #[test]
+    fn near_the_operator_less_is_borne_but_by_what_gives_way_or_lets_go() {
+        let target = JointPositions([0.5; AXES]);
+        let joints = Behaviour::Joints { target, speed: 1.0, seconds: 5.0 };
+        let present = Behaviour::Present { pull: 50.0, selector: [true; 6], seconds: 5.0 };
+        let jaw = JawCommand { opening: 0.08, force_limit: 40.0, stops: Depth::One };
+        let selector = [false; 6];
+        let opens = Behaviour::Jaw { jaw, seconds: 1.0, selector, strained: false };
+
+        // Within 0.15 m of the zone, and beyond.
+        for (x, ended) in [(0.8, true), (1.2, true), (0.7, false)] {
+            assert_eq!(ends(&joints, x, [0.0, 11.0]).is_some(), ended, "{x}");
+            assert_eq!(ends(&joints, x, [0.0, 9.0]), None);
+            assert_eq!(ends(&present, x, [0.0, 11.0]), None);
+            assert_eq!(ends(&opens, x, [0.0, 11.0]), None);
         }
     }
 }

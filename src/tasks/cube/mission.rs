@@ -547,7 +547,7 @@ impl Mission {
                     | Job::Together(_)
                     | Job::GoOn
                     | Job::Wait(..)
-                        if self.meets(hand, job) =>
+                        if self.meets(hand, job, arms) =>
                     {
                         self.give_way(hand, job, &why);
                         Ok(())
