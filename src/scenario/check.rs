@@ -144,6 +144,13 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     let mut named: Vec<&str> = Vec::new();
     for (path, keys) in &draft.faults {
         super::injected::check(keys, path, &draft.effectors, &draft.cameras, reader);
+        let of = |arm: &&Arm| Some(&arm.name) == keys.arm.as_ref();
+        if keys.axis == Some(0)
+            && let Some(arm) = arms.iter().flatten().find(of).filter(|arm| !arm.model.has_track)
+        {
+            let reason = format!("`{path}.axis`: the {} has no axis 0", arm.name);
+            fault(reader, &format!("{path}.axis"), reason);
+        }
         if root.bridge.kind.is_hardware() {
             let reason = format!("`{path}`: nothing can be made to go wrong on hardware");
             fault(reader, path, reason);

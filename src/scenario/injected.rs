@@ -268,6 +268,9 @@ pub(super) fn check(
         (None, Some(_)) => wrong.push(("magnitude", format!("\"{word}\" has none"))),
         _ => {}
     }
+    if kind == FaultKind::MissedPeriods && fault.magnitude.is_some_and(|x| x != x.trunc()) {
+        wrong.push(("magnitude", format!("\"{word}\" misses whole periods")));
+    }
     match (kind, fault.actor) {
         (FaultKind::ActorPanic | FaultKind::ActorHang, None) => {
             wrong.push(("kind", format!("\"{word}\" needs an actor")));
@@ -340,6 +343,13 @@ mod tests {
         assert!(range.contains("f.toml:6:13") && range.contains("outside 0..1"), "{range}");
         let whose = faults("kind = \"actor_panic\"\nactor = \"ecp\"\nat_s = 1");
         assert!(whose.contains("give its arm"), "{whose}");
+        let part = faults("kind = \"missed_periods\"\nat_s = 1\nmagnitude = 1.5");
+        assert!(part.contains("f.toml:5:") && part.contains("whole periods"), "{part}");
+        let rail = |arm: &str| {
+            faults(&format!("kind = \"limit_switch\"\narm = \"{arm}\"\naxis = 0\nat_s = 1"))
+        };
+        assert!(rail("postument").contains("the postument has no axis 0"), "{}", rail("postument"));
+        assert_eq!(rail("track"), "1 fine");
         let never = faults("kind = \"jaw_calibration\"\narm = \"track\"\nmagnitude = 1\nat_s = 1");
         assert!(never.contains("from the beginning"), "{never}");
     }
