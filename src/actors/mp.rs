@@ -636,15 +636,15 @@ impl Mp {
     }
 }
 
-/// How a behaviour moves an arm that stands so, as far as that is known before.
+/// How a behaviour moves an arm that stands so, as far as that is known before. An approach ends where it touches what
+/// it is to touch, the table among others, and slowly.
 fn asked(order: Option<&Behaviour>, arm: &ArmState) -> Asked {
-    let ahead =
-        |way: f64| Asked::Line(arm.desired_base_from_tool * Pose::translation(0.0, 0.0, way));
     match order {
         Some(Behaviour::Joints { target, .. }) => Asked::Joints(*target),
         Some(Behaviour::Line { target, .. }) => Asked::Line(*target),
-        Some(Behaviour::Approach { distance, .. }) => ahead(*distance),
-        Some(Behaviour::Withdraw { distance, .. }) => ahead(-distance),
+        Some(Behaviour::Withdraw { distance, .. }) => {
+            Asked::Line(arm.desired_base_from_tool * Pose::translation(0.0, 0.0, -distance))
+        }
         _ => Asked::Stays,
     }
 }
