@@ -10,7 +10,7 @@ use std::any::Any;
 use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
 use std::time::Duration;
@@ -117,6 +117,41 @@ impl Default for Alarm {
     }
 }
 
+/// A watch from outside; it ends with this.
+#[derive(Debug)]
+pub(super) struct Outside(Arc<AtomicBool>);
+
+impl Drop for Outside {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Release);
+    }
+}
+
+/// What was seen of each pulse, and how often in a row.
+#[derive(Debug, Default)]
+struct Looks(Vec<(Option<u64>, u32)>);
+
+impl Looks {
+    /// Looks once more: who is seen at the same piece of work for so many times in a row.
+    fn silent(&mut self, pulses: &[(String, Pulse)], most: u32) -> Option<String> {
+        self.0.resize(pulses.len(), (None, 0));
+        for ((name, pulse), (was, same)) in pulses.iter().zip(&mut self.0) {
+            let is = pulse.at_work();
+            *same = if is.is_some() && is == *was { *same + 1 } else { 0 };
+            *was = is;
+            if *same + 1 >= most {
+                return Some(name.clone());
+            }
+        }
+        None
+    }
+}
+
+fn silent(who: String, time: Duration) -> Error {
+    let cause = System::Silent { who, seconds: time.as_secs_f64() };
+    Error::System { actor: "supervisor".into(), place: "watch", cause }
+}
+
 impl Alarm {
     /// Runs an actor as a task.
     pub(super) fn spawn(&self, name: &str, actor: impl Future<Output = ()> + Send + 'static) {
@@ -149,24 +184,40 @@ impl Alarm {
         }
     }
 
-    /// Until somebody has been at one piece of its own work for too long.
+    /// Until somebody has been at one piece of its own work for too long, while the others get on.
     async fn silence(&self) -> Error {
-        let mut before: Vec<(Option<u64>, u32)> = Vec::new();
+        let mut looks = Looks::default();
         loop {
             tokio::time::sleep(SILENCE / LOOKS).await;
-            let pulses = self.pulses();
-            before.resize(pulses.len(), (None, 0));
-            for ((name, pulse), (was, same)) in pulses.iter().zip(&mut before) {
-                let is = pulse.at_work();
-                *same = if is.is_some() && is == *was { *same + 1 } else { 0 };
-                *was = is;
-                if *same + 1 >= LOOKS {
-                    let seconds = SILENCE.as_secs_f64();
-                    let cause = System::Silent { who: name.clone(), seconds };
-                    return Error::System { actor: "supervisor".into(), place: "watch", cause };
-                }
+            if let Some(who) = looks.silent(&self.pulses(), LOOKS) {
+                let error = silent(who, SILENCE);
+                self.raise(error.clone());
+                return error;
             }
         }
+    }
+
+    /// Looks after the actors from a thread of its own, as long as it is kept: one that goes round in circles lets none of
+    /// their runtime's watches look. Whoever has been at one piece of its own work for so long is told once.
+    pub(super) fn watched_from_outside(
+        &self,
+        patience: Duration,
+        told: impl FnOnce(Error) + Send + 'static,
+    ) -> Outside {
+        let (alarm, ends) = (self.clone(), Arc::new(AtomicBool::new(false)));
+        let over = Arc::clone(&ends);
+        let (pause, mut looks) = (SILENCE / LOOKS, Looks::default());
+        let most = (patience.as_secs_f64() / pause.as_secs_f64()).ceil() as u32;
+        std::thread::spawn(move || {
+            while !over.load(Ordering::Acquire) && alarm.first.borrow().is_none() {
+                std::thread::sleep(pause);
+                let who = looks.silent(&alarm.pulses(), most);
+                if let Some(who) = who.filter(|_| !over.load(Ordering::Acquire)) {
+                    return told(silent(who, patience));
+                }
+            }
+        });
+        Outside(ends)
     }
 
     /// The first error wins.
@@ -235,5 +286,56 @@ mod tests {
         let error = raised(&mut listens).await.to_string();
 
         assert_eq!(error, "system, supervisor, supervise: edp b panicked: on purpose 1");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn who_is_at_one_piece_of_work_for_too_long_is_silent_and_who_waits_or_gets_on_is_not() {
+        let alarm = Alarm::default();
+        let [waits, works, hangs] = ["edp a", "ecp b", "vsp c"].map(|name| alarm.pulse(name));
+        waits.works();
+        waits.waits();
+        let quiet = tokio::time::timeout(Duration::from_secs(1), async {
+            tokio::join!(alarm.silence(), async {
+                loop {
+                    works.works();
+                    tokio::time::sleep(Duration::from_millis(60)).await;
+                    works.waits();
+                }
+            })
+        });
+        assert!(quiet.await.is_err(), "nobody was silent");
+
+        works.waits();
+        hangs.works();
+        let begun = tokio::time::Instant::now();
+        let error = alarm.raised().await.to_string();
+        assert!(begun.elapsed() <= Duration::from_millis(126), "{:?}", begun.elapsed());
+        assert_eq!(error, "system, supervisor, watch: no answer from vsp c in 0.1 s");
+    }
+
+    #[test]
+    fn who_lets_nobody_else_get_on_is_told_watched_from_outside() {
+        let alarm = Alarm::default();
+        let (waits, hangs) = (alarm.pulse("edp a"), alarm.pulse("mp"));
+        let (to, told) = std::sync::mpsc::channel();
+        let tell = |to: &std::sync::mpsc::Sender<Error>| {
+            let to = to.clone();
+            move |error| to.send(error).unwrap()
+        };
+        waits.works();
+        waits.waits();
+        let outside = alarm.watched_from_outside(Duration::from_millis(300), tell(&to));
+        for _ in 0..40 {
+            hangs.works();
+            std::thread::sleep(Duration::from_millis(15));
+            hangs.waits();
+        }
+        assert!(told.try_recv().is_err(), "it got on");
+        drop(outside);
+
+        let _outside = alarm.watched_from_outside(Duration::from_millis(300), tell(&to));
+        hangs.works();
+        let error = told.recv_timeout(Duration::from_secs(30)).unwrap().to_string();
+        assert_eq!(error, "system, supervisor, watch: no answer from mp in 0.3 s");
     }
 }

@@ -43,6 +43,8 @@ pub(super) enum Disturbance {
     Panic(Who),
     /// An actor answers no more.
     Hang(Who),
+    /// An actor answers no more, and lets no other one of its runtime get on.
+    Spin(Who),
     /// The heart stops beating.
     HeartBeat,
     /// The recorder's device is full.
@@ -66,6 +68,7 @@ impl Disturbance {
 pub(super) struct Mishap {
     panics: AtomicBool,
     hangs: AtomicBool,
+    spins: AtomicBool,
     /// [ms]
     late: AtomicU64,
     twice: AtomicU32,
@@ -104,6 +107,9 @@ impl Mishap {
         assert!(!self.panics.load(Ordering::Acquire), "a panic was injected");
         if self.hangs.load(Ordering::Acquire) {
             std::future::pending::<()>().await;
+        }
+        while self.spins.load(Ordering::Acquire) {
+            std::thread::sleep(std::time::Duration::from_millis(10));
         }
         let late = self.late.swap(0, Ordering::AcqRel);
         if late > 0 {
@@ -179,6 +185,11 @@ impl Troubles {
             Disturbance::Hang(who) => {
                 if let Some(mishap) = self.of(who) {
                     mishap.hangs.store(begins, Ordering::Release);
+                }
+            }
+            Disturbance::Spin(who) => {
+                if let Some(mishap) = self.of(who) {
+                    mishap.spins.store(begins, Ordering::Release);
                 }
             }
             Disturbance::HeartBeat => self.heart.store(begins, Ordering::Release),

@@ -353,6 +353,7 @@ fn what(scenario: &Scenario, keys: &FaultKeys, others: &mut Vec<Disturbance>) ->
         K::DuplicatedMessage => Disturbance::Duplicated(arm),
         K::ActorPanic => Disturbance::Panic(who()?),
         K::ActorHang => Disturbance::Hang(who()?),
+        K::ActorSpin => Disturbance::Spin(who()?),
         K::HeartBeatLoss => Disturbance::HeartBeat,
         K::DiskFull => Disturbance::DiskFull,
         K::EmergencyStop => Disturbance::EmergencyStop,

@@ -695,6 +695,11 @@ async fn perform(
         raised(&mut listens).await;
         holds.hold.store(true, Ordering::Release);
     });
+    let _outside = alarm.watched_from_outside(stuck(scenario.pace), |error| {
+        // Who is stuck holds the runtime, and with it the run: nobody else can end it. Servo and controllers miss the heart beat.
+        eprintln!("{error}; the program is ended as it is, and the arms hold as long as their controllers let them");
+        std::process::exit(4);
+    });
     let patience = if scenario.pace == Pace::Virtual { Care::VIRTUAL } else { Care::PATIENCE };
     let care = |mishap: Option<&Arc<Mishap>>| Care {
         alarm: alarm.clone(),
@@ -954,6 +959,12 @@ async fn survived(
             mp::Ending::broken(end, error)
         }
     }
+}
+
+/// After how long, by the wall clock, an actor counts as stuck that lets no other one get on. Arms hold after 0.1 s without a
+/// heart beat, and stop after 1 s; no arm waits for virtual time, and a busy machine takes its own.
+fn stuck(pace: Pace) -> Duration {
+    Duration::from_secs(if pace == Pace::Virtual { 10 } else { 1 })
 }
 
 fn periods(seconds: f64) -> u64 {

@@ -64,6 +64,8 @@ words! {
         ActorPanic = "actor_panic",
         /// An actor stops answering.
         ActorHang = "actor_hang",
+        /// An actor stops answering, and lets no other one get on.
+        ActorSpin = "actor_spin",
         /// The actors' heart stops beating.
         HeartBeatLoss = "heart_beat_loss",
         /// The recorder's device is full.
@@ -191,6 +193,7 @@ fn needs(kind: FaultKind) -> Needs {
         | K::Misread
         | K::ActorPanic
         | K::ActorHang
+        | K::ActorSpin
         | K::HeartBeatLoss
         | K::DiskFull
         | K::EmergencyStop => none,
@@ -272,7 +275,7 @@ pub(super) fn check(
         wrong.push(("magnitude", format!("\"{word}\" misses whole periods")));
     }
     match (kind, fault.actor) {
-        (FaultKind::ActorPanic | FaultKind::ActorHang, None) => {
+        (FaultKind::ActorPanic | FaultKind::ActorHang | FaultKind::ActorSpin, None) => {
             wrong.push(("kind", format!("\"{word}\" needs an actor")));
         }
         (_, Some(FaultActor::Ecp | FaultActor::Edp)) if fault.arm.is_none() => {

@@ -531,6 +531,24 @@ impl Mission {
                     Job::Turn { turner, tries, .. } if tries != u32::MAX => {
                         self.turn_failed(turner, &why)
                     }
+                    // At the operator's hand: below.
+                    Job::VisualServo { .. } | Job::Take { .. } | Job::Release { .. } => break,
+                    // Jaws that open next relieve it.
+                    Job::Wait(..) if matches!(self.queue.front(), Some(Job::Open { .. })) => Ok(()),
+                    Job::Joints(..)
+                    | Job::Along(..)
+                    | Job::Nudge(..)
+                    | Job::Roll(..)
+                    | Job::PreGrasp { .. }
+                    | Job::Apart
+                    | Job::Together(_)
+                    | Job::GoOn
+                    | Job::Wait(..)
+                        if self.meets(job) =>
+                    {
+                        self.give_way(hand, job, &why);
+                        Ok(())
+                    }
                     Job::Turn { .. } | Job::Wait(..) | Job::Ease(_) if self.unwinds() => {
                         self.log.notes.push(why);
                         self.try_again();
@@ -539,19 +557,6 @@ impl Mission {
                     Job::Approach { hand, .. }
                     | Job::Close { hand, .. }
                     | Job::Secure { hand, .. } => self.not_grasped(hand, &why),
-                    // At the operator's hand: below.
-                    Job::VisualServo { .. } | Job::Take { .. } | Job::Release { .. } => break,
-                    Job::Joints(..)
-                    | Job::Along(..)
-                    | Job::Apart
-                    | Job::Together(_)
-                    | Job::GoOn
-                    | Job::Wait(..)
-                        if self.meets(hand, job, arms) =>
-                    {
-                        self.give_way(hand, job, &why);
-                        Ok(())
-                    }
                     // Nobody else is there who could strain it.
                     Job::Present { .. } if matches!(alarm, Outcome::OverForce(..)) => {
                         self.log.notes.push(format!("{why}: the jaws let go"));
@@ -574,7 +579,14 @@ impl Mission {
                 self.strained = 0;
                 Ok(())
             }
-            Job::Joints(..) | Job::Along(..) | Job::Apart | Job::Together(_) | Job::GoOn => {
+            Job::Joints(..)
+            | Job::Along(..)
+            | Job::Nudge(..)
+            | Job::Roll(..)
+            | Job::PreGrasp { .. }
+            | Job::Apart
+            | Job::Together(_)
+            | Job::GoOn => {
                 self.going.1 = 0;
                 Ok(())
             }

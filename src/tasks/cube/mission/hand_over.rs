@@ -4,16 +4,12 @@
 //! - out: jobs; a question; the end of a task that leaves the cube where it is
 
 use super::{Asked, Job, Mission};
-use crate::cube::Keeper;
-use crate::motion::{ArmState, Depth};
+use crate::motion::Depth;
 use crate::operator::{Question, Subject};
 use crate::tasks::cube::hold::Hand;
-use nalgebra::Point3;
 
-/// So near to the place of hand-over what is met may be the operator [m].
-const AT_THE_HAND: f64 = 0.3;
 /// How often one way is gone on with.
-const MOST_MET: u32 = 5;
+const MOST_MET: u32 = 3;
 /// For so long a hand gives way to what it has met [s].
 const GIVES_WAY: f64 = 1.0;
 /// The possibilities of the question, in this order.
@@ -22,19 +18,11 @@ const OPTIONS: [&str; 2] = ["look again", "end the run"];
 pub(super) const LOOK_AGAIN: usize = 0;
 
 impl Mission {
-    /// Whether what is met now is met on a way near the operator, and may be given way to once more.
-    pub(super) fn meets(&self, hand: Hand, job: Job, arms: &[ArmState]) -> bool {
-        let (world_from_zone, half) = &self.settings.visual.zone;
-        let tool = self.belief.world_from_base(hand) * arms[hand.index()].desired_base_from_tool;
-        let at = Point3::from(tool.translation.vector);
-        let beyond = (world_from_zone.inverse() * at).coords.abs() - half;
+    /// Whether what a hand meets on its way may be given way to once more.
+    pub(super) fn meets(&self, job: Job) -> bool {
         // What waits gives way to something only when it was met before.
         let waits = matches!(job, Job::Wait(..));
-        self.settings.keeper == Keeper::Person
-            && hand == Hand::Track
-            && beyond.max() < AT_THE_HAND
-            && !(waits && self.going.1 == 0)
-            && self.going.1 < MOST_MET
+        !(waits && self.going.1 == 0) && self.going.1 < MOST_MET
     }
 
     /// Gives way to whatever was met for a while, and goes on to where the way leads.
@@ -90,7 +78,7 @@ mod tests {
     use super::super::{Goal, Thought};
     use super::*;
     use crate::generators::{Behaviour, Outcome};
-    use crate::motion::JointPositions;
+    use crate::motion::{ArmState, JointPositions};
     use crate::operator::Answer;
     use crate::tasks::cube::think::Conclusion;
     use crate::tasks::{Action, Event, Finish, Forces, Readings, Task as _};

@@ -230,8 +230,13 @@ impl Mission {
             if self.belief.held[hand.index()].is_none() || !closed {
                 continue;
             }
-            self.belief.released(hand);
             let lost = format!("the cube has slipped out of the {} hand", name(hand));
+            if self.belief.held[hand.other().index()].is_some() && self.lost_layer(hand, arms) {
+                self.belief.released(hand);
+                self.log.notes.push(format!("{lost}: the layer is taken anew"));
+                continue;
+            }
+            self.belief.released(hand);
             if self.belief.held[hand.other().index()].is_none() {
                 let fell = format!("{lost} and lies below it");
                 let Some(hand_over) = self.hand_over.filter(|_| self.may_recover()) else {
