@@ -161,6 +161,10 @@ enum Job {
     Present {
         tries: u32,
     },
+    /// A small pull tells whether somebody holds a cube that nobody has pulled at.
+    Tug {
+        tries: u32,
+    },
     /// Lowers the cube until it stands on the table.
     LayDown,
     Finish {
@@ -532,7 +536,10 @@ impl Mission {
                         self.turn_failed(turner, &why)
                     }
                     // At the operator's hand: below.
-                    Job::VisualServo { .. } | Job::Take { .. } | Job::Release { .. } => break,
+                    Job::VisualServo { .. }
+                    | Job::Take { .. }
+                    | Job::Release { .. }
+                    | Job::Tug { .. } => break,
                     // Jaws that open next relieve it.
                     Job::Wait(..) if matches!(self.queue.front(), Some(Job::Open { .. })) => Ok(()),
                     Job::Joints(..)
@@ -715,6 +722,23 @@ impl Mission {
                 Ok(())
             }
             Job::Turn { turner, angle, tries } => self.turn_ended(turner, angle, tries, of(turner)),
+            Job::Tug { tries } => {
+                if of(Hand::Track) == Some(Outcome::NotTouched) {
+                    let again = "nobody holds it: it is drawn back and held out once more";
+                    self.log.notes.push(again.to_owned());
+                    // Who has not seen it leave may not see that it is there again.
+                    let goes = self.free_way(Hand::Track, 2.0 * self.settings.back, arms);
+                    self.push_front(&[
+                        Job::Along(Hand::Track, -goes),
+                        Job::Along(Hand::Track, goes + RELEASE_WAY),
+                        Job::Bias([true, false]),
+                        Job::Present { tries: tries + 1 },
+                    ]);
+                } else {
+                    self.log.notes.push("somebody holds it: the jaws let go".to_owned());
+                }
+                Ok(())
+            }
             Job::LayDown => match of(Hand::Track) {
                 Some(Outcome::Touched(_)) => Ok(()),
                 other => Err(format!(
@@ -725,17 +749,8 @@ impl Mission {
             Job::Present { tries } => match of(Hand::Track) {
                 Some(Outcome::Pulled) => Ok(()),
                 Some(Outcome::TimedOut(seconds)) if tries < 2 => {
-                    self.log.notes.push(format!(
-                        "nobody took the cube for {seconds:.0} s: it is drawn back and held out once more"
-                    ));
-                    // Who has not seen it leave may not see that it is there again.
-                    let goes = self.free_way(Hand::Track, 2.0 * self.settings.back, arms);
-                    self.push_front(&[
-                        Job::Along(Hand::Track, -goes),
-                        Job::Along(Hand::Track, goes),
-                        Job::Bias([true, false]),
-                        Job::Present { tries: tries + 1 },
-                    ]);
+                    self.log.notes.push(format!("nobody took the cube for {seconds:.0} s"));
+                    self.push_front(&[Job::Tug { tries }]);
                     Ok(())
                 }
                 other => Err(format!("the cube was not taken back: {}", Outcome::words(other))),
@@ -1077,7 +1092,7 @@ impl Mission {
                 let order = Behaviour::Present { pull: f64::INFINITY, selector, seconds };
                 behave(hand, order)
             }
-            Job::Release { .. } => {
+            Job::Release { .. } | Job::Tug { .. } => {
                 let mut selector = s.grasp_selector();
                 selector[2] = false;
                 let order = Behaviour::Withdraw {
@@ -1485,6 +1500,7 @@ impl Task for Mission {
                 | Job::Open { .. }
                 | Job::Turn { .. }
                 | Job::Present { .. }
+                | Job::Tug { .. }
                 | Job::LayDown
                 | Job::Along(..)
                 // The first that knows where the cube is to go back to.
@@ -1560,7 +1576,7 @@ fn doing(job: &Job) -> &'static str {
         Job::Secure { .. } => "securing",
         Job::Open { .. } => "opening the jaws",
         Job::Wait(..) | Job::Ease(_) => "giving way",
-        Job::Present { .. } => "handing back",
+        Job::Present { .. } | Job::Tug { .. } => "handing back",
         Job::LayDown => "laying it down",
         _ => "moving",
     }
