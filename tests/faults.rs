@@ -297,6 +297,13 @@ fn an_emergency_stop_takes_the_power_off_both_arms_and_they_stay_where_they_are(
     });
 }
 
+/// The run is over 0.1 s after the trouble began: so long an actor may be at one piece of work, and a period or two until the
+/// watch looks.
+fn noticed(seen: &Seen, begin: u64) {
+    let period = (seen.summary.sim_time_s / 0.002).round() as u64;
+    assert!((begin..=begin + 53).contains(&period), "noticed in period {period}, begun in {begin}");
+}
+
 /// Both arms are under power and stand, at most so many periods after the trouble began.
 fn both_hold(seen: &Seen, begin: u64, within: u64) {
     for arm in [0, 1] {
@@ -316,12 +323,15 @@ fn arms_hold_when_an_actor_panics_or_hangs_or_no_heart_beats() {
         let mid_turn = [("heart_beat_loss", 190), ("panic_edp", 140), ("actor_hang", 210)];
         for (name, within) in mid_turn {
             let seen = seed.seen(name, &[]);
+            noticed(&seen, begin);
             both_hold(&seen, begin, within);
             seen.is_held_by([true, true]);
         }
         for name in ["hang_vsp", "panic_vsp"] {
             // While the arm follows the cube, from 4 s on.
-            both_hold(&seed.seen(name, &[]), 2000, 190);
+            let seen = seed.seen(name, &[]);
+            noticed(&seen, 2000);
+            both_hold(&seen, 2000, 190);
         }
         let later =
             [("panic_ecp", false), ("panic_mp", false), ("hang_ecp", true), ("hang_mp", true)];

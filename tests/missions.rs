@@ -106,6 +106,7 @@ fn a_weak_grip_slips() {
     assert!(summary.reason.starts_with("slip"), "{}", summary.reason);
     // The plant's layer has not followed, and the jaws have felt it before much else could happen.
     assert!(summary.turned_deg.unwrap().abs() < 3.0, "{:?}", summary.turned_deg);
+    assert!(summary.slips > Some(0), "{:?}", summary.slips);
     assert!(summary.peak_force_n.unwrap() < 20.0);
 }
 

@@ -21,7 +21,7 @@ pub struct Comply {
     steps: u32,
     pulled: u32,
     strained: u32,
-    /// How far apart the jaws were at first [m].
+    /// How far apart the jaws were at least [m].
     jaws: Option<f64>,
 }
 

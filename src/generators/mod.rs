@@ -262,9 +262,12 @@ impl Compliance {
         }
     }
 
-    /// Whether jaws that were so far apart [m] when a turn began are forced apart by what they hold.
+    /// Whether jaws that were no farther apart [m] since a turn began are forced apart by what they hold. What stood askew
+    /// between them when it began comes through the upright before it forces them apart the other way.
     fn forced_apart(jaws: &mut Option<f64>, arm: &ArmState) -> Option<Outcome> {
-        let apart = arm.jaw_opening - *jaws.get_or_insert(arm.jaw_opening);
+        let least = jaws.map_or(arm.jaw_opening, |least| least.min(arm.jaw_opening));
+        *jaws = Some(least);
+        let apart = arm.jaw_opening - least;
         (apart > FORCED_APART).then_some(Outcome::ForcedApart(apart))
     }
 

@@ -52,7 +52,7 @@ pub struct Turn {
     stiff: bool,
     compliance: Compliance,
     start: Option<f64>,
-    /// How far apart the jaws were at first [m].
+    /// How far apart the jaws were at least [m].
     jaws: Option<f64>,
     steps: u32,
     progress_at: u32,

@@ -12,7 +12,8 @@
 //!   In proportion for all, two degrees of tilt would leave no friction for a lateral force
 //! - what turns about x or z beyond the give of the rubber forces the jaws apart: about z a square between fingers
 //!   of width w to `(edge + w sin a) / cos a`, or to its corners; about x by the depth of the fingers times `sin a`.
-//!   The grip drives it back with as much as that costs, `N w` and `N depth`
+//!   The grip drives it back with `N w` and `N depth`: as much as that costs while the angle is small, and less than half
+//!   of it at 15 deg about z
 //! - palm: four one-sided points of the two-position stops
 //! - out: the wrench on the cube and its stiffness; a state that the caller commits once a substep
 

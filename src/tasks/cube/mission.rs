@@ -557,6 +557,9 @@ impl Mission {
                         Ok(())
                     }
                     Job::Turn { .. } | Job::Wait(..) | Job::Ease(_) if self.unwinds() => {
+                        if let (Job::Turn { angle, .. }, Outcome::ForcedApart(_)) = (job, alarm) {
+                            self.slipped_back(angle);
+                        }
                         self.log.notes.push(why);
                         self.try_again();
                         Ok(())
@@ -698,7 +701,10 @@ impl Mission {
             Job::Close { hand, .. } => match of(hand) {
                 Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
                     self.log.grasps += 1;
-                    self.widths[hand.index()] = Some(width);
+                    // A layer that is taken anew may still stand askew, and is not wider for that.
+                    let known = self.widths[hand.index()].filter(|_| self.unwinds());
+                    self.widths[hand.index()] =
+                        Some(known.map_or(width, |known| known.min(width)));
                     Ok(())
                 }
                 other => {

@@ -20,7 +20,8 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 const IN_LINE: f64 = 0.03;
 /// How long they do while the cube stands askew in one: a weak grip that turns back slips on.
 const WEAK: f64 = 5.0;
-/// What turns between pads by less does not force them apart: their rubber gives [rad].
+/// What turns between pads by less does not force them apart: their rubber gives [rad]. Tried with half and with nearly twice
+/// as much: slips are undone as well.
 const PAD_GIVE: f64 = 0.015;
 /// The torque at which a turn back stands still: less than pads of rubber carry about any axis [Nm].
 pub(super) const GENTLE: f64 = 1.0;
@@ -45,7 +46,7 @@ pub(super) struct Begun {
     grip: Grip,
     /// and where its last joint stood then [rad].
     roll: f64,
-    /// The sense in which it turns, 1 or -1.
+    /// The sense in which what the jaws hold lags behind the hand that turns, 1 or -1.
     sense: f64,
     /// The grip at the quarter that was nearest to the layer when the turner last had it, and how far off it the layer
     /// stood [rad].
@@ -292,6 +293,13 @@ impl Mission {
     pub(super) fn give_up(&mut self) -> Result<(), String> {
         let why = self.begun.take().and_then(|begun| begun.why);
         self.give_back(why.unwrap_or_else(|| "a layer stands askew".to_owned()))
+    }
+
+    /// A hand that turned back has forced jaws apart: what it turned lags behind it the other way now.
+    pub(super) fn slipped_back(&mut self, angle: f64) {
+        if let Some(begun) = &mut self.begun {
+            begun.sense = angle.signum();
+        }
     }
 
     /// The outcome of a turn that belongs to no plan any more.
