@@ -422,6 +422,12 @@ fn a_hand_that_meets_something_on_its_way_stops_draws_back_and_comes_again() {
         let farthest = (4800..6500).map(|p| along(p) - stood).fold(0.0, f64::min);
         assert!(farthest < -0.05, "it draws back by {farthest} m");
         assert_eq!(seen.verdict.counts.drops, 0);
+
+        // What does not go away is left alone, and the cube with the operator.
+        let lasts = seed.seen("contact", &["fault.0.duration_s=500"]);
+        assert_eq!(lasts.summary.exit_code(), 1, "{}", lasts.summary.reason);
+        assert_eq!(lasts.verdict.counts.drops, 0);
+        assert_eq!(lasts.verdict.cube, Whereabouts::Hand);
     });
 }
 

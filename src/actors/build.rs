@@ -23,6 +23,19 @@ use crate::vision::Method;
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
 
+/// How fast the visual servo may go and turn [m/s, rad/s], so that no part of a hand is too fast where the operator's may be.
+fn following(config: &ControllerConfig) -> (f64, f64) {
+    /// How far parts of a hand and its cube are off the tool that turns [m].
+    const REACH: f64 = 0.15;
+    let v = &config.visual_servo;
+    let fastest = v.linear_speed + REACH * v.angular_speed;
+    let share = match config.cell.keeper {
+        Keeper::Person => (config.control.hand_speed / fastest).min(1.0),
+        Keeper::Table => 1.0,
+    };
+    (share * v.linear_speed, share * v.angular_speed)
+}
+
 /// How the generators of an effector behave.
 pub(super) fn manner(config: &ControllerConfig, effector: usize) -> Manner {
     let c = &config.control;
@@ -134,7 +147,7 @@ pub(super) fn cube_settings(
                 Keeper::Table => v.still_time.min(LYING),
             },
             retreat: v.withdraw,
-            speed: (v.linear_speed, v.angular_speed),
+            speed: following(config),
             acceleration: c.linear_acceleration,
             approach_speed: 2.0 * c.approach_speed,
             // A hand gives way: at 300 N/m the arm would push it 13 mm before 4 N are felt.

@@ -1,6 +1,6 @@
-//! Looks after both arms while they move: that they come too near to nothing, nor too fast to the operator's hand.
+//! Looks after the arms while they move: that they come too near to nothing, nor too fast to the operator's hand.
 //!
-//! - in: the states that both EDPs publish
+//! - in: the states that the EDPs publish
 //! - out: an emergency stop, with its reason on every face
 
 use super::clock::Clock;
@@ -16,7 +16,7 @@ use tokio::sync::watch;
 /// The arms are looked at at this interval.
 const INTERVAL: Duration = Duration::from_millis(20);
 
-/// Stops both arms where they come too near to something, or too fast to the operator's hand, whatever brings them there.
+/// Stops all arms where one comes too near to something, or too fast to the operator's hand, whatever brings it there.
 pub(super) async fn watch_over(
     guard: Guard,
     states: Vec<watch::Receiver<ArmState>>,
@@ -24,22 +24,18 @@ pub(super) async fn watch_over(
     ui: ui::UiHandle,
     clock: Clock,
 ) {
-    let present = || [0, 1].map(|i: usize| *states[i].borrow());
-    let known =
-        |arms: &[ArmState; 2]| arms.iter().all(|arm| arm.synchronisation == Synchronisation::Yes);
-    let place = |arms: &[ArmState; 2]| {
-        let [first, second] = arms;
-        if known(arms) {
-            guard.place([&first.desired_joints, &second.desired_joints])
-        } else {
-            Ok(())
-        }
+    let present = || states.iter().map(|state| *state.borrow()).collect::<Vec<ArmState>>();
+    let known = |arms: &[ArmState], i: usize| {
+        // An EDP that has heard nothing yet publishes a state of no period.
+        let is_known =
+            |arm: &ArmState| arm.synchronisation == Synchronisation::Yes && arm.period > 0;
+        arms.get(i).is_some_and(is_known)
     };
-    // Who is put too near at the beginning may be led out of there.
-    while place(&present()).is_err() {
-        tokio::time::sleep(INTERVAL).await;
-    }
+    let room = |arms: &[ArmState]| {
+        guard.room([0, 1].map(|i| known(arms, i).then(|| &arms[i].desired_joints)))
+    };
     let mut last = present();
+    let mut least = room(&last);
     loop {
         let arms = present();
         let slow = |i: usize| {
@@ -47,14 +43,17 @@ pub(super) async fn watch_over(
             let seconds = to.period.saturating_sub(from.period) as f64 * PERIOD;
             guard.pace(i, &from.desired_joints, &to.desired_joints, seconds)
         };
-        let slow = if known(&last) && known(&arms) { slow(0).and(slow(1)) } else { Ok(()) };
-        last = arms;
-        if let Err(near) = place(&arms).and(slow) {
+        let mut both = (0..arms.len()).filter(|&i| known(&last, i) && known(&arms, i));
+        let slow = both.try_for_each(slow);
+        let now = room(&arms);
+        if let Err(near) = guard.may(&least, &now).and(slow) {
             let now = clock.period() as f64 * PERIOD;
-            ui.tell(ui::Notice::Warning(now, format!("{near}: both arms are stopped")));
+            ui.tell(ui::Notice::Warning(now, format!("{near}: all arms are stopped")));
             switches.emergency.store(true, Ordering::Release);
             return;
         }
+        // Who is put too near at the beginning may be led out of there, and stays out.
+        (last, least) = (arms, now.or_more(&least));
         tokio::time::sleep(INTERVAL).await;
     }
 }
@@ -67,7 +66,7 @@ mod tests {
 
     /// Whether both arms are stopped, and what is told, when they go from one place to another in a tenth of a second.
     async fn stopped(from: [JointPositions; 2], to: [JointPositions; 2]) -> Option<String> {
-        let guard = Guard::of(&example_cell(), 0.25).unwrap();
+        let guard = Guard::of(&example_cell(), 0.25);
         let at = |joints: JointPositions, period: u64| ArmState {
             desired_joints: joints,
             synchronisation: Synchronisation::Yes,
@@ -103,8 +102,14 @@ mod tests {
         let mut low = postument;
         low.0[2] += 0.9;
         let told = stopped([track, postument], [track, low]).await.unwrap();
+        // Who is there from the beginning may be led out, and no farther in.
+        assert_eq!(stopped([track, low], [track, low]).await, None);
+        assert_eq!(stopped([track, low], [track, postument]).await, None);
+        let mut lower = low;
+        lower.0[2] += 0.02;
+        assert!(stopped([track, low], [track, lower]).await.is_some());
         assert!(told.contains("of the postument arm comes within"), "{told}");
-        assert!(told.contains("both arms are stopped"), "{told}");
+        assert!(told.contains("all arms are stopped"), "{told}");
 
         // Half a metre of track in a tenth of a second, past the operator's hand.
         let before = JointPositions([0.0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);

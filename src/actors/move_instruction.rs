@@ -56,12 +56,11 @@ impl NearHand {
     /// So near is a tool whose fingers, cube or palm may touch a hand in the zone, and the speed of a braking arm [m].
     const NEAR: f64 = 0.15;
 
-    /// Whether an arm that is there feels more than it may.
-    fn excess(&self, arm: &ArmState) -> Option<Outcome> {
+    /// Whether an arm that is there feels more force than it may [N].
+    fn excess(&self, arm: &ArmState, force: &Vector3<f64>) -> Option<Outcome> {
         let (base_from_zone, half) = &self.zone;
         let tool = Point3::from(arm.desired_base_from_tool.translation.vector);
         let beyond = (base_from_zone.inverse() * tool).coords.abs() - half;
-        let Wrench { force, .. } = arm.wrench_in_tool;
         (beyond.map(|x| x.max(0.0)).norm() < Self::NEAR && force.norm() > self.force)
             .then(|| Outcome::OverForce(force.iamax(), force.norm()))
     }
@@ -150,14 +149,16 @@ impl Motion {
         arm: &ArmState,
         target: Option<&Target>,
     ) -> Result<(MoveCommand, Option<Sensing>), Outcome> {
-        if let Some(excess) = self.hand.and_then(|hand| hand.excess(arm)) {
-            return Err(excess);
-        }
+        let Wrench { force, .. } = arm.wrench_in_tool;
         if self.begun.1.is_none() && stays(&self.begun.0, arm) {
             self.free = None;
         }
-        let force = arm.wrench_in_tool.force;
         let change = force - *self.begun.1.get_or_insert(force);
+        // What seeks a contact begins without one.
+        let felt = if self.free.is_some() { &change } else { &force };
+        if let Some(excess) = self.hand.and_then(|hand| hand.excess(arm, felt)) {
+            return Err(excess);
+        }
         if self.free.is_some_and(|limit| change.norm() > limit) {
             return Err(Outcome::OverForce(change.iamax(), change.norm()));
         }

@@ -75,7 +75,7 @@ pub struct Parts {
     pub tape: Tape,
     /// What another run must know to go on.
     pub journal: Option<Journal>,
-    /// Refuses ways on which the arms would come too near to something.
+    /// Refuses ways on which the arms would come too near to something; an MP without a cell has none.
     pub guard: Option<Guard>,
 }
 
@@ -150,29 +150,30 @@ impl Mp {
     /// operator's hand may be are given more time, both arms as much, since they are free when both go evenly. The visual
     /// servo has its own speed, and its way is not known before.
     fn guarded(&self, orders: &mut [Option<Behaviour>; 2]) -> Result<(), Near> {
-        let (Some(guard), [first, second]) = (&self.parts.guard, self.arms.as_slice()) else {
-            return Ok(());
-        };
-        let arms = [first, second];
-        if arms.iter().any(|arm| arm.synchronisation != Synchronisation::Yes) {
-            return Ok(());
-        }
-        let from = arms.map(|arm| &arm.desired_joints);
-        let ways = [0, 1].map(|i: usize| asked(orders[i].as_ref(), arms[i]));
-        guard.ways(from, ways.each_ref())?;
+        let Some(guard) = &self.parts.guard else { return Ok(()) };
+        // An arm that is not synchronised knows not where it is.
+        let known: [Option<&ArmState>; 2] = std::array::from_fn(|i| {
+            self.arms.get(i).filter(|arm| arm.synchronisation == Synchronisation::Yes)
+        });
+        let ways = [0, 1]
+            .map(|i: usize| known[i].map_or(Asked::Stays, |arm| asked(orders[i].as_ref(), arm)));
+        guard.ways(known.map(|arm| arm.map(|arm| &arm.desired_joints)), ways.each_ref())?;
         let lasts: [f64; 2] =
-            std::array::from_fn(|i| match (&orders[i], self.parts.manners.get(i)) {
-                (Some(order), Some(manner)) => manner.seconds(order, arms[i]),
+            std::array::from_fn(|i| match (&orders[i], self.parts.manners.get(i), known[i]) {
+                (Some(order), Some(manner), Some(arm)) => manner.seconds(order, arm),
                 _ => 0.0,
             });
         let slower = (0..2)
             .filter(|&i| lasts[i] > 0.0)
-            .map(|i| guard.haste(i, from[i], &ways[i], lasts[i], min_jerk))
+            .filter_map(|i| Some((i, &known[i]?.desired_joints)))
+            .map(|(i, from)| guard.haste(i, from, &ways[i], lasts[i], min_jerk))
             .fold(1.0, f64::max);
         if slower > 1.0 {
             for (i, order) in orders.iter_mut().enumerate().filter(|(i, _)| lasts[*i] > 0.0) {
-                if let (Some(order), Some(manner)) = (order, self.parts.manners.get(i)) {
-                    manner.last(order, arms[i], slower * lasts[i]);
+                if let (Some(order), Some(manner), Some(arm)) =
+                    (order, self.parts.manners.get(i), known[i])
+                {
+                    manner.last(order, arm, slower * lasts[i]);
                 }
             }
         }

@@ -59,7 +59,7 @@ use tokio::sync::{mpsc, watch};
 use tracing::Instrument as _;
 
 /// How a run is started.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, Default)]
 #[allow(
     clippy::struct_excessive_bools,
     reason = "switches of the command line, independent of each other"
@@ -77,6 +77,8 @@ pub struct RunOptions {
     pub interruptible: bool,
     /// Under virtual time: how fast time may go at first, in times of real time; 0 for as fast as it computes.
     pub speed: f64,
+    /// Is told, from a thread beside the runtime, of an actor that lets no other one get on. Such a run never ends by itself.
+    pub stuck: Option<fn(Error)>,
 }
 
 /// Time that the operator has for an answer [s].
@@ -695,11 +697,10 @@ async fn perform(
         raised(&mut listens).await;
         holds.hold.store(true, Ordering::Release);
     });
-    let _outside = alarm.watched_from_outside(stuck(scenario.pace), |error| {
-        // Who is stuck holds the runtime, and with it the run: nobody else can end it. Servo and controllers miss the heart beat.
-        eprintln!("{error}; the program is ended as it is, and the arms hold as long as their controllers let them");
-        std::process::exit(4);
-    });
+    // Who is stuck holds the runtime, and with it the run: whoever began it must end it. Servo and controllers miss the heart beat.
+    let outside = options
+        .stuck
+        .map(|stuck| alarm.watched_from_outside(patience_outside(scenario.pace), stuck));
     let patience = if scenario.pace == Pace::Virtual { Care::VIRTUAL } else { Care::PATIENCE };
     let care = |mishap: Option<&Arc<Mishap>>| Care {
         alarm: alarm.clone(),
@@ -720,12 +721,16 @@ async fn perform(
             edp::spawn_under(&arm.name, link, clock.clone(), tape.clone(), &care)
         })
         .collect();
-    if let Some(guard) = Guard::of(&config.cell, config.control.hand_speed) {
-        let states = edps.iter().map(edp::EdpHandle::watch).collect();
-        let watching =
-            lookout::watch_over(guard, states, Arc::clone(&switches), ui.clone(), clock.clone());
-        alarm.spawn("guard", watching);
-    }
+    let guard = Guard::of(&config.cell, config.control.hand_speed);
+    let states = edps.iter().map(edp::EdpHandle::watch).collect();
+    let watching = lookout::watch_over(
+        guard.clone(),
+        states,
+        Arc::clone(&switches),
+        ui.clone(),
+        clock.clone(),
+    );
+    alarm.spawn("guard", watching);
     // By hand, the operator decides when an arm is synchronised.
     let blind: Vec<usize> = (0..edps.len()).filter(|&i| !synchronised[i] && !by_hand).collect();
     for &i in &blind {
@@ -852,7 +857,7 @@ async fn perform(
         work,
         tape: tape.clone(),
         journal: journal.journal,
-        guard: Guard::of(&config.cell, config.control.hand_speed),
+        guard: Some(guard),
     })
     .heeding(&care(Some(&troubles.mp)));
     let span = tracing::info_span!("mp");
@@ -870,6 +875,8 @@ async fn perform(
             (ending, mission.log.clone())
         }
     };
+    // Who panicked at work stays at it.
+    drop(outside);
     let ended = tempo.worked();
     if matches!(ending.error, Some(Error::System { .. })) {
         // Nobody moves the arms any more, whatever the actors that are left would have them do.
@@ -963,7 +970,7 @@ async fn survived(
 
 /// After how long, by the wall clock, an actor counts as stuck that lets no other one get on. Arms hold after 0.1 s without a
 /// heart beat, and stop after 1 s; no arm waits for virtual time, and a busy machine takes its own.
-fn stuck(pace: Pace) -> Duration {
+fn patience_outside(pace: Pace) -> Duration {
     Duration::from_secs(if pace == Pace::Virtual { 10 } else { 1 })
 }
 

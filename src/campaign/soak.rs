@@ -155,8 +155,16 @@ pub fn soak(
 
 /// One mission in this process; a panic is a failure of its own. `None` after an interrupt.
 fn perform(scenario: &Scenario) -> Option<RunResult> {
-    let options =
-        RunOptions { automatic: true, quiet: true, interruptible: true, ..RunOptions::default() };
+    let options = RunOptions {
+        automatic: true,
+        quiet: true,
+        interruptible: true,
+        stuck: Some(|error| {
+            eprintln!("{error}; the soak ends with it");
+            std::process::exit(4);
+        }),
+        ..RunOptions::default()
+    };
     let begun = Instant::now();
     let run = std::panic::AssertUnwindSafe(|| actors::run(scenario, options));
     let failed = |verdict, reason: String| RunResult {

@@ -12,10 +12,14 @@ use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
 use crate::scenario::keys::{Pace, Task};
 use crate::scenario::{Override, Scenario};
+use crate::tui;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use rustix::process::{Signal, set_parent_process_death_signal};
 use std::path::PathBuf;
+
+/// Exit code of a system's error.
+const STUCK: i32 = 4;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -176,6 +180,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         quiet: face.has_terminal(),
         interruptible: true,
         speed: args.speed,
+        stuck: Some(if face.has_terminal() { ends_on_a_terminal } else { ends }),
     };
     let recorder = match file {
         None => Recorder::default(),
@@ -213,6 +218,20 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         face.linger(&behind)?;
     }
     Ok(code)
+}
+
+/// Ends the program when an actor lets no other one get on: nobody else can.
+#[allow(clippy::needless_pass_by_value, reason = "whoever tells has no use for it any more")]
+fn ends(error: Error) {
+    complain(&format!(
+        "{error}; the program is ended as it is, and the arms hold as long as their controllers let them"
+    ));
+    std::process::exit(STUCK);
+}
+
+fn ends_on_a_terminal(error: Error) {
+    tui::put_back();
+    ends(error);
 }
 
 /// The files that outlive the run, or why they cannot be.

@@ -22,6 +22,10 @@ const STEPS: u32 = 24;
 const MOMENTS: u32 = 60;
 /// So near to where the operator's hand may be, an arm is slow [m].
 const NEAR: f64 = 0.10;
+/// What is too near may come nearer by so much on a way that is asked for, and on one that is watched [m]: a hand that is turned
+/// out of a corner may dip first.
+const ON_A_WAY: f64 = 1e-4;
+const WATCHED: f64 = 2e-3;
 
 /// Knows the cell as the controller believes it.
 #[derive(Debug, Clone)]
@@ -29,6 +33,37 @@ pub struct Guard {
     cell: Cell,
     /// Largest speed near the operator's hand [m/s]; nobody's hand is at a table.
     hand_speed: Option<f64>,
+}
+
+/// How far everything that is guarded is off what it must not meet [m]; nothing of an arm that is not there, or of which nobody
+/// knows how it stands.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Room {
+    table: [Option<f64>; 2],
+    own: [Option<f64>; 2],
+    arms: Option<f64>,
+}
+
+impl Room {
+    fn all(&self) -> [Option<f64>; 5] {
+        [self.table[0], self.table[1], self.own[0], self.own[1], self.arms]
+    }
+
+    /// What must be kept from here on: what was once far enough stays so.
+    #[must_use]
+    pub fn or_more(&self, before: &Self) -> Self {
+        let more = |now: Option<f64>, before: Option<f64>| {
+            now.map(|now| before.map_or(now, |before| before.max(now)))
+        };
+        let both = |now: [Option<f64>; 2], before: [Option<f64>; 2]| {
+            [more(now[0], before[0]), more(now[1], before[1])]
+        };
+        Self {
+            table: both(self.table, before.table),
+            own: both(self.own, before.own),
+            arms: more(self.arms, before.arms),
+        }
+    }
 }
 
 /// What is too near to what, or too fast.
@@ -75,11 +110,11 @@ pub enum Way {
 }
 
 impl Guard {
-    /// Of a cell with two arms, and the largest speed near the operator's hand [m/s]; other cells have nothing to guard here.
+    /// Of a cell, and the largest speed near the operator's hand [m/s].
     #[must_use]
-    pub fn of(cell: &Cell, hand_speed: f64) -> Option<Self> {
+    pub fn of(cell: &Cell, hand_speed: f64) -> Self {
         let hand_speed = (cell.keeper == Keeper::Person).then_some(hand_speed);
-        (cell.arms.len() == 2).then(|| Self { cell: cell.clone(), hand_speed })
+        Self { cell: cell.clone(), hand_speed }
     }
 
     fn name(&self, arm: usize) -> String {
@@ -90,40 +125,62 @@ impl Guard {
         Bodies::of(&self.cell, &self.cell.arms[arm], joints)
     }
 
-    /// Whether both arms may stand so.
-    ///
-    /// # Errors
-    /// What is too near.
-    pub fn place(&self, joints: [&JointPositions; 2]) -> Result<(), Near> {
-        let bodies = [0, 1].map(|i: usize| self.bodies(i, joints[i]));
-        for (arm, body) in bodies.iter().enumerate() {
-            let height = body.lowest() - self.cell.table_height;
-            if height < ABOVE_TABLE {
-                return Err(Near::Table { arm: self.name(arm), height });
-            }
-            let distance = body.own();
-            if distance < LEAST {
-                return Err(Near::Own { arm: self.name(arm), distance });
-            }
+    /// How the arms stand, as far as it is known how.
+    #[must_use]
+    pub fn room(&self, joints: [Option<&JointPositions>; 2]) -> Room {
+        let known = |i: usize| joints[i].filter(|_| i < self.cell.arms.len());
+        let bodies = [0, 1].map(|i| known(i).map(|joints| self.bodies(i, joints)));
+        let of =
+            |measure: &dyn Fn(&Bodies) -> f64| bodies.each_ref().map(|b| b.as_ref().map(measure));
+        let arms = match &bodies {
+            [Some(first), Some(second)] => Some(at_the_cube(first, second)),
+            _ => None,
+        };
+        Room {
+            table: of(&|body| body.lowest() - self.cell.table_height),
+            own: of(&Bodies::own),
+            arms,
         }
-        let distance = at_the_cube(&bodies[0], &bodies[1]);
-        if distance < LEAST { Err(Near::Arms(distance)) } else { Ok(()) }
     }
 
-    /// Whether both arms may go their ways, both evenly in the same time.
+    /// Whether arms that stood so may stand like this. What is too near already may be led out of there.
     ///
     /// # Errors
-    /// What comes too near on the way. Where it is too near at the beginning, whatever does not get nearer is allowed:
-    /// so that an operator can move an arm out of a corner.
-    pub fn ways(&self, from: [&JointPositions; 2], ways: [&Way; 2]) -> Result<(), Near> {
-        if self.place(from).is_err() {
-            return Ok(());
+    /// What is too near and was not, or has come nearer.
+    pub fn may(&self, before: &Room, now: &Room) -> Result<(), Near> {
+        self.within(before, now, WATCHED)
+    }
+
+    fn within(&self, before: &Room, now: &Room, nearer: f64) -> Result<(), Near> {
+        let least = [ABOVE_TABLE, ABOVE_TABLE, LEAST, LEAST, LEAST];
+        let pairs = before.all().into_iter().zip(now.all()).zip(least);
+        let too_near = pairs.enumerate().find_map(|(which, ((before, now), least))| {
+            let (before, now) = (before?, now?);
+            (now < least.min(before - nearer)).then_some((which, now))
+        });
+        match too_near {
+            None => Ok(()),
+            Some((arm @ (0 | 1), height)) => Err(Near::Table { arm: self.name(arm), height }),
+            Some((which @ (2 | 3), distance)) => {
+                Err(Near::Own { arm: self.name(which - 2), distance })
+            }
+            Some((_, distance)) => Err(Near::Arms(distance)),
         }
-        let mut at = [0, 1].map(|i: usize| Course::new(self, i, from[i], ways[i]));
+    }
+
+    /// Whether arms that stand so may go their ways, all evenly in the same time. Where something is too near at the beginning,
+    /// ways on which it comes no nearer are allowed: so that an operator can move an arm out of a corner.
+    ///
+    /// # Errors
+    /// What comes too near on the way.
+    pub fn ways(&self, from: [Option<&JointPositions>; 2], ways: [&Way; 2]) -> Result<(), Near> {
+        let before = self.room(from);
+        let mut at = [0, 1].map(|i: usize| from[i].map(|from| Course::new(self, i, from, ways[i])));
         (1..=STEPS).try_for_each(|step| {
             let part = f64::from(step) / f64::from(STEPS);
-            let [first, second] = at.each_mut().map(|course| course.at(part));
-            self.place([&first, &second])
+            let there = at.each_mut().map(|course| course.as_mut().map(|course| course.at(part)));
+            let now = self.room([there[0].as_ref(), there[1].as_ref()]);
+            self.within(&before, &now, ON_A_WAY)
         })
     }
 
@@ -235,29 +292,46 @@ mod tests {
     #[test]
     fn every_meeting_is_allowed_and_an_arm_in_the_other_or_in_the_table_is_not() {
         let cell = example_cell();
-        let guard = Guard::of(&cell, 0.25).unwrap();
+        let guard = Guard::of(&cell, 0.25);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let meetings = table.grasps.iter().flatten().chain(table.views.iter().flatten().flatten());
-        let (mut refused, mut into) = (0, 0);
+        let (mut refused, mut into, mut on_and_on) = (0, 0, 0);
         for meeting in meetings {
-            assert_eq!(guard.place([&meeting.track, &meeting.postument]), Ok(()));
+            let free = guard.room([Some(&meeting.track), Some(&meeting.postument)]);
+            assert_eq!(guard.may(&free, &free), Ok(()));
             let mut low = meeting.postument;
             low.0[2] += 0.9;
-            assert!(guard.place([&meeting.track, &low]).is_err());
+            let met = |track: &JointPositions, postument: &JointPositions| {
+                guard.may(&free, &guard.room([Some(track), Some(postument)])).is_err()
+            };
+            assert!(met(&meeting.track, &low));
             let nearer = |by: u32| {
                 let mut near = meeting.track;
                 near.0[0] += 0.05 * f64::from(by);
                 near
             };
-            let met = |track: &JointPositions| guard.place([track, &meeting.postument]).is_err();
-            let Some(near) = (1..=20).map(nearer).find(met) else { continue };
+            let meets = |track: &JointPositions| met(track, &meeting.postument);
+            let Some(near) = (1..=20).map(nearer).find(meets) else { continue };
             refused += 1;
 
             // The way there is refused where it comes too near, the way out of there is not.
-            let ends = [[&meeting.track, &meeting.postument], [&near, &meeting.postument]];
-            let to = |[a, b]: [&JointPositions; 2]| [Way::Joints(*a), Way::Joints(*b)];
+            let ends = [&meeting.track, &near].map(|track| [Some(track), Some(&meeting.postument)]);
+            let to = |ends: [Option<&JointPositions>; 2]| ends.map(|to| Way::Joints(*to.unwrap()));
             assert!(guard.ways(ends[0], to(ends[1]).each_ref()).is_err());
             assert_eq!(guard.ways(ends[1], to(ends[0]).each_ref()), Ok(()));
+
+            // Nor may it go on, or the other hand into the table, only since something is too near already.
+            let mut on = near;
+            on.0[0] += 0.02;
+            let on = [Some(&on), Some(&meeting.postument)];
+            let nears = guard.room(on).arms < guard.room(ends[1]).arms;
+            assert_eq!(guard.ways(ends[1], to(on).each_ref()).is_err(), nears);
+            assert_eq!(guard.may(&guard.room(ends[1]), &guard.room(on)).is_err(), nears);
+            on_and_on += usize::from(nears);
+            assert!(guard.ways(ends[1], [&Way::Stays, &Way::Joints(low)]).is_err());
+            // Of one arm alone the table and its own links are looked at.
+            assert!(guard.ways([None, ends[0][1]], [&Way::Stays, &Way::Joints(low)]).is_err());
+            assert_eq!(guard.ways([None, ends[0][1]], [&Way::Stays, &Way::Stays]), Ok(()));
 
             // A line is looked at by where it leads, too.
             let track = &cell.arms[0];
@@ -270,12 +344,13 @@ mod tests {
         // Hands that look past each other may go by each other.
         assert!(refused >= 16, "{refused}");
         assert!(into >= refused / 2, "{into} of {refused}");
+        assert!(on_and_on >= refused / 2, "{on_and_on} of {refused}");
     }
 
     #[test]
     fn a_way_is_too_fast_only_near_the_operator_and_only_when_it_is() {
         let cell = example_cell();
-        let guard = Guard::of(&cell, 0.25).unwrap();
+        let guard = Guard::of(&cell, 0.25);
         let arm = &cell.arms[0];
         // Before the hand-over place, approaching along +x.
         let rotation =
@@ -304,7 +379,7 @@ mod tests {
         let mut elsewhere = cell.clone();
         elsewhere.hand.world_from_cube.translation.vector.x += 1.0;
         for cell in [elsewhere, Cell { keeper: Keeper::Table, ..cell.clone() }] {
-            let guard = Guard::of(&cell, 0.25).unwrap();
+            let guard = Guard::of(&cell, 0.25);
             assert_eq!(guard.haste(0, &far, &Way::Line(at), 0.2, even), 0.0);
             assert!(guard.pace(0, &far, &near, 0.1).is_ok());
         }

@@ -163,6 +163,13 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     let faults = draft.faults.iter().map(|(_, keys)| keys.clone()).collect();
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
     let (keeper, hand) = place(&root.hand, root.cell.table_height, root.cube.edge, reader);
+    let (most, touch) = (root.control.hand_force, root.control.approach_force);
+    if keeper == Keeper::Person && most <= touch {
+        let reason = format!(
+            "`control.hand_force_n`: {most} N would break off every approach, which ends at {touch} N (`control.approach_force_n`)"
+        );
+        fault(reader, "control.hand_force_n", reason);
+    }
     Some(Scenario {
         path: path.to_path_buf(),
         seed: root.seed,
@@ -799,6 +806,14 @@ mod tests {
         assert_eq!(limit(""), 50);
         assert_eq!(limit(serial), 20);
         assert_eq!(limit(&format!("{serial}[real_time]\nmissed_limit = 7\n")), 7);
+    }
+
+    #[test]
+    fn a_touch_is_no_collision() {
+        let text = "[control]\nhand_force_n = 3\n";
+        let told = faults(text, &[]);
+        assert!(told.contains("hand_force_n") && told.contains("ends at 4 N"), "{told}");
+        assert_eq!(faults(&format!("{text}[hand]\nkeeper = \"table\"\n"), &[]), "");
     }
 
     #[test]

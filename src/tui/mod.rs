@@ -75,6 +75,11 @@ impl Screen {
     }
 }
 
+/// Puts the terminal back as it was when the program is ended from elsewhere.
+pub fn put_back() {
+    let _ = ratatui::try_restore();
+}
+
 impl Drop for Screen {
     fn drop(&mut self) {
         ratatui::restore();

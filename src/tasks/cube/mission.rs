@@ -312,6 +312,8 @@ const TAKE_TRIES: u32 = 3;
 const RELEASE_WAIT: f64 = 1.2;
 const RELEASE_WAY: f64 = 0.02;
 const RELEASE_TRIES: u32 = 20;
+/// How often the cube is held out.
+const PRESENTED: u32 = 2;
 /// Least width of a cube between the jaws, as a share of its edge: closed jaws of the IRp-6 are 53 mm apart, the zero of
 /// a jaw and the cube's edge are known to a millimetre together.
 const LEAST_WIDTH: f64 = 0.965;
@@ -492,6 +494,10 @@ impl Mission {
         self.queue.clear();
         self.pending = None;
         let mut reason = reason.into();
+        // Why it all began.
+        if let Some(failure) = &self.failure {
+            reason = format!("{failure}; {reason}");
+        }
         // Whoever comes to help must know where it is.
         if self.belief.held.iter().any(Option::is_some) {
             reason = format!("{reason}; {}", self.whereabouts());
@@ -542,6 +548,21 @@ impl Mission {
                     | Job::Tug { .. } => break,
                     // Jaws that open next relieve it.
                     Job::Wait(..) if matches!(self.queue.front(), Some(Job::Open { .. })) => Ok(()),
+                    // Whoever still holds the cube is given so many tries.
+                    Job::Wait(..) if matches!(self.queue.front(), Some(Job::Release { .. })) => {
+                        Ok(())
+                    }
+                    // Who takes hold of a cube that is drawn back and held out once more is to have it.
+                    Job::Along(..)
+                        if self.queue.iter().any(|job| matches!(job, Job::Present { .. }))
+                            && self.given_back =>
+                    {
+                        self.log.notes.push(format!("{why}: the jaws let go"));
+                        while self.queue.front().is_some_and(|job| !matches!(job, Job::LetGo(_))) {
+                            self.queue.pop_front();
+                        }
+                        Ok(())
+                    }
                     Job::Joints(..)
                     | Job::Along(..)
                     | Job::Nudge(..)
@@ -667,13 +688,27 @@ impl Mission {
                 }
             },
             Job::Release { tries } => match of(Hand::Track) {
-                Some(Outcome::NotTouched) => Ok(()),
+                Some(Outcome::NotTouched) => {
+                    // What was zeroed in the operator's hand is zeroed again out of it.
+                    if tries > RELEASE_TRIES {
+                        self.push_front(&[Job::Bias([true, false])]);
+                    }
+                    Ok(())
+                }
                 Some(Outcome::Touched(_) | Outcome::OverForce(..)) if tries < RELEASE_TRIES => {
                     if tries == 1 {
                         self.log.notes.push("the operator still holds the cube".to_owned());
                     }
                     self.push_front(&[
                         Job::Wait(Hand::Track, RELEASE_WAIT),
+                        Job::Release { tries: tries + 1 },
+                    ]);
+                    Ok(())
+                }
+                // Somebody who holds it pulls at it again, a sensor that lies does not.
+                Some(Outcome::Touched(_) | Outcome::OverForce(..)) if tries == RELEASE_TRIES => {
+                    self.push_front(&[
+                        Job::Bias([true, false]),
                         Job::Release { tries: tries + 1 },
                     ]);
                     Ok(())
@@ -729,7 +764,11 @@ impl Mission {
             }
             Job::Turn { turner, angle, tries } => self.turn_ended(turner, angle, tries, of(turner)),
             Job::Tug { tries } => {
-                if of(Hand::Track) == Some(Outcome::NotTouched) {
+                let nobody = of(Hand::Track) == Some(Outcome::NotTouched);
+                if nobody && tries >= PRESENTED {
+                    return Err("the cube was not taken back: nobody pulls at it".to_owned());
+                }
+                if nobody {
                     let again = "nobody holds it: it is drawn back and held out once more";
                     self.log.notes.push(again.to_owned());
                     // Who has not seen it leave may not see that it is there again.
@@ -754,9 +793,10 @@ impl Mission {
             },
             Job::Present { tries } => match of(Hand::Track) {
                 Some(Outcome::Pulled) => Ok(()),
-                Some(Outcome::TimedOut(seconds)) if tries < 2 => {
+                Some(Outcome::TimedOut(seconds)) => {
                     self.log.notes.push(format!("nobody took the cube for {seconds:.0} s"));
-                    self.push_front(&[Job::Tug { tries }]);
+                    // What is felt from here on is the tug.
+                    self.push_front(&[Job::Bias([true, false]), Job::Tug { tries }]);
                     Ok(())
                 }
                 other => Err(format!("the cube was not taken back: {}", Outcome::words(other))),
@@ -774,7 +814,10 @@ impl Mission {
     ) -> Result<(), String> {
         match outcome {
             // Only a way back: what follows looks at what has become of the cube.
-            ref ended if tries == u32::MAX && Self::turned_back(ended.as_ref()) => Ok(()),
+            ref ended if tries == u32::MAX && Self::turned_back(ended.as_ref()) => {
+                self.went_back(matches!(ended, Some(Outcome::Slipped(..))));
+                Ok(())
+            }
             Some(Outcome::Turned(turned)) => {
                 self.turned += turned;
                 // A turn in several goes, after a stall, is one turn.
@@ -1269,16 +1312,17 @@ impl Mission {
         // While the partner or the operator holds the cube too, what is strained between the hands gives way before
         // the pads do.
         let chained = self.belief.held[hand.other().index()].is_some() && !self.apart;
+        let theirs = self.given_back || self.queue.contains(&Job::Leave);
         Behaviour::Jaw {
             jaw: JawCommand { opening, force_limit: self.settings.grip, stops },
             seconds: LEAVE_SECONDS,
-            selector: if (chained || self.given_back) && self.forces == Trust::Believed {
+            selector: if (chained || theirs) && self.forces == Trust::Believed {
                 self.settings.grasp_selector()
             } else {
                 [false; 6]
             },
             // Whoever takes the cube, however hard, is to have it; and what is only believed to strain does not hinder.
-            strained: self.given_back || self.forces == Trust::Doubted,
+            strained: theirs || self.forces == Trust::Doubted,
         }
     }
 

@@ -37,10 +37,9 @@ impl Mission {
         }
     }
 
-    /// The cube cannot be taken, or is not let go: the hand opens and draws back, and the task has failed.
+    /// The cube cannot be taken, or is not let go: the hand opens, whatever strains it, and draws back, and the task has failed.
     pub(super) fn leave(&mut self, why: String) {
         self.belief.released(Hand::Track);
-        self.untouched = true;
         self.failure = Some(why);
         self.queue.clear();
         let (opening, back) = (self.settings.opening, self.settings.back);
@@ -77,9 +76,11 @@ mod tests {
     use super::super::testing::settings;
     use super::super::{Goal, Thought};
     use super::*;
+    use crate::cube::{Axis, Face};
     use crate::generators::{Behaviour, Outcome};
     use crate::motion::{ArmState, JointPositions};
     use crate::operator::Answer;
+    use crate::tasks::cube::hold::Hold;
     use crate::tasks::cube::think::Conclusion;
     use crate::tasks::{Action, Event, Finish, Forces, Readings, Task as _};
 
@@ -147,6 +148,90 @@ mod tests {
         let Action::Finish(end) = next(&mut mission, reached) else { panic!() };
         assert!(!end.achieved && end.reason.contains("over-force of 31.0 N"), "{}", end.reason);
         assert_eq!(mission.whereabouts(), "the operator has the cube");
+    }
+
+    #[test]
+    fn who_does_not_let_go_pulls_again_and_a_sensor_that_lies_does_not() {
+        let release = |last: Outcome| {
+            let mut mission = Mission::new(settings(), Goal::Solve, None);
+            mission.queue.push_back(Job::Release { tries: 1 });
+            mission.resume = None;
+            let withdraws = |order: &Behaviour| matches!(order, Behaviour::Withdraw { .. });
+            let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+            mission.belief.taken(Hand::Track, hold, false);
+            (mission.untouched, mission.widths) = (false, [Some(0.057); 2]);
+            let held = || Event::Behaved([Some(Outcome::Touched(3.0)), None]);
+            until(&mut mission, Event::Done, withdraws);
+            for _ in 1..super::super::RELEASE_TRIES {
+                until(&mut mission, held(), withdraws);
+            }
+            // Once more, with what is felt taken for none.
+            let (_, between) = until(&mut mission, held(), withdraws);
+            assert_eq!(between, ["bias"]);
+            let next = next(&mut mission, Event::Behaved([Some(last), None]));
+            (next, mission)
+        };
+
+        // In free air it is zeroed again.
+        let (zeroes, mission) = release(Outcome::NotTouched);
+        assert!(matches!(zeroes, Action::Bias(_)));
+        assert_eq!(mission.whereabouts(), "the track hand holds the cube");
+
+        // Whatever strains them, the jaws open.
+        let (opens, mission) = release(Outcome::Touched(3.0));
+        let Action::Behave { orders: [Some(Behaviour::Jaw { strained, jaw, .. }), _], .. } = opens
+        else {
+            panic!("{opens:?}")
+        };
+        assert!(strained && jaw.opening > 0.08);
+        assert!(mission.whereabouts().contains("not known"), "{}", mission.whereabouts());
+    }
+
+    #[test]
+    fn a_cube_that_nobody_takes_is_tugged_at_each_time_and_kept_in_the_end() {
+        let mut mission = Mission::new(settings(), Goal::Solve, None);
+        mission.queue.extend([Job::Present { tries: 1 }, Job::LetGo(Hand::Track)]);
+        mission.resume = None;
+        let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+        mission.belief.taken(Hand::Track, hold, false);
+        mission.widths = [Some(0.057); 2];
+        let tugs = |order: &Behaviour| matches!(order, Behaviour::Withdraw { .. });
+        let presents = |order: &Behaviour| matches!(order, Behaviour::Present { .. });
+        let nobody = |outcome: Outcome| Event::Behaved([Some(outcome), None]);
+
+        until(&mut mission, Event::Done, presents);
+        let (_, between) = until(&mut mission, nobody(Outcome::TimedOut(20.0)), tugs);
+        assert_eq!(between, ["bias"]);
+        let (_, between) = until(&mut mission, nobody(Outcome::NotTouched), presents);
+        assert_eq!(between, ["line", "line", "bias"]);
+        until(&mut mission, nobody(Outcome::TimedOut(20.0)), tugs);
+        let end = next(&mut mission, nobody(Outcome::NotTouched));
+
+        let Action::Finish(end) = end else { panic!("{end:?}") };
+        assert!(end.reason.contains("nobody pulls at it; the track hand holds"), "{}", end.reason);
+    }
+
+    #[test]
+    fn who_takes_hold_of_a_cube_on_its_way_has_it() {
+        let mut mission = Mission::new(settings(), Goal::Solve, None);
+        mission.given_back = true;
+        mission.queue.extend([
+            Job::Along(Hand::Track, 0.1),
+            Job::Present { tries: 2 },
+            Job::LetGo(Hand::Track),
+        ]);
+        mission.resume = None;
+        let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+        mission.belief.taken(Hand::Track, hold, false);
+        mission.widths = [Some(0.057); 2];
+
+        let goes = next(&mut mission, Event::Done);
+        assert!(matches!(goes, Action::Behave { orders: [Some(Behaviour::Line { .. }), _], .. }));
+        let opens = next(&mut mission, met());
+
+        let Action::Behave { orders: [Some(Behaviour::Jaw { .. }), _], .. } = opens else {
+            panic!("{opens:?}")
+        };
     }
 
     #[test]

@@ -51,6 +51,8 @@ pub(super) struct Begun {
     /// The grip at the quarter that was nearest to the layer when the turner last had it, and how far off it the layer
     /// stood [rad].
     stood: (Grip, f64),
+    /// The turner has gone on since without the layer.
+    alone: bool,
     /// Why it is being turned back.
     why: Option<String>,
 }
@@ -58,7 +60,7 @@ pub(super) struct Begun {
 impl Begun {
     /// The layer is in line when the roll of the turner's last joint is `roll` [rad].
     pub(super) fn new(turner: Hand, grip: Grip, roll: f64, sense: f64) -> Self {
-        Self { turner, grip, roll, sense, stood: (grip, 0.0), why: None }
+        Self { turner, grip, roll, sense, stood: (grip, 0.0), alone: false, why: None }
     }
 
     /// The grip at the quarter that is nearest to a roll, and how far the roll is off it [rad]. The hand may have turned by so
@@ -110,7 +112,7 @@ impl Mission {
         let Some(mut begun) = self.begun.take() else { return };
         let holds = self.belief.held[turner.index()].is_some();
         if holds {
-            begun.stood = self.stands(turner, arms, &begun);
+            (begun.stood, begun.alone) = (self.stands(turner, arms, &begun), false);
             self.belief.turned(turner, begun.stood.0.hold, begun.stood.0.half_roll);
         }
         let (_, off) = begun.stood;
@@ -200,6 +202,13 @@ impl Mission {
         }
     }
 
+    /// The hand has turned back, with the layer or without.
+    pub(super) fn went_back(&mut self, without: bool) {
+        if let Some(begun) = &mut self.begun {
+            begun.alone = without;
+        }
+    }
+
     /// The turner has lost the layer while it was to be turned back: it is taken anew where it stood last.
     pub(super) fn lost_layer(&mut self, hand: Hand, arms: &[ArmState]) -> bool {
         let tries = self.queue.iter().find_map(|job| match job {
@@ -207,7 +216,9 @@ impl Mission {
             _ => None,
         });
         let (Some(tries), Some(mut begun)) = (tries, self.begun.take()) else { return false };
-        begun.stood = self.stands(hand, arms, &begun);
+        if !begun.alone {
+            begun.stood = self.stands(hand, arms, &begun);
+        }
         self.begun = Some(begun);
         self.queue.clear();
         let next = Job::Unwind { turner: hand, tries: tries + 1, eased: true };
@@ -436,6 +447,45 @@ mod tests {
         mission.unwind(Hand::Track, 2, true, &arms);
         let roll = mission.queue.iter().find(|job| matches!(job, Job::Roll(..)));
         assert!(matches!(roll, Some(Job::Roll(_, by)) if (by + 0.5).abs() < 1e-9), "{roll:?}");
+
+        // A hand that has turned back without the layer left it where it was.
+        for (followed, stood) in [(true, 0.0), (false, -0.5)] {
+            let (mut mission, mut arms) = turning();
+            arms[0].desired_joints.0[6] -= 0.5;
+            mission.turn_failed(Hand::Track, "so it was").unwrap();
+            mission.queue.clear();
+            mission.unwind(Hand::Track, 1, true, &arms);
+            let Some(turn) = mission.queue.pop_front() else { panic!() };
+            arms[0].desired_joints.0[6] += 0.5;
+            let ended = if followed { Outcome::Turned(0.5) } else { Outcome::Slipped(0.5, 0.01) };
+            mission.behaved(turn, [Some(ended), None], &arms).unwrap();
+            arms[0].jaw_opening = WIDTH - 0.01;
+
+            mission.look_after(&arms).unwrap();
+
+            let (_, off) = mission.begun.unwrap().stood;
+            assert!((off - stood).abs() < 1e-9, "{off} {stood}");
+        }
+    }
+
+    #[test]
+    fn what_slips_on_the_way_back_lags_behind_the_other_way() {
+        let (mut mission, mut arms) = turning();
+        arms[0].desired_joints.0[6] -= 0.5;
+        mission.turn_failed(Hand::Track, "so it was").unwrap();
+        mission.queue.clear();
+        mission.unwind(Hand::Track, 1, true, &arms);
+        let Some(turn) = mission.queue.pop_front() else { panic!() };
+        arms[0].desired_joints.0[6] += 0.3;
+        arms[0].jaw_opening = (WIDTH + 0.012 * libm::sin(0.2)) / libm::cos(0.2);
+
+        mission.behaved(turn, [Some(Outcome::ForcedApart(0.001)), None], &arms).unwrap();
+
+        mission.queue.clear();
+        mission.unwind(Hand::Track, 2, true, &arms);
+        let expected = 0.2 + 0.2 + PAD_GIVE;
+        let back = back(mission.queue.make_contiguous()).unwrap();
+        assert!((back - expected).abs() < 1e-6, "{back} {expected}");
     }
 
     #[test]
