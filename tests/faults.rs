@@ -297,11 +297,10 @@ fn an_emergency_stop_takes_the_power_off_both_arms_and_they_stay_where_they_are(
     });
 }
 
-/// The run is over 0.1 s after the trouble began: so long an actor may be at one piece of work, and a period or two until the
-/// watch looks.
+/// The run is over 0.1 s after the trouble began, and the period in which it is told.
 fn noticed(seen: &Seen, begin: u64) {
     let period = (seen.summary.sim_time_s / 0.002).round() as u64;
-    assert!((begin..=begin + 53).contains(&period), "noticed in period {period}, begun in {begin}");
+    assert!((begin..=begin + 51).contains(&period), "noticed in period {period}, begun in {begin}");
 }
 
 /// Both arms are under power and stand, at most so many periods after the trouble began.
@@ -423,11 +422,11 @@ fn a_hand_that_meets_something_on_its_way_stops_draws_back_and_comes_again() {
         assert!(farthest < -0.05, "it draws back by {farthest} m");
         assert_eq!(seen.verdict.counts.drops, 0);
 
-        // What does not go away is left alone, and the cube with the operator.
+        // What is felt wherever the hand is, is the sensor's own: zeroed away from everything, and the cube taken.
         let lasts = seed.seen("contact", &["fault.0.duration_s=500"]);
-        assert_eq!(lasts.summary.exit_code(), 1, "{}", lasts.summary.reason);
+        assert_eq!(lasts.summary.outcome, Outcome::Solved, "{}", lasts.summary.reason);
+        assert!(lasts.summary.peak_force_n.unwrap() < 20.0);
         assert_eq!(lasts.verdict.counts.drops, 0);
-        assert_eq!(lasts.verdict.cube, Whereabouts::Hand);
     });
 }
 

@@ -8,7 +8,7 @@ use super::alarm::{Care, Pulse, answer_of};
 use super::clock::Clock;
 use super::disturbance::Mishap;
 use crate::error::{Error, Fatal, NonFatal, System};
-use crate::hw::driver::ServoLink;
+use crate::hw::driver::{HEART, ServoLink};
 use crate::motion::{ArmFault, ArmState, MoveCommand, MoveRefused, PERIOD, Synchronisation};
 use crate::record::tape::Tape;
 use crate::servo::ServoCommand;
@@ -28,8 +28,6 @@ const PROGRESS: u64 = 25;
 const POLL: Duration = Duration::from_millis(1);
 /// Time without an answer after which the servo counts as gone [s].
 const SILENCE: f64 = 0.5;
-/// Time without a heart beat after which the servo breaks motions off [s].
-const HEART: f64 = 0.1;
 /// How long what is no motion takes at most.
 const SERVICE: Duration = Duration::from_millis(100);
 /// Capacity of the mailbox: an ECP has at most one request under way.
@@ -314,7 +312,7 @@ impl Edp {
         }
         match state.refused {
             // Brought to a stand because nobody's heart beat was felt: not a matter of this command.
-            Some(MoveRefused::BrokenOff) if place == "execute" => silent(HEART),
+            Some(MoveRefused::BrokenOff) if place == "execute" => silent(HEART.as_secs_f64()),
             Some(refused) if place == "execute" => {
                 Err(Error::NonFatal { actor, place, cause: NonFatal::Refused(refused) })
             }

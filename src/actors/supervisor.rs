@@ -91,8 +91,8 @@ const STAND: f64 = 0.6;
 const EXCESSIVE: f64 = 20.0;
 /// Why a run ended that its operator ended.
 const BY_OPERATOR: &str = "terminated by the operator";
-/// The arms are watched at this interval.
-const HEART_BEAT: Duration = Duration::from_millis(20);
+/// So often the servo is told that the actors live.
+const HEART_BEAT: Duration = Duration::from_millis(10);
 
 /// Performs a scenario and returns what it came to.
 ///

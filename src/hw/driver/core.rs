@@ -9,6 +9,11 @@ use crate::servo::period::Length;
 use crate::servo::{ArmServo, ServoCommand, ServoConfig};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+/// Time without a heart beat of the actors after which the arms are brought to a stand: whoever waits for them has heard of it
+/// after 0.1 s.
+pub const HEART: Duration = Duration::from_millis(90);
 
 /// Flags that the servo reads first in each period; anyone may set them.
 #[derive(Debug, Default)]
@@ -20,7 +25,7 @@ pub struct Switches {
     pub stop: AtomicBool,
     /// An actor is gone: all arms yield or stand, hold, and take no motion.
     pub hold: AtomicBool,
-    /// Counted up by the actors while they live. Watched from the first count on: after 0.1 s of silence the
+    /// Counted up by the actors while they live. Watched from the first count on: after [`HEART`] of silence the
     /// arms are brought to a stand and hold, after 1 s they stop.
     pub beats: AtomicU64,
     /// What a wall driver tells of itself while it runs.
@@ -84,8 +89,8 @@ pub struct Core {
 impl Core {
     /// From a controlled stop's beginning to its end [ns].
     const STAND: u64 = 200_000_000;
-    /// Time without a heart beat after which the arms are brought to a stand, and after which they stop [ns].
-    const SILENCE: (u64, u64) = (100_000_000, 1_000_000_000);
+    /// Time without a heart beat after which they stop.
+    const DEAD: Duration = Duration::from_secs(1);
 
     /// Fetches the first readings in period 0 with all drives off; `ends` has an end for each arm.
     ///
@@ -232,10 +237,11 @@ impl Core {
         if beat != self.last_beat || beat == 0 {
             (self.last_beat, self.last_beat_period) = (beat, period);
         } else {
-            let silence = (period - self.last_beat_period) * self.length.nanos();
-            if silence > Self::SILENCE.1 {
-                self.trip(ArmFault::HeartBeat { seconds: silence as f64 * 1e-9 });
-            } else if silence > Self::SILENCE.0 {
+            let silence =
+                Duration::from_nanos((period - self.last_beat_period) * self.length.nanos());
+            if silence > Self::DEAD {
+                self.trip(ArmFault::HeartBeat { seconds: silence.as_secs_f64() });
+            } else if silence > HEART {
                 self.outside.brake.get_or_insert(MoveRefused::BrokenOff);
             }
         }

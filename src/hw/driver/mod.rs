@@ -16,7 +16,7 @@ mod stats;
 mod virtual_time;
 mod wall;
 
-pub use self::core::{Core, Switches};
+pub use self::core::{Core, HEART, Switches};
 pub use bridge::{Bridge, BridgeLost, BridgePort};
 pub use link::{ServoEnd, ServoLink, Unsent, link, link_at};
 pub use realtime::{Clock, RealTime, step_back};
