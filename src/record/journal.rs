@@ -77,9 +77,12 @@ impl Journal {
     /// Notes an entry; returns when it is durable.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// What the operating system says; an entry that would be too long to be read.
     pub fn write(&mut self, entry: &Entry) -> io::Result<()> {
         let mut line = serde_json::to_vec(entry)?;
+        if line.len() as u64 > LONGEST {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "the entry is too long"));
+        }
         line.push(b'\n');
         self.file.write_all(&line)?;
         self.file.sync_data()
@@ -192,6 +195,19 @@ mod tests {
             assert_eq!(Journal::last(&path).is_err(), refused, "{long}");
             std::fs::remove_file(&path).unwrap();
         }
+    }
+
+    #[test]
+    fn no_entry_is_written_that_could_not_be_read() {
+        let path = place("unreadable");
+        let mut journal = Journal::open(&path, false).unwrap();
+        journal.write(&entry("closing")).unwrap();
+
+        let refused = journal.write(&entry(&"x".repeat(LONGEST as usize))).unwrap_err();
+
+        assert_eq!(refused.kind(), io::ErrorKind::InvalidInput);
+        assert_eq!(Journal::last(&path).unwrap(), Some(entry("closing")));
+        std::fs::remove_file(path).unwrap();
     }
 
     #[test]
