@@ -11,9 +11,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Time without a heart beat of the actors after which the arms are brought to a stand: whoever waits for them has heard of it
-/// after 0.1 s.
-pub const HEART: Duration = Duration::from_millis(90);
+/// Time without a heart beat of the actors after which the arms are brought to a stand: whoever waits for them hears of it by
+/// the end of the macrostep, within 0.1 s.
+pub const HEART: Duration = Duration::from_millis(80);
 
 /// Flags that the servo reads first in each period; anyone may set them.
 #[derive(Debug, Default)]
