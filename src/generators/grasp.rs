@@ -9,6 +9,8 @@ use crate::motion::{ArmState, Depth, JawCommand, PERIOD};
 
 /// How far below the width that is held the jaw's set value goes, so that the grip rules [m].
 pub(super) const SQUEEZE: f64 = 0.002;
+/// How far below the least width it goes at the lowest: the jaws' stroke ends there [m].
+const BELOW: f64 = 0.001;
 /// The jaws count as standing when they move less than this in [`STILL`] seconds [m].
 const STAND: f64 = 0.0001;
 const STILL: f64 = 0.25;
@@ -116,7 +118,7 @@ impl Grasp {
         }
         let standing = f64::from(self.steps - self.still_since) * step > STILL;
         // Jaws that meet nothing need not close to the end of their stroke to know it.
-        let floor = least_width - SQUEEZE;
+        let floor = least_width - BELOW;
         let squeezing = self.set <= floor.max(arm.jaw_opening - SQUEEZE) + 1e-9;
         if standing && squeezing {
             return Next::Done(if arm.jaw_opening >= least_width {
@@ -170,7 +172,7 @@ mod tests {
         let (outcome, lowest) = close(0.0);
 
         assert!(matches!(outcome, Outcome::Empty(_)), "{outcome:?}");
-        assert!(lowest >= LEAST - SQUEEZE - 1e-12, "{lowest}");
+        assert!(lowest >= LEAST - BELOW - 1e-12, "{lowest}");
     }
 
     #[test]

@@ -24,7 +24,7 @@ const CLEARLY: f64 = 0.6;
 /// Stickers that must look otherwise: every turn of a layer changes three on a side, a reflection changes one.
 const ODD_STICKERS: usize = 2;
 /// Jaws nearer than this share of the edge hold no cube: less than [`super::LEAST_WIDTH`], more than closed jaws.
-const GONE: f64 = 0.956;
+const GONE: f64 = 0.945;
 /// Jaws that have come so much nearer since they closed hold it no more [m]: pads of rubber give by a fifth of it.
 const CLOSER: f64 = 0.0012;
 /// Jaws wider than the cube by this hold none [m].
