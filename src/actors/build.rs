@@ -9,8 +9,9 @@ use crate::hw::driver::WallOptions;
 use crate::motion::{AXES, Depth};
 use crate::reach::{Fold, Meeting, MeetingTable, ReachSettings};
 use crate::scenario::{ControllerConfig, Scenario, keys};
-use crate::solver::korf;
 use crate::solver::table::TableSpec;
+use crate::solver::tables::Bytes;
+use crate::solver::{Tables, korf};
 use crate::spatial::Pose;
 use crate::tables::{News, Store, Threads};
 use crate::tasks::cube::hold::Hold;
@@ -22,6 +23,7 @@ use crate::tasks::panel::{Bench, Panel};
 use crate::vision::Method;
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
+use std::sync::LazyLock;
 
 /// How fast the visual servo may go and turn [m/s, rad/s], so that no part of a hand is too fast where the operator's may be.
 fn following(config: &ControllerConfig) -> (f64, f64) {
@@ -175,22 +177,31 @@ pub(super) fn cube_settings(
     })
 }
 
+/// Built once for all runs, and kept in the user's folder: a second of computing, which every process of a campaign would
+/// spend anew.
+static TWO_PHASE: LazyLock<Tables> =
+    LazyLock::new(|| Tables::with(&Tables::DEFAULT.map(|spec| kept(spec))));
+
+/// A table out of the user's folder, or built now.
+fn kept(spec: &TableSpec) -> Bytes {
+    let told = |spec: &TableSpec, news: News<'_>| match news {
+        News::Building(_) => tracing::warn!("building table {}, once", spec.name),
+        News::Waiting => tracing::warn!("another process builds table {}", spec.name),
+        News::NotKept(e) => tracing::warn!("table {} is not kept: {e}", spec.name),
+    };
+    Store::of_user().obtain(spec, &Threads::all(), &told, &|_| ())
+}
+
 /// Which solution is carried out. Korf's tables are built when the paper's rule first needs them: 10 s.
 fn strategy(config: &ControllerConfig) -> Strategy {
+    let tables = &TWO_PHASE;
     match config.planner.strategy {
-        keys::Strategy::Robot => Strategy::Robot,
-        keys::Strategy::Paper => {
-            let store = Store::of_user();
-            let told = |spec: &TableSpec, news: News<'_>| match news {
-                News::Building(_) => tracing::warn!("building table {}", spec.name),
-                News::Waiting => tracing::warn!("another process builds table {}", spec.name),
-                News::NotKept(e) => tracing::warn!("table {} is not kept: {e}", spec.name),
-            };
-            let tables = korf::TABLES
-                .each_ref()
-                .map(|spec| store.obtain(spec, &Threads::all(), &told, &|_| ()));
-            Strategy::Paper { tables, nodes: config.planner.korf_node_budget }
-        }
+        keys::Strategy::Robot => Strategy::Robot { tables },
+        keys::Strategy::Paper => Strategy::Paper {
+            tables,
+            korf: korf::TABLES.each_ref().map(kept),
+            nodes: config.planner.korf_node_budget,
+        },
     }
 }
 

@@ -17,18 +17,24 @@ use crate::vision::colours::{self, Decision, Undecided};
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 
-/// Built once in a process: the same for every cube.
-static TABLES: LazyLock<Tables> = LazyLock::new(Tables::build);
+/// The tables of two-phase, had from wherever they are kept when a cube first needs them. They are the default set: what
+/// a search finds, and how long it is declared to take, must not depend on what else was kept.
+pub type TwoPhase = &'static LazyLock<Tables>;
 
 /// Which solution of the cube is carried out.
 #[derive(Clone)]
 pub enum Strategy {
     /// Of many that two-phase finds, the one that takes two arms the least time.
-    Robot,
+    Robot {
+        /// Of two-phase.
+        tables: TwoPhase,
+    },
     /// The paper's (p. 374): Korf's search up to 16 turns, and two-phase where that takes too long.
     Paper {
-        /// Korf's tables, in the order of [`korf::TABLES`].
-        tables: [Bytes; 3],
+        /// Of two-phase.
+        tables: TwoPhase,
+        /// Korf's tables, in the order of [`korf::TABLES`](crate::solver::korf::TABLES).
+        korf: [Bytes; 3],
         /// Nodes that Korf's search may visit.
         nodes: u64,
     },
@@ -37,7 +43,7 @@ pub enum Strategy {
 impl std::fmt::Debug for Strategy {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Robot => f.write_str("Robot"),
+            Self::Robot { .. } => f.write_str("Robot"),
             Self::Paper { nodes, .. } => write!(f, "Paper {{ nodes: {nodes} }}"),
         }
     }
@@ -185,12 +191,12 @@ fn named(
 
     let (hand, grip) = thought.start;
     let (candidates, nodes) = match &thought.strategy {
-        Strategy::Robot => {
+        Strategy::Robot { tables } => {
             let budget = Budget { nodes: thought.nodes, max_length: 0 };
-            (solver::candidates(&cube, &TABLES, &budget, thought.candidates), thought.nodes)
+            (solver::candidates(&cube, tables, &budget, thought.candidates), thought.nodes)
         }
-        Strategy::Paper { tables, nodes } => {
-            let (turns, nodes) = papers_rule(&cube, tables, *nodes, thought.nodes)?;
+        Strategy::Paper { tables, korf, nodes } => {
+            let (turns, nodes) = papers_rule(&cube, tables, korf, *nodes, thought.nodes)?;
             (vec![turns], nodes)
         }
     };
@@ -215,15 +221,16 @@ fn named(
 /// The paper's choice of turns, and the nodes that it took.
 fn papers_rule(
     cube: &Cube,
-    tables: &[Bytes; 3],
+    two_phase: TwoPhase,
+    korf: &[Bytes; 3],
     korf_nodes: u64,
     nodes: u64,
 ) -> Result<(Vec<Turn>, u64), String> {
-    let tables = [0, 1, 2].map(|i| (*tables[i]).as_ref());
-    let korf = Korf::new(tables).map_err(|e| e.to_string())?;
+    let korf = [0, 1, 2].map(|i| (*korf[i]).as_ref());
+    let korf = Korf::new(korf).map_err(|e| e.to_string())?;
     let limits = Limits { max_length: KORF_LENGTH, max_nodes: korf_nodes };
     let exact = korf.solve(cube, limits, &InTurn, &AtomicBool::new(false));
-    let two_phase = || solver::solve(cube, &TABLES, &Budget { nodes, max_length: 0 });
+    let two_phase = || solver::solve(cube, two_phase, &Budget { nodes, max_length: 0 });
     Ok(or_two_phase(exact, two_phase))
 }
 

@@ -4,11 +4,15 @@ use crate::cube::Keeper;
 use crate::generators::{position::Speeds, visual_servo};
 use crate::motion::JointPositions;
 use crate::reach::{Fold, Meeting, MeetingTable};
+use crate::solver::Tables;
 use crate::spatial::Pose;
 use crate::tasks::cube::plan::Rule;
 use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
 use crate::tasks::cube::think::Strategy;
 use nalgebra::{Point3, Vector3};
+use std::sync::LazyLock;
+
+static TABLES: LazyLock<Tables> = LazyLock::new(Tables::build);
 
 /// A cell whose hands can meet everywhere.
 pub(super) fn settings() -> CubeSettings {
@@ -80,7 +84,7 @@ pub(super) fn settings() -> CubeSettings {
             zone: (Pose::identity(), Vector3::repeat(1.0)),
         },
         rule: Rule::Clearance,
-        strategy: Strategy::Robot,
+        strategy: Strategy::Robot { tables: &TABLES },
         nodes: 1000,
         candidates: 1,
         seconds_per_node: 0.0,
