@@ -220,6 +220,35 @@ fn what_is_drawn_in_the_shipped_files_is_right_for_a_mission() {
 }
 
 #[test]
+fn faults_are_drawn_for_each_run_and_stand_in_the_command_that_repeats_it() {
+    // Over two lines, with a comment: in a command it is one line.
+    let stop = "fault = { one_of = [[], [ # now and then\n  { kind = \"emergency_stop\", at_s = 0.5 },\n]] }\n";
+    let vary = Place::with("faults.toml", stop);
+    let done = object(&idle(&["--runs", "6", "--vary", vary.path()]), 0);
+
+    let failures = done["failures"].as_array().unwrap();
+    assert!(!failures.is_empty() && done["solved"].as_u64().unwrap() > 0, "{done}");
+    let command = failures[0]["command"].as_str().unwrap();
+    assert!(command.contains("--set 'fault=[{") && !command.contains('\n'), "{command}");
+    let program = env!("CARGO_BIN_EXE_rubik-robot");
+    let again = Command::new("sh")
+        .args(["-c", &format!("{} --json", command.replacen("rubik-robot", program, 1))])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .unwrap();
+    assert_eq!(object(&again, 3)["reason"], failures[0]["reason"]);
+
+    let wrong = Place::with("slipp.toml", "fault = { one_of = [[{ kind = \"slipp\" }]] }\n");
+    let out = idle(&["--runs", "2", "--vary", wrong.path()]);
+    let told = text(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{told}");
+    assert!(
+        told.contains("slipp.toml:1:21: `fault.0.kind`") && told.contains("\"slip\"?"),
+        "{told}"
+    );
+}
+
+#[test]
 fn a_soak_tells_memory_and_drift_at_each_tenth() {
     let out = idle(&["--soak", "0.01"]);
 

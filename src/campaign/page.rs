@@ -5,7 +5,7 @@
 
 use super::result::{Figures, RunResult, Verdict};
 use super::tally::{QUANTITIES, Tally, figure, phase};
-use super::vary::{Vary, Way};
+use super::vary::{Choice, Vary, Way};
 use crate::record::report::{STYLE, escaped, number, step};
 use std::fmt::Write;
 
@@ -401,16 +401,15 @@ fn strip(tally: &Tally, key: &str, way: &Way) -> String {
     svg
 }
 
-fn table_of(tally: &Tally, key: &str, values: &[String]) -> String {
-    let mut unique: Vec<&String> = values.iter().collect();
+fn table_of(tally: &Tally, key: &str, values: &[Choice]) -> String {
+    let mut unique: Vec<&str> = values.iter().map(|v| v.text.as_str()).collect();
     unique.sort();
     unique.dedup();
     let mut html = String::from(
         "<table><thead><tr><th>value<th class=n>runs<th class=n>solved<th class=n>95 % interval</tr></thead><tbody>",
     );
     for wanted in unique {
-        let runs: Vec<_> =
-            tally.results.iter().filter(|r| value(r, key) == Some(wanted.as_str())).collect();
+        let runs: Vec<_> = tally.results.iter().filter(|r| value(r, key) == Some(wanted)).collect();
         let solved = runs.iter().filter(|r| r.verdict == Verdict::Solved).count() as u64;
         let [low, high] = super::statistics::wilson(solved, runs.len() as u64);
         let _ = write!(

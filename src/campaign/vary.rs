@@ -8,10 +8,14 @@
 //! plant.cube_kind = { one_of = ["2007", "modern"] }
 //! control.grip_n = { normal = [26, 1.5], within = [22, 30] }
 //! planner.node_budget = { whole = [100, 200] }
+//! fault = { one_of = [[], [{ kind = "jam", magnitude = 3, event = "turned", turned_deg = 30 }]] }
 //! ```
+//!
+//! A value of `one_of` may be a whole list, as that of the faults; an option takes it in one line, and in the place of the
+//! scenario's own.
 
 use crate::scenario::fault::{Faults, Source};
-use crate::scenario::tree::{self, Node, Value};
+use crate::scenario::tree::{self, Entry, Node, Value};
 use rand::{Rng, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
@@ -24,11 +28,22 @@ const WORDS: [&str; 4] = ["uniform", "whole", "normal", "one_of"];
 const TRIES: usize = 1000;
 /// Keys that a file may vary.
 const MOST: usize = 1000;
+/// Longer lists of values are told by their number [characters].
+const LISTED: usize = 120;
 
 /// All that is drawn.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Vary {
-    keys: Vec<(String, Way)>,
+    keys: Vec<Key>,
+}
+
+/// A key that is drawn.
+#[derive(Debug, Clone, PartialEq)]
+struct Key {
+    name: String,
+    way: Way,
+    /// `file:line:column` of the way.
+    place: String,
 }
 
 /// How a key is drawn.
@@ -47,8 +62,17 @@ pub enum Way {
         /// What lies outside is drawn anew.
         within: (f64, f64),
     },
-    /// One of some values, as TOML writes them.
-    OneOf(Vec<String>),
+    /// One of some values.
+    OneOf(Vec<Choice>),
+}
+
+/// One of the values that a key may have.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Choice {
+    /// As TOML writes it, in one line.
+    pub text: String,
+    /// `file:line:column`.
+    pub place: String,
 }
 
 /// A key and its value of one run.
@@ -58,6 +82,8 @@ pub struct Drawn {
     pub key: String,
     /// Value as TOML writes it.
     pub value: String,
+    /// Where it is from, for faults: `file:line:column`, or an option.
+    pub from: String,
 }
 
 impl Drawn {
@@ -87,21 +113,22 @@ impl Vary {
         } else if keys.is_empty() && faults.0.is_empty() {
             faults.add(None, format!("{}: no key is varied", path.display()));
         }
-        keys.sort_by(|a, b| a.0.cmp(&b.0));
+        keys.sort_by(|a: &Key, b| a.name.cmp(&b.name));
         if faults.0.is_empty() { Ok(Self { keys }) } else { Err(faults.sorted()) }
     }
 
     /// The keys in their order, and how each is drawn.
     pub fn keys(&self) -> impl Iterator<Item = (&str, &Way)> {
-        self.keys.iter().map(|(key, way)| (key.as_str(), way))
+        self.keys.iter().map(|key| (key.name.as_str(), &key.way))
     }
 
     /// The values of the run with this seed.
     #[must_use]
     pub fn draw(&self, seed: u64) -> Vec<Drawn> {
-        let of = |(key, way): &(String, Way)| Drawn {
-            key: key.clone(),
-            value: way.draw(&mut Pcg64::seed_from_u64(mixed(key, seed))),
+        let of = |key: &Key| {
+            let (value, from) = key.way.draw(&mut Pcg64::seed_from_u64(mixed(&key.name, seed)));
+            let from = from.unwrap_or(&key.place).to_owned();
+            Drawn { key: key.name.clone(), value, from }
         };
         self.keys.iter().map(of).collect()
     }
@@ -114,8 +141,9 @@ fn mixed(key: &str, seed: u64) -> u64 {
 }
 
 impl Way {
-    fn draw(&self, random: &mut Pcg64) -> String {
-        match self {
+    /// A value, and its own place where it has one.
+    fn draw(&self, random: &mut Pcg64) -> (String, Option<&str>) {
+        let value = match self {
             Self::Uniform(low, high) => number(random.random_range(*low..=*high), (*low, *high)),
             Self::Whole(low, high) => random.random_range(*low..=*high).to_string(),
             Self::Normal { mean, deviation, within } => {
@@ -126,9 +154,11 @@ impl Way {
                 number(drawn.unwrap_or(*mean).clamp(within.0, within.1), *within)
             }
             Self::OneOf(values) => {
-                values.get(random.random_range(0..values.len())).cloned().unwrap_or_default()
+                let drawn = &values[random.random_range(0..values.len())];
+                return (drawn.text.clone(), Some(&drawn.place));
             }
-        }
+        };
+        (value, None)
     }
 
     /// For people.
@@ -145,7 +175,14 @@ impl Way {
                 };
                 format!("normal, {mean} with a standard deviation of {deviation}{range}")
             }
-            Self::OneOf(values) => format!("one of {}", values.join(", ")),
+            Self::OneOf(values) => {
+                let texts: Vec<&str> = values.iter().map(|v| v.text.as_str()).collect();
+                let list = texts.join(", ");
+                if list.chars().count() <= LISTED {
+                    return format!("one of {list}");
+                }
+                format!("one of {} values", values.len())
+            }
         }
     }
 }
@@ -158,7 +195,7 @@ fn number(value: f64, (low, high): (f64, f64)) -> String {
     if text.contains(['.', 'e']) { text } else { format!("{text}.0") }
 }
 
-fn gather(node: &Node, path: &str, keys: &mut Vec<(String, Way)>, faults: &mut Faults) {
+fn gather(node: &Node, path: &str, keys: &mut Vec<Key>, faults: &mut Faults) {
     let Value::Table(entries) = &node.value else {
         let reason = format!("`{path}` is {}, and nothing is drawn", node.describe());
         let help = "write { uniform = [LOW, HIGH] }, { whole = [LOW, HIGH] }, { normal = [MEAN, DEVIATION] } or { one_of = [A, B] }; what is the same in all runs belongs into the scenario or behind --set";
@@ -167,7 +204,7 @@ fn gather(node: &Node, path: &str, keys: &mut Vec<(String, Way)>, faults: &mut F
     };
     if entries.iter().any(|e| WORDS.contains(&e.key.as_str())) && !path.is_empty() {
         if let Some(way) = way(node, path, faults) {
-            keys.push((path.to_owned(), way));
+            keys.push(Key { name: path.to_owned(), way, place: node.place.label() });
         }
         return;
     }
@@ -212,7 +249,7 @@ fn way(node: &Node, path: &str, faults: &mut Faults) -> Option<Way> {
                     Ok(Way::Normal { mean, deviation, within })
                 },
             ),
-            "one_of" => match texts(&entry.node) {
+            "one_of" => match choices(&entry.node) {
                 Some(values) if !values.is_empty() => Ok(Way::OneOf(values)),
                 _ => Err("`one_of` wants a list of values, none of them a table"),
             },
@@ -260,14 +297,41 @@ fn whole_pair(node: &Node) -> Option<(i64, i64)> {
     }
 }
 
-/// The values of a list as they are written in the file.
-fn texts(node: &Node) -> Option<Vec<String>> {
+/// The values of a list.
+fn choices(node: &Node) -> Option<Vec<Choice>> {
     let Value::Array(items) = &node.value else { return None };
-    let text = |item: &Node| {
-        let written = item.place.source.text.get(item.place.span.clone())?;
-        (!matches!(item.value, Value::Table(_) | Value::Date)).then(|| written.to_owned())
+    let choice = |item: &Node| {
+        let fits = !matches!(item.value, Value::Table(_) | Value::Date);
+        fits.then_some(Choice { text: in_a_line(item)?, place: item.place.label() })
     };
-    items.iter().map(text).collect()
+    items.iter().map(choice).collect()
+}
+
+/// A value in one line: numbers and words as they are written in the file, lists and tables without their comments.
+fn in_a_line(node: &Node) -> Option<String> {
+    let list = |texts: Option<Vec<String>>| texts.map(|texts| texts.join(","));
+    match &node.value {
+        Value::Array(items) => Some(format!("[{}]", list(items.iter().map(in_a_line).collect())?)),
+        Value::Table(entries) => {
+            let entry = |e: &Entry| Some(format!("{}={}", key(&e.key), in_a_line(&e.node)?));
+            Some(format!("{{{}}}", list(entries.iter().map(entry).collect())?))
+        }
+        value => {
+            let written = node.place.source.text.get(node.place.span.clone())?;
+            match value {
+                // JSON's escapes are TOML's.
+                Value::Text(text) if written.contains('\n') => serde_json::to_string(text).ok(),
+                _ => Some(written.to_owned()),
+            }
+        }
+    }
+}
+
+/// A key as TOML writes it.
+fn key(name: &str) -> String {
+    let bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+    let quoted = || serde_json::to_string(name).unwrap_or_default();
+    if !name.is_empty() && name.chars().all(bare) { name.to_owned() } else { quoted() }
 }
 
 #[cfg(test)]
@@ -315,6 +379,23 @@ mod tests {
         assert_eq!(vary.draw(7), vary.draw(7));
         assert_ne!(vary.draw(7), vary.draw(8));
         assert_eq!(of(&fewer, 7, "plant.errors.base_mm"), of(&vary, 7, "plant.errors.base_mm"));
+    }
+
+    #[test]
+    fn a_whole_list_of_faults_is_drawn_in_one_line_and_knows_its_place() {
+        let text = "fault = { one_of = [[],\n  [ # mended\n    { kind = \"jam\", magnitude = 3, event = \"turned\",\n      \
+                    turned_deg = 30 },\n  ],\n  [{ kind = \"slip\", arm = \"\"\"\ntrack\"\"\", magnitude = 0.1, at_s = 9 }],\n] }\n";
+        let vary = read(text).unwrap();
+        let mut kinds = std::collections::BTreeSet::new();
+        for seed in 0..40 {
+            let [drawn] = &vary.draw(seed)[..] else { panic!("one key") };
+            let place = ["v.toml:1:21", "v.toml:2:3", "v.toml:6:3"];
+            assert!(!drawn.value.contains(['\n', '#']) && place.contains(&drawn.from.as_str()));
+            let set = crate::scenario::Override::parse(&drawn.option()).unwrap();
+            let scenario = crate::scenario::read(Path::new("t.toml"), "", &[set]).unwrap();
+            kinds.insert(format!("{:?}", scenario.plant.faults.first().map(|f| f.kind)));
+        }
+        assert_eq!(kinds.len(), 3, "{kinds:?}");
     }
 
     #[test]

@@ -104,7 +104,7 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
         Kind::Mission { .. } => Vec::new(),
         Kind::Tier { moves, .. } => {
             let value = format!("\"{}\"", scrambled(&scramble(moves, seed)));
-            vec![Drawn { key: "cube.state".to_owned(), value }]
+            vec![Drawn { key: "cube.state".to_owned(), value, from: "--tier".to_owned() }]
         }
     };
     let mut campaign = match Campaign::prepare(&from, &shape, String::new(), draw) {

@@ -433,7 +433,7 @@ fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
 
 fn check(path: &Path, text: &str, set: &[Override], drawn: &[Drawn]) -> Result<Scenario, String> {
     let drawn = drawn.iter().map(|d| Override {
-        option: format!("--vary {}", d.key),
+        option: d.from.clone(),
         key: d.key.clone(),
         value: d.value.clone(),
     });
