@@ -66,6 +66,18 @@ fn three_idle_runs_come_to_one_object() {
     assert_eq!(done["failures"], Value::Array(vec![]));
     // n / (n + z^2)
     assert!((done["interval"][0].as_f64().unwrap() - 0.438_503).abs() < 1e-6);
+    // The idle arms touch nothing, so nothing is above what the scenario allows, and nothing falls.
+    assert_eq!(done["peak_contact_n"]["max"], 0.0);
+    assert_eq!(done["force_limit_n"]["min"], 20.0);
+    for name in [
+        "runs_above_force_limit",
+        "drops",
+        "runs_with_unnoticed_drops",
+        "contact_unknown",
+        "without_verdict",
+    ] {
+        assert_eq!(done[name], 0, "{name}");
+    }
     for name in ["peak_force_n", "grasps", "turns", "sim_time_s"] {
         for part in ["min", "median", "p95", "max"] {
             assert!(done[name][part].is_number(), "{name}.{part}");
@@ -246,6 +258,18 @@ fn faults_are_drawn_for_each_run_and_stand_in_the_command_that_repeats_it() {
         told.contains("slipp.toml:1:21: `fault.0.kind`") && told.contains("\"slip\"?"),
         "{told}"
     );
+}
+
+#[test]
+fn a_fall_is_a_contact_above_the_limit_and_is_noticed_unless_the_run_ends_with_it() {
+    let fault = "fault=[{kind=\"drop\",arm=\"track\",at_s=40}]";
+    let run = ["campaign", "scenarios/solve.toml", "--runs", "1", "--json", "--set", fault];
+    let done = object(&robot(&run), 0);
+
+    // Torn out of a hand, by as much as its grip lets it.
+    assert!(done["peak_contact_n"]["max"].as_f64().unwrap() > 20.0, "{done}");
+    assert_eq!((&done["runs_above_force_limit"], &done["drops"]), (&1.into(), &1.into()));
+    assert_eq!((&done["runs_with_unnoticed_drops"], &done["solved"]), (&0.into(), &1.into()));
 }
 
 #[test]

@@ -1061,6 +1061,8 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
         jams: truth.map(|t| t.jams),
         slips: counts.map(|c| c.slips),
         drops: counts.map(|c| c.drops),
+        drops_noticed: Some(done.task.drops),
+        force_limit_n: Some(scenario.controller.control.force_limit),
         pops: counts.map(|c| c.pops),
         crushed: counts.map(|c| c.crushed),
         collisions: counts.map(|c| c.collisions),

@@ -93,9 +93,19 @@ fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
     };
     fact("failures", grouped(failed));
     fact("without a verdict", grouped(tally.without_verdict()));
-    let most = tally.spread(|f| f.peak_force_n);
+    let most = tally.spread(|f| Some(f.peak_force_n));
     if !most.is_empty() {
         fact("largest force", format!("{} N", figure(most.max, 1)));
+        let contact = tally.spread(|f| f.peak_contact_n);
+        if !contact.is_empty() {
+            fact("largest contact", format!("{} N", figure(contact.max, 1)));
+            let above = format!("runs above {}", tally.limit());
+            fact(&above, grouped(tally.above_limit()));
+            fact("runs with an unnoticed drop", grouped(tally.unnoticed()));
+        }
+        if tally.contact_unknown() > 0 {
+            fact("contact not known", grouped(tally.contact_unknown()));
+        }
         let turns: f64 = figures(tally).map(|(_, f)| f64::from(f.turns)).sum();
         fact("face turns in all", grouped(turns as u64));
         let hours: f64 = figures(tally).map(|(_, f)| f.sim_time_s.min(1e9)).sum::<f64>() / 3600.0;
@@ -197,6 +207,9 @@ fn spreads(html: &mut String, tally: &Tally) {
     html.push_str("<section><h2>How the figures are spread</h2><p class=lead>Of all runs that ended with a verdict, solved or not; those that were not solved are red.</p><table class=spread><thead><tr><th><th class=n>min<th class=n>median<th class=n>95 %<th class=n>max</tr></thead><tbody>");
     for (_, words, of, decimals) in QUANTITIES {
         let s = tally.spread(of);
+        if s.is_empty() {
+            continue;
+        }
         let _ = write!(html, "<tr><th>{}", capital(words));
         for value in [s.min, s.median, s.p95, s.max] {
             let _ = write!(html, "<td class=n>{}", figure(value, decimals));
@@ -206,7 +219,7 @@ fn spreads(html: &mut String, tally: &Tally) {
     html.push_str("</tbody></table><div class=pair>");
     for (_, words, of, decimals) in QUANTITIES {
         let values: Vec<(f64, bool)> = figures(tally)
-            .map(|(run, f)| (of(f), run.verdict == Verdict::Solved))
+            .filter_map(|(run, f)| Some((of(f)?, run.verdict == Verdict::Solved)))
             .filter(|(value, _)| value.abs() < 1e12)
             .collect();
         let _ =

@@ -68,6 +68,16 @@ pub struct Figures {
     pub peak_force_n: f64,
     /// Largest torque of the same [Nm].
     pub peak_torque_nm: f64,
+    /// Largest force of the contact at any tool over the whole run [N]. State files of earlier builds have neither this
+    /// nor the two that follow.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub peak_contact_n: Option<f64>,
+    /// What the scenario allows, `control.force_limit_n` [N].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub force_limit_n: Option<f64>,
+    /// How often the controller told that the cube had fallen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drops_noticed: Option<u32>,
     /// Jaw closings.
     pub grasps: u32,
     /// Face turns.
@@ -80,6 +90,20 @@ pub struct Figures {
     pub recoveries: u32,
     /// Over every servo record and message, hexadecimal.
     pub hash: String,
+}
+
+impl Figures {
+    /// Whether something was touched with more force than the scenario allows; `None` when nobody knows.
+    #[must_use]
+    pub fn exceeds_limit(&self) -> Option<bool> {
+        Some(self.peak_contact_n? > self.force_limit_n?)
+    }
+
+    /// Whether the cube fell more often than the controller told; `None` when nobody knows.
+    #[must_use]
+    pub fn has_unnoticed_drop(&self) -> Option<bool> {
+        Some(self.mishaps.drops > self.drops_noticed?)
+    }
 }
 
 /// What the plant counted.
@@ -151,6 +175,7 @@ impl RunResult {
     pub fn of_summary(summary: &Summary, set: Vec<String>) -> Self {
         let (verdict, reason) = judged(summary);
         let number = |value: Option<f64>| value.filter(|v| v.is_finite()).unwrap_or(f64::MAX);
+        let contacts = summary.sensors.iter().map(|s| number(s.force_n));
         Self {
             seed: summary.seed,
             verdict,
@@ -160,6 +185,9 @@ impl RunResult {
             figures: Some(Figures {
                 peak_force_n: number(summary.peak_force_n),
                 peak_torque_nm: number(summary.peak_torque_nm),
+                peak_contact_n: contacts.reduce(f64::max),
+                force_limit_n: summary.force_limit_n,
+                drops_noticed: summary.drops_noticed,
                 grasps: summary.grasps,
                 turns: summary.turns,
                 sim_time_s: number(Some(summary.sim_time_s)),
@@ -299,6 +327,7 @@ pub(super) mod tests {
         result.reason = format!("{} for a reason", verdict.word());
         if let Some(figures) = &mut result.figures {
             figures.peak_force_n = force;
+            (figures.peak_contact_n, figures.force_limit_n) = (Some(force + 1.0), Some(20.0));
             figures.sim_time_s = 400.0 + force;
             (figures.turns, figures.grasps) = (19, 24);
         }
@@ -342,6 +371,44 @@ pub(super) mod tests {
         for (told, code) in [(summary(4).json(), 0), (summary(3).json(), 1)] {
             assert_eq!(process(&told, "", Ended::Code(code)).verdict, Verdict::Died);
         }
+    }
+
+    #[test]
+    fn the_largest_contact_of_any_tool_counts_and_a_drop_that_nobody_told() {
+        let mut told = summary(3);
+        (told.force_limit_n, told.drops, told.drops_noticed) = (Some(20.0), Some(2), Some(1));
+        told.sensors = [("track", 12.0), ("postument", f64::NAN)]
+            .map(|(name, force)| crate::record::summary::SensorPeak {
+                effector: name.into(),
+                force_n: Some(force),
+                torque_nm: Some(0.1),
+                felt_force_n: force,
+                felt_torque_nm: 0.1,
+            })
+            .into();
+        let figures = |told: &Summary| process(&told.json(), "", Ended::Code(0)).figures.unwrap();
+
+        let bad = figures(&told);
+        assert_eq!((bad.peak_contact_n, bad.exceeds_limit()), (Some(f64::MAX), Some(true)));
+        assert_eq!(bad.has_unnoticed_drop(), Some(true));
+        told.sensors.pop();
+        told.drops_noticed = Some(2);
+        let good = figures(&told);
+        assert_eq!((good.peak_contact_n, good.exceeds_limit()), (Some(12.0), Some(false)));
+        assert_eq!(good.has_unnoticed_drop(), Some(false));
+    }
+
+    #[test]
+    fn a_line_of_an_earlier_build_is_read_and_what_it_lacks_is_not_known() {
+        let mut old = result(7, Verdict::Solved, 12.0);
+        if let Some(f) = &mut old.figures {
+            (f.peak_contact_n, f.force_limit_n, f.drops_noticed) = (None, None, None);
+        }
+        let line = serde_json::to_string(&old).unwrap();
+
+        assert!(!line.contains("peak_contact_n") && !line.contains("drops_noticed"));
+        let read = serde_json::from_str::<RunResult>(&line).unwrap().figures.unwrap();
+        assert_eq!((read.exceeds_limit(), read.has_unnoticed_drop()), (None, None));
     }
 
     #[test]

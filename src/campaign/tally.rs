@@ -31,15 +31,16 @@ pub struct Tally {
     pub recoveries: u64,
 }
 
-/// A quantity of a run: its name in JSON, words for people, how to read it, decimals.
-pub type Quantity = (&'static str, &'static str, fn(&Figures) -> f64, usize);
+/// A quantity of a run: its name in JSON, words for people, how to read it where it is known, decimals.
+pub type Quantity = (&'static str, &'static str, fn(&Figures) -> Option<f64>, usize);
 
 /// What is told of every campaign. All runs with a summary count, solved or not.
-pub const QUANTITIES: [Quantity; 4] = [
-    ("peak_force_n", "peak force [N]", |f| f.peak_force_n, 1),
-    ("grasps", "grasps", |f| f64::from(f.grasps), 0),
-    ("turns", "turns", |f| f64::from(f.turns), 0),
-    ("sim_time_s", "simulated time [s]", |f| f.sim_time_s, 1),
+pub const QUANTITIES: [Quantity; 5] = [
+    ("peak_force_n", "peak force [N]", |f| Some(f.peak_force_n), 1),
+    ("peak_contact_n", "peak contact [N]", |f| f.peak_contact_n, 1),
+    ("grasps", "grasps", |f| Some(f64::from(f.grasps)), 0),
+    ("turns", "turns", |f| Some(f64::from(f.turns)), 0),
+    ("sim_time_s", "simulated time [s]", |f| Some(f.sim_time_s), 1),
 ];
 
 /// Failures that are listed one by one in a table for people.
@@ -92,8 +93,43 @@ impl Tally {
 
     /// How a quantity is spread over the runs that know it.
     #[must_use]
-    pub fn spread(&self, of: fn(&Figures) -> f64) -> Spread {
-        Spread::of(self.results.iter().filter_map(|r| r.figures.as_ref()).map(of))
+    pub fn spread(&self, of: fn(&Figures) -> Option<f64>) -> Spread {
+        Spread::of(self.figures().filter_map(of))
+    }
+
+    fn figures(&self) -> impl Iterator<Item = &Figures> {
+        self.results.iter().filter_map(|r| r.figures.as_ref())
+    }
+
+    /// Runs in which something was touched with more force than the scenario allows.
+    #[must_use]
+    pub fn above_limit(&self) -> u64 {
+        self.figures().filter(|f| f.exceeds_limit() == Some(true)).count() as u64
+    }
+
+    /// Runs in which the cube fell more often than the controller told.
+    #[must_use]
+    pub fn unnoticed(&self) -> u64 {
+        self.figures().filter(|f| f.has_unnoticed_drop() == Some(true)).count() as u64
+    }
+
+    /// Runs with a verdict that were performed by a build that did not tell contact, limit and noticed drops.
+    #[must_use]
+    pub fn contact_unknown(&self) -> u64 {
+        let unknown =
+            |f: &&Figures| f.exceeds_limit().is_none() || f.has_unnoticed_drop().is_none();
+        self.figures().filter(unknown).count() as u64
+    }
+
+    /// The limits of the runs, for people: "20.0 N".
+    #[must_use]
+    pub fn limit(&self) -> String {
+        let s = self.spread(|f| f.force_limit_n);
+        match s.is_empty() {
+            true => "an unknown force".to_owned(),
+            false if s.min == s.max => format!("{:.1} N", s.min),
+            false => format!("{:.1} .. {:.1} N", s.min, s.max),
+        }
     }
 
     /// The runs that were not solved.
@@ -151,6 +187,10 @@ impl Tally {
             "failures": failures, "phases": phases, "without_verdict": self.without_verdict(),
             "mishaps": self.mishaps, "runs_with_mishaps": self.mended.0,
             "solved_with_mishaps": self.mended.1, "recoveries": self.recoveries,
+            "force_limit_n": self.spread(|f| f.force_limit_n),
+            "runs_above_force_limit": self.above_limit(),
+            "drops": self.mishaps.drops, "runs_with_unnoticed_drops": self.unnoticed(),
+            "contact_unknown": self.contact_unknown(),
         });
         for (name, _, of, _) in QUANTITIES {
             object[name] = json!(self.spread(of));
@@ -208,6 +248,14 @@ impl Tally {
             &format!("{with}, of which {mended} solved all the same"),
         );
         row(&mut t, "recoveries", &self.recoveries.to_string());
+        let above = format!("{} runs above {}", self.above_limit(), self.limit());
+        row(&mut t, "contact", &above);
+        row(&mut t, "drops unnoticed", &format!("in {} runs", self.unnoticed()));
+        if self.contact_unknown() > 0 {
+            let unknown = format!("in {} runs of an earlier build", self.contact_unknown());
+            row(&mut t, "neither is known", &unknown);
+        }
+        row(&mut t, "without a verdict", &format!("{} runs", self.without_verdict()));
         let failed = self.runs() - self.solved;
         row(&mut t, "failures", &if failed == 0 { "none".to_owned() } else { failed.to_string() });
         let mut listed = 0;
@@ -301,7 +349,18 @@ mod tests {
         assert_eq!(object["failures"][0]["seed"], 9);
         assert_eq!(object["failures"][1]["phase"], "solve");
         assert_eq!(object["without_verdict"], 1);
-        for name in ["peak_force_n", "grasps", "turns", "sim_time_s"] {
+        // Contact is the force and 1 N; the limit is 20 N; seeds 20 to 24 are above it.
+        assert_eq!((&object["runs_above_force_limit"], &object["drops"]), (&json!(5), &json!(0)));
+        assert_eq!(
+            (&object["contact_unknown"], &object["runs_with_unnoticed_drops"]),
+            (&json!(0), &json!(0))
+        );
+        assert_eq!(
+            (&object["force_limit_n"]["max"], &object["peak_contact_n"]["max"]),
+            (&json!(20.0), &json!(25.0))
+        );
+        assert!(tally.table().contains("5 runs above 20.0 N"), "{}", tally.table());
+        for name in ["peak_force_n", "peak_contact_n", "grasps", "turns", "sim_time_s"] {
             for part in ["min", "median", "p95", "max"] {
                 assert!(object[name][part].is_f64(), "{name}.{part}");
             }

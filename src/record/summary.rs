@@ -120,6 +120,12 @@ pub struct Summary {
     pub slips: Option<u32>,
     /// Times that the cube fell.
     pub drops: Option<u32>,
+    /// How often the controller told that the cube had fallen, as its jaws felt: a hand that alone held it had lost it.
+    #[serde(default)]
+    pub drops_noticed: Option<u32>,
+    /// Force at which the controller breaks a free motion off, `control.force_limit_n` [N].
+    #[serde(default)]
+    pub force_limit_n: Option<f64>,
     /// Times that the cube popped: tilt above 3 Nm or a pull above 50 N.
     pub pops: Option<u32>,
     /// Times that it was squeezed by more than 150 N.
@@ -172,6 +178,8 @@ impl Summary {
             jams: none,
             slips: none,
             drops: none,
+            drops_noticed: Some(0),
+            force_limit_n: None,
             pops: none,
             crushed: none,
             collisions: none,
@@ -208,7 +216,11 @@ impl Summary {
         let mut clean = self.clone();
         let times = [&mut clean.sim_time_s, &mut clean.wall_time_s];
         let peaks = clean.peak_force_n.iter_mut().chain(clean.peak_torque_nm.iter_mut());
-        for number in times.into_iter().chain(peaks) {
+        let sensors = clean.sensors.iter_mut().flat_map(|s| {
+            let felt = [&mut s.felt_force_n, &mut s.felt_torque_nm];
+            felt.into_iter().chain(s.force_n.iter_mut()).chain(s.torque_nm.iter_mut())
+        });
+        for number in times.into_iter().chain(peaks).chain(sensors) {
             if !number.is_finite() {
                 *number = f64::MAX;
             }
@@ -252,6 +264,9 @@ impl Summary {
             );
         }
         row(&mut t, "jams, slips, drops", &counts([self.jams, self.slips, self.drops]));
+        if self.drops.unwrap_or(0) > 0 || self.drops_noticed.unwrap_or(0) > 0 {
+            row(&mut t, "drops it noticed", &self.drops_noticed.unwrap_or(0).to_string());
+        }
         row(&mut t, "pops, crushes, bumps", &counts([self.pops, self.crushed, self.collisions]));
         for Accident { time_s, what } in self.accidents.iter().flatten() {
             row(&mut t, "", &format!("{time_s:8.1} s: {what}"));
@@ -330,6 +345,8 @@ mod tests {
             jams: Some(0),
             slips: Some(0),
             drops: Some(0),
+            drops_noticed: Some(0),
+            force_limit_n: Some(20.0),
             pops: Some(0),
             crushed: Some(0),
             collisions: Some(0),
@@ -342,9 +359,19 @@ mod tests {
 
     #[test]
     fn peaks_are_never_null_and_the_object_is_one_line() {
-        let json = summary().json();
+        let mut s = summary();
+        s.sensors.push(SensorPeak {
+            effector: "track".into(),
+            force_n: Some(f64::INFINITY),
+            torque_nm: Some(1.0),
+            felt_force_n: f64::NAN,
+            felt_torque_nm: 1.0,
+        });
+        let json = s.json();
 
         let back: serde_json::Value = serde_json::from_str(&json).unwrap();
+        let read: Summary = serde_json::from_str(&json).unwrap();
+        assert_eq!(read.sensors[0].force_n, Some(f64::MAX));
         assert_eq!(back["outcome"], "solved");
         assert!(back["peak_force_n"].as_f64().unwrap() > 20.0);
         assert!(!json.contains('\n'));

@@ -284,6 +284,8 @@ pub struct MissionLog {
     pub grasps: u32,
     /// How often the cube was read and planned anew after something had gone wrong.
     pub recoveries: u32,
+    /// How often the jaws felt that the cube had fallen.
+    pub drops: u32,
     /// The plan's steps in words.
     pub plan: Vec<Line>,
     /// Notes for the operator that were not told yet.

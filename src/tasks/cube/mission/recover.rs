@@ -239,6 +239,7 @@ impl Mission {
             self.belief.released(hand);
             if self.belief.held[hand.other().index()].is_none() {
                 let fell = format!("{lost} and lies below it");
+                self.log.drops += 1;
                 let Some(hand_over) = self.hand_over.filter(|_| self.may_recover()) else {
                     return Err(fell);
                 };
