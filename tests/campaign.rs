@@ -161,9 +161,14 @@ fn shards_merged_are_the_whole() {
     let times = &whole["sim_time_s"];
     assert!(times["min"].as_f64().unwrap() < times["max"].as_f64().unwrap(), "nothing was drawn");
     // One shard is not the whole, and does not pass for it.
-    let half = robot(&["campaign", "merge", parts[0].path(), "--at-least", "0.9"]);
-    assert_eq!(half.status.code(), Some(0), "a shard alone is whole by itself");
-    assert!(text(&half.stdout).contains("3 of 3"), "{}", text(&half.stdout));
+    let merge = ["campaign", "merge", parts[0].path()];
+    let half = robot(&merge);
+    assert_eq!(half.status.code(), Some(0));
+    assert!(text(&half.stdout).contains("3 of 5"), "{}", text(&half.stdout));
+    assert!(text(&half.stderr).contains("shards 2/2\n"), "{}", text(&half.stderr));
+    let short = robot(&[&merge[..], &["--at-least", "0.9"]].concat());
+    assert_eq!(short.status.code(), Some(1));
+    assert!(text(&short.stderr).contains("is not reached: 3 of 5 runs"), "{}", text(&short.stderr));
 }
 
 #[test]

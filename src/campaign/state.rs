@@ -231,6 +231,34 @@ impl State {
         Ok(state)
     }
 
+    /// Looks at the results as at those of the whole campaign. Returns what it lacks of these shards' fellows, in words:
+    /// those that no result is of, and those that miss some; nothing where the campaign was shared out in several ways.
+    #[must_use]
+    pub fn whole_of(&mut self, shards: &[Shard]) -> Vec<String> {
+        self.header.shard = Shard::default();
+        let of = shards.first().map_or(1, |shard| shard.of);
+        if shards.iter().any(|shard| shard.of != of) {
+            return Vec::new();
+        }
+        let mut there: BTreeMap<u64, u64> = BTreeMap::new();
+        for seed in self.results.keys() {
+            *there.entry((seed - self.header.seed) % of + 1).or_default() += 1;
+        }
+        let runs = self.header.runs;
+        // The last shards of a small campaign have no runs.
+        let lacking = (1..=of.min(runs)).filter_map(|number| {
+            let asked = (runs - number) / of + 1;
+            match there.get(&number) {
+                None => Some(format!("{number}/{of}")),
+                Some(some) if *some < asked => {
+                    Some(format!("{number}/{of} ({some} of {asked} runs)"))
+                }
+                Some(_) => None,
+            }
+        });
+        lacking.collect()
+    }
+
     fn take(&mut self, result: RunResult) -> Result<(), String> {
         let seed = result.seed;
         if !self.header.holds(seed) {
@@ -335,6 +363,28 @@ pub(super) mod tests {
             assert_eq!(state.whole as usize, ends[lines - 1]);
             assert_eq!(state.torn, cut > ends[lines - 1]);
         }
+    }
+
+    #[test]
+    fn the_shards_that_lack_are_named() {
+        let shard = |k: &str, seeds: &[u64]| State {
+            header: header(10, k),
+            results: seeds.iter().map(|s| (*s, result(*s, Verdict::Solved, 1.0))).collect(),
+            whole: 0,
+            torn: false,
+        };
+        let lacking = |mut state: State| {
+            let shards = [state.header.shard];
+            state.whole_of(&shards)
+        };
+        // Seeds are 5 to 14; the first of three shards has four of them.
+        assert_eq!(lacking(shard("1/3", &[5, 8, 11, 14])), ["2/3", "3/3"]);
+        assert_eq!(lacking(shard("1/3", &[5, 8, 6, 9, 12])), ["1/3 (2 of 4 runs)", "3/3"]);
+        assert_eq!(lacking(shard("1/1", &(5..15).collect::<Vec<_>>())), [""; 0]);
+        // The shards behind the tenth of twenty have none.
+        assert_eq!(lacking(shard("1/20", &(5..14).collect::<Vec<_>>())), ["10/20"]);
+        let several = ["1/2".parse().unwrap(), "1/3".parse().unwrap()];
+        assert_eq!(shard("1/2", &[5]).whole_of(&several), [""; 0]);
     }
 
     #[test]

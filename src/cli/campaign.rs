@@ -25,6 +25,8 @@ use std::time::{Duration, Instant};
 
 /// Exit code of an interrupted campaign.
 const INTERRUPTED: u8 = 130;
+/// Missing shards that are named.
+const NAMED: usize = 20;
 /// The most runs: seeds are numbers, and a list of them is kept.
 const MOST: u64 = 10_000_000;
 /// The last seed that a first run may have: a scenario's seed is an integer of TOML, and so is that of the last run.
@@ -185,7 +187,7 @@ fn merge(files: &[PathBuf], how: &ToldArgs, output: &mut Output) -> anyhow::Resu
     if let Err(reason) = how.check() {
         return Ok(told(&reason));
     }
-    let mut whole: Option<State> = None;
+    let (mut whole, mut shards): (Option<State>, _) = (None, Vec::new());
     for path in files {
         let read =
             File::open(path).map_err(Unusable::from).map(BufReader::new).and_then(State::read);
@@ -196,6 +198,7 @@ fn merge(files: &[PathBuf], how: &ToldArgs, output: &mut Output) -> anyhow::Resu
         if state.torn {
             complain(&format!("{}: its last line is cut off, and left out", path.display()));
         }
+        shards.push(state.header.shard);
         whole = match whole {
             None => Some(state),
             Some(mut whole) => match whole.merge(state) {
@@ -204,7 +207,16 @@ fn merge(files: &[PathBuf], how: &ToldArgs, output: &mut Output) -> anyhow::Resu
             },
         };
     }
-    let Some(whole) = whole else { return Ok(WRONG) };
+    let Some(mut whole) = whole else { return Ok(WRONG) };
+    let lacking = whole.whole_of(&shards);
+    if !lacking.is_empty() {
+        let more = match lacking.len().saturating_sub(NAMED) {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        let named = lacking.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ");
+        complain(&format!("missing of the campaign: shards {named}{more}"));
+    }
     if whole.header.build == "several" {
         complain("the shards were performed by different builds of one version");
     }
@@ -242,10 +254,17 @@ impl ToldArgs {
                 .with_context(|| format!("{}", path.display()))?;
             complain(&format!("report: {}", path.display()));
         }
-        let short = self.at_least.is_some_and(|share| {
-            tally.success() < share || !tally.is_complete() || tally.runs() == 0
-        });
-        Ok(u8::from(short))
+        let Some(share) = self.at_least else { return Ok(0) };
+        let (runs, solved) = (tally.runs(), tally.solved);
+        let reason = if !tally.is_complete() || runs == 0 {
+            format!("{runs} of {} runs are no campaign to judge by", tally.asked)
+        } else if tally.success() < share {
+            format!("{solved} of {runs} solved")
+        } else {
+            return Ok(0);
+        };
+        complain(&format!("--at-least {share} is not reached: {reason}"));
+        Ok(1)
     }
 }
 
