@@ -204,6 +204,7 @@ fn what_cannot_be_performed_is_told_before_the_first_run() {
         (&["campaign", "merge"], "FILES"),
         (&["campaign", "merge", "scenarios/idle.toml"], "no campaign's state"),
         (&["campaign", "scenarios/idle.toml", "--soak=-1"], "hours"),
+        (&["campaign", "scenarios/idle.toml", "--soak=1", "--at-least", "99"], "99 is no share"),
         (&["benchmark"], "--mission"),
         (&["benchmark", "--tier", "5"], "is no tier"),
         (&["benchmark", "--tier", "1-1", "--scenario", "scenarios/face_turn.toml"], "\"solve\""),
@@ -286,6 +287,20 @@ fn a_soak_tells_memory_and_drift_at_each_tenth() {
     assert_eq!((&done["steady"], &done["drift_s"]), (&true.into(), &0.0.into()));
     assert_eq!((&done["runs"], &done["repeated"]), (&36.into(), &32.into()));
     assert!(done["tenths"][9]["resident_mib"].as_f64().unwrap() > 1.0);
+}
+
+#[test]
+fn a_soak_with_a_mission_that_is_not_solved_does_not_pass_silently() {
+    let soak =
+        ["campaign", "scenarios/face_turn.toml", "--set", "control.compliance=none", "--seed", "5"];
+    let soak = [&soak[..], &["--soak", "0.0001", "--soak-seeds", "1"]].concat();
+
+    let short = robot(&soak);
+    assert_eq!(short.status.code(), Some(1), "{}", text(&short.stderr));
+    let told = text(&short.stderr);
+    assert!(told.contains("1 of 1 missions were not solved; --at-least 1"), "{told}");
+    let content = robot(&[&soak[..], &["--at-least", "0"]].concat());
+    assert_eq!(content.status.code(), Some(0), "{}", text(&content.stderr));
 }
 
 /// The processes that one has started.

@@ -70,10 +70,33 @@ impl Soak {
         self.results.iter().filter(|r| r.verdict == Verdict::Solved).count() as u64
     }
 
-    /// Whether it is as it should be: ten tenths, memory flat, no mission different from itself.
+    /// Whether it is as it should be: ten tenths, memory flat, no mission different from itself. Memory that is not known
+    /// counts as not flat.
     #[must_use]
     pub fn is_steady(&self) -> bool {
-        self.tenths.len() == PARTS && self.is_flat() != Some(false) && self.repeated.1 == 0
+        self.unsteady().is_none()
+    }
+
+    /// Why it is not steady.
+    #[must_use]
+    pub fn unsteady(&self) -> Option<String> {
+        if self.tenths.len() < PARTS {
+            return Some("it did not come to its end".to_owned());
+        }
+        match (self.is_flat(), self.repeated.1) {
+            (None, _) => Some("nobody knows its memory, which may have grown".to_owned()),
+            (Some(false), _) => Some("its memory grew".to_owned()),
+            (_, differently @ 1..) => {
+                Some(format!("{differently} missions differ from themselves"))
+            }
+            _ => None,
+        }
+    }
+
+    /// Share of solved missions; 0 when there was none.
+    #[must_use]
+    pub fn success(&self) -> f64 {
+        self.solved() as f64 / self.results.len().max(1) as f64
     }
 
     /// One object.
@@ -218,6 +241,16 @@ mod tests {
         assert_eq!(of(109.0).is_flat(), Some(false));
         assert!(!of(109.0).is_steady());
         assert_eq!(Soak::default().is_flat(), None);
+    }
+
+    #[test]
+    fn memory_that_nobody_knows_is_not_steady() {
+        let mut soak = Soak { tenths: [50.0; PARTS].map(tenth).into(), ..Soak::default() };
+        assert!(soak.is_steady());
+        soak.tenths[1].resident_mib = None;
+        assert_eq!((soak.is_flat(), soak.is_steady()), (None, false));
+        assert!(soak.unsteady().unwrap().contains("nobody knows its memory"));
+        assert_eq!(soak.json()["memory_flat"], Value::Null);
     }
 
     #[test]

@@ -49,8 +49,8 @@ Examples:
 
 Run i has the seed S + i: another cube, hand, light, cell and noise. The verdict is the plant's. A run that panics or
 takes longer than --limit-s is a failure, and is told with the command that repeats it.
-Exit codes: 0 the campaign was performed, whatever came of it; 1 fewer solved than --at-least, or a soak that is not
-steady; 2 usage, scenario, state file; 4 system; 130 interrupted."
+Exit codes: 0 the campaign was performed, whatever came of it; 1 fewer solved than --at-least, a soak that is not steady
+or has a mission that was not solved; 2 usage, scenario, state file; 4 system; 130 interrupted."
 )]
 pub(super) struct CampaignArgs {
     #[command(subcommand)]
@@ -98,7 +98,7 @@ pub(super) struct CampaignArgs {
 /// How the result is told.
 #[derive(Debug, Args)]
 pub(super) struct ToldArgs {
-    /// Exit with 1 when a smaller share than this is solved, as in 0.995
+    /// Exit with 1 when a smaller share than this is solved, as in 0.995; of a soak all must be when not given
     #[arg(long, value_name = "SHARE")]
     at_least: Option<f64>,
     /// Write the report as a page
@@ -466,6 +466,9 @@ fn soaked(
     hours: f64,
     output: &mut Output,
 ) -> anyhow::Result<u8> {
+    if let Err(reason) = args.told.check() {
+        return Ok(told(&reason));
+    }
     if !(hours.is_finite() && hours > 0.0) {
         return Ok(told("--soak: hours of simulated time, as in 8"));
     }
@@ -509,7 +512,16 @@ fn soaked(
             soak.results.iter().filter(|r| r.verdict != Verdict::Solved).map(|r| sentence(r) + "\n").collect::<String>()
         ))?;
     }
-    let share = soak.solved() as f64 / soak.results.len().max(1) as f64;
-    let short = args.told.at_least.is_some_and(|least| share < least);
-    Ok(if interrupted { INTERRUPTED } else { u8::from(short || !soak.is_steady()) })
+    if interrupted {
+        return Ok(INTERRUPTED);
+    }
+    let least = args.told.at_least.unwrap_or(1.0);
+    let short = (soak.success() < least).then(|| {
+        let (all, solved) = (soak.results.len() as u64, soak.solved());
+        format!("{} of {all} missions were not solved; --at-least {least}", all - solved)
+    });
+    let unsteady = soak.unsteady().map(|why| format!("not steady: {why}"));
+    let reasons: Vec<String> = short.into_iter().chain(unsteady).collect();
+    reasons.iter().for_each(|reason| complain(reason));
+    Ok(u8::from(!reasons.is_empty()))
 }
