@@ -141,6 +141,23 @@ fn a_campaign_that_was_cut_off_goes_on_where_it_was() {
 }
 
 #[test]
+fn a_campaign_gets_more_runs_and_never_fewer() {
+    let state = Place::new("longer.jsonl");
+    let run = |runs| idle(&["--state", state.path(), "--seed", "7", "--runs", runs]);
+    assert_eq!(object(&run("2"), 0)["runs"], 2);
+    let whole = object(&idle(&["--seed", "7", "--runs", "4"]), 0);
+
+    let longer = run("4");
+    assert!(text(&longer.stderr).contains("campaign: 2 runs"), "{}", text(&longer.stderr));
+    assert_eq!(object(&longer, 0), whole);
+    assert_eq!(object(&run("4"), 0), whole);
+    assert_eq!(object(&robot(&["campaign", "merge", state.path(), "--json"]), 0), whole);
+    let fewer = run("2");
+    assert_eq!(fewer.status.code(), Some(2));
+    assert!(text(&fewer.stderr).contains("--runs 4 or more"), "{}", text(&fewer.stderr));
+}
+
+#[test]
 fn shards_merged_are_the_whole() {
     let vary = Place::with(
         "vary.toml",
@@ -204,6 +221,16 @@ fn what_cannot_be_performed_is_told_before_the_first_run() {
         (&["campaign", "merge"], "FILES"),
         (&["campaign", "merge", "scenarios/idle.toml"], "no campaign's state"),
         (&["campaign", "scenarios/idle.toml", "--soak=-1"], "hours"),
+        (&["campaign", "scenarios/idle.toml", "--runs", "3", "-o", "."], ". is a folder"),
+        (
+            &["campaign", "scenarios/idle.toml", "--runs", "3", "-o", "/proc/r.html"],
+            "/proc/r.html:",
+        ),
+        (&["campaign", "scenarios/idle.toml", "--runs", "3", "-o", "no/r.html"], "no folder no"),
+        (&["campaign", "scenarios/idle.toml", "--runs", "3", "--set", "seed=4"], "seed of its own"),
+        (&["campaign", "scenarios/idle.toml", "--soak=1", "--set", "seed = 4"], "seed of its own"),
+        (&["benchmark", "--tier", "1-1", "-o", "src"], "src is a folder"),
+        (&["benchmark", "--tier", "1-1", "--set", "seed=4"], "seed of its own"),
         (&["campaign", "scenarios/idle.toml", "--soak=1", "--at-least", "99"], "99 is no share"),
         (&["benchmark"], "--mission"),
         (&["benchmark", "--tier", "5"], "is no tier"),

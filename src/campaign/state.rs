@@ -3,7 +3,8 @@
 //! - in: a file as an earlier campaign left it, perhaps cut off in its last line
 //! - out: the [`Header`], the results by seed, and how much of the file is whole
 //!
-//! A line is appended when its run has ended, so that a campaign that was killed goes on where it was.
+//! A line is appended when its run has ended, so that a campaign that was killed goes on where it was. One that is to have
+//! more runs than before says what it is once more.
 
 use super::result::RunResult;
 use serde::{Deserialize, Serialize};
@@ -100,6 +101,13 @@ impl Header {
     pub fn holds(&self, seed: u64) -> bool {
         seed.checked_sub(self.seed)
             .is_some_and(|i| i < self.runs && i % self.shard.of == self.shard.number - 1)
+    }
+
+    /// Whether the other is the same campaign, or shard of it, with as many runs or more.
+    #[must_use]
+    pub fn begins(&self, other: &Self) -> bool {
+        let same = Self { runs: other.runs, ..self.clone() };
+        same.differs(other).is_none() && self.shard == other.shard && self.runs <= other.runs
     }
 
     /// What hinders both from being parts of one campaign.
@@ -218,6 +226,7 @@ impl State {
             }
             match read {
                 Ok(result) => state.take(result).map_err(|why| wrong(number, why))?,
+                Err(_) if state.is_extended(&bytes) => {}
                 // A power cut may leave a last line of anything.
                 Err(_) if from.fill_buf()?.is_empty() => {
                     state.torn = true;
@@ -229,6 +238,16 @@ impl State {
             state.whole = whole;
         }
         Ok(state)
+    }
+
+    /// Takes up a line that says that the same campaign has more runs; whether it was one.
+    fn is_extended(&mut self, line: &[u8]) -> bool {
+        let Ok(First { campaign: later }) = serde_json::from_slice(line) else { return false };
+        let is = self.header.begins(&later);
+        if is {
+            self.header.runs = later.runs;
+        }
+        is
     }
 
     /// Looks at the results as at those of the whole campaign. Returns what it lacks of these shards' fellows, in words:
@@ -362,6 +381,23 @@ pub(super) mod tests {
             assert_eq!(state.results.len(), lines - 1, "cut at {cut}");
             assert_eq!(state.whole as usize, ends[lines - 1]);
             assert_eq!(state.torn, cut > ends[lines - 1]);
+        }
+    }
+
+    #[test]
+    fn a_campaign_may_get_more_runs_but_not_become_another_one() {
+        let longer = first_line(&header(12, "1/1"));
+        let text = file(&[5, 6]) + &longer + &line(&result(16, Verdict::Solved, 1.0));
+        let state = State::read(text.as_bytes()).unwrap();
+        assert_eq!((state.header.runs, state.results.len(), state.torn), (12, 3, false));
+        // Cut off in the middle of what says so, it has what it had.
+        let cut = &text[..text.find(&longer).unwrap() + 30];
+        let state = State::read(cut.as_bytes()).unwrap();
+        assert_eq!((state.header.runs, state.results.len(), state.torn), (10, 2, true));
+        for other in [header(9, "1/1"), header(12, "1/2"), Header { seed: 6, ..header(12, "1/1") }]
+        {
+            let text = file(&[5]) + &first_line(&other) + &line(&result(6, Verdict::Solved, 1.0));
+            assert!(State::read(text.as_bytes()).is_err());
         }
     }
 

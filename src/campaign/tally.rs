@@ -279,9 +279,14 @@ pub(super) fn phase(run: &RunResult) -> &str {
     if run.phase.is_empty() { "the start" } else { &run.phase }
 }
 
-/// A figure with so many decimals; what stands for infinite is said so.
+/// A figure with so many decimals, and one where a median lies between two whole numbers; what stands for infinite is
+/// said so.
 pub(super) fn figure(value: f64, decimals: usize) -> String {
-    if value.abs() >= 1e12 { "no number".to_owned() } else { format!("{value:.decimals$}") }
+    if value.abs() >= 1e12 {
+        return "no number".to_owned();
+    }
+    let decimals = decimals.max(usize::from(value.fract() != 0.0));
+    format!("{value:.decimals$}")
 }
 
 /// A word for a shell.
@@ -389,5 +394,11 @@ mod tests {
             "{table}"
         );
         assert_eq!(quoted("it's"), "'it'\\''s'");
+    }
+
+    #[test]
+    fn a_median_between_two_whole_numbers_keeps_its_half() {
+        assert_eq!((figure(14.5, 0).as_str(), figure(14.0, 0).as_str()), ("14.5", "14"));
+        assert_eq!((figure(2.0, 1).as_str(), figure(2.345, 2).as_str()), ("2.0", "2.35"));
     }
 }

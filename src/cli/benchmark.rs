@@ -1,6 +1,6 @@
 //! `rubik-robot benchmark`: accuracy and speed in trials, and their protocol.
 
-use super::campaign::{Campaign, LAST_SEED, Shape};
+use super::campaign::{Campaign, LAST_SEED, Shape, seedless, writable};
 use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain, not_negative};
 use crate::campaign::benchmark::{Kind, score, scramble, scrambled, tier};
@@ -68,6 +68,10 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
         complain(why);
         Ok(WRONG)
     };
+    let place = args.output.as_deref().map_or(Ok(()), writable);
+    if let Err(reason) = place.and_then(|()| seedless(&args.set)) {
+        return told(&reason);
+    }
     let kind = match (args.mission, args.tier) {
         (Some(trials), None) => Kind::Mission { trials },
         (None, Some(kind)) => kind,

@@ -41,7 +41,7 @@ pub(super) const LAST_SEED: u64 = i64::MAX as u64 - MOST;
 Examples:
   rubik-robot campaign scenarios/solve.toml --runs 100 -o report.html
   rubik-robot campaign scenarios/solve.toml --runs 1000 --vary scenarios/vary/cell.toml --at-least 0.995
-  rubik-robot campaign scenarios/solve.toml --runs 1000 --state c.jsonl      the same again goes on where it was
+  rubik-robot campaign scenarios/solve.toml --runs 1000 --state c.jsonl      the same again, or with more runs, goes on
   rubik-robot campaign scenarios/solve.toml --runs 1000 --shard 2/4 --state 2.jsonl
   rubik-robot campaign merge 1.jsonl 2.jsonl 3.jsonl 4.jsonl -o report.html
   rubik-robot campaign scenarios/solve.toml --runs 20 --json | tail -1
@@ -77,7 +77,7 @@ pub(super) struct CampaignArgs {
     /// Perform the K-th of N parts only; `merge` puts their state files together
     #[arg(long, value_name = "K/N", default_value = "1/1")]
     shard: Shard,
-    /// Keep results in this file, and go on where it ends when it is there
+    /// Keep results in this file, and go on where it ends when it is there; --runs may have become more
     #[arg(long, visible_alias = "resume", value_name = "FILE")]
     state: Option<PathBuf>,
     /// Time that a run may take by the wall clock [s]
@@ -127,6 +127,9 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     }
     let scenario =
         ScenarioArgs { scenario: args.scenario.clone().unwrap_or_default(), set: args.set.clone() };
+    if let Err(reason) = seedless(&args.set) {
+        return Ok(told(&reason));
+    }
     if let Some(hours) = args.soak {
         return soaked(&scenario, args, hours, output);
     }
@@ -231,11 +234,7 @@ impl ToldArgs {
             }
             _ => Ok(()),
         }?;
-        let folder = self.output.as_deref().and_then(Path::parent);
-        match folder.filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
-            Some(missing) => Err(format!("-o: there is no folder {}", missing.display())),
-            None => Ok(()),
-        }
+        self.output.as_deref().map_or(Ok(()), writable)
     }
 
     /// Tells a tally in all the ways that are wanted; returns the exit code.
@@ -266,6 +265,38 @@ impl ToldArgs {
         complain(&format!("--at-least {share} is not reached: {reason}"));
         Ok(1)
     }
+}
+
+/// Whether a file can be written when the runs are over, which take hours.
+pub(super) fn writable(path: &Path) -> Result<(), String> {
+    let shown = path.display();
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(missing) = folder.filter(|folder| !folder.is_dir()) {
+        return Err(format!("-o: there is no folder {}", missing.display()));
+    }
+    if path.is_dir() {
+        return Err(format!("-o: {shown} is a folder; name a file in it"));
+    }
+    // A pipe or a terminal: to open it may mean to wait for somebody.
+    if path.exists() && !path.is_file() {
+        return Ok(());
+    }
+    let is_new = path.symlink_metadata().is_err();
+    let opened = File::options().append(true).create(true).open(path);
+    if is_new && opened.is_ok() {
+        // What stays is an empty file, and no reason to refuse.
+        let _ = std::fs::remove_file(path);
+    }
+    opened.map(|_| ()).map_err(|why| format!("-o: {shown}: {why}"))
+}
+
+/// Refuses a seed for all runs: each has its own.
+pub(super) fn seedless(set: &[String]) -> Result<(), String> {
+    let is_seed = |text: &String| Override::parse(text).is_ok_and(|over| over.key == "seed");
+    if set.iter().any(is_seed) {
+        return Err("--set seed: each run has a seed of its own, from --seed S on".to_owned());
+    }
+    Ok(())
 }
 
 /// How many runs, with which seeds, how.
@@ -357,8 +388,16 @@ impl Campaign {
                 written.map_err(|e| e.to_string())?;
             }
             Err(why) => return Err(why.to_string()),
-            Ok(found) => {
+            Ok(mut found) => {
                 let own = &self.state.header;
+                let longer = found.header.begins(own) && found.header.runs < own.runs;
+                if own.begins(&found.header) && own.runs < found.header.runs {
+                    let runs = found.header.runs;
+                    return Err(format!("it is of {runs} runs already; --runs {runs} or more"));
+                }
+                if longer {
+                    found.header.runs = own.runs;
+                }
                 if let Some(difference) = found.header.differs(own) {
                     return Err(format!("of another campaign: they differ in {difference}"));
                 }
@@ -381,6 +420,9 @@ impl Campaign {
                 file.set_len(found.whole)
                     .and_then(|()| file.seek(SeekFrom::End(0)))
                     .map_err(|e| e.to_string())?;
+                if longer {
+                    file.write_all(state::first_line(own).as_bytes()).map_err(|e| e.to_string())?;
+                }
                 self.jobs.retain(|job| !found.results.contains_key(&job.seed));
                 self.state.results = found.results;
             }
