@@ -330,6 +330,78 @@ fn a_soak_with_a_mission_that_is_not_solved_does_not_pass_silently() {
     assert_eq!(content.status.code(), Some(0), "{}", text(&content.stderr));
 }
 
+#[test]
+fn a_tier_is_performed_anywhere_and_tells_what_the_plant_did() {
+    use rubik_robot::campaign::benchmark::{scramble, scrambled};
+    let protocol = Place::new("protocol.md");
+    let elsewhere = |args: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+            .args(args)
+            .current_dir(std::env::temp_dir())
+            .stdin(Stdio::null())
+            .output()
+            .unwrap()
+    };
+    let out = elsewhere(&["benchmark", "--tier", "1-2", "--json", "-o", protocol.path()]);
+    let done = object(&out, 0);
+    let cube = format!("cube.state=\"{}\"", scrambled(&scramble(2, 1)));
+    let alone = elsewhere(&[
+        "run",
+        "shipped:table",
+        "--json",
+        "--ui",
+        "none",
+        "--seed",
+        "1",
+        "--set",
+        &cube,
+    ]);
+    let plant = object(&alone, 0);
+
+    let (score, campaign) = (&done["score"], &done["campaign"]);
+    assert_eq!(
+        (&done["benchmark"], &done["start"]),
+        (&"Rubiks-1-2".into(), &"on the table".into())
+    );
+    assert_eq!((&score["trials_passed"], &score["passed"]), (&1.into(), &true.into()));
+    assert_eq!(campaign["scenario"], "shipped:table");
+    for name in ["peak_force_n", "sim_time_s"] {
+        assert_eq!(campaign[name]["max"], plant[name], "{name}");
+    }
+    for name in ["turns", "grasps"] {
+        assert_eq!(campaign[name]["max"].as_f64(), plant[name].as_f64(), "{name}");
+    }
+    let contacts =
+        plant["sensors"].as_array().unwrap().iter().map(|s| s["force_n"].as_f64().unwrap());
+    let contact = contacts.fold(0.0, f64::max);
+    assert_eq!(campaign["peak_contact_n"]["max"], contact);
+    assert_eq!(score["trial_s"]["median"], plant["sim_time_s"]);
+    let clearance = plant["clearance_mm"].as_f64().unwrap();
+    assert_eq!(done["clearances"], serde_json::json!([{ "seed": 1, "clearance_mm": clearance }]));
+    // The threshold is held against the belief; the plant differs by its errors of a few millimetres.
+    assert!(clearance > 1e3 * done["clearance_m"].as_f64().unwrap() - 10.0, "{clearance}");
+
+    let told = std::fs::read_to_string(protocol.path()).unwrap();
+    let number = |name: &str| plant[name].as_f64().unwrap();
+    let row = format!(
+        "| solved | {} | {} | {:.1} | {:.1} | {contact:.1} | {clearance:.1} |",
+        plant["turns"],
+        plant["grasps"],
+        number("sim_time_s"),
+        number("peak_force_n")
+    );
+    for part in [
+        "# Protocol: Rubiks-1-2, passed\n",
+        "| Scenario | `shipped:table` (comes with the program), sum ",
+        "--tier 1-2 --scenario shipped:table --seed 1",
+        &format!("to the cube's centre: {clearance:.0} to {clearance:.0} mm."),
+        "Accuracy: **1 of 1** trials passed",
+        &row,
+    ] {
+        assert!(told.contains(part), "no `{part}` in\n{told}");
+    }
+}
+
 /// The processes that one has started.
 fn children(of: u32) -> Vec<u32> {
     let threads = std::fs::read_dir(format!("/proc/{of}/task")).unwrap();

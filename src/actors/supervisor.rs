@@ -30,6 +30,7 @@ use crate::generators::Behaviour;
 use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches, WallEnd};
 use crate::hw::note::{self, Note};
 use crate::hw::plant::{Plant, Verdict};
+use crate::hw::scene::{Scene, SceneArm};
 use crate::motion::PERIOD;
 use crate::operator::OutcomeView;
 use crate::reach::guard::Guard;
@@ -494,6 +495,8 @@ struct Done {
 /// What a plant knows at the end.
 struct Truth {
     start: Facelets,
+    /// Distance of the nearest tool from the cube's centre at the beginning [m].
+    clearance: f64,
     verdict: Verdict,
     jams: u32,
 }
@@ -539,6 +542,7 @@ async fn perform(
         .map(|verdict| Facelets::try_from(verdict.facelets))
         .transpose()
         .map_err(|e| not_created("plant", &e.to_string()))?;
+    let clearance = world.scene().map(|scene| clearance(&scene));
     let Attendance {
         ui, mut emergency, mut words, tempo, recorder, playback, tape, journal, ..
     } = desk;
@@ -920,7 +924,9 @@ async fn perform(
             Some(Error::Fatal { actor: "supervisor".into(), place: "servo", cause, last: None });
     }
     let jams = witness.lock().unwrap_or_else(PoisonError::into_inner).jams;
-    let truth = start.zip(verdict).map(|(start, verdict)| Truth { start, verdict, jams });
+    let clearance = clearance.unwrap_or(f64::INFINITY);
+    let truth =
+        start.zip(verdict).map(|(start, verdict)| Truth { start, clearance, verdict, jams });
     Ok(Done { ending, task: log, truth, ended, whereabouts, by_hand, hash: tape.hash() })
 }
 
@@ -1063,6 +1069,7 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
         drops: counts.map(|c| c.drops),
         drops_noticed: Some(done.task.drops),
         force_limit_n: Some(scenario.controller.control.force_limit),
+        clearance_mm: truth.map(|t| t.clearance * 1e3).filter(|mm| mm.is_finite()),
         pops: counts.map(|c| c.pops),
         crushed: counts.map(|c| c.crushed),
         collisions: counts.map(|c| c.collisions),
@@ -1071,6 +1078,14 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
         phases,
         hash: done.hash.clone(),
     }
+}
+
+/// Distance of the nearest tool from the cube's centre [m].
+fn clearance(scene: &Scene) -> f64 {
+    let cube = scene.cube.world_from_cube.translation.vector;
+    let arms = scene.arms.iter().take(scene.arm_count);
+    let distance = |arm: &SceneArm| (arm.world_from_tool.translation.vector - cube).norm();
+    arms.map(distance).fold(f64::INFINITY, f64::min)
 }
 
 fn accidents(verdict: &Verdict, scenario: &Scenario) -> Vec<Accident> {

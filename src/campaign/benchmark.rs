@@ -132,6 +132,11 @@ pub fn score(tally: &Tally, limit: f64) -> Score {
     }
 }
 
+/// Distance of the nearest tool from the cube when each trial began, in the plant, by seed [mm].
+pub fn clearances(tally: &Tally) -> impl Iterator<Item = (u64, f64)> {
+    tally.results.iter().filter_map(|r| Some((r.seed, r.figures.as_ref()?.clearance_mm?)))
+}
+
 impl Score {
     /// Whether every trial passed, one after the other.
     #[must_use]

@@ -4,7 +4,7 @@
 //! - out: text with the fields of the YCB template for protocols: purpose, task, setup, robot, procedure, constraints,
 //!   scoring, results (B. Calli et al., "Benchmarking in manipulation research", 2015)
 
-use super::benchmark::{Kind, Score};
+use super::benchmark::{Kind, Score, clearances};
 use super::statistics::Spread;
 use super::tally::{QUANTITIES, Tally, figure};
 use crate::cube::Keeper;
@@ -64,7 +64,9 @@ pub fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
     line("| | |\n|---|---|");
     line(&format!("| Reference | {} of `rubik-robot benchmark` |", setup.kind.name()));
     line(&format!("| Program | rubik-robot {}, build {} |", header.version, header.build));
-    line(&format!("| Scenario | `{}`, sum {} |", header.scenario, header.scenario_sum));
+    let own =
+        if header.scenario.starts_with("shipped:") { " (comes with the program)" } else { "" };
+    line(&format!("| Scenario | `{}`{own}, sum {} |", header.scenario, header.scenario_sum));
     line(&format!("| Repeated by | `{}` |", setup.command));
     line("\n## Purpose\n");
     line(
@@ -121,6 +123,13 @@ pub fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
         "- Clearance of the tools at the start: at least {:.0} mm (this project's threshold).",
         1e3 * setup.clearance
     ));
+    let measured = Spread::of(clearances(tally).map(|(_, mm)| mm));
+    if !measured.is_empty() {
+        line(&format!(
+            "- Measured in the plant when the trials began, from the nearest tool to the cube's centre: {:.0} to {:.0} mm.",
+            measured.min, measured.max
+        ));
+    }
     for (name, place) in &setup.cameras {
         line(&format!("- camera {name}: {place}"));
     }
@@ -182,14 +191,18 @@ fn results(t: &mut String, tally: &Tally, score: &Score) {
 }
 
 fn trials(t: &mut String, setup: &Setup, tally: &Tally) {
-    t.push_str("\n| seed | scramble | result | turns | grasps | time [s] | peak force [N] | why |\n|---|---|---|---|---|---|---|---|\n");
+    t.push_str("\n| seed | scramble | result | turns | grasps | time [s] | peak force [N] | peak contact [N] | clearance [mm] | why |\n|---|---|---|---|---|---|---|---|---|---|\n");
     for run in &tally.results {
         let scramble = setup.scrambles.iter().find(|(seed, _)| *seed == run.seed);
         let figures = run.figures.as_ref().map_or_else(
-            || "- | - | - | -".to_owned(),
+            || "- | - | - | - | - | -".to_owned(),
             |f| {
+                let known = |value: Option<f64>, decimals| {
+                    value.map_or_else(|| "-".to_owned(), |value| figure(value, decimals))
+                };
                 let (time, force) = (figure(f.sim_time_s, 1), figure(f.peak_force_n, 1));
-                format!("{} | {} | {time} | {force}", f.turns, f.grasps)
+                let (contact, near) = (known(f.peak_contact_n, 1), known(f.clearance_mm, 1));
+                format!("{} | {} | {time} | {force} | {contact} | {near}", f.turns, f.grasps)
             },
         );
         let _ = writeln!(

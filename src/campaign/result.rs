@@ -69,7 +69,7 @@ pub struct Figures {
     /// Largest torque of the same [Nm].
     pub peak_torque_nm: f64,
     /// Largest force of the contact at any tool over the whole run [N]. State files of earlier builds have neither this
-    /// nor the two that follow.
+    /// nor the three that follow.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peak_contact_n: Option<f64>,
     /// What the scenario allows, `control.force_limit_n` [N].
@@ -78,6 +78,9 @@ pub struct Figures {
     /// How often the controller told that the cube had fallen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drops_noticed: Option<u32>,
+    /// Distance of the nearest tool from the cube's centre in the plant when the run began [mm].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clearance_mm: Option<f64>,
     /// Jaw closings.
     pub grasps: u32,
     /// Face turns.
@@ -188,6 +191,7 @@ impl RunResult {
                 peak_contact_n: contacts.reduce(f64::max),
                 force_limit_n: summary.force_limit_n,
                 drops_noticed: summary.drops_noticed,
+                clearance_mm: summary.clearance_mm,
                 grasps: summary.grasps,
                 turns: summary.turns,
                 sim_time_s: number(Some(summary.sim_time_s)),

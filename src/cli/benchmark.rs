@@ -3,7 +3,7 @@
 use super::campaign::{Campaign, LAST_SEED, Shape, seedless, writable};
 use super::output::Output;
 use super::{ScenarioArgs, WRONG, complain, not_negative};
-use crate::campaign::benchmark::{Kind, score, scramble, scrambled, tier};
+use crate::campaign::benchmark::{Kind, clearances, score, scramble, scrambled, tier};
 use crate::campaign::protocol::{Setup, protocol};
 use crate::campaign::tally::Tally;
 use crate::campaign::vary::Drawn;
@@ -33,7 +33,8 @@ pub(super) struct BenchmarkArgs {
     /// So many consecutive trials of so many moves
     #[arg(long, value_name = "M-N", value_parser = tier)]
     tier: Option<Kind>,
-    /// Scenario file (TOML), of the task "solve"; scenarios/table.toml for a tier, scenarios/solve.toml for missions
+    /// Scenario file (TOML), of the task "solve"; when not given shipped:table for a tier and shipped:solve for missions, which
+    /// come with the program
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
     /// Overrule a key in all trials; repeatable
@@ -78,8 +79,8 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
         _ => return told("one of --mission K and --tier M-N"),
     };
     let usual = match kind {
-        Kind::Mission { .. } => "scenarios/solve.toml",
-        Kind::Tier { .. } => "scenarios/table.toml",
+        Kind::Mission { .. } => "shipped:solve",
+        Kind::Tier { .. } => "shipped:table",
     };
     let path = args.scenario.clone().unwrap_or_else(|| usual.into());
     let from = ScenarioArgs { scenario: path, set: args.set.clone() };
@@ -124,8 +125,11 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
         complain(&format!("protocol: {}", path.display()));
     }
     if args.json {
+        let clearances: Vec<_> = clearances(&tally)
+            .map(|(seed, clearance)| json!({ "seed": seed, "clearance_mm": clearance }))
+            .collect();
         let object = json!({
-            "benchmark": kind.name(), "start": setup.start(),
+            "benchmark": kind.name(), "start": setup.start(), "clearances": clearances,
             "clearance_m": setup.clearance, "within_s": args.within_s,
             "score": score.json(), "campaign": tally.json(),
         });

@@ -332,7 +332,7 @@ impl Campaign {
             );
         }
         let path = &args.scenario;
-        let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+        let text = scenario::text(path).map_err(|e| format!("{}: {e}", path.display()))?;
         let header = Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             build: record::build(),

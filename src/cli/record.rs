@@ -72,7 +72,7 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
     };
     Ok(About {
         cell: config.cell.clone(),
-        scenario: std::fs::read_to_string(&scenario.path)?,
+        scenario: crate::scenario::text(&scenario.path)?,
         options: overrides
             .iter()
             .map(|o| (o.option.clone(), o.key.clone(), o.value.clone()))

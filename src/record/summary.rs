@@ -126,6 +126,9 @@ pub struct Summary {
     /// Force at which the controller breaks a free motion off, `control.force_limit_n` [N].
     #[serde(default)]
     pub force_limit_n: Option<f64>,
+    /// Distance of the nearest tool from the cube's centre in the plant when the run begins [mm].
+    #[serde(default)]
+    pub clearance_mm: Option<f64>,
     /// Times that the cube popped: tilt above 3 Nm or a pull above 50 N.
     pub pops: Option<u32>,
     /// Times that it was squeezed by more than 150 N.
@@ -180,6 +183,7 @@ impl Summary {
             drops: none,
             drops_noticed: Some(0),
             force_limit_n: None,
+            clearance_mm: None,
             pops: none,
             crushed: none,
             collisions: none,
@@ -347,6 +351,7 @@ mod tests {
             drops: Some(0),
             drops_noticed: Some(0),
             force_limit_n: Some(20.0),
+            clearance_mm: Some(400.0),
             pops: Some(0),
             crushed: Some(0),
             collisions: Some(0),

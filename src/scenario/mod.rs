@@ -36,6 +36,12 @@ use tree::{Node, Value};
 /// The built-in cell, which every scenario starts from.
 const CELL: &str = include_str!("../../scenarios/cell.toml");
 
+/// Scenarios that the program brings along, by the names that stand for their paths anywhere.
+const SHIPPED: [(&str, &str); 2] = [
+    ("shipped:solve", include_str!("../../scenarios/solve.toml")),
+    ("shipped:table", include_str!("../../scenarios/table.toml")),
+];
+
 /// A scenario that was found right.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scenario {
@@ -246,12 +252,21 @@ struct Draft {
     faults: Vec<(String, FaultKeys)>,
 }
 
-/// Reads a scenario file.
+/// The text of a scenario: of a file, or of one that the program brings along (`shipped:solve`, `shipped:table`).
+///
+/// # Errors
+/// What the operating system says to a file.
+pub fn text(path: &Path) -> std::io::Result<String> {
+    let shipped = SHIPPED.iter().find(|(name, _)| path.as_os_str() == *name);
+    shipped.map_or_else(|| std::fs::read_to_string(path), |(_, text)| Ok((*text).to_owned()))
+}
+
+/// Reads a scenario file, or one that the program brings along.
 ///
 /// # Errors
 /// All faults of the file and of the overrides.
 pub fn load(path: &Path, overrides: &[Override]) -> Result<Scenario, Faults> {
-    let text = std::fs::read_to_string(path).map_err(|error| {
+    let text = text(path).map_err(|error| {
         let mut faults = Faults::default();
         let reason = match error.kind() {
             std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
