@@ -183,6 +183,8 @@ enum Asked {
     Colours(Doubt),
     /// To see to it that the cube can be seen or taken, for this reason.
     Sight(String),
+    /// To see to it that the cube can be inspected, for this reason.
+    Inspection(String),
 }
 
 /// Whether sensors are believed.
@@ -243,6 +245,10 @@ pub struct Mission {
     palette: Option<recover::Palette>,
     /// Stickers that do not look as they should.
     odd: Vec<(Face, usize)>,
+    /// Why a side could not be inspected.
+    uninspected: Option<String>,
+    /// How often the cube was inspected in vain.
+    inspections: u32,
     /// How often the cube was read and planned anew.
     recoveries: u32,
     /// How often the jaws that are to open now were strained.
@@ -356,6 +362,8 @@ impl Mission {
             given: None,
             palette: None,
             odd: Vec::new(),
+            uninspected: None,
+            inspections: 0,
             recoveries: 0,
             strained: 0,
             begun: None,
@@ -900,7 +908,8 @@ impl Mission {
             Err(NoAnswer::Unplanned(reason)) => return self.give_back(reason),
         };
         self.shown.decided(&answer);
-        self.palette = recover::palette(&self.sight.levels(), answer.read.colours());
+        let levels = self.sight.levels();
+        self.palette = Some(recover::palette(&levels, answer.read.colours()));
         // What is told of a mission is what it found and planned at first.
         if self.log.identified.is_none() {
             self.log.identified = Some(answer.identified);
@@ -971,12 +980,20 @@ impl Mission {
                 self.queue.push_front(Job::VisualServo { tries: 1 });
                 Ok(())
             }
+            (
+                Some((Asked::Inspection(_), _)),
+                Some(Answer::Choice { option: hand_over::LOOK_AGAIN }),
+            ) => {
+                self.queue.push_front(Job::Inspect);
+                Ok(())
+            }
             (Some((asked, _)), _) => {
                 // Who did not answer now is not asked again.
                 self.patience = None;
                 match asked {
                     Asked::Colours(doubt) => self.give_back(doubt.reason),
                     Asked::Sight(why) => Err(why),
+                    Asked::Inspection(why) => self.give_back(why),
                 }
             }
         }

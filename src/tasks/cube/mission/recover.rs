@@ -2,6 +2,8 @@
 //!
 //! - before the cube is handed back, the three sides that the free hand can see are compared with what the turns
 //!   should have made of them: any single layer that stands otherwise shows on one of these sides
+//! - what could not be looked at is not called done: it is looked at once more, then whoever is there is asked, and else
+//!   the cube goes back with the reason
 //! - after a turn that slipped or jammed, and whose layer has been brought back into line (see [`super::unwind`]), all
 //!   six faces are read anew and planned anew, whatever has become of them
 //! - so little is believed that a mission which was broken off anywhere goes on in the same way: see [`Mission::resumed`]
@@ -19,6 +21,14 @@ use nalgebra::{UnitQuaternion, Vector3};
 pub(super) const MOST_RECOVERIES: u32 = 3;
 /// Looks at one side before it goes uninspected.
 const CHECK_TRIES: u32 = 3;
+/// Inspections before somebody is asked, or the cube goes back as it is.
+const INSPECTIONS: u32 = 2;
+/// Time between them: what shuts an eye may pass [s].
+const LATER: f64 = 5.0;
+/// Stickers of a row at the rim of a side that must be seen: a turn changes all three.
+const ROW_SEEN: usize = 2;
+/// The rows at the rim of a side, in reading order.
+const ROWS: [[usize; 3]; 4] = [[0, 1, 2], [6, 7, 8], [0, 3, 6], [2, 5, 8]];
 /// A sticker looks otherwise when another colour is nearer than this share of the way to its own.
 const CLEARLY: f64 = 0.6;
 /// Stickers that must look otherwise: every turn of a layer changes three on a side, a reflection changes one.
@@ -37,8 +47,18 @@ const NEARLY: f64 = 1e-3;
 /// Colours as this cube's stickers look, by face [0..=255 each].
 pub(super) type Palette = [[f64; 3]; 6];
 
-/// The mean of what was seen of each colour; `None` while a colour was never seen.
-pub(super) fn palette(seen: &[Option<[f64; 3]>; 54], colours: &[u8; 54]) -> Option<Palette> {
+/// How a sticker of a colour looks that was never seen on this cube, since the operator has given it.
+const USUAL: Palette = [
+    [225.0, 225.0, 220.0],
+    [180.0, 30.0, 35.0],
+    [20.0, 150.0, 60.0],
+    [220.0, 210.0, 40.0],
+    [230.0, 110.0, 30.0],
+    [20.0, 60.0, 160.0],
+];
+
+/// The mean of what was seen of each colour.
+pub(super) fn palette(seen: &[Option<[f64; 3]>; 54], colours: &[u8; 54]) -> Palette {
     let (mut sums, mut counts) = ([[0.0; 3]; 6], [0_u32; 6]);
     for (rgb, &colour) in seen.iter().zip(colours) {
         let Some(rgb) = rgb else { continue };
@@ -48,10 +68,21 @@ pub(super) fn palette(seen: &[Option<[f64; 3]>; 54], colours: &[u8; 54]) -> Opti
         }
         counts[colour] += 1;
     }
-    if counts.contains(&0) {
+    std::array::from_fn(|c| match counts[c] {
+        0 => USUAL[c],
+        count => sums[c].map(|sum| sum / f64::from(count)),
+    })
+}
+
+/// Why a reading does not tell how each layer stands, if it does not: too much is covered.
+fn hides(reading: &FaceReading) -> Option<String> {
+    let seen = |row: &[usize; 3]| row.iter().filter(|&&i| !reading.occluded[i]).count();
+    if ROWS.iter().all(|row| seen(row) >= ROW_SEEN) {
         return None;
     }
-    Some(std::array::from_fn(|c| sums[c].map(|sum| sum / f64::from(counts[c]))))
+    let covered = (0..9).filter(|&i| reading.occluded[i]);
+    let covered: Vec<String> = covered.map(|i| (i + 1).to_string()).collect();
+    Some(format!("stickers {} are covered", covered.join(", ")))
 }
 
 /// The stickers of a face, 1..=9, that clearly have another colour than they should. The centre, which no turn moves,
@@ -109,6 +140,7 @@ impl Mission {
         (self.given, self.given_back) = (None, false);
         self.rounds = 1;
         self.odd.clear();
+        (self.uninspected, self.inspections) = (None, 0);
         (self.turning, self.straight, self.begun) = (None, None, None);
         self.shown.net = crate::operator::Net::default();
         self.queue.clear();
@@ -130,16 +162,20 @@ impl Mission {
 
     /// Looks at the sides that the free hand sees without another grasp, if it is known how they should look.
     pub(super) fn unfold_inspect(&mut self) -> Result<(), String> {
-        if self.palette.is_none() || self.shown.facelets.is_none() {
-            return Ok(());
-        }
+        self.odd.clear();
         let holder = self.holder()?;
         let viewer = holder.other();
         let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
         let rotation = held.hold.cube_from_tool(held.half_roll, self.settings.edge).rotation;
         let mut jobs = vec![Job::Phase("inspect")];
         let sides = [Vector3::z(), Vector3::x(), -Vector3::x()];
-        for (side, meeting) in sides.iter().zip(self.settings.meetings.views[holder.index()]) {
+        let views = self.settings.meetings.views[holder.index()];
+        // A layer beside the palm's axis shows on the side before it, one across it on either of the others.
+        let enough = views[0].is_some() && (views[1].is_some() || views[2].is_some());
+        let none =
+            || "the cube could not be inspected: the cell has no pose for the looks".to_owned();
+        self.uninspected = (!enough).then(none);
+        for (side, meeting) in sides.iter().zip(views) {
             let normal = rotation * side;
             let face = Face::ALL.into_iter().find(|f| f.normal().dot(&normal) > 0.9);
             if let (Some(face), Some(meeting)) = (face, meeting) {
@@ -161,14 +197,17 @@ impl Mission {
         reading: Result<FaceReading, String>,
         arms: &[ArmState],
     ) {
+        let known = self.palette.zip(self.shown.facelets).ok_or("nothing is known of the cube");
+        let reading = reading.and_then(|reading| match (hides(&reading), known) {
+            (None, Ok(known)) => Ok((reading, known)),
+            (Some(why), _) => Err(why),
+            (None, Err(why)) => Err(why.to_owned()),
+        });
         match reading {
-            Ok(reading) => {
+            Ok((reading, (palette, facelets))) => {
                 self.belief.seen(viewer, face, &reading.camera_from_face, arms);
-                let (Some(palette), Some(facelets)) = (&self.palette, &self.shown.facelets) else {
-                    return;
-                };
                 let expected = std::array::from_fn(|i| facelets.colours()[face as usize * 9 + i]);
-                let odd = otherwise(&reading, &expected, palette);
+                let odd = otherwise(&reading, &expected, &palette);
                 self.odd.extend(odd.into_iter().map(|i| (face, i)));
             }
             Err(reason) if tries < CHECK_TRIES => {
@@ -181,17 +220,18 @@ impl Mission {
                 ]);
             }
             Err(reason) => {
-                let note = format!("face {} goes uninspected: {reason}", face.letter());
-                self.log.notes.push(note);
+                let letter = face.letter();
+                let why = format!("face {letter} could not be inspected: {reason}");
+                self.uninspected.get_or_insert(why);
             }
         }
     }
 
     /// Belief and sight are brought together.
     pub(super) fn reconcile(&mut self) -> Result<(), String> {
-        let odd = std::mem::take(&mut self.odd);
+        let (odd, unseen) = (std::mem::take(&mut self.odd), self.uninspected.take());
         if odd.len() < ODD_STICKERS {
-            return Ok(());
+            return unseen.map_or(Ok(()), |why| self.not_inspected(why));
         }
         let names: Vec<String> =
             odd.iter().map(|(face, i)| format!("{}{i}", face.letter())).collect();
@@ -203,6 +243,18 @@ impl Mission {
         self.log.notes.push(format!("{reason}: the cube is read anew"));
         self.anew();
         Ok(())
+    }
+
+    /// Nobody knows how the cube looks: what hides it may pass, or somebody may see to it.
+    fn not_inspected(&mut self, why: String) -> Result<(), String> {
+        self.inspections += 1;
+        if self.inspections < INSPECTIONS {
+            self.log.notes.push(format!("{why}: the cube is inspected once more"));
+            self.push_front(&[Job::Stand(LATER), Job::Inspect]);
+            return Ok(());
+        }
+        self.inspections = 0;
+        self.ask_for_inspection(why)
     }
 
     /// A hand did not get hold of the cube: the partner, who has it, begins anew.
@@ -431,10 +483,12 @@ mod tests {
     use super::super::Goal;
     use super::super::testing::settings;
     use super::*;
-    use crate::generators::Outcome;
+    use crate::generators::{Behaviour, Outcome};
+    use crate::operator::Answer;
     use crate::reach::Fold;
     use crate::spatial::Pose;
     use crate::tasks::cube::settings::CubeSettings;
+    use crate::tasks::cube::think::{Conclusion, Thought};
     use crate::tasks::{Action, Event, Forces, Readings, Task};
 
     const PALETTE: Palette = [
@@ -775,6 +829,123 @@ mod tests {
             let seen = [1, 1, 1, 4, 4, 4, 4, 4, 4];
             assert_eq!(otherwise(&reading(seen, gain), &expected, &PALETTE), [1, 2, 3]);
         }
+    }
+
+    /// A mission whose turns are made, the cube in the track hand, goes on until somebody is asked or it is over. `look`
+    /// knows how often it was looked before.
+    fn inspects(
+        mission: &mut Mission,
+        mut event: Event<Conclusion>,
+        look: impl Fn(u32, Face) -> Result<FaceReading, String>,
+    ) -> Action<Thought> {
+        let arms = [ArmState { jaw_opening: 0.057, ..ArmState::default() }; 2];
+        let mut looks = 0;
+        for _ in 0..200 {
+            let action = mission.next(event, &Readings { arms: &arms, forces: Forces::default() });
+            event = match action {
+                Action::Look { .. } => {
+                    let Some(Job::Check { face, .. }) = mission.pending else { panic!() };
+                    looks += 1;
+                    Event::Looked(look(looks - 1, face))
+                }
+                Action::Behave { orders, .. } => Event::Behaved(orders.map(|order| {
+                    order.map(|order| match order {
+                        Behaviour::Present { .. } => Outcome::Pulled,
+                        Behaviour::Approach { .. } => Outcome::Touched(0.0),
+                        Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
+                        Behaviour::Secure { .. } => Outcome::Secured,
+                        _ => Outcome::Reached,
+                    })
+                })),
+                Action::Phase(_) | Action::Bias(_) => Event::Done,
+                other => return other,
+            };
+        }
+        panic!("it never ends: {:?}", mission.log.notes);
+    }
+
+    /// The turns are made, so that each side has one colour.
+    fn turned(patience: Option<f64>) -> Mission {
+        let mut mission = Mission::new(settings(), Goal::Solve, None);
+        let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+        mission.belief.taken(Hand::Track, hold, false);
+        (mission.widths, mission.untouched) = ([Some(0.057); 2], false);
+        mission.palette = Some(PALETTE);
+        let solved = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
+        mission.shown.facelets = solved.parse().ok();
+        mission.hand_over = Some(JointPositions::default());
+        mission.patience = patience;
+        mission.queue.extend([Job::Inspect, Job::HandBack, Job::Finish { achieved: true }]);
+        mission
+    }
+
+    fn one_colour(face: Face) -> Result<FaceReading, String> {
+        Ok(reading([face as u8; 9], 1.0))
+    }
+
+    fn dark() -> Result<FaceReading, String> {
+        Err("the picture is black".to_owned())
+    }
+
+    #[test]
+    fn a_cube_that_could_not_be_looked_at_goes_back_with_the_reason_and_is_not_called_done() {
+        let covered = |face: Face| {
+            let covered = FaceReading { occluded: [true; 9], ..reading([face as u8; 9], 1.0) };
+            Ok(covered)
+        };
+        for black in [true, false] {
+            let look = |_, face| if black { dark() } else { covered(face) };
+            let Action::Finish(end) = inspects(&mut turned(None), Event::Done, look) else {
+                panic!()
+            };
+            assert!(!end.achieved, "{}", end.reason);
+            let why =
+                if black { ": the picture is black" } else { "1, 2, 3, 4, 5, 6, 7, 8, 9 are" };
+            let told = end.reason.contains("could not be inspected") && end.reason.contains(why);
+            assert!(told && end.reason.ends_with("was handed back as it is"), "{}", end.reason);
+        }
+        // One side is enough to doubt it.
+        let look = |_, face| if face == Face::U { dark() } else { one_colour(face) };
+        let Action::Finish(end) = inspects(&mut turned(None), Event::Done, look) else { panic!() };
+        assert!(!end.achieved && end.reason.starts_with("face U could not"), "{}", end.reason);
+    }
+
+    #[test]
+    fn what_hides_the_cube_may_pass_and_two_looks_in_vain_are_asked_about() {
+        // Three tries at each of three sides.
+        let look = |looks, face| if looks < 9 { dark() } else { one_colour(face) };
+        let Action::Finish(end) = inspects(&mut turned(Some(30.0)), Event::Done, look) else {
+            panic!()
+        };
+        assert!(end.achieved, "{}", end.reason);
+
+        let asked = |answer: Option<Answer>| {
+            let mut mission = turned(Some(30.0));
+            let Action::Ask(question) = inspects(&mut mission, Event::Done, |_, _| dark()) else {
+                panic!()
+            };
+            assert!(question.text.contains("could not be inspected"), "{}", question.text);
+            let answer = Event::Answered(answer);
+            inspects(&mut mission, answer, |_, face| one_colour(face))
+        };
+        let Action::Finish(end) = asked(Some(Answer::Choice { option: 0 })) else { panic!() };
+        assert!(end.achieved, "{}", end.reason);
+        for answer in [Some(Answer::Choice { option: 1 }), Some(Answer::Declined), None] {
+            let Action::Finish(end) = asked(answer) else { panic!() };
+            assert!(!end.achieved && end.reason.contains("the picture is black"), "{}", end.reason);
+        }
+    }
+
+    #[test]
+    fn a_colour_that_was_only_given_looks_as_it_usually_does() {
+        let colours = std::array::from_fn(|i| (i / 9) as u8);
+        let seen = std::array::from_fn(|i| (i >= 9).then(|| PALETTE[i / 9]));
+        let palette = palette(&seen, &colours);
+
+        assert_eq!(palette[1..], PALETTE[1..]);
+        assert!(otherwise(&reading([0; 9], 1.0), &[0; 9], &palette).is_empty());
+        let seen = [0, 0, 0, 3, 3, 3, 3, 3, 3];
+        assert_eq!(otherwise(&reading(seen, 1.0), &[3; 9], &palette), [1, 2, 3]);
     }
 
     #[test]
