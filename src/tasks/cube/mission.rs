@@ -245,6 +245,8 @@ pub struct Mission {
     palette: Option<recover::Palette>,
     /// Stickers that do not look as they should.
     odd: Vec<(Face, usize)>,
+    /// A turn went as it should in the end, but not at once: the cube is inspected as soon as one hand holds it alone.
+    felt_odd: bool,
     /// Why a side could not be inspected.
     uninspected: Option<String>,
     /// How often the cube was inspected in vain.
@@ -362,6 +364,7 @@ impl Mission {
             given: None,
             palette: None,
             odd: Vec::new(),
+            felt_odd: false,
             uninspected: None,
             inspections: 0,
             recoveries: 0,
@@ -845,6 +848,7 @@ impl Mission {
                     angle.to_degrees()
                 ));
                 self.turned += turned;
+                self.felt_odd = true;
                 let ease = -angle.signum() * 0.09_f64.min(turned.abs());
                 self.push_front(&[
                     // A stall on the way back is one more try of the same turn.
@@ -1185,6 +1189,9 @@ impl Mission {
                 return Ok(None);
             }
             Job::Step(step) => {
+                if self.felt_odd && self.inspects_at(step) {
+                    return Ok(None);
+                }
                 self.shown.step = self.shown.step.map(|step| step + 1);
                 self.unfold_step(step, arms)?;
                 return Ok(None);

@@ -13,7 +13,7 @@ use super::{Job, Mission, name};
 use crate::cube::{Axis, Face, Keeper, rotations};
 use crate::motion::{ArmState, Depth, JointPositions};
 use crate::tasks::Entry;
-use crate::tasks::cube::hold::{Grip, Hand, Hold};
+use crate::tasks::cube::hold::{Grip, Hand, Hold, Step};
 use crate::vision::sensor::FaceReading;
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -140,7 +140,7 @@ impl Mission {
         (self.given, self.given_back) = (None, false);
         self.rounds = 1;
         self.odd.clear();
-        (self.uninspected, self.inspections) = (None, 0);
+        (self.felt_odd, self.uninspected, self.inspections) = (false, None, 0);
         (self.turning, self.straight, self.begun) = (None, None, None);
         self.shown.net = crate::operator::Net::default();
         self.queue.clear();
@@ -184,8 +184,39 @@ impl Mission {
             }
         }
         jobs.push(Job::Reconcile);
+        if self.plan_goes_on() {
+            jobs.push(Job::Phase("solve"));
+        }
         self.push_front(&jobs);
         Ok(())
+    }
+
+    /// Whether the plan has turns left.
+    fn plan_goes_on(&self) -> bool {
+        self.queue.iter().any(|job| matches!(job, Job::Step(Step::Turn { .. })))
+    }
+
+    /// After a turn that felt odd: where this step begins with a hand that lets go, the other one holds the cube alone, and
+    /// it is inspected before the step goes on. Without another turn the plan ends with an inspection anyhow.
+    pub(super) fn inspects_at(&mut self, step: Step) -> bool {
+        let hand = match step {
+            Step::Leave { hand } | Step::Grasp { hand, .. } | Step::Look { viewer: hand, .. } => {
+                hand
+            }
+            Step::Turn { .. } => return false,
+        };
+        if self.belief.held.iter().any(Option::is_none) || !self.plan_goes_on() {
+            return false;
+        }
+        self.felt_odd = false;
+        self.log.notes.push("the turn stood still in between: the cube is inspected".to_owned());
+        self.push_front(&[Job::LetGo(hand), Job::Inspect]);
+        if let Step::Leave { .. } = step {
+            self.shown.step = self.shown.step.map(|step| step + 1);
+        } else {
+            self.queue.insert(2, Job::Step(step));
+        }
+        true
     }
 
     /// A side was looked at, or not.
@@ -247,6 +278,10 @@ impl Mission {
 
     /// Nobody knows how the cube looks: what hides it may pass, or somebody may see to it.
     fn not_inspected(&mut self, why: String) -> Result<(), String> {
+        if self.plan_goes_on() {
+            self.log.notes.push(format!("{why}: it is, before the cube goes back"));
+            return Ok(());
+        }
         self.inspections += 1;
         if self.inspections < INSPECTIONS {
             self.log.notes.push(format!("{why}: the cube is inspected once more"));
@@ -483,6 +518,7 @@ mod tests {
     use super::super::Goal;
     use super::super::testing::settings;
     use super::*;
+    use crate::cube::{Facelets, Turn};
     use crate::generators::{Behaviour, Outcome};
     use crate::operator::Answer;
     use crate::reach::Fold;
@@ -844,13 +880,14 @@ mod tests {
             let action = mission.next(event, &Readings { arms: &arms, forces: Forces::default() });
             event = match action {
                 Action::Look { .. } => {
-                    let Some(Job::Check { face, .. }) = mission.pending else { panic!() };
+                    let Some(Job::Check { face, .. }) = mission.pending else { return action };
                     looks += 1;
                     Event::Looked(look(looks - 1, face))
                 }
                 Action::Behave { orders, .. } => Event::Behaved(orders.map(|order| {
                     order.map(|order| match order {
                         Behaviour::Present { .. } => Outcome::Pulled,
+                        Behaviour::Turn { angle, .. } => Outcome::Turned(angle),
                         Behaviour::Approach { .. } => Outcome::Touched(0.0),
                         Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
                         Behaviour::Secure { .. } => Outcome::Secured,
@@ -946,6 +983,58 @@ mod tests {
         assert!(otherwise(&reading([0; 9], 1.0), &[0; 9], &palette).is_empty());
         let seen = [0, 0, 0, 3, 3, 3, 3, 3, 3];
         assert_eq!(otherwise(&reading(seen, 1.0), &[3; 9], &palette), [1, 2, 3]);
+    }
+
+    /// Two turns that undo each other, the first one in two goes if it is odd, with a grasp between them: how often it was
+    /// looked at, and how it ended.
+    fn turns_twice(odd: bool, seen: Facelets) -> (u32, Action<Thought>) {
+        let mut mission = turned(None);
+        let hold = |palm: Face| Hold { palm, jaws: Axis::X, depth: Depth::One };
+        mission.belief.taken(Hand::Track, hold(Face::U), false);
+        mission.belief.taken(Hand::Postument, hold(Face::F), false);
+        (mission.apart, mission.meeting) = (false, settings().meetings.grasps[0]);
+        let turn = |quarters| {
+            let turn = Turn { face: Face::U, quarters };
+            Job::Step(Step::Turn { turner: Hand::Track, turn })
+        };
+        let hand = Hand::Track;
+        let grasp = Job::Step(Step::Grasp { hand, hold: hold(Face::U), half_roll: false });
+        mission.queue.clear();
+        let end = Job::Finish { achieved: true };
+        mission.queue.extend([turn(1), grasp, turn(3), Job::Inspect, end]);
+
+        let arms = [ArmState { jaw_opening: 0.057, ..ArmState::default() }; 2];
+        let readings = Readings { arms: &arms, forces: Forces::default() };
+        let Action::Behave { orders: [Some(Behaviour::Turn { angle, .. }), _], .. } =
+            mission.next(Event::Done, &readings)
+        else {
+            panic!()
+        };
+        let ended = if odd { Outcome::Stalled(0.5, 2.0) } else { Outcome::Turned(angle) };
+        let looks = std::cell::Cell::new(0);
+        let between = if odd { 3 } else { 0 };
+        let end = inspects(&mut mission, Event::Behaved([Some(ended), None]), |looked, face| {
+            looks.set(looked + 1);
+            let solved = [face as u8; 9];
+            let first = 9 * face.index();
+            let turned = std::array::from_fn(|i| seen.colours()[first + i]);
+            Ok(reading(if looked < between { turned } else { solved }, 1.0))
+        });
+        (looks.get(), end)
+    }
+
+    #[test]
+    fn after_a_turn_that_stood_still_in_between_the_cube_is_looked_at_before_the_next_grasp() {
+        let solved = turned(None).shown.facelets.unwrap();
+        let after = solved.turned(Turn { face: Face::U, quarters: 1 });
+
+        let (looks, Action::Finish(end)) = turns_twice(false, after) else { panic!() };
+        assert_eq!((looks, end.achieved), (3, true), "{}", end.reason);
+        let (looks, Action::Finish(end)) = turns_twice(true, after) else { panic!() };
+        assert_eq!((looks, end.achieved), (6, true), "{}", end.reason);
+        // The layer has not gone along: all faces are read anew.
+        let (looks, end) = turns_twice(true, solved);
+        assert!(looks == 3 && matches!(end, Action::Look { .. }), "{looks} {end:?}");
     }
 
     #[test]
