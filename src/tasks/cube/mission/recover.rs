@@ -139,6 +139,8 @@ impl Mission {
         self.sight = super::sight::Sight::default();
         (self.given, self.given_back) = (None, false);
         self.rounds = 1;
+        // What goes back unsolved may yet be solved.
+        self.failure = None;
         self.odd.clear();
         (self.felt_odd, self.uninspected, self.inspections) = (false, None, 0);
         (self.turning, self.straight, self.begun) = (None, None, None);
@@ -300,12 +302,27 @@ impl Mission {
             self.queue.push_front(Job::LetGo(hand));
             return Ok(());
         }
-        if !self.may_recover() || self.belief.held[hand.other().index()].is_none() {
+        if self.belief.held[hand.other().index()].is_none() {
             return Err(why.to_owned());
+        }
+        if !self.may_recover() {
+            return self.returned_by_partner(hand, why);
         }
         self.log.notes.push(format!("{why}: the cube is read anew"));
         self.queue.clear();
         self.queue.extend([Job::LetGo(hand), Job::Anew]);
+        Ok(())
+    }
+
+    /// The cube has been read anew too often, and this hand has none of it: its partner gives it back as it is. What fails on
+    /// that way is the end.
+    fn returned_by_partner(&mut self, hand: Hand, why: &str) -> Result<(), String> {
+        if self.goal != super::Goal::Solve || self.failure.is_some() {
+            return Err(why.to_owned());
+        }
+        self.failure = Some(why.to_owned());
+        self.queue.clear();
+        self.queue.extend([Job::LetGo(hand), Job::GiveUp]);
         Ok(())
     }
 
@@ -338,7 +355,7 @@ impl Mission {
                 return Ok(());
             }
             if !self.may_recover() {
-                return Err(lost);
+                return self.returned_by_partner(hand, &lost);
             }
             self.log.notes.push(format!("{lost}: the cube is read anew"));
             self.queue.clear();
@@ -1035,6 +1052,40 @@ mod tests {
         // The layer has not gone along: all faces are read anew.
         let (looks, end) = turns_twice(true, solved);
         assert!(looks == 3 && matches!(end, Action::Look { .. }), "{looks} {end:?}");
+    }
+
+    #[test]
+    fn a_cube_that_was_read_anew_too_often_is_handed_back_by_whoever_holds_it() {
+        let ends = |holder: Hand, before: Option<&str>| {
+            let mut mission = turned(None);
+            let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+            mission.belief.released(Hand::Track);
+            mission.belief.taken(holder, hold, false);
+            mission.recoveries = MOST_RECOVERIES;
+            mission.failure = before.map(str::to_owned);
+            mission.queue.clear();
+            mission.queue.push_back(Job::Close { hand: holder.other(), hold });
+            let arms = [ArmState { jaw_opening: 0.057, ..ArmState::default() }; 2];
+            let readings = Readings { arms: &arms, forces: Forces::default() };
+            mission.next(Event::Done, &readings);
+            let mut nothing = [None; 2];
+            nothing[holder.other().index()] = Some(Outcome::Grasped(0.05));
+            let look = |_, face| one_colour(face);
+            let Action::Finish(end) = inspects(&mut mission, Event::Behaved(nothing), look) else {
+                panic!()
+            };
+            assert!(!end.achieved && end.reason.contains("jaws do not hold"), "{}", end.reason);
+            end.reason
+        };
+
+        for holder in [Hand::Track, Hand::Postument] {
+            let reason = ends(holder, None);
+            assert!(reason.ends_with("; the cube was handed back as it is"), "{reason}");
+        }
+        // On its way back already.
+        let reason = ends(Hand::Postument, Some("a layer stands askew"));
+        assert!(reason.starts_with("a layer stands askew; the track hand's jaws"), "{reason}");
+        assert!(reason.ends_with("; the postument hand holds the cube"), "{reason}");
     }
 
     #[test]
