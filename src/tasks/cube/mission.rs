@@ -218,6 +218,8 @@ pub struct Mission {
     short: f64,
     /// Where the palms' stops were put last.
     stops: [Depth; 2],
+    /// Where the cube fell, in words.
+    fell: Option<String>,
     /// The cube is still where it was given.
     untouched: bool,
     turned: f64,
@@ -340,6 +342,7 @@ impl Mission {
             settings,
             goal,
             belief,
+            fell: None,
             untouched: goal == Goal::Solve || goal == Goal::Acquire,
             queue: VecDeque::new(),
             pending: None,
@@ -492,6 +495,7 @@ impl Mission {
             [true, true] => "both hands hold the cube".to_owned(),
             [true, false] => "the track hand holds the cube".to_owned(),
             [false, true] => "the postument hand holds the cube".to_owned(),
+            [false, false] if self.fell.is_some() => self.fell.clone().unwrap_or_default(),
             [false, false] if self.given_back || self.untouched => match self.settings.keeper {
                 Keeper::Person => "the operator has the cube".to_owned(),
                 Keeper::Table => "the cube lies on the table".to_owned(),
@@ -511,7 +515,7 @@ impl Mission {
             reason = format!("{failure}; {reason}");
         }
         // Whoever comes to help must know where it is.
-        if self.belief.held.iter().any(Option::is_some) {
+        if self.fell.is_some() || self.belief.held.iter().any(Option::is_some) {
             reason = format!("{reason}; {}", self.whereabouts());
         }
         Action::Finish(Finish { achieved: false, reason })
@@ -673,7 +677,7 @@ impl Mission {
                     self.belief.taken(Hand::Track, hold, false);
                     self.widths[Hand::Track.index()] = Some(width);
                     (self.taken_at, self.short) = (Some(place(arms)), 0.0);
-                    self.untouched = false;
+                    (self.untouched, self.fell) = (false, None);
                     Ok(())
                 }
                 other if tries < TAKE_TRIES => {

@@ -342,15 +342,20 @@ impl Mission {
             }
             self.belief.released(hand);
             if self.belief.held[hand.other().index()].is_none() {
-                let fell = format!("{lost} and lies below it");
+                let tool = self.belief.world_from_base(hand) * arms[hand.index()].base_from_tool;
+                let [x, y, _] = tool.translation.vector.map(|place| place * 1e3).into();
+                self.fell = Some(format!(
+                    "it fell from the {} hand and lies below where that was, at x {x:.0} mm, y {y:.0} mm of the world",
+                    name(hand)
+                ));
                 let Some(hand_over) = self.hand_over.filter(|_| self.may_recover()) else {
-                    return Err(fell);
+                    return Err(lost);
                 };
                 let next = match self.settings.keeper {
                     Keeper::Person => "pick it up and hold it out again, please",
                     Keeper::Table => "it is looked for on the table",
                 };
-                self.log.notes.push(format!("{fell}: {next}"));
+                self.log.notes.push(format!("{lost} and lies below it: {next}"));
                 self.dropped(hand, hand_over);
                 return Ok(());
             }
@@ -905,13 +910,14 @@ mod tests {
                     order.map(|order| match order {
                         Behaviour::Present { .. } => Outcome::Pulled,
                         Behaviour::Turn { angle, .. } => Outcome::Turned(angle),
+                        Behaviour::VisualServo(_) => Outcome::LostSight(60.0),
                         Behaviour::Approach { .. } => Outcome::Touched(0.0),
                         Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
                         Behaviour::Secure { .. } => Outcome::Secured,
                         _ => Outcome::Reached,
                     })
                 })),
-                Action::Phase(_) | Action::Bias(_) => Event::Done,
+                Action::Phase(_) | Action::Bias(_) | Action::Watch(_) => Event::Done,
                 other => return other,
             };
         }
@@ -1086,6 +1092,24 @@ mod tests {
         let reason = ends(Hand::Postument, Some("a layer stands askew"));
         assert!(reason.starts_with("a layer stands askew; the track hand's jaws"), "{reason}");
         assert!(reason.ends_with("; the postument hand holds the cube"), "{reason}");
+    }
+
+    #[test]
+    fn where_a_cube_fell_that_nobody_finds_is_told() {
+        for keeper in [Keeper::Person, Keeper::Table] {
+            let mut mission = turned(None);
+            mission.settings.keeper = keeper;
+            // The jaws have come nearer than that.
+            mission.widths = [Some(0.07); 2];
+
+            let look = |_, face| one_colour(face);
+            let Action::Finish(end) = inspects(&mut mission, Event::Done, look) else { panic!() };
+
+            let told = "it fell from the track hand and lies below where that was, at x 0 mm, y 0 mm of the world";
+            assert!(end.reason.starts_with("no cube in sight"), "{}", end.reason);
+            assert!(end.reason.ends_with(told), "{}", end.reason);
+            assert_eq!(mission.whereabouts(), told);
+        }
     }
 
     #[test]
