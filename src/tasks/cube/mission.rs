@@ -261,6 +261,8 @@ pub struct Mission {
     begun: Option<unwind::Begun>,
     /// Whether what the force sensors tell is to be followed.
     forces: Trust,
+    /// A cube that an earlier run was handing back is looked for: nobody knows whether the operator has it.
+    seeks: bool,
     /// What an earlier run left, if this one goes on from there.
     resume: Option<Entry>,
     /// The track is not drawn back beyond this [m]; known to a mission that goes on from anywhere.
@@ -318,6 +320,8 @@ const NUDGES: [[f64; 3]; 5] = [
     [-0.028, 0.0, 0.0],
 ];
 const TAKE_TRIES: u32 = 3;
+/// Letters of a reason that the journal keeps.
+const MOST_NOTED: usize = 500;
 /// Between two small pulls that ask whether the operator has let go [s], how far they go [m], and how many there are.
 const RELEASE_WAIT: f64 = 1.2;
 const RELEASE_WAY: f64 = 0.02;
@@ -374,6 +378,7 @@ impl Mission {
             strained: 0,
             begun: None,
             forces: Trust::Believed,
+            seeks: false,
             resume: None,
             least_track: None,
             shown: Shown::default(),
@@ -638,7 +643,16 @@ impl Mission {
                 Ok(())
             }
             Job::VisualServo { tries } => match of(Hand::Track) {
-                Some(Outcome::Touched(_)) => Ok(()),
+                Some(Outcome::Touched(_)) => {
+                    if std::mem::take(&mut self.seeks) {
+                        self.held_out_again();
+                    }
+                    Ok(())
+                }
+                Some(Outcome::LostSight(_) | Outcome::OutOfZone(_)) if self.seeks => {
+                    self.not_held_out();
+                    Ok(())
+                }
                 Some(Outcome::LostSight(seconds)) => self.unseen(format!(
                     "no cube in sight of the stand-alone camera for {seconds:.1} s"
                 )),
@@ -1148,6 +1162,11 @@ impl Mission {
                 let order = visual_servo::Order {
                     world_from_base: self.belief.world_from_base(Hand::Track),
                     seat: s.edge / 3.0,
+                    patience: if self.seeks {
+                        s.visual.patience.min(recover::SEEKS)
+                    } else {
+                        s.visual.patience
+                    },
                     ..s.visual
                 };
                 behave(Hand::Track, Behaviour::VisualServo(order))
@@ -1324,10 +1343,12 @@ impl Mission {
             Job::Leave => return Err(self.failure.take().unwrap_or_default()),
             Job::Finish { achieved } => {
                 let back = match s.keeper {
+                    Keeper::Person if self.seeks => recover::UNSEEN,
                     Keeper::Person => "the cube was handed back",
                     Keeper::Table => "the cube was laid on the table",
                 };
                 let reason = match &self.failure {
+                    Some(failure) if self.seeks => format!("{failure}; {back}"),
                     Some(failure) => format!("{failure}; {back} as it is"),
                     None => back.to_owned(),
                 };
@@ -1594,6 +1615,7 @@ impl Task for Mission {
             short: self.short,
             stops: self.stops.map(Some),
             handing_back: self.given_back,
+            undone: self.failure.as_ref().map(|why| why.chars().take(MOST_NOTED).collect()),
             over,
         })
     }

@@ -44,6 +44,13 @@ const STRAIGHT: f64 = 0.1;
 /// A way that is not worth a motion [m].
 const NEARLY: f64 = 1e-3;
 
+/// For so long a cube is left to whoever takes it back, and then looked for [s].
+const TAKEN_BACK: f64 = 3.0;
+pub(super) const SEEKS: f64 = 5.0;
+/// What is known of a cube that was not seen then.
+pub(super) const UNSEEN: &str = "by the other run's journal the cube was being handed back, no hand of the robot holds it, and nobody has \
+     held it out since: the operator has it";
+
 /// Colours as this cube's stickers look, by face [0..=255 each].
 pub(super) type Palette = [[f64; 3]; 6];
 
@@ -115,6 +122,7 @@ impl Mission {
             short: 0.0,
             stops: [None; 2],
             handing_back: false,
+            undone: None,
             over: false,
         }));
         self.untouched = false;
@@ -390,10 +398,16 @@ impl Mission {
         match [Hand::Track, Hand::Postument].map(between) {
             [false, false] if last.over || last.handing_back => {
                 self.given_back = true;
+                self.failure.clone_from(&last.undone);
                 if !last.over {
                     self.back_off(arms);
                 }
-                self.queue.push_back(Job::Finish { achieved: true });
+                if !last.over && self.settings.keeper == Keeper::Person {
+                    self.seek();
+                } else {
+                    let achieved = self.failure.is_none();
+                    self.queue.push_back(Job::Finish { achieved });
+                }
             }
             [false, false] => {
                 self.log.notes.push("no hand holds the cube: it is taken anew".to_owned());
@@ -419,6 +433,29 @@ impl Mission {
                 self.settle(hand, arms);
             }
         }
+    }
+
+    /// The other run was about to hand the cube back, and nobody noted that it was taken: it is looked for, and taken once
+    /// more where somebody holds it out.
+    fn seek(&mut self) {
+        self.log.notes.push("the cube was being handed back: it is looked for".to_owned());
+        self.seeks = true;
+        (self.hand_over, self.taken_at, self.short) = (None, None, 0.0);
+        self.queue.extend([Job::Apart, Job::Stand(TAKEN_BACK)]);
+        self.take();
+    }
+
+    /// What was looked for is held out again.
+    pub(super) fn held_out_again(&mut self) {
+        self.log.notes.push("the cube is held out again: it is taken anew".to_owned());
+        (self.given_back, self.failure) = (false, None);
+    }
+
+    /// Nobody holds out what was looked for. The jaws are empty, and nothing was seen to fall: the operator has it.
+    pub(super) fn not_held_out(&mut self) {
+        let achieved = self.failure.is_none();
+        self.queue.clear();
+        self.queue.extend([Job::Watch(false), Job::Finish { achieved }]);
     }
 
     /// The track hand may have its fingers beside a cube that somebody else has, and press it: it goes out of the way, as
@@ -580,6 +617,7 @@ mod tests {
             short: 0.0,
             stops: [None; 2],
             handing_back: true,
+            undone: None,
             over: false,
         }
     }
@@ -784,12 +822,67 @@ mod tests {
             let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(last));
             let arms = [ArmState { jaw_opening: 0.09, ..ArmState::default() }; 2];
             mission.next(Event::Start, &Readings { arms: &arms, forces: Forces::default() });
-            assert_eq!(mission.queue.back(), Some(&Job::Finish { achieved: true }));
+            let ends = mission.queue.back() == Some(&Job::Finish { achieved: true });
+            assert_eq!(ends, over, "{:?}", mission.queue);
             mission.queue.iter().any(|job| matches!(job, Job::Along(Hand::Track, _)))
         };
 
         assert!(ends(false));
         assert!(!ends(true), "it had left it");
+    }
+
+    #[test]
+    fn what_another_run_was_handing_back_is_looked_for_and_taken_where_it_is_held_out() {
+        let arms = [ArmState { jaw_opening: 0.09, ..ArmState::default() }; 2];
+        let readings = Readings { arms: &arms, forces: Forces::default() };
+        let seeks = |undone: Option<&str>, ended: Outcome| {
+            let last = Entry {
+                held: [None; 2],
+                undone: undone.map(str::to_owned),
+                doing: "opening the jaws".to_owned(),
+                ..lowering()
+            };
+            let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(last));
+            let (mut event, mut patience) = (Event::Start, None);
+            for _ in 0..30 {
+                event = match mission.next(event, &readings) {
+                    Action::Behave { orders, .. } => match orders[0] {
+                        Some(Behaviour::VisualServo(order)) => {
+                            patience = Some(order.patience);
+                            Event::Behaved([Some(ended), None])
+                        }
+                        // It is closed upon.
+                        Some(Behaviour::Grasp { .. }) => return (mission, None, patience),
+                        _ => Event::Behaved(orders.map(|order| order.map(|_| Outcome::Reached))),
+                    },
+                    Action::Finish(end) => return (mission, Some(end), patience),
+                    _ => Event::Done,
+                };
+            }
+            panic!("it never ends: {:?}", mission.log.notes);
+        };
+
+        for nobody in [Outcome::LostSight(5.0), Outcome::OutOfZone(5.0)] {
+            let (mission, end, patience) = seeks(None, nobody);
+            let end = end.unwrap();
+            assert!(
+                end.achieved && end.reason.contains("nobody has held it out"),
+                "{}",
+                end.reason
+            );
+            assert_eq!(
+                (patience, mission.whereabouts().as_str()),
+                (Some(SEEKS), "the operator has the cube")
+            );
+
+            let (_, end, _) = seeks(Some("face U cannot be read"), nobody);
+            let end = end.unwrap();
+            let told = end.reason.starts_with("face U cannot be read; by the other run's journal");
+            assert!(!end.achieved && told, "{}", end.reason);
+        }
+        let (mission, end, _) = seeks(Some("face U cannot be read"), Outcome::Touched(3.0));
+        assert!(end.is_none() && mission.queue.contains(&Job::Looks), "{:?}", mission.queue);
+        assert_eq!((mission.given_back, mission.failure.as_ref()), (false, None));
     }
 
     #[test]
