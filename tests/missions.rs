@@ -364,6 +364,24 @@ fn a_paused_hand_over_is_resumed_and_done() {
     assert!(before.elapsed() > pause);
 }
 
+/// Nothing that was not seen is called done.
+#[test]
+fn a_cube_that_nobody_can_inspect_is_looked_at_again_and_else_goes_back_with_the_reason() {
+    let summary = run("faults/solve_blind.toml", &[]);
+
+    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert_eq!(summary.recoveries, 0);
+    let inspections = summary.phases.iter().filter(|phase| phase.name == "inspect").count();
+    assert_eq!(inspections, 2);
+
+    let for_good = ["fault.track.duration_s=5000", "fault.postument.duration_s=5000"];
+    let summary = run("faults/solve_blind.toml", &for_good);
+    assert_eq!((summary.outcome, summary.exit_code()), (Outcome::Failed, 1));
+    let why = &summary.reason;
+    assert!(why.contains("could not be inspected: the picture is black"), "{why}");
+    assert!(why.contains("handed back as it is"), "{why}");
+}
+
 #[test]
 fn an_end_of_input_leaves_no_trace() {
     let hash = |more: &[&str]| {

@@ -154,6 +154,7 @@ mod tests {
             short: 0.0,
             stops: [None; 2],
             handing_back: false,
+            undone: None,
             over: false,
         }
     }

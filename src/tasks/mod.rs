@@ -70,6 +70,9 @@ pub struct Entry {
     pub stops: [Option<Depth>; 2],
     /// The operator has been offered the cube, or it is being laid down.
     pub handing_back: bool,
+    /// Why it goes back unsolved, if it does.
+    #[serde(default)]
+    pub undone: Option<String>,
     /// Nothing is left to be done.
     pub over: bool,
 }

@@ -183,6 +183,8 @@ enum Asked {
     Colours(Doubt),
     /// To see to it that the cube can be seen or taken, for this reason.
     Sight(String),
+    /// To see to it that the cube can be inspected, for this reason.
+    Inspection(String),
 }
 
 /// Whether sensors are believed.
@@ -216,6 +218,8 @@ pub struct Mission {
     short: f64,
     /// Where the palms' stops were put last.
     stops: [Depth; 2],
+    /// Where the cube fell, in words.
+    fell: Option<String>,
     /// The cube is still where it was given.
     untouched: bool,
     turned: f64,
@@ -243,6 +247,12 @@ pub struct Mission {
     palette: Option<recover::Palette>,
     /// Stickers that do not look as they should.
     odd: Vec<(Face, usize)>,
+    /// A turn went as it should in the end, but not at once: the cube is inspected as soon as one hand holds it alone.
+    felt_odd: bool,
+    /// Why a side could not be inspected.
+    uninspected: Option<String>,
+    /// How often the cube was inspected in vain.
+    inspections: u32,
     /// How often the cube was read and planned anew.
     recoveries: u32,
     /// How often the jaws that are to open now were strained.
@@ -251,6 +261,8 @@ pub struct Mission {
     begun: Option<unwind::Begun>,
     /// Whether what the force sensors tell is to be followed.
     forces: Trust,
+    /// A cube that an earlier run was handing back is looked for: nobody knows whether the operator has it.
+    seeks: bool,
     /// What an earlier run left, if this one goes on from there.
     resume: Option<Entry>,
     /// The track is not drawn back beyond this [m]; known to a mission that goes on from anywhere.
@@ -310,6 +322,8 @@ const NUDGES: [[f64; 3]; 5] = [
     [-0.028, 0.0, 0.0],
 ];
 const TAKE_TRIES: u32 = 3;
+/// Letters of a reason that the journal keeps.
+const MOST_NOTED: usize = 500;
 /// Between two small pulls that ask whether the operator has let go [s], how far they go [m], and how many there are.
 const RELEASE_WAIT: f64 = 1.2;
 const RELEASE_WAY: f64 = 0.02;
@@ -334,6 +348,7 @@ impl Mission {
             settings,
             goal,
             belief,
+            fell: None,
             untouched: goal == Goal::Solve || goal == Goal::Acquire,
             queue: VecDeque::new(),
             pending: None,
@@ -358,10 +373,14 @@ impl Mission {
             given: None,
             palette: None,
             odd: Vec::new(),
+            felt_odd: false,
+            uninspected: None,
+            inspections: 0,
             recoveries: 0,
             strained: 0,
             begun: None,
             forces: Trust::Believed,
+            seeks: false,
             resume: None,
             least_track: None,
             shown: Shown::default(),
@@ -483,6 +502,7 @@ impl Mission {
             [true, true] => "both hands hold the cube".to_owned(),
             [true, false] => "the track hand holds the cube".to_owned(),
             [false, true] => "the postument hand holds the cube".to_owned(),
+            [false, false] if self.fell.is_some() => self.fell.clone().unwrap_or_default(),
             [false, false] if self.given_back || self.untouched => match self.settings.keeper {
                 Keeper::Person => "the operator has the cube".to_owned(),
                 Keeper::Table => "the cube lies on the table".to_owned(),
@@ -502,7 +522,7 @@ impl Mission {
             reason = format!("{failure}; {reason}");
         }
         // Whoever comes to help must know where it is.
-        if self.belief.held.iter().any(Option::is_some) {
+        if self.fell.is_some() || self.belief.held.iter().any(Option::is_some) {
             reason = format!("{reason}; {}", self.whereabouts());
         }
         Action::Finish(Finish { achieved: false, reason })
@@ -625,7 +645,16 @@ impl Mission {
                 Ok(())
             }
             Job::VisualServo { tries } => match of(Hand::Track) {
-                Some(Outcome::Touched(_)) => Ok(()),
+                Some(Outcome::Touched(_)) => {
+                    if std::mem::take(&mut self.seeks) {
+                        self.held_out_again();
+                    }
+                    Ok(())
+                }
+                Some(Outcome::LostSight(_) | Outcome::OutOfZone(_)) if self.seeks => {
+                    self.not_held_out();
+                    Ok(())
+                }
                 Some(Outcome::LostSight(seconds)) => self.unseen(format!(
                     "no cube in sight of the stand-alone camera for {seconds:.1} s"
                 )),
@@ -664,7 +693,7 @@ impl Mission {
                     self.belief.taken(Hand::Track, hold, false);
                     self.widths[Hand::Track.index()] = Some(width);
                     (self.taken_at, self.short) = (Some(place(arms)), 0.0);
-                    self.untouched = false;
+                    (self.untouched, self.fell) = (false, None);
                     Ok(())
                 }
                 other if tries < TAKE_TRIES => {
@@ -839,6 +868,7 @@ impl Mission {
                     angle.to_degrees()
                 ));
                 self.turned += turned;
+                self.felt_odd = true;
                 let ease = -angle.signum() * 0.09_f64.min(turned.abs());
                 self.push_front(&[
                     // A stall on the way back is one more try of the same turn.
@@ -902,7 +932,8 @@ impl Mission {
             Err(NoAnswer::Unplanned(reason)) => return self.give_back(reason),
         };
         self.shown.decided(&answer);
-        self.palette = recover::palette(&self.sight.levels(), answer.read.colours());
+        let levels = self.sight.levels();
+        self.palette = Some(recover::palette(&levels, answer.read.colours()));
         // What is told of a mission is what it found and planned at first.
         if self.log.identified.is_none() {
             self.log.identified = Some(answer.identified);
@@ -973,12 +1004,20 @@ impl Mission {
                 self.queue.push_front(Job::VisualServo { tries: 1 });
                 Ok(())
             }
+            (
+                Some((Asked::Inspection(_), _)),
+                Some(Answer::Choice { option: hand_over::LOOK_AGAIN }),
+            ) => {
+                self.queue.push_front(Job::Inspect);
+                Ok(())
+            }
             (Some((asked, _)), _) => {
                 // Who did not answer now is not asked again.
                 self.patience = None;
                 match asked {
                     Asked::Colours(doubt) => self.give_back(doubt.reason),
                     Asked::Sight(why) => Err(why),
+                    Asked::Inspection(why) => self.give_back(why),
                 }
             }
         }
@@ -1125,6 +1164,11 @@ impl Mission {
                 let order = visual_servo::Order {
                     world_from_base: self.belief.world_from_base(Hand::Track),
                     seat: s.edge / 3.0,
+                    patience: if self.seeks {
+                        s.visual.patience.min(recover::SEEKS)
+                    } else {
+                        s.visual.patience
+                    },
                     ..s.visual
                 };
                 behave(Hand::Track, Behaviour::VisualServo(order))
@@ -1170,6 +1214,9 @@ impl Mission {
                 return Ok(None);
             }
             Job::Step(step) => {
+                if self.felt_odd && self.inspects_at(step) {
+                    return Ok(None);
+                }
                 self.shown.step = self.shown.step.map(|step| step + 1);
                 self.unfold_step(step, arms)?;
                 return Ok(None);
@@ -1298,10 +1345,12 @@ impl Mission {
             Job::Leave => return Err(self.failure.take().unwrap_or_default()),
             Job::Finish { achieved } => {
                 let back = match s.keeper {
+                    Keeper::Person if self.seeks => recover::UNSEEN,
                     Keeper::Person => "the cube was handed back",
                     Keeper::Table => "the cube was laid on the table",
                 };
                 let reason = match &self.failure {
+                    Some(failure) if self.seeks => format!("{failure}; {back}"),
                     Some(failure) => format!("{failure}; {back} as it is"),
                     None => back.to_owned(),
                 };
@@ -1568,6 +1617,7 @@ impl Task for Mission {
             short: self.short,
             stops: self.stops.map(Some),
             handing_back: self.given_back,
+            undone: self.failure.as_ref().map(|why| why.chars().take(MOST_NOTED).collect()),
             over,
         })
     }

@@ -4,6 +4,7 @@
 //! - out: jobs; a question; the end of a task that leaves the cube where it is
 
 use super::{Asked, Job, Mission};
+use crate::cube::Keeper;
 use crate::motion::Depth;
 use crate::operator::{Question, Subject};
 use crate::tasks::cube::hold::Hand;
@@ -12,9 +13,9 @@ use crate::tasks::cube::hold::Hand;
 const MOST_MET: u32 = 3;
 /// For so long a hand gives way to what it has met [s].
 const GIVES_WAY: f64 = 1.0;
-/// The possibilities of the question, in this order.
-const OPTIONS: [&str; 2] = ["look again", "end the run"];
-/// Index of the first.
+/// The first possibility of both questions ...
+const AGAIN: &str = "look again";
+/// ... and its index.
 pub(super) const LOOK_AGAIN: usize = 0;
 
 impl Mission {
@@ -53,21 +54,46 @@ impl Mission {
     /// Nothing is seen that could be taken: whoever is there may see to it, and have it looked for again.
     pub(super) fn unseen(&mut self, why: String) -> Result<(), String> {
         let Some(seconds) = self.patience else { return Err(why) };
+        let see = "Is the camera's view free and lit, and the cube where the hand can take it?";
+        let otherwise = "without an answer the run ends".to_owned();
+        self.ask_to_see(&why, see, otherwise, "end the run", seconds, Asked::Sight);
+        Ok(())
+    }
+
+    /// The cube cannot be inspected: whoever is there may see to it, and have it looked at again; else it goes back.
+    pub(super) fn ask_for_inspection(&mut self, why: String) -> Result<(), String> {
+        let Some(seconds) = self.patience else { return self.give_back(why) };
+        let see = "Are the views of the cameras in the hands free and lit?";
+        let otherwise = format!("without an answer the cube {} as it is", self.goes_back());
+        let end = match self.settings.keeper {
+            Keeper::Person => "hand it back as it is",
+            Keeper::Table => "lay it down as it is",
+        };
+        self.ask_to_see(&why, see, otherwise, end, seconds, Asked::Inspection);
+        Ok(())
+    }
+
+    fn ask_to_see(
+        &mut self,
+        why: &str,
+        see: &str,
+        otherwise: String,
+        end: &str,
+        seconds: f64,
+        asked: impl FnOnce(String) -> Asked,
+    ) {
         self.questions += 1;
         let question = Question {
             number: self.questions,
-            text: format!(
-                "{why}. Is the camera's view free and lit, and the cube where the hand can take it?"
-            ),
-            otherwise: "without an answer the run ends".to_owned(),
+            text: format!("{why}. {see}"),
+            otherwise,
             seconds,
             until: 0.0,
-            subject: Subject::Choice { options: OPTIONS.map(str::to_owned).to_vec() },
+            subject: Subject::Choice { options: [AGAIN, end].map(str::to_owned).to_vec() },
         };
         self.log.notes.push(format!("{why}: the operator is asked"));
-        self.asked = Some((Asked::Sight(why), question));
+        self.asked = Some((asked(why.to_owned()), question));
         self.queue.push_front(Job::Ask);
-        Ok(())
     }
 }
 

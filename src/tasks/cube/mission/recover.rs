@@ -2,6 +2,8 @@
 //!
 //! - before the cube is handed back, the three sides that the free hand can see are compared with what the turns
 //!   should have made of them: any single layer that stands otherwise shows on one of these sides
+//! - what could not be looked at is not called done: it is looked at once more, then whoever is there is asked, and else
+//!   the cube goes back with the reason
 //! - after a turn that slipped or jammed, and whose layer has been brought back into line (see [`super::unwind`]), all
 //!   six faces are read anew and planned anew, whatever has become of them
 //! - so little is believed that a mission which was broken off anywhere goes on in the same way: see [`Mission::resumed`]
@@ -11,7 +13,7 @@ use super::{Job, Mission, name};
 use crate::cube::{Axis, Face, Keeper, rotations};
 use crate::motion::{ArmState, Depth, JointPositions};
 use crate::tasks::Entry;
-use crate::tasks::cube::hold::{Grip, Hand, Hold};
+use crate::tasks::cube::hold::{Grip, Hand, Hold, Step};
 use crate::vision::sensor::FaceReading;
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -19,6 +21,14 @@ use nalgebra::{UnitQuaternion, Vector3};
 pub(super) const MOST_RECOVERIES: u32 = 3;
 /// Looks at one side before it goes uninspected.
 const CHECK_TRIES: u32 = 3;
+/// Inspections before somebody is asked, or the cube goes back as it is.
+const INSPECTIONS: u32 = 2;
+/// Time between them: what shuts an eye may pass [s].
+const LATER: f64 = 5.0;
+/// Stickers of a row at the rim of a side that must be seen: a turn changes all three.
+const ROW_SEEN: usize = 2;
+/// The rows at the rim of a side, in reading order.
+const ROWS: [[usize; 3]; 4] = [[0, 1, 2], [6, 7, 8], [0, 3, 6], [2, 5, 8]];
 /// A sticker looks otherwise when another colour is nearer than this share of the way to its own.
 const CLEARLY: f64 = 0.6;
 /// Stickers that must look otherwise: every turn of a layer changes three on a side, a reflection changes one.
@@ -34,11 +44,28 @@ const STRAIGHT: f64 = 0.1;
 /// A way that is not worth a motion [m].
 const NEARLY: f64 = 1e-3;
 
+/// For so long a cube is left to whoever takes it back, and then looked for [s].
+const TAKEN_BACK: f64 = 3.0;
+pub(super) const SEEKS: f64 = 5.0;
+/// What is known of a cube that was not seen then.
+pub(super) const UNSEEN: &str = "by the other run's journal the cube was being handed back, no hand of the robot holds it, and nobody has \
+     held it out since: the operator has it";
+
 /// Colours as this cube's stickers look, by face [0..=255 each].
 pub(super) type Palette = [[f64; 3]; 6];
 
-/// The mean of what was seen of each colour; `None` while a colour was never seen.
-pub(super) fn palette(seen: &[Option<[f64; 3]>; 54], colours: &[u8; 54]) -> Option<Palette> {
+/// How a sticker of a colour looks that was never seen on this cube, since the operator has given it.
+const USUAL: Palette = [
+    [225.0, 225.0, 220.0],
+    [180.0, 30.0, 35.0],
+    [20.0, 150.0, 60.0],
+    [220.0, 210.0, 40.0],
+    [230.0, 110.0, 30.0],
+    [20.0, 60.0, 160.0],
+];
+
+/// The mean of what was seen of each colour.
+pub(super) fn palette(seen: &[Option<[f64; 3]>; 54], colours: &[u8; 54]) -> Palette {
     let (mut sums, mut counts) = ([[0.0; 3]; 6], [0_u32; 6]);
     for (rgb, &colour) in seen.iter().zip(colours) {
         let Some(rgb) = rgb else { continue };
@@ -48,10 +75,21 @@ pub(super) fn palette(seen: &[Option<[f64; 3]>; 54], colours: &[u8; 54]) -> Opti
         }
         counts[colour] += 1;
     }
-    if counts.contains(&0) {
+    std::array::from_fn(|c| match counts[c] {
+        0 => USUAL[c],
+        count => sums[c].map(|sum| sum / f64::from(count)),
+    })
+}
+
+/// Why a reading does not tell how each layer stands, if it does not: too much is covered.
+fn hides(reading: &FaceReading) -> Option<String> {
+    let seen = |row: &[usize; 3]| row.iter().filter(|&&i| !reading.occluded[i]).count();
+    if ROWS.iter().all(|row| seen(row) >= ROW_SEEN) {
         return None;
     }
-    Some(std::array::from_fn(|c| sums[c].map(|sum| sum / f64::from(counts[c]))))
+    let covered = (0..9).filter(|&i| reading.occluded[i]);
+    let covered: Vec<String> = covered.map(|i| (i + 1).to_string()).collect();
+    Some(format!("stickers {} are covered", covered.join(", ")))
 }
 
 /// The stickers of a face, 1..=9, that clearly have another colour than they should. The centre, which no turn moves,
@@ -84,6 +122,7 @@ impl Mission {
             short: 0.0,
             stops: [None; 2],
             handing_back: false,
+            undone: None,
             over: false,
         }));
         self.untouched = false;
@@ -108,7 +147,10 @@ impl Mission {
         self.sight = super::sight::Sight::default();
         (self.given, self.given_back) = (None, false);
         self.rounds = 1;
+        // What goes back unsolved may yet be solved.
+        self.failure = None;
         self.odd.clear();
+        (self.felt_odd, self.uninspected, self.inspections) = (false, None, 0);
         (self.turning, self.straight, self.begun) = (None, None, None);
         self.shown.net = crate::operator::Net::default();
         self.queue.clear();
@@ -130,16 +172,20 @@ impl Mission {
 
     /// Looks at the sides that the free hand sees without another grasp, if it is known how they should look.
     pub(super) fn unfold_inspect(&mut self) -> Result<(), String> {
-        if self.palette.is_none() || self.shown.facelets.is_none() {
-            return Ok(());
-        }
+        self.odd.clear();
         let holder = self.holder()?;
         let viewer = holder.other();
         let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
         let rotation = held.hold.cube_from_tool(held.half_roll, self.settings.edge).rotation;
         let mut jobs = vec![Job::Phase("inspect")];
         let sides = [Vector3::z(), Vector3::x(), -Vector3::x()];
-        for (side, meeting) in sides.iter().zip(self.settings.meetings.views[holder.index()]) {
+        let views = self.settings.meetings.views[holder.index()];
+        // A layer beside the palm's axis shows on the side before it, one across it on either of the others.
+        let enough = views[0].is_some() && (views[1].is_some() || views[2].is_some());
+        let none =
+            || "the cube could not be inspected: the cell has no pose for the looks".to_owned();
+        self.uninspected = (!enough).then(none);
+        for (side, meeting) in sides.iter().zip(views) {
             let normal = rotation * side;
             let face = Face::ALL.into_iter().find(|f| f.normal().dot(&normal) > 0.9);
             if let (Some(face), Some(meeting)) = (face, meeting) {
@@ -148,8 +194,39 @@ impl Mission {
             }
         }
         jobs.push(Job::Reconcile);
+        if self.plan_goes_on() {
+            jobs.push(Job::Phase("solve"));
+        }
         self.push_front(&jobs);
         Ok(())
+    }
+
+    /// Whether the plan has turns left.
+    fn plan_goes_on(&self) -> bool {
+        self.queue.iter().any(|job| matches!(job, Job::Step(Step::Turn { .. })))
+    }
+
+    /// After a turn that felt odd: where this step begins with a hand that lets go, the other one holds the cube alone, and
+    /// it is inspected before the step goes on. Without another turn the plan ends with an inspection anyhow.
+    pub(super) fn inspects_at(&mut self, step: Step) -> bool {
+        let hand = match step {
+            Step::Leave { hand } | Step::Grasp { hand, .. } | Step::Look { viewer: hand, .. } => {
+                hand
+            }
+            Step::Turn { .. } => return false,
+        };
+        if self.belief.held.iter().any(Option::is_none) || !self.plan_goes_on() {
+            return false;
+        }
+        self.felt_odd = false;
+        self.log.notes.push("the turn stood still in between: the cube is inspected".to_owned());
+        self.push_front(&[Job::LetGo(hand), Job::Inspect]);
+        if let Step::Leave { .. } = step {
+            self.shown.step = self.shown.step.map(|step| step + 1);
+        } else {
+            self.queue.insert(2, Job::Step(step));
+        }
+        true
     }
 
     /// A side was looked at, or not.
@@ -161,14 +238,17 @@ impl Mission {
         reading: Result<FaceReading, String>,
         arms: &[ArmState],
     ) {
+        let known = self.palette.zip(self.shown.facelets).ok_or("nothing is known of the cube");
+        let reading = reading.and_then(|reading| match (hides(&reading), known) {
+            (None, Ok(known)) => Ok((reading, known)),
+            (Some(why), _) => Err(why),
+            (None, Err(why)) => Err(why.to_owned()),
+        });
         match reading {
-            Ok(reading) => {
+            Ok((reading, (palette, facelets))) => {
                 self.belief.seen(viewer, face, &reading.camera_from_face, arms);
-                let (Some(palette), Some(facelets)) = (&self.palette, &self.shown.facelets) else {
-                    return;
-                };
                 let expected = std::array::from_fn(|i| facelets.colours()[face as usize * 9 + i]);
-                let odd = otherwise(&reading, &expected, palette);
+                let odd = otherwise(&reading, &expected, &palette);
                 self.odd.extend(odd.into_iter().map(|i| (face, i)));
             }
             Err(reason) if tries < CHECK_TRIES => {
@@ -181,17 +261,18 @@ impl Mission {
                 ]);
             }
             Err(reason) => {
-                let note = format!("face {} goes uninspected: {reason}", face.letter());
-                self.log.notes.push(note);
+                let letter = face.letter();
+                let why = format!("face {letter} could not be inspected: {reason}");
+                self.uninspected.get_or_insert(why);
             }
         }
     }
 
     /// Belief and sight are brought together.
     pub(super) fn reconcile(&mut self) -> Result<(), String> {
-        let odd = std::mem::take(&mut self.odd);
+        let (odd, unseen) = (std::mem::take(&mut self.odd), self.uninspected.take());
         if odd.len() < ODD_STICKERS {
-            return Ok(());
+            return unseen.map_or(Ok(()), |why| self.not_inspected(why));
         }
         let names: Vec<String> =
             odd.iter().map(|(face, i)| format!("{}{i}", face.letter())).collect();
@@ -205,6 +286,22 @@ impl Mission {
         Ok(())
     }
 
+    /// Nobody knows how the cube looks: what hides it may pass, or somebody may see to it.
+    fn not_inspected(&mut self, why: String) -> Result<(), String> {
+        if self.plan_goes_on() {
+            self.log.notes.push(format!("{why}: it is, before the cube goes back"));
+            return Ok(());
+        }
+        self.inspections += 1;
+        if self.inspections < INSPECTIONS {
+            self.log.notes.push(format!("{why}: the cube is inspected once more"));
+            self.push_front(&[Job::Stand(LATER), Job::Inspect]);
+            return Ok(());
+        }
+        self.inspections = 0;
+        self.ask_for_inspection(why)
+    }
+
     /// A hand did not get hold of the cube: the partner, who has it, begins anew.
     pub(super) fn not_grasped(&mut self, hand: Hand, why: &str) -> Result<(), String> {
         if self.unwinds() {
@@ -213,12 +310,27 @@ impl Mission {
             self.queue.push_front(Job::LetGo(hand));
             return Ok(());
         }
-        if !self.may_recover() || self.belief.held[hand.other().index()].is_none() {
+        if self.belief.held[hand.other().index()].is_none() {
             return Err(why.to_owned());
+        }
+        if !self.may_recover() {
+            return self.returned_by_partner(hand, why);
         }
         self.log.notes.push(format!("{why}: the cube is read anew"));
         self.queue.clear();
         self.queue.extend([Job::LetGo(hand), Job::Anew]);
+        Ok(())
+    }
+
+    /// The cube has been read anew too often, and this hand has none of it: its partner gives it back as it is. What fails on
+    /// that way is the end.
+    fn returned_by_partner(&mut self, hand: Hand, why: &str) -> Result<(), String> {
+        if self.goal != super::Goal::Solve || self.failure.is_some() {
+            return Err(why.to_owned());
+        }
+        self.failure = Some(why.to_owned());
+        self.queue.clear();
+        self.queue.extend([Job::LetGo(hand), Job::GiveUp]);
         Ok(())
     }
 
@@ -238,21 +350,26 @@ impl Mission {
             }
             self.belief.released(hand);
             if self.belief.held[hand.other().index()].is_none() {
-                let fell = format!("{lost} and lies below it");
                 self.log.drops += 1;
+                let tool = self.belief.world_from_base(hand) * arms[hand.index()].base_from_tool;
+                let [x, y, _] = tool.translation.vector.map(|place| place * 1e3).into();
+                self.fell = Some(format!(
+                    "it fell from the {} hand and lies below where that was, at x {x:.0} mm, y {y:.0} mm of the world",
+                    name(hand)
+                ));
                 let Some(hand_over) = self.hand_over.filter(|_| self.may_recover()) else {
-                    return Err(fell);
+                    return Err(lost);
                 };
                 let next = match self.settings.keeper {
                     Keeper::Person => "pick it up and hold it out again, please",
                     Keeper::Table => "it is looked for on the table",
                 };
-                self.log.notes.push(format!("{fell}: {next}"));
+                self.log.notes.push(format!("{lost} and lies below it: {next}"));
                 self.dropped(hand, hand_over);
                 return Ok(());
             }
             if !self.may_recover() {
-                return Err(lost);
+                return self.returned_by_partner(hand, &lost);
             }
             self.log.notes.push(format!("{lost}: the cube is read anew"));
             self.queue.clear();
@@ -282,10 +399,16 @@ impl Mission {
         match [Hand::Track, Hand::Postument].map(between) {
             [false, false] if last.over || last.handing_back => {
                 self.given_back = true;
+                self.failure.clone_from(&last.undone);
                 if !last.over {
                     self.back_off(arms);
                 }
-                self.queue.push_back(Job::Finish { achieved: true });
+                if !last.over && self.settings.keeper == Keeper::Person {
+                    self.seek();
+                } else {
+                    let achieved = self.failure.is_none();
+                    self.queue.push_back(Job::Finish { achieved });
+                }
             }
             [false, false] => {
                 self.log.notes.push("no hand holds the cube: it is taken anew".to_owned());
@@ -311,6 +434,29 @@ impl Mission {
                 self.settle(hand, arms);
             }
         }
+    }
+
+    /// The other run was about to hand the cube back, and nobody noted that it was taken: it is looked for, and taken once
+    /// more where somebody holds it out.
+    fn seek(&mut self) {
+        self.log.notes.push("the cube was being handed back: it is looked for".to_owned());
+        self.seeks = true;
+        (self.hand_over, self.taken_at, self.short) = (None, None, 0.0);
+        self.queue.extend([Job::Apart, Job::Stand(TAKEN_BACK)]);
+        self.take();
+    }
+
+    /// What was looked for is held out again.
+    pub(super) fn held_out_again(&mut self) {
+        self.log.notes.push("the cube is held out again: it is taken anew".to_owned());
+        (self.given_back, self.failure) = (false, None);
+    }
+
+    /// Nobody holds out what was looked for. The jaws are empty, and nothing was seen to fall: the operator has it.
+    pub(super) fn not_held_out(&mut self) {
+        let achieved = self.failure.is_none();
+        self.queue.clear();
+        self.queue.extend([Job::Watch(false), Job::Finish { achieved }]);
     }
 
     /// The track hand may have its fingers beside a cube that somebody else has, and press it: it goes out of the way, as
@@ -432,10 +578,13 @@ mod tests {
     use super::super::Goal;
     use super::super::testing::settings;
     use super::*;
-    use crate::generators::Outcome;
+    use crate::cube::{Facelets, Turn};
+    use crate::generators::{Behaviour, Outcome};
+    use crate::operator::Answer;
     use crate::reach::Fold;
     use crate::spatial::Pose;
     use crate::tasks::cube::settings::CubeSettings;
+    use crate::tasks::cube::think::{Conclusion, Thought};
     use crate::tasks::{Action, Event, Forces, Readings, Task};
 
     const PALETTE: Palette = [
@@ -469,6 +618,7 @@ mod tests {
             short: 0.0,
             stops: [None; 2],
             handing_back: true,
+            undone: None,
             over: false,
         }
     }
@@ -673,12 +823,67 @@ mod tests {
             let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(last));
             let arms = [ArmState { jaw_opening: 0.09, ..ArmState::default() }; 2];
             mission.next(Event::Start, &Readings { arms: &arms, forces: Forces::default() });
-            assert_eq!(mission.queue.back(), Some(&Job::Finish { achieved: true }));
+            let ends = mission.queue.back() == Some(&Job::Finish { achieved: true });
+            assert_eq!(ends, over, "{:?}", mission.queue);
             mission.queue.iter().any(|job| matches!(job, Job::Along(Hand::Track, _)))
         };
 
         assert!(ends(false));
         assert!(!ends(true), "it had left it");
+    }
+
+    #[test]
+    fn what_another_run_was_handing_back_is_looked_for_and_taken_where_it_is_held_out() {
+        let arms = [ArmState { jaw_opening: 0.09, ..ArmState::default() }; 2];
+        let readings = Readings { arms: &arms, forces: Forces::default() };
+        let seeks = |undone: Option<&str>, ended: Outcome| {
+            let last = Entry {
+                held: [None; 2],
+                undone: undone.map(str::to_owned),
+                doing: "opening the jaws".to_owned(),
+                ..lowering()
+            };
+            let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(last));
+            let (mut event, mut patience) = (Event::Start, None);
+            for _ in 0..30 {
+                event = match mission.next(event, &readings) {
+                    Action::Behave { orders, .. } => match orders[0] {
+                        Some(Behaviour::VisualServo(order)) => {
+                            patience = Some(order.patience);
+                            Event::Behaved([Some(ended), None])
+                        }
+                        // It is closed upon.
+                        Some(Behaviour::Grasp { .. }) => return (mission, None, patience),
+                        _ => Event::Behaved(orders.map(|order| order.map(|_| Outcome::Reached))),
+                    },
+                    Action::Finish(end) => return (mission, Some(end), patience),
+                    _ => Event::Done,
+                };
+            }
+            panic!("it never ends: {:?}", mission.log.notes);
+        };
+
+        for nobody in [Outcome::LostSight(5.0), Outcome::OutOfZone(5.0)] {
+            let (mission, end, patience) = seeks(None, nobody);
+            let end = end.unwrap();
+            assert!(
+                end.achieved && end.reason.contains("nobody has held it out"),
+                "{}",
+                end.reason
+            );
+            assert_eq!(
+                (patience, mission.whereabouts().as_str()),
+                (Some(SEEKS), "the operator has the cube")
+            );
+
+            let (_, end, _) = seeks(Some("face U cannot be read"), nobody);
+            let end = end.unwrap();
+            let told = end.reason.starts_with("face U cannot be read; by the other run's journal");
+            assert!(!end.achieved && told, "{}", end.reason);
+        }
+        let (mission, end, _) = seeks(Some("face U cannot be read"), Outcome::Touched(3.0));
+        assert!(end.is_none() && mission.queue.contains(&Job::Looks), "{:?}", mission.queue);
+        assert_eq!((mission.given_back, mission.failure.as_ref()), (false, None));
     }
 
     #[test]
@@ -775,6 +980,229 @@ mod tests {
 
             let seen = [1, 1, 1, 4, 4, 4, 4, 4, 4];
             assert_eq!(otherwise(&reading(seen, gain), &expected, &PALETTE), [1, 2, 3]);
+        }
+    }
+
+    /// A mission whose turns are made, the cube in the track hand, goes on until somebody is asked or it is over. `look`
+    /// knows how often it was looked before.
+    fn inspects(
+        mission: &mut Mission,
+        mut event: Event<Conclusion>,
+        look: impl Fn(u32, Face) -> Result<FaceReading, String>,
+    ) -> Action<Thought> {
+        let arms = [ArmState { jaw_opening: 0.057, ..ArmState::default() }; 2];
+        let mut looks = 0;
+        for _ in 0..200 {
+            let action = mission.next(event, &Readings { arms: &arms, forces: Forces::default() });
+            event = match action {
+                Action::Look { .. } => {
+                    let Some(Job::Check { face, .. }) = mission.pending else { return action };
+                    looks += 1;
+                    Event::Looked(look(looks - 1, face))
+                }
+                Action::Behave { orders, .. } => Event::Behaved(orders.map(|order| {
+                    order.map(|order| match order {
+                        Behaviour::Present { .. } => Outcome::Pulled,
+                        Behaviour::Turn { angle, .. } => Outcome::Turned(angle),
+                        Behaviour::VisualServo(_) => Outcome::LostSight(60.0),
+                        Behaviour::Approach { .. } => Outcome::Touched(0.0),
+                        Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
+                        Behaviour::Secure { .. } => Outcome::Secured,
+                        _ => Outcome::Reached,
+                    })
+                })),
+                Action::Phase(_) | Action::Bias(_) | Action::Watch(_) => Event::Done,
+                other => return other,
+            };
+        }
+        panic!("it never ends: {:?}", mission.log.notes);
+    }
+
+    /// The turns are made, so that each side has one colour.
+    fn turned(patience: Option<f64>) -> Mission {
+        let mut mission = Mission::new(settings(), Goal::Solve, None);
+        let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+        mission.belief.taken(Hand::Track, hold, false);
+        (mission.widths, mission.untouched) = ([Some(0.057); 2], false);
+        mission.palette = Some(PALETTE);
+        let solved = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
+        mission.shown.facelets = solved.parse().ok();
+        mission.hand_over = Some(JointPositions::default());
+        mission.patience = patience;
+        mission.queue.extend([Job::Inspect, Job::HandBack, Job::Finish { achieved: true }]);
+        mission
+    }
+
+    fn one_colour(face: Face) -> Result<FaceReading, String> {
+        Ok(reading([face as u8; 9], 1.0))
+    }
+
+    fn dark() -> Result<FaceReading, String> {
+        Err("the picture is black".to_owned())
+    }
+
+    #[test]
+    fn a_cube_that_could_not_be_looked_at_goes_back_with_the_reason_and_is_not_called_done() {
+        let covered = |face: Face| {
+            let covered = FaceReading { occluded: [true; 9], ..reading([face as u8; 9], 1.0) };
+            Ok(covered)
+        };
+        for black in [true, false] {
+            let look = |_, face| if black { dark() } else { covered(face) };
+            let Action::Finish(end) = inspects(&mut turned(None), Event::Done, look) else {
+                panic!()
+            };
+            assert!(!end.achieved, "{}", end.reason);
+            let why =
+                if black { ": the picture is black" } else { "1, 2, 3, 4, 5, 6, 7, 8, 9 are" };
+            let told = end.reason.contains("could not be inspected") && end.reason.contains(why);
+            assert!(told && end.reason.ends_with("was handed back as it is"), "{}", end.reason);
+        }
+        // One side is enough to doubt it.
+        let look = |_, face| if face == Face::U { dark() } else { one_colour(face) };
+        let Action::Finish(end) = inspects(&mut turned(None), Event::Done, look) else { panic!() };
+        assert!(!end.achieved && end.reason.starts_with("face U could not"), "{}", end.reason);
+    }
+
+    #[test]
+    fn what_hides_the_cube_may_pass_and_two_looks_in_vain_are_asked_about() {
+        // Three tries at each of three sides.
+        let look = |looks, face| if looks < 9 { dark() } else { one_colour(face) };
+        let Action::Finish(end) = inspects(&mut turned(Some(30.0)), Event::Done, look) else {
+            panic!()
+        };
+        assert!(end.achieved, "{}", end.reason);
+
+        let asked = |answer: Option<Answer>| {
+            let mut mission = turned(Some(30.0));
+            let Action::Ask(question) = inspects(&mut mission, Event::Done, |_, _| dark()) else {
+                panic!()
+            };
+            assert!(question.text.contains("could not be inspected"), "{}", question.text);
+            let answer = Event::Answered(answer);
+            inspects(&mut mission, answer, |_, face| one_colour(face))
+        };
+        let Action::Finish(end) = asked(Some(Answer::Choice { option: 0 })) else { panic!() };
+        assert!(end.achieved, "{}", end.reason);
+        for answer in [Some(Answer::Choice { option: 1 }), Some(Answer::Declined), None] {
+            let Action::Finish(end) = asked(answer) else { panic!() };
+            assert!(!end.achieved && end.reason.contains("the picture is black"), "{}", end.reason);
+        }
+    }
+
+    #[test]
+    fn a_colour_that_was_only_given_looks_as_it_usually_does() {
+        let colours = std::array::from_fn(|i| (i / 9) as u8);
+        let seen = std::array::from_fn(|i| (i >= 9).then(|| PALETTE[i / 9]));
+        let palette = palette(&seen, &colours);
+
+        assert_eq!(palette[1..], PALETTE[1..]);
+        assert!(otherwise(&reading([0; 9], 1.0), &[0; 9], &palette).is_empty());
+        let seen = [0, 0, 0, 3, 3, 3, 3, 3, 3];
+        assert_eq!(otherwise(&reading(seen, 1.0), &[3; 9], &palette), [1, 2, 3]);
+    }
+
+    /// Two turns that undo each other, the first one in two goes if it is odd, with a grasp between them: how often it was
+    /// looked at, and how it ended.
+    fn turns_twice(odd: bool, seen: Facelets) -> (u32, Action<Thought>) {
+        let mut mission = turned(None);
+        let hold = |palm: Face| Hold { palm, jaws: Axis::X, depth: Depth::One };
+        mission.belief.taken(Hand::Track, hold(Face::U), false);
+        mission.belief.taken(Hand::Postument, hold(Face::F), false);
+        (mission.apart, mission.meeting) = (false, settings().meetings.grasps[0]);
+        let turn = |quarters| {
+            let turn = Turn { face: Face::U, quarters };
+            Job::Step(Step::Turn { turner: Hand::Track, turn })
+        };
+        let hand = Hand::Track;
+        let grasp = Job::Step(Step::Grasp { hand, hold: hold(Face::U), half_roll: false });
+        mission.queue.clear();
+        let end = Job::Finish { achieved: true };
+        mission.queue.extend([turn(1), grasp, turn(3), Job::Inspect, end]);
+
+        let arms = [ArmState { jaw_opening: 0.057, ..ArmState::default() }; 2];
+        let readings = Readings { arms: &arms, forces: Forces::default() };
+        let Action::Behave { orders: [Some(Behaviour::Turn { angle, .. }), _], .. } =
+            mission.next(Event::Done, &readings)
+        else {
+            panic!()
+        };
+        let ended = if odd { Outcome::Stalled(0.5, 2.0) } else { Outcome::Turned(angle) };
+        let looks = std::cell::Cell::new(0);
+        let between = if odd { 3 } else { 0 };
+        let end = inspects(&mut mission, Event::Behaved([Some(ended), None]), |looked, face| {
+            looks.set(looked + 1);
+            let solved = [face as u8; 9];
+            let first = 9 * face.index();
+            let turned = std::array::from_fn(|i| seen.colours()[first + i]);
+            Ok(reading(if looked < between { turned } else { solved }, 1.0))
+        });
+        (looks.get(), end)
+    }
+
+    #[test]
+    fn after_a_turn_that_stood_still_in_between_the_cube_is_looked_at_before_the_next_grasp() {
+        let solved = turned(None).shown.facelets.unwrap();
+        let after = solved.turned(Turn { face: Face::U, quarters: 1 });
+
+        let (looks, Action::Finish(end)) = turns_twice(false, after) else { panic!() };
+        assert_eq!((looks, end.achieved), (3, true), "{}", end.reason);
+        let (looks, Action::Finish(end)) = turns_twice(true, after) else { panic!() };
+        assert_eq!((looks, end.achieved), (6, true), "{}", end.reason);
+        // The layer has not gone along: all faces are read anew.
+        let (looks, end) = turns_twice(true, solved);
+        assert!(looks == 3 && matches!(end, Action::Look { .. }), "{looks} {end:?}");
+    }
+
+    #[test]
+    fn a_cube_that_was_read_anew_too_often_is_handed_back_by_whoever_holds_it() {
+        let ends = |holder: Hand, before: Option<&str>| {
+            let mut mission = turned(None);
+            let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+            mission.belief.released(Hand::Track);
+            mission.belief.taken(holder, hold, false);
+            mission.recoveries = MOST_RECOVERIES;
+            mission.failure = before.map(str::to_owned);
+            mission.queue.clear();
+            mission.queue.push_back(Job::Close { hand: holder.other(), hold });
+            let arms = [ArmState { jaw_opening: 0.057, ..ArmState::default() }; 2];
+            let readings = Readings { arms: &arms, forces: Forces::default() };
+            mission.next(Event::Done, &readings);
+            let mut nothing = [None; 2];
+            nothing[holder.other().index()] = Some(Outcome::Grasped(0.05));
+            let look = |_, face| one_colour(face);
+            let Action::Finish(end) = inspects(&mut mission, Event::Behaved(nothing), look) else {
+                panic!()
+            };
+            assert!(!end.achieved && end.reason.contains("jaws do not hold"), "{}", end.reason);
+            end.reason
+        };
+
+        for holder in [Hand::Track, Hand::Postument] {
+            let reason = ends(holder, None);
+            assert!(reason.ends_with("; the cube was handed back as it is"), "{reason}");
+        }
+        // On its way back already.
+        let reason = ends(Hand::Postument, Some("a layer stands askew"));
+        assert!(reason.starts_with("a layer stands askew; the track hand's jaws"), "{reason}");
+        assert!(reason.ends_with("; the postument hand holds the cube"), "{reason}");
+    }
+
+    #[test]
+    fn where_a_cube_fell_that_nobody_finds_is_told() {
+        for keeper in [Keeper::Person, Keeper::Table] {
+            let mut mission = turned(None);
+            mission.settings.keeper = keeper;
+            // The jaws have come nearer than that.
+            mission.widths = [Some(0.07); 2];
+
+            let look = |_, face| one_colour(face);
+            let Action::Finish(end) = inspects(&mut mission, Event::Done, look) else { panic!() };
+
+            let told = "it fell from the track hand and lies below where that was, at x 0 mm, y 0 mm of the world";
+            assert!(end.reason.starts_with("no cube in sight"), "{}", end.reason);
+            assert!(end.reason.ends_with(told), "{}", end.reason);
+            assert_eq!(mission.whereabouts(), told);
         }
     }
 

@@ -302,7 +302,7 @@ impl Mission {
 
     /// The layer does not come into line, or this has happened too often: the cube goes back as it is.
     pub(super) fn give_up(&mut self) -> Result<(), String> {
-        let why = self.begun.take().and_then(|begun| begun.why);
+        let why = self.begun.take().and_then(|begun| begun.why).or_else(|| self.failure.take());
         self.give_back(why.unwrap_or_else(|| "a layer stands askew".to_owned()))
     }
 
