@@ -416,7 +416,7 @@ fn strip(tally: &Tally, key: &str, way: &Way) -> String {
 
 fn table_of(tally: &Tally, key: &str, values: &[Choice]) -> String {
     let mut unique: Vec<&str> = values.iter().map(|v| v.text.as_str()).collect();
-    unique.sort();
+    unique.sort_unstable();
     unique.dedup();
     let mut html = String::from(
         "<table><thead><tr><th>value<th class=n>runs<th class=n>solved<th class=n>95 % interval</tr></thead><tbody>",

@@ -564,6 +564,8 @@ fn soaked(
     });
     let unsteady = soak.unsteady().map(|why| format!("not steady: {why}"));
     let reasons: Vec<String> = short.into_iter().chain(unsteady).collect();
-    reasons.iter().for_each(|reason| complain(reason));
+    for reason in &reasons {
+        complain(reason);
+    }
     Ok(u8::from(!reasons.is_empty()))
 }
