@@ -78,9 +78,24 @@ pub enum NonFatal {
     /// A sensor has nothing to say.
     #[error("no reading: {0}")]
     NoReading(String),
+    /// A force sensor's new zero is far from the one before: what it said since then was wrong by so much.
+    #[error("force sensor of {effector}: zero has moved by {by:.1} {unit}", unit = along(*direction))]
+    ZeroMoved {
+        /// Name of the effector.
+        effector: String,
+        /// By how much [N, Nm].
+        by: f64,
+        /// Along x, y, z of the tool, or about them.
+        direction: usize,
+    },
     /// Arguments that make no sense.
     #[error("{0}")]
     Arguments(String),
+}
+
+/// Unit and direction of a component of a wrench.
+fn along(direction: usize) -> &'static str {
+    ["N along x", "N along y", "N along z", "Nm about x", "Nm about y", "Nm about z"][direction % 6]
 }
 
 /// Causes that stop an effector.

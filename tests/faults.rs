@@ -466,6 +466,7 @@ const TOLD: &[(&str, i32, &[&str])] = &[
     ("force_nan", 3, &["fatal", "edp track", "force sensor: no reading along z"]),
     ("force_saturation", 3, &["fatal", "edp track", "130.0 N along z is the end of its range"]),
     ("force_bias", 1, &["over-force of 30", "along x", "postument"]),
+    ("zero_moved", 0, &["non-fatal, edp track", "force sensor of track: zero has moved by"]),
     ("slip", 1, &["slip: the cube has forced the jaws apart", "while turning"]),
     ("drop", 1, &["slipped out of the postument hand"]),
     ("jam", 1, &["stands still"]),

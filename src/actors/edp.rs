@@ -22,6 +22,9 @@ use tracing::Instrument as _;
 const EARLY: u64 = 2;
 /// Periods that taking a bias lasts: ten samples and the filters before them.
 const BIAS_PERIODS: u64 = 16;
+/// A zero that has moved by more is told [N, Nm]. In missions without faults it moves by 1.7 N and 0.13 Nm at most, by drift,
+/// by what the believed weights are wrong, and by a cube that is turned over; an operator who pulls meanwhile adds 6 N.
+const ZERO_MOVED: [f64; 2] = [8.0, 1.0];
 /// Periods between two looks at an arm that is being synchronised.
 const PROGRESS: u64 = 25;
 /// How often the servo is asked again whether it is done.
@@ -75,7 +78,7 @@ impl EdpHandle {
     /// Sets the force sensor to zero as it is loaded now.
     ///
     /// # Errors
-    /// Fatal when the arm has stopped.
+    /// Fatal when the arm has stopped; non-fatal when the sensor is silent, or when it is zeroed, but far from the zero before.
     pub async fn bias(&self) -> Result<ArmState, Error> {
         self.ask("bias", Some(SERVICE), |reply| Request::Bias { reply }).await
     }
@@ -135,6 +138,8 @@ struct Edp {
     pulse: Pulse,
     /// Commands that came twice, as far as they were told.
     doubles: u64,
+    /// The force sensor has been zeroed before: the first time nobody knows where its zero is.
+    zeroed: bool,
 }
 
 /// Creates an EDP around one arm's servo.
@@ -166,6 +171,7 @@ pub(super) fn spawn_under(
         mishap,
         pulse: care.alarm.pulse(&name),
         doubles: 0,
+        zeroed: false,
     };
     let span = tracing::info_span!("edp", name = edp.name);
     care.alarm.spawn(&name, edp.run().instrument(span));
@@ -241,13 +247,24 @@ impl Edp {
 
     /// A zero of a sensor that says nothing would be the old one.
     async fn bias(&mut self) -> Result<ArmState, Error> {
+        let before = self.link.state().wrench_in_tool;
         let sent = self.send("bias", ServoCommand::Bias);
         let state = self.after(sent, BIAS_PERIODS).await?;
-        if state.wrench_in_tool.is_finite() {
-            return Ok(state);
-        }
-        let cause =
-            NonFatal::NoReading(format!("the force sensor is silent, period {}", state.period));
+        let cause = if state.wrench_in_tool.is_finite() {
+            // What weighs or pulls is the same before and after, so that the difference is the zero's.
+            let zeroed = std::mem::replace(&mut self.zeroed, true);
+            let by = (before - state.wrench_in_tool).directions();
+            tracing::debug!(zeroed, ?by, "the zero moves");
+            match far_off(&by).filter(|_| zeroed) {
+                None => return Ok(state),
+                Some((direction, by)) => {
+                    let effector = self.name.trim_start_matches("edp ").to_owned();
+                    NonFatal::ZeroMoved { effector, by, direction }
+                }
+            }
+        } else {
+            NonFatal::NoReading(format!("the force sensor is silent, period {}", state.period))
+        };
         Err(Error::NonFatal { actor: self.name.clone(), place: "bias", cause })
     }
 
@@ -321,5 +338,34 @@ impl Edp {
             }
             _ => Ok(state),
         }
+    }
+}
+
+/// The direction in which a zero has moved farthest, beyond [`ZERO_MOVED`], and by how much [N, Nm]. A force comes first: it has a
+/// torque of its own about the tool's point.
+fn far_off(by: &[f64; 6]) -> Option<(usize, f64)> {
+    let farthest = |first: usize| {
+        let moved = (first..first + 3).map(|i| (i, by[i].abs()));
+        let beyond = moved.filter(|(_, by)| *by > ZERO_MOVED[first / 3]);
+        beyond.max_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    farthest(0).or_else(|| farthest(3))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_zero_that_has_moved_far_is_told_in_its_direction_and_drift_is_not() {
+        assert_eq!(far_off(&[3.7, -2.0, 3.0, 0.3, -0.2, 0.1]), None);
+        assert_eq!(far_off(&[f64::NAN; 6]), None);
+
+        let (direction, by) = far_off(&[0.2, -9.0, -15.0, 0.1, 1.1, 0.0]).unwrap();
+        let effector = "track".to_owned();
+        let told = NonFatal::ZeroMoved { effector, by, direction }.to_string();
+        assert_eq!(told, "force sensor of track: zero has moved by 15.0 N along z");
+        assert_eq!(far_off(&[8.5, 0.0, 0.0, 0.0, -2.5, 0.0]), Some((0, 8.5)));
+        assert_eq!(far_off(&[1.0, 0.0, 0.0, -2.0, 1.5, 0.0]), Some((3, 2.0)));
     }
 }

@@ -346,7 +346,15 @@ impl Mp {
     /// Takes the present forces for zero.
     async fn bias(&mut self, which: [bool; 2]) -> Result<(), Error> {
         for (ecp, _) in self.parts.ecps.iter().zip(which).filter(|(_, wanted)| *wanted) {
-            ecp.bias().await?;
+            match ecp.bias().await {
+                // It is zeroed: whoever is there should know, and the task goes on.
+                Err(error @ Error::NonFatal { cause: NonFatal::ZeroMoved { .. }, .. }) => {
+                    self.parts.ui.tell(Notice::Error(self.now(), error));
+                }
+                zeroed => {
+                    zeroed?;
+                }
+            }
         }
         self.refresh().await
     }

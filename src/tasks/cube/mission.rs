@@ -247,8 +247,8 @@ pub struct Mission {
     palette: Option<recover::Palette>,
     /// Stickers that do not look as they should.
     odd: Vec<(Face, usize)>,
-    /// A turn went as it should in the end, but not at once: the cube is inspected as soon as one hand holds it alone.
-    felt_odd: bool,
+    /// A turn that went as it should in the end, but not at once: the cube is inspected as soon as one hand holds it alone.
+    stood_still: Option<crate::cube::Turn>,
     /// Why a side could not be inspected.
     uninspected: Option<String>,
     /// How often the cube was inspected in vain.
@@ -261,8 +261,8 @@ pub struct Mission {
     begun: Option<unwind::Begun>,
     /// Whether what the force sensors tell is to be followed.
     forces: Trust,
-    /// A cube that an earlier run was handing back is looked for: nobody knows whether the operator has it.
-    seeks: bool,
+    /// For so long a cube is looked for that an earlier run was handing back: nobody knows whether the operator has it [s].
+    seeks: Option<f64>,
     /// What an earlier run left, if this one goes on from there.
     resume: Option<Entry>,
     /// The track is not drawn back beyond this [m]; known to a mission that goes on from anywhere.
@@ -373,14 +373,14 @@ impl Mission {
             given: None,
             palette: None,
             odd: Vec::new(),
-            felt_odd: false,
+            stood_still: None,
             uninspected: None,
             inspections: 0,
             recoveries: 0,
             strained: 0,
             begun: None,
             forces: Trust::Believed,
-            seeks: false,
+            seeks: None,
             resume: None,
             least_track: None,
             shown: Shown::default(),
@@ -646,12 +646,12 @@ impl Mission {
             }
             Job::VisualServo { tries } => match of(Hand::Track) {
                 Some(Outcome::Touched(_)) => {
-                    if std::mem::take(&mut self.seeks) {
+                    if self.seeks.take().is_some() {
                         self.held_out_again();
                     }
                     Ok(())
                 }
-                Some(Outcome::LostSight(_) | Outcome::OutOfZone(_)) if self.seeks => {
+                Some(Outcome::LostSight(_) | Outcome::OutOfZone(_)) if self.seeks.is_some() => {
                     self.not_held_out();
                     Ok(())
                 }
@@ -868,7 +868,7 @@ impl Mission {
                     angle.to_degrees()
                 ));
                 self.turned += turned;
-                self.felt_odd = true;
+                self.stood_still = self.turning.or(self.stood_still);
                 let ease = -angle.signum() * 0.09_f64.min(turned.abs());
                 self.push_front(&[
                     // A stall on the way back is one more try of the same turn.
@@ -1164,11 +1164,9 @@ impl Mission {
                 let order = visual_servo::Order {
                     world_from_base: self.belief.world_from_base(Hand::Track),
                     seat: s.edge / 3.0,
-                    patience: if self.seeks {
-                        s.visual.patience.min(recover::SEEKS)
-                    } else {
-                        s.visual.patience
-                    },
+                    patience: self
+                        .seeks
+                        .map_or(s.visual.patience, |time| time.min(s.visual.patience)),
                     ..s.visual
                 };
                 behave(Hand::Track, Behaviour::VisualServo(order))
@@ -1214,7 +1212,7 @@ impl Mission {
                 return Ok(None);
             }
             Job::Step(step) => {
-                if self.felt_odd && self.inspects_at(step) {
+                if self.inspects_at(step) {
                     return Ok(None);
                 }
                 self.shown.step = self.shown.step.map(|step| step + 1);
@@ -1345,12 +1343,12 @@ impl Mission {
             Job::Leave => return Err(self.failure.take().unwrap_or_default()),
             Job::Finish { achieved } => {
                 let back = match s.keeper {
-                    Keeper::Person if self.seeks => recover::UNSEEN,
+                    Keeper::Person if self.seeks.is_some() => recover::UNSEEN,
                     Keeper::Person => "the cube was handed back",
                     Keeper::Table => "the cube was laid on the table",
                 };
                 let reason = match &self.failure {
-                    Some(failure) if self.seeks => format!("{failure}; {back}"),
+                    Some(failure) if self.seeks.is_some() => format!("{failure}; {back}"),
                     Some(failure) => format!("{failure}; {back} as it is"),
                     None => back.to_owned(),
                 };

@@ -46,7 +46,7 @@ const NEARLY: f64 = 1e-3;
 
 /// For so long a cube is left to whoever takes it back, and then looked for [s].
 const TAKEN_BACK: f64 = 3.0;
-pub(super) const SEEKS: f64 = 5.0;
+const SEEKS: f64 = 5.0;
 /// What is known of a cube that was not seen then.
 pub(super) const UNSEEN: &str = "by the other run's journal the cube was being handed back, no hand of the robot holds it, and nobody has \
      held it out since: the operator has it";
@@ -150,7 +150,7 @@ impl Mission {
         // What goes back unsolved may yet be solved.
         self.failure = None;
         self.odd.clear();
-        (self.felt_odd, self.uninspected, self.inspections) = (false, None, 0);
+        (self.stood_still, self.uninspected, self.inspections) = (None, None, 0);
         (self.turning, self.straight, self.begun) = (None, None, None);
         self.shown.net = crate::operator::Net::default();
         self.queue.clear();
@@ -218,8 +218,8 @@ impl Mission {
         if self.belief.held.iter().any(Option::is_none) || !self.plan_goes_on() {
             return false;
         }
-        self.felt_odd = false;
-        self.log.notes.push("the turn stood still in between: the cube is inspected".to_owned());
+        let Some(turn) = self.stood_still.take() else { return false };
+        self.log.notes.push(format!("turn {turn} stood still in between: the cube is inspected"));
         self.push_front(&[Job::LetGo(hand), Job::Inspect]);
         if let Step::Leave { .. } = step {
             self.shown.step = self.shown.step.map(|step| step + 1);
@@ -440,7 +440,7 @@ impl Mission {
     /// more where somebody holds it out.
     fn seek(&mut self) {
         self.log.notes.push("the cube was being handed back: it is looked for".to_owned());
-        self.seeks = true;
+        self.seeks = Some(SEEKS);
         (self.hand_over, self.taken_at, self.short) = (None, None, 0.0);
         self.queue.extend([Job::Apart, Job::Stand(TAKEN_BACK)]);
         self.take();
@@ -1033,8 +1033,8 @@ mod tests {
         mission
     }
 
-    fn one_colour(face: Face) -> Result<FaceReading, String> {
-        Ok(reading([face as u8; 9], 1.0))
+    fn one_colour(face: Face) -> FaceReading {
+        reading([face as u8; 9], 1.0)
     }
 
     fn dark() -> Result<FaceReading, String> {
@@ -1059,7 +1059,7 @@ mod tests {
             assert!(told && end.reason.ends_with("was handed back as it is"), "{}", end.reason);
         }
         // One side is enough to doubt it.
-        let look = |_, face| if face == Face::U { dark() } else { one_colour(face) };
+        let look = |_, face| if face == Face::U { dark() } else { Ok(one_colour(face)) };
         let Action::Finish(end) = inspects(&mut turned(None), Event::Done, look) else { panic!() };
         assert!(!end.achieved && end.reason.starts_with("face U could not"), "{}", end.reason);
     }
@@ -1067,7 +1067,7 @@ mod tests {
     #[test]
     fn what_hides_the_cube_may_pass_and_two_looks_in_vain_are_asked_about() {
         // Three tries at each of three sides.
-        let look = |looks, face| if looks < 9 { dark() } else { one_colour(face) };
+        let look = |looks, face| if looks < 9 { dark() } else { Ok(one_colour(face)) };
         let Action::Finish(end) = inspects(&mut turned(Some(30.0)), Event::Done, look) else {
             panic!()
         };
@@ -1080,7 +1080,7 @@ mod tests {
             };
             assert!(question.text.contains("could not be inspected"), "{}", question.text);
             let answer = Event::Answered(answer);
-            inspects(&mut mission, answer, |_, face| one_colour(face))
+            inspects(&mut mission, answer, |_, face| Ok(one_colour(face)))
         };
         let Action::Finish(end) = asked(Some(Answer::Choice { option: 0 })) else { panic!() };
         assert!(end.achieved, "{}", end.reason);
@@ -1170,7 +1170,7 @@ mod tests {
             mission.next(Event::Done, &readings);
             let mut nothing = [None; 2];
             nothing[holder.other().index()] = Some(Outcome::Grasped(0.05));
-            let look = |_, face| one_colour(face);
+            let look = |_, face| Ok(one_colour(face));
             let Action::Finish(end) = inspects(&mut mission, Event::Behaved(nothing), look) else {
                 panic!()
             };
@@ -1196,7 +1196,7 @@ mod tests {
             // The jaws have come nearer than that.
             mission.widths = [Some(0.07); 2];
 
-            let look = |_, face| one_colour(face);
+            let look = |_, face| Ok(one_colour(face));
             let Action::Finish(end) = inspects(&mut mission, Event::Done, look) else { panic!() };
 
             let told = "it fell from the track hand and lies below where that was, at x 0 mm, y 0 mm of the world";
