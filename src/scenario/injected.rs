@@ -40,7 +40,7 @@ words! {
         Drop = "drop",
         /// Each layer needs magnitude more torque [Nm].
         Jam = "jam",
-        /// The layer that has been turned slips back under the jaws, a quarter in magnitude [s].
+        /// The layer that has been turned slips back under the jaws, a quarter in magnitude [s], until that turn is over.
         TurnUndone = "turn_undone",
         /// Somebody pushes an arm's hand along a direction of the world with magnitude [N].
         Push = "push",

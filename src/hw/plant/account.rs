@@ -95,10 +95,18 @@ impl Plant {
         if acting.withdraw {
             self.hand.draw_back(time);
         }
-        if let Some(takes) = acting.undo {
-            self.undo_turn(
-                std::f64::consts::FRAC_PI_2 * self.config.period.seconds() / takes.max(1e-3),
-            );
+        match acting.undo {
+            None => self.undone = None,
+            Some(takes) => {
+                let turns = self.balance.split;
+                self.undone = self.undone.or(turns);
+                if turns.is_some() && turns == self.undone {
+                    self.undo_turn(
+                        std::f64::consts::FRAC_PI_2 * self.config.period.seconds()
+                            / takes.max(1e-3),
+                    );
+                }
+            }
         }
     }
 

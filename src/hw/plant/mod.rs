@@ -41,7 +41,7 @@ pub use verdict::{Counts, Event, Incident, Part, Verdict, Whereabouts};
 
 use self::account::StillWatch;
 use self::arm::PlantArm;
-use self::balance::{Balance, HandHold, Surroundings, moved};
+use self::balance::{Balance, HandHold, Split, Surroundings, moved};
 use self::collision::Collisions;
 use self::cube::Puzzle;
 use self::fault::{Faults, Upset};
@@ -107,6 +107,8 @@ pub struct Plant {
     operator_has: bool,
     /// Relative angle of the two bodies when they were formed [rad].
     angle_at_split: f64,
+    /// The layers whose turn a fault undoes; it is over with that turn.
+    undone: Option<Split>,
     verdict: Verdict,
 }
 
@@ -205,6 +207,7 @@ impl Plant {
             faults: Faults::new(&[]),
             operator_has: config.start == Start::Hand,
             angle_at_split: 0.0,
+            undone: None,
             verdict: Verdict::empty(&world_from_cube.to_pose(), keeper),
             identity,
             config,
