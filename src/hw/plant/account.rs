@@ -4,6 +4,7 @@
 //! - out: its [`Verdict`](super::Verdict), and what the operator sees and feels
 
 use super::collision::HeldCube;
+use super::fault::Undoing;
 use super::frame::rotation_vector;
 use super::grasp::{FRONT_STIFFNESS, Grasp, Hold, Touch};
 use super::hand::Sight;
@@ -95,18 +96,11 @@ impl Plant {
         if acting.withdraw {
             self.hand.draw_back(time);
         }
-        match acting.undo {
-            None => self.undone = None,
-            Some(takes) => {
-                let turns = self.balance.split;
-                self.undone = self.undone.or(turns);
-                if turns.is_some() && turns == self.undone {
-                    self.undo_turn(
-                        std::f64::consts::FRAC_PI_2 * self.config.period.seconds()
-                            / takes.max(1e-3),
-                    );
-                }
-            }
+        self.undoing = self.undoing.after(acting.undo.is_some(), self.balance.split);
+        if let (Some(takes), Undoing::Turn(_)) = (acting.undo, self.undoing) {
+            self.undo_turn(
+                std::f64::consts::FRAC_PI_2 * self.config.period.seconds() / takes.max(1e-3),
+            );
         }
     }
 

@@ -41,10 +41,10 @@ pub use verdict::{Counts, Event, Incident, Part, Verdict, Whereabouts};
 
 use self::account::StillWatch;
 use self::arm::PlantArm;
-use self::balance::{Balance, HandHold, Split, Surroundings, moved};
+use self::balance::{Balance, HandHold, Surroundings, moved};
 use self::collision::Collisions;
 use self::cube::Puzzle;
-use self::fault::{Faults, Upset};
+use self::fault::{Faults, Undoing, Upset};
 use self::frame::{Frame, about};
 use self::grasp::{Grasp, Hands, Touch};
 use self::hand::OperatorHand;
@@ -107,8 +107,7 @@ pub struct Plant {
     operator_has: bool,
     /// Relative angle of the two bodies when they were formed [rad].
     angle_at_split: f64,
-    /// The layers whose turn a fault undoes; it is over with that turn.
-    undone: Option<Split>,
+    undoing: Undoing,
     verdict: Verdict,
 }
 
@@ -207,7 +206,7 @@ impl Plant {
             faults: Faults::new(&[]),
             operator_has: config.start == Start::Hand,
             angle_at_split: 0.0,
-            undone: None,
+            undoing: Undoing::default(),
             verdict: Verdict::empty(&world_from_cube.to_pose(), keeper),
             identity,
             config,
