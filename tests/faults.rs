@@ -5,11 +5,14 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+mod seeds;
+
 use rubik_robot::actors::{self, Around, RunOptions};
 use rubik_robot::hw::plant::{Incident, Verdict, Whereabouts};
 use rubik_robot::record::summary::{Outcome, Summary};
 use rubik_robot::scenario::{self, Override};
 use rubik_robot::spatial::Pose;
+use seeds::{Seed, each_seed};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Arc, Mutex};
@@ -36,22 +39,6 @@ fn path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/faults").join(format!("{name}.toml"))
 }
 
-/// Holds a check against the seeds that `FAULT_SEEDS` says, `100` for 1 to 100 or `57-60`, the first one without it, and names
-/// all those at which it fails.
-fn each_seed(check: impl Fn(Seed) + std::panic::RefUnwindSafe) {
-    let seeds = std::env::var("FAULT_SEEDS").unwrap_or_else(|_| "1".to_owned());
-    let (first, last) = seeds.split_once('-').unwrap_or(("1", &seeds));
-    let (first, last): (u64, u64) = (first.parse().unwrap(), last.parse().unwrap());
-    assert!(first <= last, "FAULT_SEEDS={seeds}: no seed");
-    let fails = |seed: &u64| std::panic::catch_unwind(|| check(Seed(*seed))).is_err();
-    let failed: Vec<u64> = (first..=last).filter(fails).collect();
-    assert!(failed.is_empty(), "of seeds {first} to {last} {} fail: {failed:?}", failed.len());
-}
-
-/// Of everything that is drawn in a run.
-#[derive(Debug, Clone, Copy)]
-struct Seed(u64);
-
 impl Seed {
     fn seen(self, name: &str, keys: &[&str]) -> Seen {
         let seed = format!("seed={}", self.0);
@@ -61,7 +48,12 @@ impl Seed {
 
     /// The period in which the layer passes 30 deg: where most faults of a turn begin.
     fn turned_30(self) -> u64 {
-        let seen = self.seen("jam", &["fault.0.magnitude=0"]);
+        self.turned_30_by(&[])
+    }
+
+    fn turned_30_by(self, keys: &[&str]) -> u64 {
+        let keys: Vec<&str> = ["fault.0.magnitude=0"].iter().chain(keys).copied().collect();
+        let seen = self.seen("jam", &keys);
         assert_eq!(seen.summary.outcome, Outcome::Solved, "{}", seen.summary.reason);
         let passes = |m: &&Moment| m.turned.to_degrees().abs() >= 30.0;
         seen.moments.iter().find(passes).unwrap().period
@@ -323,26 +315,34 @@ fn arms_hold_when_an_actor_panics_or_hangs_or_no_heart_beats() {
     each_seed(|seed| {
         let begin = seed.turned_30();
         // 0.1 s until it is noticed, where it is not at once, and 0.25 s until regulators and layer are at rest.
-        let mid_turn = [("heart_beat_loss", 190), ("panic_edp", 140), ("actor_hang", 210)];
+        let mid_turn = [
+            ("heart_beat_loss", 190),
+            ("panic_edp", 140),
+            ("actor_hang", 210),
+            ("hang_ecp", 210),
+            ("hang_mp", 210),
+            ("lost_message", 210),
+        ];
         for (name, within) in mid_turn {
             let seen = seed.seen(name, &[]);
             noticed(&seen, begin);
             both_hold(&seen, begin, within);
             seen.is_held_by([true, true]);
         }
+        let seen = seed.seen("hang_mp", &["coordination=continuous"]);
+        noticed(&seen, seed.turned_30_by(&["coordination=continuous"]));
         for name in ["hang_vsp", "panic_vsp"] {
             // While the arm follows the cube, from 4 s on.
             let seen = seed.seen(name, &[]);
             noticed(&seen, 2000);
             both_hold(&seen, 2000, 190);
         }
-        let later =
-            [("panic_ecp", false), ("panic_mp", false), ("hang_ecp", true), ("hang_mp", true)];
-        for (name, turner) in later {
+        for name in ["panic_ecp", "panic_mp"] {
+            // While the track approaches the cube, from 2 s on.
             let seen = seed.seen(name, &[]);
-            let noticed = (seen.summary.sim_time_s / 0.002).round() as u64;
-            both_hold(&seen, noticed, 130);
-            seen.is_held_by([turner, true]);
+            noticed(&seen, 1000);
+            both_hold(&seen, 1000, 190);
+            seen.is_held_by([false, true]);
         }
     });
 }
@@ -483,6 +483,7 @@ const TOLD: &[(&str, i32, &[&str])] = &[
     ("panic_vsp", 4, &["system", "vsp mpc panicked: a panic was injected"]),
     ("hang_mp", 4, &["system", "no answer from mp in 0.1 s", "hold"]),
     ("spin_mp", 4, &["system", "no answer from mp in 10.0 s", "the arms hold"]),
+    ("lost_message", 4, &["system", "the mailbox of edp track is closed"]),
     ("late_message", 0, &["solved"]),
     ("duplicated_message", 0, &["came twice: obeyed once", "edp track", "period=5"]),
     ("disk_full", 0, &["the recording stops: no storage space", "lost: no storage space"]),
@@ -551,7 +552,7 @@ fn every_scenario_of_a_fault_is_tested_here() {
     let files = std::fs::read_dir(folder.parent().unwrap()).unwrap();
     let mut names: Vec<String> = files
         .map(|file| file.unwrap().path().file_stem().unwrap().to_str().unwrap().to_owned())
-        // Whole missions: tests/missions.rs.
+        // Whole missions: tests/mission_faults.rs.
         .filter(|name: &String| !name.starts_with("solve_"))
         .collect();
     names.sort();

@@ -364,38 +364,6 @@ fn a_paused_hand_over_is_resumed_and_done() {
     assert!(before.elapsed() > pause);
 }
 
-/// The plant undoes a turn, or lets the cube fall: the mission sees it, and begins anew.
-#[test]
-fn a_turn_that_did_not_happen_is_seen_before_the_cube_is_handed_back() {
-    let summary = run("faults/solve_turn_undone.toml", &["seed=1"]);
-
-    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
-    assert_eq!(summary.recoveries, 1);
-    assert_eq!(summary.drops, Some(0));
-}
-
-#[test]
-fn a_cube_that_fell_is_taken_once_more_and_solved() {
-    let summary = run("faults/solve_drop.toml", &["seed=1"]);
-
-    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
-    assert_eq!((summary.recoveries, summary.drops), (1, Some(1)));
-}
-
-/// A turn that fails in the middle, one way or another, leaves a layer askew: the hands bring it back into line, and solve
-/// the cube. A push brings 30 N of its own, and a bias is borne up to the limit of 24 N before it is noticed.
-#[test]
-fn a_turn_that_fails_in_the_middle_is_undone_and_the_cube_solved() {
-    for (fault, most) in [("slip", 20.0), ("jam", 20.0), ("push", 25.0), ("bias", 20.0)] {
-        let summary = run(&format!("faults/solve_{fault}.toml"), &["seed=1"]);
-
-        assert_eq!(summary.outcome, Outcome::Solved, "{fault}: {}", summary.reason);
-        assert_eq!((summary.recoveries, summary.drops), (1, Some(0)), "{fault}");
-        let peak = summary.peak_force_n.unwrap();
-        assert!(peak < most, "{fault}: {peak}");
-    }
-}
-
 #[test]
 fn an_end_of_input_leaves_no_trace() {
     let hash = |more: &[&str]| {

@@ -35,8 +35,10 @@ pub(super) enum Disturbance {
     Late(usize, f64),
     /// A sticker shows another colour.
     Misread(usize, u8),
-    /// The next message to an EDP comes late.
-    LateMessage(usize, f64),
+    /// The next message to an actor comes late.
+    LateMessage(Who, f64),
+    /// The next message to an actor is lost.
+    Lost(Who),
     /// The next message to a servo comes twice.
     Duplicated(usize),
     /// An actor panics.
@@ -51,6 +53,8 @@ pub(super) enum Disturbance {
     DiskFull,
     /// Somebody presses the emergency stop.
     EmergencyStop,
+    /// The power goes.
+    PowerCut,
 }
 
 impl Disturbance {
@@ -71,6 +75,7 @@ pub(super) struct Mishap {
     spins: AtomicBool,
     /// [ms]
     late: AtomicU64,
+    lost: AtomicBool,
     twice: AtomicU32,
 }
 
@@ -99,7 +104,7 @@ impl Blinkers {
 }
 
 impl Mishap {
-    /// At the door of an actor, before it gets its next message.
+    /// At the door of an actor, before it gets its next message, and amid its work.
     ///
     /// # Panics
     /// When that is what is to happen.
@@ -115,6 +120,11 @@ impl Mishap {
         if late > 0 {
             tokio::time::sleep(std::time::Duration::from_millis(late)).await;
         }
+    }
+
+    /// Whether the message that has come is lost.
+    pub(super) fn is_lost(&self) -> bool {
+        self.lost.swap(false, Ordering::AcqRel)
     }
 
     /// Whether the next message to the servo is to come twice.
@@ -171,8 +181,15 @@ impl Troubles {
             Disturbance::Late(camera, by) => {
                 self.cameras[camera].late.store(ms(by), Ordering::Release);
             }
-            Disturbance::LateMessage(arm, by) => {
-                self.edps[arm].late.store(ms(by), Ordering::Release);
+            Disturbance::LateMessage(who, by) => {
+                if let Some(mishap) = self.of(who) {
+                    mishap.late.store(ms(by), Ordering::Release);
+                }
+            }
+            Disturbance::Lost(who) => {
+                if let Some(mishap) = self.of(who) {
+                    mishap.lost.store(begins, Ordering::Release);
+                }
             }
             Disturbance::Duplicated(arm) => {
                 self.edps[arm].twice.store(u32::from(begins), Ordering::Release);
@@ -196,7 +213,10 @@ impl Troubles {
             Disturbance::DiskFull => self.disk.store(begins, Ordering::Release),
             // A button that latches: whoever pressed it does not release it.
             Disturbance::EmergencyStop => self.emergency.store(true, Ordering::Release),
-            Disturbance::Missed(_) | Disturbance::ClockJump(_) | Disturbance::Misread(..) => {}
+            Disturbance::Missed(_)
+            | Disturbance::ClockJump(_)
+            | Disturbance::Misread(..)
+            | Disturbance::PowerCut => {}
         }
     }
 }

@@ -200,6 +200,9 @@ impl Ecp {
         while let Some(request) = self.mailbox.recv().await {
             self.pulse.works();
             self.mishap.befall().await;
+            if self.mishap.is_lost() {
+                continue;
+            }
             self.alive.fetch_add(1, Ordering::Relaxed);
             match request {
                 Request::Transmit { command, reply } => {
@@ -260,6 +263,7 @@ impl Ecp {
                     None => state = self.pulse.away(self.parts.edp.state()).await?,
                 }
             }
+            self.mishap.befall().await;
             self.alive.fetch_add(1, Ordering::Relaxed);
             motion.heed(*self.parts.control.borrow());
             if matches!(self.mailbox.try_recv(), Ok(Request::End)) {

@@ -181,6 +181,9 @@ impl Edp {
         while let Some(request) = self.mailbox.recv().await {
             self.pulse.works();
             self.mishap.befall().await;
+            if self.mishap.is_lost() {
+                continue;
+            }
             let (answer, reply) = match request {
                 Request::Execute { command, reply } => (self.execute(command).await, reply),
                 Request::SetTool { flange_from_tool, reply } => {

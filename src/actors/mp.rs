@@ -30,7 +30,7 @@ use crate::spatial::Pose;
 use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, watch};
 
 /// Who runs the generators.
@@ -273,9 +273,13 @@ impl Mp {
                     let turns = orders.iter().any(|o| matches!(o, Some(Behaviour::Turn { .. })));
                     self.parts.turning.tell(turns);
                     let outcomes = match self.parts.coordination {
-                        Coordination::Sporadic => self.invoke(orders, until).await,
+                        Coordination::Sporadic => {
+                            let (pulse, mishap) = (self.pulse.clone(), Arc::clone(&self.mishap));
+                            looking_up(&pulse, &mishap, self.invoke(orders, until)).await
+                        }
                         Coordination::Continuous => self.move_all(orders, until).await,
                     };
+                    self.pulse.waits();
                     self.parts.turning.tell(false);
                     if let Some(board) = self.parts.ui.board() {
                         board.ordered(&[None, None]);
@@ -577,10 +581,14 @@ impl Mp {
         }
         let mut outcomes: [Option<Outcome>; 2] = [None, None];
         loop {
+            // A pause is no work of its own.
+            self.pulse.waits();
             let rest = motions.iter().flatten().all(Motion::rests);
             if rest && self.permitted().await?.is_err() {
                 break;
             }
+            self.pulse.works();
+            self.mishap.befall().await;
             let will = *self.parts.control.borrow();
             motions.iter_mut().flatten().for_each(|motion| motion.heed(will));
             let target = self.parts.tracker.as_ref().and_then(VspHandle::target);
@@ -619,7 +627,8 @@ impl Mp {
                     }
                 }
             };
-            let (a, b) = tokio::join!(send(0), send(1));
+            let sent = async { tokio::join!(send(0), send(1)) };
+            let (a, b) = self.pulse.away(sent).await;
             let (a, b) = both(a, b)?;
             for (effector, state) in [a, b].into_iter().enumerate() {
                 if let Some(state) = state {
@@ -634,6 +643,21 @@ impl Mp {
         }
         self.refresh().await?;
         Ok(outcomes)
+    }
+}
+
+/// Waits for others, and looks up in between: who cannot even do that hangs, and is noticed before anybody needs an answer.
+async fn looking_up<T>(pulse: &Pulse, mishap: &Mishap, others: impl Future<Output = T>) -> T {
+    /// Between two looks: with the alarm's own patience less than 0.1 s.
+    const LOOKS_UP: Duration = Duration::from_millis(10);
+    let mut others = std::pin::pin!(others);
+    loop {
+        if let Ok(answer) = tokio::time::timeout(LOOKS_UP, &mut others).await {
+            return answer;
+        }
+        pulse.works();
+        mishap.befall().await;
+        pulse.waits();
     }
 }
 

@@ -318,6 +318,7 @@ fn what(scenario: &Scenario, keys: &FaultKeys, others: &mut Vec<Disturbance>) ->
         FaultActor::Edp => Some(Who::Edp(arm)),
         FaultActor::Vsp => Some(Who::Vsp(camera)),
     };
+    let receiver = who().unwrap_or(Who::Edp(arm));
     let other = match keys.kind? {
         K::EncoderFreeze => return Some(What::EncoderFreeze { arm, axis }),
         K::EncoderJump => return Some(What::EncoderJump { arm, axis, by: size }),
@@ -349,7 +350,9 @@ fn what(scenario: &Scenario, keys: &FaultKeys, others: &mut Vec<Disturbance>) ->
             let (sticker, colour) = keys.misread()?;
             Disturbance::Misread(sticker, colour)
         }
-        K::LateMessage => Disturbance::LateMessage(arm, size * 1e-3),
+        K::LateMessage => Disturbance::LateMessage(receiver, size * 1e-3),
+        K::LostMessage => Disturbance::Lost(receiver),
+        K::PowerCut => Disturbance::PowerCut,
         K::DuplicatedMessage => Disturbance::Duplicated(arm),
         K::ActorPanic => Disturbance::Panic(who()?),
         K::ActorHang => Disturbance::Hang(who()?),

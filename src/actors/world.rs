@@ -25,6 +25,7 @@ use crate::record::playback::Playback;
 use crate::scenario::keys::BridgeKind;
 use crate::scenario::{CameraSource, ControllerConfig, Scenario};
 use crate::servo::io::{ArmDrive, ArmReading};
+use rustix::process::Signal;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use tokio::sync::watch;
@@ -359,7 +360,7 @@ impl World {
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
         let Kind::Plant { plant, .. } = &mut self.kind else { return Ok(()) };
-        let mut missed = 0;
+        let (mut missed, mut power_cut) = (0, false);
         for upset in plant.plant_mut().upsets() {
             let Some(what) = self.disturbances.get(upset.which) else { continue };
             tracing::debug!(target: "rubik_robot::truth", ?what, upset.begins, "disturbance");
@@ -367,6 +368,7 @@ impl World {
             match (*what, upset.begins) {
                 (Disturbance::Missed(periods), true) => missed += periods,
                 (Disturbance::ClockJump(seconds), true) => self.held_up.jump += seconds,
+                (Disturbance::PowerCut, true) => power_cut = true,
                 (Disturbance::Misread(sticker, colour), true) => {
                     self.misread.push((sticker, colour));
                 }
@@ -376,6 +378,9 @@ impl World {
                 _ => {}
             }
         }
+        if power_cut {
+            cut(self.kept.as_ref(), plant.plant());
+        }
         // The last drives hold while the servo does not run.
         for _ in 0..missed {
             self.ahead += 1;
@@ -384,6 +389,16 @@ impl World {
         self.held_up.periods += missed;
         Ok(())
     }
+}
+
+/// The power goes: the cell stays as it is in this period, and this process is no more.
+fn cut(kept: Option<&Kept>, plant: &Plant) -> ! {
+    if let Some(kept) = kept {
+        // Where it cannot be kept a real cell would stand there all the same: the state of a moment ago will do.
+        let _ = kept.begin(plant);
+    }
+    let killed = rustix::process::kill_process(rustix::process::getpid(), Signal::KILL);
+    unreachable!("nobody outlives this: {killed:?}");
 }
 
 /// A source for each camera: image files, or what the world has.

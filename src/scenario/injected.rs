@@ -56,8 +56,10 @@ words! {
         JawCalibration = "jaw_calibration",
         /// The base of an arm is off along a direction of the world by magnitude [mm].
         BaseCalibration = "base_calibration",
-        /// A message to an arm's EDP comes late by magnitude [ms].
+        /// A message to an arm's EDP, or to `actor`, comes late by magnitude [ms].
         LateMessage = "late_message",
+        /// A message to an arm's EDP, or to `actor`, is lost, and with it the way back.
+        LostMessage = "lost_message",
         /// A message to an arm's servo comes twice.
         DuplicatedMessage = "duplicated_message",
         /// An actor panics.
@@ -74,6 +76,8 @@ words! {
         ClockJump = "clock_jump",
         /// The emergency stop is pressed.
         EmergencyStop = "emergency_stop",
+        /// The power goes: the process is killed, and the plant's world is as it is.
+        PowerCut = "power_cut",
     }
 }
 
@@ -173,9 +177,12 @@ fn needs(kind: FaultKind) -> Needs {
         K::EncoderFreeze | K::LimitSwitch => Needs { arm: true, axis: true, ..none },
         K::EncoderJump => Needs { axis: true, ..of_arm(Some((-1e4, 1e4))) },
         K::OverCurrent => Needs { axis: true, ..of_arm(Some((0.0, 1e3))) },
-        K::ForceDropout | K::ForceNan | K::ForceSaturation | K::Drop | K::DuplicatedMessage => {
-            of_arm(None)
-        }
+        K::ForceDropout
+        | K::ForceNan
+        | K::ForceSaturation
+        | K::Drop
+        | K::DuplicatedMessage
+        | K::LostMessage => of_arm(None),
         K::ForceBias => of_arm(Some((-1e3, 1e3))),
         K::Slip => of_arm(Some((0.0, 1.0))),
         K::Push => of_arm(Some((-200.0, 200.0))),
@@ -196,7 +203,8 @@ fn needs(kind: FaultKind) -> Needs {
         | K::ActorSpin
         | K::HeartBeatLoss
         | K::DiskFull
-        | K::EmergencyStop => none,
+        | K::EmergencyStop
+        | K::PowerCut => none,
     }
 }
 
@@ -278,6 +286,12 @@ pub(super) fn check(
         (FaultKind::ActorPanic | FaultKind::ActorHang | FaultKind::ActorSpin, None) => {
             wrong.push(("kind", format!("\"{word}\" needs an actor")));
         }
+        (
+            FaultKind::LateMessage | FaultKind::LostMessage,
+            Some(FaultActor::Mp | FaultActor::Vsp),
+        ) => {
+            wrong.push(("actor", format!("\"{word}\" is of the way to an \"ecp\" or an \"edp\"")));
+        }
         (_, Some(FaultActor::Ecp | FaultActor::Edp)) if fault.arm.is_none() => {
             wrong.push(("actor", "whose? give its arm".to_owned()));
         }
@@ -346,6 +360,8 @@ mod tests {
         assert!(range.contains("f.toml:6:13") && range.contains("outside 0..1"), "{range}");
         let whose = faults("kind = \"actor_panic\"\nactor = \"ecp\"\nat_s = 1");
         assert!(whose.contains("give its arm"), "{whose}");
+        let way = faults("kind = \"lost_message\"\nactor = \"mp\"\narm = \"track\"\nat_s = 1");
+        assert!(way.contains("f.toml:4:9") && way.contains("an \"ecp\" or an \"edp\""), "{way}");
         let part = faults("kind = \"missed_periods\"\nat_s = 1\nmagnitude = 1.5");
         assert!(part.contains("f.toml:5:") && part.contains("whole periods"), "{part}");
         let rail = |arm: &str| {

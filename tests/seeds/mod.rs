@@ -1,0 +1,17 @@
+//! Checks that are held against many seeds.
+
+/// Of everything that is drawn in a run.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seed(pub(crate) u64);
+
+/// Holds a check against the seeds that `FAULT_SEEDS` says, `100` for 1 to 100 or `57-60`, the first one without it, and names
+/// all those at which it fails.
+pub(crate) fn each_seed(check: impl Fn(Seed) + std::panic::RefUnwindSafe) {
+    let seeds = std::env::var("FAULT_SEEDS").unwrap_or_else(|_| "1".to_owned());
+    let (first, last) = seeds.split_once('-').unwrap_or(("1", &seeds));
+    let (first, last): (u64, u64) = (first.parse().unwrap(), last.parse().unwrap());
+    assert!(first <= last, "FAULT_SEEDS={seeds}: no seed");
+    let fails = |seed: &u64| std::panic::catch_unwind(|| check(Seed(*seed))).is_err();
+    let failed: Vec<u64> = (first..=last).filter(fails).collect();
+    assert!(failed.is_empty(), "of seeds {first} to {last} {} fail: {failed:?}", failed.len());
+}
