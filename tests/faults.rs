@@ -341,7 +341,8 @@ fn arms_hold_when_an_actor_panics_or_hangs_or_no_heart_beats() {
             // While the track approaches the cube, from 2 s on.
             let seen = seed.seen(name, &[]);
             noticed(&seen, 1000);
-            both_hold(&seen, 1000, 190);
+            // From the full speed of an approach.
+            both_hold(&seen, 1000, 250);
             seen.is_held_by([false, true]);
         }
     });
