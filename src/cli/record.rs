@@ -1,5 +1,6 @@
 //! `run --record FILE`: what a recording says of itself, and what is said of it at the end.
 
+use crate::hw::text;
 use crate::record::calibration;
 use crate::record::place::Place;
 use crate::record::recorder::{Patience, Recorder, Written};
@@ -72,7 +73,7 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
     };
     Ok(About {
         cell: config.cell.clone(),
-        scenario: std::fs::read_to_string(&scenario.path)?,
+        scenario: text::read(&scenario.path, text::SCENARIO)?,
         options: overrides
             .iter()
             .map(|o| (o.option.clone(), o.key.clone(), o.value.clone()))
@@ -103,9 +104,4 @@ pub(super) fn told(path: &Path, written: &Written) -> String {
     }
     let size = std::fs::metadata(path).map_or(0, |m| m.len());
     format!("recorded {}: {written}, {:.1} MB", path.display(), size as f64 / 1e6)
-}
-
-/// Whether what is written would replace what is read.
-pub(super) fn same_file(from: &Path, to: &Path) -> bool {
-    from.canonicalize().ok().zip(to.canonicalize().ok()).is_some_and(|(from, to)| from == to)
 }

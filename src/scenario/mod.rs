@@ -19,6 +19,7 @@ mod check;
 
 use crate::cell::Cell;
 use crate::cube::{Cube, Facelets};
+use crate::hw::text;
 use crate::servo::regulator::ServoGains;
 use fault::{Faults, Source};
 use injected::FaultKeys;
@@ -251,7 +252,7 @@ struct Draft {
 /// # Errors
 /// All faults of the file and of the overrides.
 pub fn load(path: &Path, overrides: &[Override]) -> Result<Scenario, Faults> {
-    let text = std::fs::read_to_string(path).map_err(|error| {
+    let text = text::read(path, text::SCENARIO).map_err(|error| {
         let mut faults = Faults::default();
         let reason = match error.kind() {
             std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
