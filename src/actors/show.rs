@@ -70,6 +70,15 @@ impl Show {
     /// # Errors
     /// [`Unreadable`].
     pub fn read<R: Read>(from: R, scenario: &Scenario, title: &str) -> Result<Self, Unreadable> {
+        Self::read_within(MOST, from, scenario, title)
+    }
+
+    fn read_within<R: Read>(
+        most: usize,
+        from: R,
+        scenario: &Scenario,
+        title: &str,
+    ) -> Result<Self, Unreadable> {
         let mut show = Self {
             scenario: scenario.clone(),
             title: title.to_owned(),
@@ -85,7 +94,7 @@ impl Show {
         for piece in reading.by_ref() {
             label.take(&piece);
             let Piece::Message(message) = piece else { continue };
-            if show.held > MOST {
+            if show.held > most {
                 long = true;
                 break;
             }
@@ -525,6 +534,39 @@ mod tests {
             drive: crate::servo::io::ArmDrive::OFF,
             state: ArmState { joints, desired_joints: joints, ..ArmState::default() },
         }
+    }
+
+    #[test]
+    fn a_recording_that_holds_more_than_is_shown_says_where_it_was_left() {
+        let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
+        let schema = writer.add_schema("p/msg/Phase", "ros2msg", b"").unwrap();
+        let channel = writer.add_channel(schema, "/phase", "cdr", &<_>::default()).unwrap();
+        // A time, a name of 100000 letters, and an empty note.
+        let mut data = vec![0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+        data.extend(100_004_u32.to_le_bytes());
+        data.extend([b'x'; 100_003]);
+        data.extend([0, 1, 0, 0, 0, 0]);
+        for second in 0..100 {
+            let time = second * 1_000_000_000;
+            let head = mcap::records::MessageHeader {
+                channel_id: channel,
+                sequence: 0,
+                log_time: time,
+                publish_time: time,
+            };
+            writer.write_to_known_channel(&head, &data).unwrap();
+        }
+        writer.finish().unwrap();
+        let file = writer.into_inner().into_inner();
+
+        let read = |most| Show::read_within(most, file.as_slice(), &scenario(), "").unwrap();
+
+        let whole = read(MOST);
+        assert_eq!((whole.events.len(), whole.end), (100, 99.0));
+        assert!(whole.held < 100 * (WORDS + 500), "{}", whole.held);
+        let part = read(50 * WORDS);
+        assert!((40..=52).contains(&part.events.len()), "{}", part.events.len());
+        assert!(part.ending().contains("holds more than is shown"), "{}", part.ending());
     }
 
     #[test]

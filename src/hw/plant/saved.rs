@@ -377,12 +377,17 @@ mod tests {
             ("/jaws/1/0", 1e4.into(), "jaws[1][0]: "),
             ("/nodes/1/p/0", 1e308.into(), "nodes[1].p[0]: "),
             ("/nodes/0/r", vec![0.0; 9].into(), "nodes[0].r: "),
-            ("/grasps/1/hold", "Closed".into(), "grasps[1]: "),
             ("/last_holder", 2.into(), "last_holder: "),
         ] {
             let told = told(pointer, value);
             assert!(told.starts_with(start), "{pointer}: {told}");
         }
+        let mut far = whole.clone();
+        far["grasps"][1]["hold"] = "Closed".into();
+        far["nodes"][0]["p"] = vec![5.0; 3].into();
+        let far = Saved::parse(far.to_string().as_bytes()).unwrap();
+        let told = plant().restored(far).map(|_| ()).unwrap_err().to_string();
+        assert!(told.starts_with("grasps[1]: the cube is not where"), "{told}");
         assert!(matches!(Saved::parse(&vec![b' '; 2 << 20]), Err(Unfit::Long)));
     }
 
