@@ -274,3 +274,109 @@ fn doctor_says_of_a_scenario_that_run_would_refuse_it() {
     assert_eq!(devices["state"], "REFUSED");
     assert!(devices["fix"].as_str().unwrap().contains("rubik-robot emulate"), "{devices}");
 }
+
+#[test]
+fn no_command_writes_over_what_it_reads_or_twice_into_one_file() {
+    let own = Scenario::new("own", "task = \"idle\"\n");
+    let scenario = own.path();
+    let other = std::env::temp_dir().join(format!("rubik-robot-{}-other", std::process::id()));
+    let other = other.to_str().unwrap();
+    let folder = std::path::Path::new(scenario).parent().unwrap();
+    // The same by another name.
+    let again = format!("{}/./{}", folder.display(), own.0.file_name().unwrap().to_str().unwrap());
+
+    for args in [
+        &["run", scenario, "--record", &again][..],
+        &["run", scenario, "--world", scenario],
+        &["run", scenario, "--journal", scenario],
+        &["run", scenario, "--journal", other, "--record", other],
+        &["run", scenario, "--world", other, "--record", other],
+        &["run", scenario, "--world", other, "--journal", &format!("{other}.lock")],
+        &["campaign", scenario, "--runs", "1", "-o", scenario],
+        &["campaign", scenario, "--runs", "1", "--state", scenario],
+        &["campaign", scenario, "--runs", "1", "--state", other, "-o", other],
+        &["campaign", "merge", scenario, "-o", &again],
+        &["benchmark", "--mission", "1", "--scenario", scenario, "-o", scenario],
+        &["calibrate", scenario, "-o", scenario],
+        &["report", scenario, "-o", &again],
+        &["recover", scenario, "-o", scenario],
+    ] {
+        let before = std::fs::read(scenario).unwrap();
+
+        let done = robot(args);
+
+        let told = text(&done.stderr);
+        assert_eq!(done.status.code(), Some(2), "{args:?}: {told}");
+        assert!(told.contains("overwritten") || told.contains("of its own"), "{args:?}: {told}");
+        assert_eq!(std::fs::read(scenario).unwrap(), before, "{args:?}");
+        assert!(!std::path::Path::new(other).exists(), "{args:?}");
+    }
+    let done = robot(&["picture", scenario, "--out", scenario]);
+    assert_eq!(done.status.code(), Some(2), "{}", text(&done.stderr));
+    assert!(text(&done.stderr).contains("ends in .png or .jpg"), "{}", text(&done.stderr));
+}
+
+#[test]
+fn a_calibration_of_nothing_leaves_the_file_of_another() {
+    let kept = Scenario::new("kept", "kept\n");
+
+    // Behind a lens cap no camera sees a board.
+    let path = "scenarios/solve.toml";
+    let done = robot(&[
+        "calibrate",
+        path,
+        "--set",
+        "plant.lens_cap=true",
+        "--camera",
+        "standalone",
+        "--views",
+        "8",
+        "-o",
+        kept.path(),
+    ]);
+
+    assert_ne!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    assert_eq!(std::fs::read_to_string(kept.path()).unwrap(), "kept\n", "{}", text(&done.stderr));
+}
+
+#[test]
+fn files_without_end_and_files_that_are_too_large_are_refused_with_path_and_reason() {
+    let large = Scenario::new("large", &"#".repeat((1 << 20) + 1));
+    let profile = Scenario::new(
+        "profile",
+        "task = \"idle\"\n[[effector]]\nname = \"track\"\nservo_profile = \"/dev/zero.toml\"\n",
+    );
+    let large = large.path();
+    for args in [
+        &["check", large][..],
+        &["check", "/dev/zero"],
+        &["campaign", "scenarios/idle.toml", "--runs", "1", "--vary", "/dev/zero"],
+        &["vision", "colours", "/dev/zero"],
+        &["vision", "colours", large],
+        &["vision", "eval", "/dev/zero"],
+        &["vision", "rig", "none.png", "--boxes", "/dev/zero"],
+        &["check", profile.path()],
+    ] {
+        let done = robot(args);
+
+        let told = format!("{}{}", text(&done.stdout), text(&done.stderr));
+        assert!(!matches!(done.status.code(), Some(0) | None), "{args:?}: {told}");
+        let why = ["not a regular file", "larger than 1 MiB", "No such file"];
+        assert!(why.iter().any(|why| told.contains(why)), "{args:?}: {told}");
+    }
+    let empty = Scenario::new("empty", "\n");
+    let done = robot(&["vision", "eval", empty.path()]);
+    assert_ne!(done.status.code(), Some(0));
+    assert!(text(&done.stderr).contains("names no picture"), "{}", text(&done.stderr));
+}
+
+#[test]
+fn a_row_that_is_too_long_is_refused_and_the_next_one_is_answered() {
+    let long = "1,".repeat(200_000);
+    let rows = format!("{long}\n0,-1.57,0,1.56,1.57,-1.57\n");
+    let done = with_input(&["kinematics", "fk", "--arm", "postument"], &rows);
+    let answers: Vec<&str> = text(&done.stdout).lines().collect();
+    assert_eq!(answers.len(), 2, "{answers:?}");
+    assert!(answers[0].contains("a row of more than 65536 bytes"), "{}", answers[0]);
+    assert!(answers[1].contains("base_from_tool"), "{}", answers[1]);
+}

@@ -4,31 +4,42 @@
 //! spoilt in places, and over text of its own alphabet. Every input is limited in memory (counted by the allocator)
 //! and in time (a watchdog names the input that hangs).
 //!
-//! `HOSTILE_CASES=100000 PROPTEST_RNG_SEED=$RANDOM cargo test --release --test hostile` looks longer; what it finds belongs into the corpus.
+//! `HOSTILE_CASES=100000 PROPTEST_RNG_SEED=$RANDOM cargo test --release --test hostile` looks longer, and so does
+//! `HOSTILE_SECONDS=60`, for so long in each kind and with ever other seeds. What is found is written into the corpus.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
 use proptest::prelude::*;
-use proptest::test_runner::{Config, TestRunner};
 use rubik_robot::campaign::state::State;
 use rubik_robot::campaign::vary::Vary;
+use rubik_robot::cli::cubes::measured_squares;
+use rubik_robot::cli::evaluate::evaluate;
 use rubik_robot::cube::{Cube, Facelets, after_moves, parse_moves, parse_turns};
+use rubik_robot::desk::desk;
+use rubik_robot::hw::devices::Devices;
 use rubik_robot::hw::force::{
     FT_RECORD, RDT_RECORD, RdtRecord, Sequence, decode_record, start_request,
 };
+use rubik_robot::hw::plant::saved::Saved;
+use rubik_robot::hw::plant::{Plant, PlantConfig};
+use rubik_robot::hw::port::Port as _;
 use rubik_robot::hw::serial::axis::{Axis, AxisDrive, Rules};
 use rubik_robot::hw::serial::frame::{ORDER, Order, STATUS, Status};
 use rubik_robot::operator::Command;
 use rubik_robot::record::journal::Journal;
-use rubik_robot::record::reading::Reading;
+use rubik_robot::record::reading::{Piece, Reading};
 use rubik_robot::record::{recover, report};
 use rubik_robot::scenario::{self, Override};
+use rubik_robot::servo::io::{ArmDrive, ArmReading};
+use rubik_robot::vision::colours::decide_cube;
+use rubik_robot::web;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 mod memory;
+mod search;
 
 /// Memory that an input may take beside itself [bytes].
 const MEMORY: usize = 256 << 20;
@@ -49,10 +60,13 @@ fn watch() -> Instant {
                 let (due, now) = (DUE.load(Ordering::SeqCst), watch().elapsed().as_millis() as u64);
                 if due > 0 && now > due {
                     let input = NOW.lock().unwrap_or_else(PoisonError::into_inner);
-                    eprintln!(
-                        "HANGS: {:?}",
-                        input.as_ref().map(|(n, b)| (n, String::from_utf8_lossy(b)))
-                    );
+                    if let Some((name, bytes)) = input.as_ref() {
+                        eprintln!("HANGS: {name}: {}", String::from_utf8_lossy(bytes));
+                        // Those of the corpus are there already.
+                        if !name.contains('/') {
+                            eprintln!("{}", search::keep(name, bytes).display());
+                        }
+                    }
                     std::process::abort();
                 }
             }
@@ -89,6 +103,48 @@ enum Spoil {
     Insert(usize, Vec<u8>),
     Remove(usize, usize),
     Double(usize, usize),
+    /// One of the text's numbers becomes another.
+    Number(usize, &'static str),
+}
+
+/// Numbers that somebody did not think of.
+const NUMBERS: [&str; 20] = [
+    "0",
+    "-0.0",
+    "1",
+    "-1",
+    "9",
+    "99",
+    "0.5",
+    "-1000",
+    "1e5",
+    "1e20",
+    "1e300",
+    "-1e308",
+    "1e308",
+    "1e999",
+    "1e-308",
+    "4294967295",
+    "18446744073709551615",
+    "-9223372036854775808",
+    "nan",
+    "null",
+];
+
+/// Where the numbers of a text begin and end.
+fn numbers(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
+    let mut found = Vec::new();
+    let mut at = 0;
+    while at < bytes.len() {
+        let part = |b: &u8| b.is_ascii_digit() || matches!(b, b'.' | b'-' | b'+' | b'e' | b'E');
+        let begins = bytes[at].is_ascii_digit() || bytes[at] == b'-';
+        let length = if begins { bytes[at..].iter().take_while(|b| part(b)).count() } else { 0 };
+        if length > 0 {
+            found.push(at..at + length);
+        }
+        at += length.max(1);
+    }
+    found
 }
 
 fn spoils() -> impl Strategy<Value = Vec<Spoil>> {
@@ -99,7 +155,8 @@ fn spoils() -> impl Strategy<Value = Vec<Spoil>> {
         (at.clone(), proptest::collection::vec(any::<u8>(), 1..20))
             .prop_map(|(at, bytes)| Spoil::Insert(at, bytes)),
         (at.clone(), 1..50usize).prop_map(|(at, n)| Spoil::Remove(at, n)),
-        (at, 1..200usize).prop_map(|(at, n)| Spoil::Double(at, n)),
+        (at.clone(), 1..200usize).prop_map(|(at, n)| Spoil::Double(at, n)),
+        (at, proptest::sample::select(&NUMBERS[..])).prop_map(|(at, n)| Spoil::Number(at, n)),
     ];
     proptest::collection::vec(one, 1..4)
 }
@@ -131,6 +188,12 @@ fn spoilt(bytes: &[u8], spoils: &[Spoil]) -> Vec<u8> {
                 let again = bytes[at..end].to_vec();
                 bytes.splice(at..at, again);
             }
+            Spoil::Number(at, number) => {
+                let all = numbers(&bytes);
+                if !all.is_empty() {
+                    bytes.splice(all[at % all.len()].clone(), number.bytes());
+                }
+            }
         }
     }
     bytes
@@ -138,31 +201,34 @@ fn spoilt(bytes: &[u8], spoils: &[Spoil]) -> Vec<u8> {
 
 /// The corpus, then random bytes, spoilt files and text of an alphabet.
 fn hostile(kind: &str, alphabet: &str, cases: u32, read: &dyn Fn(&[u8])) {
-    let files = corpus(kind);
+    hostile_to(kind, alphabet, cases, Vec::new(), |bytes| bytes, read);
+}
+
+/// With more files that are spoilt; half of what is spoilt is mended then, so that it gets past the checksums.
+fn hostile_to(
+    kind: &str,
+    alphabet: &str,
+    cases: u32,
+    more: Vec<Vec<u8>>,
+    mend: fn(Vec<u8>) -> Vec<u8>,
+    read: &dyn Fn(&[u8]),
+) {
+    let mut files = corpus(kind);
+    files.extend(more.into_iter().map(|bytes| (format!("{kind}/more"), bytes)));
     for (name, bytes) in &files {
         give(name, bytes, read);
     }
-    let cases = std::env::var("HOSTILE_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(cases);
-    let mut runner = TestRunner::new(Config {
-        cases,
-        failure_persistence: None,
-        max_shrink_iters: 2000,
-        ..Config::default()
-    });
     let letters: Vec<char> = alphabet.chars().collect();
     let words = proptest::collection::vec(proptest::sample::select(letters), 0..200)
         .prop_map(|letters| letters.into_iter().collect::<String>().into_bytes());
     let random = proptest::collection::vec(any::<u8>(), 0..400);
     let of_corpus =
-        (0..files.len(), spoils()).prop_map(move |(at, spoils)| spoilt(&files[at].1, &spoils));
+        (0..files.len(), spoils(), any::<bool>()).prop_map(move |(at, spoils, mends)| {
+            let bytes = spoilt(&files[at].1, &spoils);
+            if mends { mend(bytes) } else { bytes }
+        });
     let inputs = prop_oneof![1 => words, 1 => random, 3 => of_corpus];
-    let kind = kind.to_owned();
-    runner
-        .run(&inputs, |input| {
-            give(&kind, &input, read);
-            Ok(())
-        })
-        .unwrap();
+    search::search(kind, cases, &inputs, Clone::clone, |input| give(kind, &input, read));
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -221,9 +287,84 @@ fn scrambles() {
     });
 }
 
+/// A recording whose checksums are 0, which is none: what was spoilt would end at the first of them.
+fn without_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
+    let mut at = 8;
+    while let Some(head) = bytes.get(at..at + 9) {
+        let kind = head[0];
+        let length = u64::from_le_bytes(head[1..].try_into().unwrap());
+        let begin = at + 9;
+        let Some(end) = usize::try_from(length).ok().and_then(|n| begin.checked_add(n)) else {
+            break;
+        };
+        // Of a chunk, the end of the data, the footer; of an attachment at its end.
+        let sum = match kind {
+            0x06 => begin + 24,
+            0x0F => begin,
+            0x02 => begin + 16,
+            0x09 => end.saturating_sub(4),
+            _ => bytes.len(),
+        };
+        if let Some(sum) = bytes.get_mut(sum..sum.saturating_add(4)) {
+            sum.fill(0);
+        }
+        at = end;
+    }
+    bytes
+}
+
+/// The beginning of a recording, its chunks as they are before compression.
+fn plain(recording: &[u8]) -> Vec<u8> {
+    let options = mcap::WriteOptions::new().compression(None).chunk_size(Some(4000));
+    let mut writer = options.create(std::io::Cursor::new(Vec::new())).unwrap();
+    let mut channels = std::collections::BTreeMap::new();
+    for piece in Reading::new(recording).take(400) {
+        match piece {
+            Piece::Message(message) => {
+                let c = &message.channel;
+                let id = *channels.entry(c.topic.clone()).or_insert_with(|| {
+                    let schema = writer.add_schema(&c.kind, &c.encoding, &c.schema).unwrap();
+                    writer.add_channel(schema, &c.topic, &c.message_encoding, &c.metadata).unwrap()
+                });
+                let head = mcap::records::MessageHeader {
+                    channel_id: id,
+                    sequence: 0,
+                    log_time: message.time,
+                    publish_time: message.time,
+                };
+                writer.write_to_known_channel(&head, &message.data).unwrap();
+            }
+            Piece::Metadata(name, metadata) => {
+                writer.write_metadata(&mcap::records::Metadata { name, metadata }).unwrap();
+            }
+            Piece::Attachment(name, media_type, data) => {
+                let data = std::borrow::Cow::Owned(data);
+                let (log_time, create_time) = (0, 0);
+                let attachment = mcap::Attachment { log_time, create_time, name, media_type, data };
+                writer.attach(&attachment).unwrap();
+            }
+        }
+    }
+    writer.finish().unwrap();
+    writer.into_inner().into_inner()
+}
+
 #[test]
 fn recordings() {
-    hostile("mcap", "\u{89}MCAP0\r\n\u{1}\u{2}\u{6}", 400, &|bytes| {
+    let idle =
+        [env!("CARGO_MANIFEST_DIR"), "tests/corpus/mcap/idle.mcap"].iter().collect::<PathBuf>();
+    let whole = std::fs::read(idle).unwrap();
+    let plain = plain(&whole);
+    let (pieces, all) =
+        (Reading::new(plain.as_slice()).count(), Reading::new(whole.as_slice()).count());
+    assert!(pieces == all.min(400) && pieces > 3, "{pieces} of {all}");
+    assert_eq!(
+        Reading::new(without_checksums(plain.clone()).as_slice()).count(),
+        Reading::new(plain.as_slice()).count(),
+        "what is mended is read whole"
+    );
+    let alphabet = "\u{89}MCAP0\r\n\u{1}\u{2}\u{6}";
+    hostile_to("mcap", alphabet, 400, vec![plain], without_checksums, &|bytes| {
         let mut reading = Reading::new(bytes);
         // A piece costs at least a byte.
         assert!(reading.by_ref().take(bytes.len() + 10).count() < bytes.len() + 10);
@@ -321,9 +462,133 @@ fn datagrams() {
 
 #[test]
 fn messages_of_pages() {
-    hostile("websocket", "{}[]\":,commandseatxirsuwgphy0123456789.-e", 3000, &|bytes| {
+    let page = "{}[]\":,commandseatxirsuwgphy0123456789.-e";
+    let (desk, behind) = desk();
+    let mut commands = behind.take_commands().unwrap();
+    hostile("websocket", page, 3000, &|bytes| {
         if let Ok(command) = serde_json::from_slice::<Command>(bytes) {
             assert!(!command.words().is_empty());
+        }
+        // What a socket does with a text, of a page that commands.
+        let refused = web::heard(&text(bytes), &desk);
+        assert!(refused.is_none_or(|why| why.len() < 200));
+    });
+    while commands.try_recv().is_ok() {}
+}
+
+/// A folder of its own, which is removed.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let name = format!("rubik-hostile-{}-{name}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        std::fs::create_dir_all(&folder).unwrap();
+        Self(folder)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn states_of_plants() {
+    let folder = [env!("CARGO_MANIFEST_DIR"), "scenarios/solve.toml"].iter().collect::<PathBuf>();
+    let cell = scenario::load(&folder, &[]).unwrap().controller.cell;
+    let plant = Plant::new(PlantConfig::new(cell.clone()), 1).unwrap();
+    let own = serde_json::to_value(plant.saved()).unwrap();
+    // The corpus has states of other plants: each becomes one of this.
+    let identity = own["identity"].clone();
+    let read = |bytes: &[u8]| {
+        let owned = serde_json::from_slice::<serde_json::Value>(bytes).ok().map(|mut state| {
+            if let Some(known) = state.get_mut("identity") {
+                *known = identity.clone();
+            }
+            state.to_string().into_bytes()
+        });
+        let Ok(saved) = Saved::parse(owned.as_deref().unwrap_or(bytes)) else { return };
+        let Ok(mut plant) = plant.clone().restored(saved) else { return };
+        let drives = [ArmDrive { enabled: true, pwm: [40; 7], ..ArmDrive::OFF }; 2];
+        let mut readings = [ArmReading::default(); 2];
+        for period in 0..30 {
+            if plant.exchange(period, &drives, &mut readings).is_err() {
+                break;
+            }
+            let _ = (plant.scene(), plant.verdict());
+        }
+        // Whatever became of it can be kept, and taken up again or refused.
+        let _ = Saved::parse(&serde_json::to_vec(&plant.saved()).unwrap());
+    };
+    let own = own.to_string().into_bytes();
+    assert!(plant.clone().restored(Saved::parse(&own).unwrap()).is_ok());
+    let more = vec![own];
+    hostile_to("world", "{}[]\":,joints0123456789.-e", 1500, more, |bytes| bytes, &read);
+}
+
+#[test]
+fn files_of_devices() {
+    let folder = Folder::new("devices");
+    let path = folder.0.join("devices.toml");
+    hostile("devices", "[]{}=\"., \neffectornamsdvi0123456789-_", 1000, &|bytes| {
+        std::fs::write(&path, bytes).unwrap();
+        match Devices::load(&path) {
+            Ok(devices) => {
+                // What is read can be written down, and is the same then.
+                let text = devices.text().unwrap();
+                std::fs::write(&path, &text).unwrap();
+                assert_eq!(Devices::load(&path).unwrap().text().unwrap(), text);
+                for name in ["track", "postument"] {
+                    if let Ok(effector) = devices.of_effector(name) {
+                        let _ = (effector.paths(true).count(), effector.force_device().is_ok());
+                    }
+                }
+            }
+            Err(why) => assert!(!why.to_string().is_empty()),
+        }
+    });
+}
+
+#[test]
+fn servo_profiles() {
+    let folder = Folder::new("servo");
+    let text = "task = \"idle\"\n[[effector]]\nname = \"track\"\nservo_profile = \"own.toml\"\n";
+    hostile("servo", "[]{}=\"., \naxisgnjwmtrp_0123456789-einf", 500, &|bytes| {
+        std::fs::write(folder.0.join("own.toml"), bytes).unwrap();
+        if let Err(faults) = scenario::read(&folder.0.join("t.toml"), text, &[]) {
+            assert!(!faults.to_string().is_empty());
+        }
+    });
+}
+
+#[test]
+fn measured_colours() {
+    hostile("colours", "{}[]\":, 0123456789.-e", 1000, &|bytes| {
+        if let Ok(squares) = measured_squares(&text(bytes))
+            && let Ok(decision) = decide_cube(&squares)
+        {
+            assert!(decision.facelets.iter().all(|&facelet| facelet < 6));
+            assert!(decision.margins.iter().all(|margin| margin.is_finite()));
+        }
+    });
+}
+
+#[test]
+fn manifests_of_pictures() {
+    let folder = Folder::new("manifest");
+    let grey = image::RgbImage::from_pixel(24, 24, image::Rgb([90, 90, 90]));
+    grey.save(folder.0.join("grey.png")).unwrap();
+    let path = folder.0.join("manifest.jsonl");
+    hostile("manifest", "{}[]\":, imagefctors.pn0123456789-e", 300, &|bytes| {
+        std::fs::write(&path, bytes).unwrap();
+        match (evaluate(&path, true, true), evaluate(&path, false, true)) {
+            (Ok(json), Ok(_)) => {
+                serde_json::from_str::<serde_json::Value>(&json).unwrap();
+            }
+            (Err(why), Err(_)) => assert!(!why.to_string().is_empty()),
+            (one, other) => panic!("{one:?}, {other:?}"),
         }
     });
 }

@@ -612,6 +612,51 @@ fn one_page_commands_and_another_may_take_over() {
 }
 
 #[test]
+fn connections_without_end_keep_nobody_from_the_page_and_its_stop() {
+    let (desk, behind): (Desk, Behind) = desk();
+    let server = serve(desk);
+    // A page that has been there for longer than they have stays.
+    let runtime = runtime();
+    let mut page = runtime.block_on(Page::open(&server));
+
+    let mut idle: Vec<TcpStream> = Vec::new();
+    for number in 0..400 {
+        let mut stream = TcpStream::connect(server.address).unwrap();
+        // Some begin to ask and do not go on.
+        if number % 2 == 0 {
+            let _ = stream.write_all(b"GET / HTTP/1.1\r\nHost: ");
+        }
+        idle.push(stream);
+    }
+    let begun = Instant::now();
+    let mut stream = TcpStream::connect(server.address).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    let ask = format!("GET / HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", server.address);
+    stream.write_all(ask.as_bytes()).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+    assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", begun.elapsed());
+
+    // All of them are cut, if not at once then when they have asked nothing for a while.
+    for mut stream in idle {
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let read = stream.read(&mut [0; 1]);
+        let waits = |why: &std::io::Error| why.kind() == std::io::ErrorKind::WouldBlock;
+        assert!(
+            !read.as_ref().is_err_and(waits) && !read.as_ref().is_ok_and(|n| *n > 0),
+            "{read:?}"
+        );
+    }
+    runtime.block_on(page.say(json!({ "command": "emergency_stop" })));
+    let begun = Instant::now();
+    while !behind.emergency.load(std::sync::atomic::Ordering::Acquire) {
+        assert!(begun.elapsed() < PATIENCE, "the stop did not come");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[test]
 fn strangers_get_neither_the_page_nor_the_socket() {
     let server = serve(desk().0);
     let ask = |head: &str| {

@@ -1,21 +1,23 @@
 //! Hostile pictures: bytes that are no picture, or a spoilt one, and pictures made to be hard. Nothing of it panics,
 //! hangs or takes unbounded memory, from the decoder to the pose.
 //!
-//! `HOSTILE_CASES=20000 PROPTEST_RNG_SEED=$RANDOM cargo test --release --test vision_hostile` looks longer.
+//! `HOSTILE_CASES=20000 PROPTEST_RNG_SEED=$RANDOM cargo test --release --test vision_hostile` looks longer, and so does
+//! `HOSTILE_SECONDS=60`; what is found is written into the corpus.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
 use image::{DynamicImage, ImageFormat, Rgb, RgbImage};
 use nalgebra::Matrix3;
 use proptest::prelude::*;
-use proptest::test_runner::{Config, TestRunner};
 use rubik_robot::cli::vision::decode;
 use rubik_robot::vision::homography::apply;
 use rubik_robot::vision::paper::{Filters, Stages};
 use rubik_robot::vision::{DetectorSettings, Lens, Method, Rect, detect, locate_in};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 mod memory;
+mod search;
 
 /// Memory that bytes may take which promise a small picture, or none [bytes].
 const SMALL: usize = 64 << 20;
@@ -236,25 +238,30 @@ fn spoilt(mut bytes: Vec<u8>, spoils: &[Spoil]) -> Vec<u8> {
     bytes
 }
 
-fn runner(cases: u32) -> TestRunner {
-    let cases = std::env::var("HOSTILE_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(cases);
-    TestRunner::new(Config { cases, failure_persistence: None, ..Config::default() })
+/// Pictures that were hard, and others that are spoilt as these are.
+fn corpus() -> Vec<Vec<u8>> {
+    let folder = [env!("CARGO_MANIFEST_DIR"), "tests/corpus/image"].iter().collect::<PathBuf>();
+    let mut files: Vec<PathBuf> =
+        std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    files.sort();
+    assert!(files.len() >= 5, "the corpus is small");
+    files.iter().map(|path| std::fs::read(path).unwrap()).collect()
 }
 
 #[test]
 fn no_bytes_panic() {
-    let all = pictures();
+    let mut all = corpus();
+    for bytes in &all {
+        give("corpus", bytes, LARGE);
+    }
+    all.extend(pictures());
     let random = proptest::collection::vec(any::<u8>(), 0..400);
     let of_picture = (0..all.len(), spoils(), any::<bool>()).prop_map(move |(i, spoils, mend)| {
         let bytes = spoilt(all[i].clone(), &spoils);
         if mend && bytes.starts_with(b"\x89PNG") { mended(bytes) } else { bytes }
     });
-    runner(400)
-        .run(&prop_oneof![1 => random, 9 => of_picture], |bytes| {
-            give("spoilt", &bytes, LARGE);
-            Ok(())
-        })
-        .unwrap();
+    let inputs = prop_oneof![1 => random, 9 => of_picture];
+    search::search("image", 400, &inputs, Clone::clone, |bytes| give("spoilt", &bytes, LARGE));
 }
 
 /// A picture with as much in it that looks like tiles as there is room for: lattices in any perspective, also beyond
@@ -306,12 +313,11 @@ fn no_picture_panics_or_hangs() {
         });
     let hard = ((1u32..240, 1u32..240), proptest::collection::vec(lattice, 1..4))
         .prop_map(|(size, lattices)| Hard { size, lattices });
-    runner(150)
-        .run(&hard, |hard| {
-            limited(&format!("{hard:?}"), SMALL, || look(&hard.draw()));
-            Ok(())
-        })
-        .unwrap();
+    // What is found is kept as a picture.
+    let written = |hard: &Hard| file(&hard.draw().into(), ImageFormat::Png);
+    search::search("image", 150, &hard, written, |hard| {
+        limited(&format!("{hard:?}"), SMALL, || look(&hard.draw()));
+    });
 }
 
 #[test]

@@ -36,11 +36,18 @@ const STATES: u32 = 20;
 /// As fast as it goes, in times of real time.
 const FASTEST: f64 = 200.0;
 
+/// What is shown takes no more memory than this, about [bytes]: three hours of a cell, or what a small file unfolds into.
+const MOST: usize = 1 << 30;
+/// No words are shown that are longer [bytes].
+const WORDS: usize = 4096;
+
 /// A recording in memory, in the order of time.
 pub struct Show {
     scenario: Scenario,
     title: String,
     events: Vec<(f64, What)>,
+    /// Memory that they take, about [bytes].
+    held: usize,
     end: f64,
     /// How it ended.
     outcome: OutcomeView,
@@ -63,20 +70,34 @@ impl Show {
     /// # Errors
     /// [`Unreadable`].
     pub fn read<R: Read>(from: R, scenario: &Scenario, title: &str) -> Result<Self, Unreadable> {
+        Self::read_within(MOST, from, scenario, title)
+    }
+
+    fn read_within<R: Read>(
+        most: usize,
+        from: R,
+        scenario: &Scenario,
+        title: &str,
+    ) -> Result<Self, Unreadable> {
         let mut show = Self {
             scenario: scenario.clone(),
             title: title.to_owned(),
             events: Vec::new(),
+            held: 0,
             end: 0.0,
             outcome: cut_off(""),
         };
         let mut label = Label::default();
         let mut loading = Loading::new(scenario);
-        let mut start = None;
+        let (mut start, mut long) = (None, false);
         let mut reading = Reading::new(from);
         for piece in reading.by_ref() {
             label.take(&piece);
             let Piece::Message(message) = piece else { continue };
+            if show.held > most {
+                long = true;
+                break;
+            }
             let start = *start.get_or_insert(message.time);
             let time = message.time.saturating_sub(start) as f64 * 1e-9;
             show.end = show.end.max(time);
@@ -94,8 +115,14 @@ impl Show {
                 outcome(&summary)
             }
             (None, Some(flaw)) => cut_off(&flaw),
+            (None, None) if long => cut_off("the recording holds more than is shown"),
             (None, None) => cut_off("the recording does not say how the run ended"),
         };
+        if long {
+            let text =
+                format!("the recording holds more than is shown: the rest from {:.1} s", show.end);
+            show.events.push((show.end, What::Message(Class::Warning, "ui".to_owned(), text)));
+        }
         show.events.sort_by(|a, b| a.0.total_cmp(&b.0));
         Ok(show)
     }
@@ -111,29 +138,29 @@ impl Show {
         match topic {
             "/belief" => {
                 if let Some(picture) = belief::read(from.string()?) {
-                    self.events.push((time, What::Belief(Box::new(picture))));
+                    self.push(time, message.data.len(), What::Belief(Box::new(picture)));
                 }
             }
             "/phase" => {
                 from.time()?;
-                let name = from.string()?.to_owned();
+                let name = short(from.string()?);
                 if from.string()?.is_empty() {
-                    self.events.push((time, What::Phase(name)));
+                    self.push(time, name.len(), What::Phase(name));
                 }
             }
             "/rosout" => {
                 let (class, who, text) = standard::read_log(&mut from)?;
                 // Phases tell of themselves.
                 if !text.starts_with("phase: ") {
-                    let what = What::Message(class, who.to_owned(), text.to_owned());
-                    self.events.push((time, what));
+                    let what = What::Message(class, short(who), short(text));
+                    self.push(time, 2 * WORDS.min(message.data.len()), what);
                 }
             }
             "/operator" => {
                 from.time()?;
                 from.u64()?;
-                let words = Said::told(from.string()?);
-                self.events.push((time, What::Operator(words)));
+                let words = short(&Said::told(from.string()?));
+                self.push(time, words.len(), What::Operator(words));
             }
             "/sensed" => {
                 let sensed = Sensed::read(&message.data)?;
@@ -146,7 +173,11 @@ impl Show {
                         Err(why) => Found::Nothing(why),
                     };
                     loading.looked = Some((camera, self.events.len()));
-                    self.events.push((time, What::Sight(camera, sensed.period, None, found)));
+                    self.push(
+                        time,
+                        message.data.len(),
+                        What::Sight(camera, sensed.period, None, found),
+                    );
                 }
             }
             _ if topic.ends_with("/image") => {
@@ -157,18 +188,26 @@ impl Show {
                 if let Some((_, at)) = loading.looked.take()
                     && let Some((_, What::Sight(_, _, picture, _))) = self.events.get_mut(at)
                 {
+                    self.held += jpeg.len();
                     *picture = Some(jpeg);
                 }
             }
             _ if topic.ends_with("/servo") => {
                 let tick = Tick::read(&message.data)?;
                 if let Some((record, peaks)) = loading.tick(&tick) {
-                    self.events.push((time, What::Arm(Box::new(record), tick.fault, peaks)));
+                    let fault = short(&tick.fault);
+                    let size = size_of::<ServoRecord>() + fault.len();
+                    self.push(time, size, What::Arm(Box::new(record), fault, peaks));
                 }
             }
             _ => {}
         }
         Ok(())
+    }
+
+    fn push(&mut self, time: f64, size: usize, what: What) {
+        self.held += size + size_of::<(f64, What)>();
+        self.events.push((time, what));
     }
 
     /// How it ended, in words.
@@ -222,6 +261,15 @@ impl Show {
             std::thread::sleep(REFRESH);
         }
     }
+}
+
+/// The beginning of words that are longer than any of ours.
+fn short(words: &str) -> String {
+    if words.len() <= WORDS {
+        return words.to_owned();
+    }
+    let end = (0..=WORDS).rev().find(|&at| words.is_char_boundary(at)).unwrap_or(0);
+    format!("{}...", &words[..end])
 }
 
 /// A run whose end nobody knows.
@@ -472,7 +520,7 @@ mod tests {
 
     fn show(events: Vec<(f64, What)>, end: f64) -> Show {
         let title = String::new();
-        Show { scenario: scenario(), title, events, end, outcome: cut_off("") }
+        Show { scenario: scenario(), title, events, held: 0, end, outcome: cut_off("") }
     }
 
     fn record(period: u64) -> ServoRecord {
@@ -486,6 +534,39 @@ mod tests {
             drive: crate::servo::io::ArmDrive::OFF,
             state: ArmState { joints, desired_joints: joints, ..ArmState::default() },
         }
+    }
+
+    #[test]
+    fn a_recording_that_holds_more_than_is_shown_says_where_it_was_left() {
+        let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
+        let schema = writer.add_schema("p/msg/Phase", "ros2msg", b"").unwrap();
+        let channel = writer.add_channel(schema, "/phase", "cdr", &<_>::default()).unwrap();
+        // A time, a name of 100000 letters, and an empty note.
+        let mut data = vec![0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+        data.extend(100_004_u32.to_le_bytes());
+        data.extend([b'x'; 100_003]);
+        data.extend([0, 1, 0, 0, 0, 0]);
+        for second in 0..100 {
+            let time = second * 1_000_000_000;
+            let head = mcap::records::MessageHeader {
+                channel_id: channel,
+                sequence: 0,
+                log_time: time,
+                publish_time: time,
+            };
+            writer.write_to_known_channel(&head, &data).unwrap();
+        }
+        writer.finish().unwrap();
+        let file = writer.into_inner().into_inner();
+
+        let read = |most| Show::read_within(most, file.as_slice(), &scenario(), "").unwrap();
+
+        let whole = read(MOST);
+        assert_eq!((whole.events.len(), whole.end), (100, 99.0));
+        assert!(whole.held < 100 * (WORDS + 500), "{}", whole.held);
+        let part = read(50 * WORDS);
+        assert!((40..=52).contains(&part.events.len()), "{}", part.events.len());
+        assert!(part.ending().contains("holds more than is shown"), "{}", part.ending());
     }
 
     #[test]

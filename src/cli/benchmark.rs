@@ -1,7 +1,7 @@
 //! `rubik-robot benchmark`: accuracy and speed in trials, and their protocol.
 
 use super::campaign::{Campaign, LAST_SEED, Shape, seedless, writable};
-use super::output::Output;
+use super::output::{Output, clash, save};
 use super::{ScenarioArgs, WRONG, complain, not_negative};
 use crate::campaign::benchmark::{Kind, clearances, score, scramble, scrambled, tier};
 use crate::campaign::protocol::{Setup, protocol};
@@ -10,7 +10,6 @@ use crate::campaign::vary::Drawn;
 use crate::cell::{Cell, Mount};
 use crate::cube::format_turns;
 use crate::scenario::Scenario;
-use anyhow::Context as _;
 use clap::Args;
 use nalgebra::Point3;
 use serde_json::json;
@@ -84,6 +83,11 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
     };
     let path = args.scenario.clone().unwrap_or_else(|| usual.into());
     let from = ScenarioArgs { scenario: path, set: args.set.clone() };
+    if let Some(why) =
+        clash(&[("the scenario", Some(&from.scenario))], &[("-o", args.output.as_ref())])
+    {
+        return told(&why);
+    }
     let scenario = match from.load(&[]) {
         Ok(scenario) => scenario,
         Err(faults) => return told(&faults),
@@ -121,8 +125,12 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
     let score = score(&tally, args.within_s);
     let text = protocol(&setup, &tally, &score);
     if let Some(path) = &args.output {
-        std::fs::write(path, &text).with_context(|| format!("{}", path.display()))?;
-        complain(&format!("protocol: {}", path.display()));
+        if tally.runs() > 0 {
+            save(path, text.as_bytes())?;
+            complain(&format!("protocol: {}", path.display()));
+        } else {
+            complain(&format!("no run was done: {} stays as it is", path.display()));
+        }
     }
     if args.json {
         let clearances: Vec<_> = clearances(&tally)

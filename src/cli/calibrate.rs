@@ -3,13 +3,12 @@
 //! - in: a scenario, which camera, how many views
 //! - out: a table of what was found and of the error that it leaves; the camera section as TOML
 
-use super::output::Output;
+use super::output::{Output, clash, save};
 use super::{ScenarioArgs, WRONG, complain};
 use crate::actors::calibrate::{self, Errors, Report};
 use crate::cell::{Camera, Mount};
 use crate::scenario::{CameraSource, Scenario};
 use crate::vision::calibration::Calibrated;
-use anyhow::Context;
 use clap::Args;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -50,6 +49,12 @@ pub(super) struct CalibrateArgs {
 
 /// Returns the exit code.
 pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Result<u8> {
+    if let Some(why) =
+        clash(&[("the scenario", Some(&args.scenario.scenario))], &[("-o", args.output.as_ref())])
+    {
+        complain(&why);
+        return Ok(WRONG);
+    }
     let mut scenario = match args.scenario.load(&[]) {
         Ok(scenario) => scenario,
         Err(faults) => {
@@ -81,8 +86,11 @@ pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Re
         }
     }
     if let Some(path) = &args.output {
-        std::fs::write(path, section(&scenario, &reports))
-            .with_context(|| path.display().to_string())?;
+        if reports.iter().any(|report| report.found.is_ok()) {
+            save(path, section(&scenario, &reports).as_bytes())?;
+        } else {
+            complain(&format!("no camera was calibrated: {} stays as it is", path.display()));
+        }
     }
     Ok(u8::from(reports.iter().any(|r| r.found.is_err())))
 }

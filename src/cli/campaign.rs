@@ -1,6 +1,6 @@
 //! `rubik-robot campaign`: a scenario many times, each in a process of its own, and what they come to together.
 
-use super::output::Output;
+use super::output::{Output, clash, save};
 use super::progress::Bar;
 use super::{ScenarioArgs, WRONG, complain, record};
 use crate::actors;
@@ -11,6 +11,7 @@ use crate::campaign::soak::soak;
 use crate::campaign::state::{self, Header, Shard, State, Unusable};
 use crate::campaign::tally::Tally;
 use crate::campaign::vary::{Drawn, Vary};
+use crate::hw::text;
 use crate::record::journal;
 use crate::scenario::{self, Override, Scenario};
 use anyhow::Context as _;
@@ -143,6 +144,11 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
             Err(faults) => return Ok(told(&faults)),
         },
     };
+    let inputs = [("the scenario", args.scenario.as_ref()), ("--vary", args.vary.as_ref())];
+    let outputs = [("--state", args.state.as_ref()), ("-o", args.told.output.as_ref())];
+    if let Some(why) = clash(&inputs, &outputs) {
+        return Ok(told(&why));
+    }
     let shape = Shape {
         seed: args.seed,
         runs: args.runs.unwrap_or(1),
@@ -181,7 +187,7 @@ fn told(why: &str) -> u8 {
 
 fn read_vary(path: &Path) -> Result<(String, Vary), String> {
     let text =
-        std::fs::read_to_string(path).map_err(|e| format!("--vary: {}: {e}", path.display()))?;
+        text::read(path, text::SCENARIO).map_err(|e| format!("--vary: {}: {e}", path.display()))?;
     let vary = Vary::read(path, &text).map_err(|faults| faults.to_string())?;
     Ok((text, vary))
 }
@@ -189,6 +195,10 @@ fn read_vary(path: &Path) -> Result<(String, Vary), String> {
 fn merge(files: &[PathBuf], how: &ToldArgs, output: &mut Output) -> anyhow::Result<u8> {
     if let Err(reason) = how.check() {
         return Ok(told(&reason));
+    }
+    let inputs: Vec<_> = files.iter().map(|path| ("a campaign's state", Some(path))).collect();
+    if let Some(why) = clash(&inputs, &[("-o", how.output.as_ref())]) {
+        return Ok(told(&why));
     }
     let (mut whole, mut shards): (Option<State>, _) = (None, Vec::new());
     for path in files {
@@ -249,9 +259,12 @@ impl ToldArgs {
         }
         // Last, since what can fail must not take the results with it.
         if let Some(path) = &self.output {
-            std::fs::write(path, page::page(tally, self.at_least))
-                .with_context(|| format!("{}", path.display()))?;
-            complain(&format!("report: {}", path.display()));
+            if tally.runs() > 0 {
+                save(path, page::page(tally, self.at_least).as_bytes())?;
+                complain(&format!("report: {}", path.display()));
+            } else {
+                complain(&format!("no run was done: {} stays as it is", path.display()));
+            }
         }
         let Some(share) = self.at_least else { return Ok(0) };
         let (runs, solved) = (tally.runs(), tally.solved);

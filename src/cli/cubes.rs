@@ -3,6 +3,7 @@
 //! Facelets are named by face and number in reading order: U1..U9, R1.., F, D, L, B.
 
 use super::vision::load;
+use crate::hw::text;
 use crate::vision::colours::{Decision, LETTERS, Undecided, decide_cube, face_letter};
 use crate::vision::{DetectorSettings, FaceSighting, detect};
 use anyhow::{Context, Result, anyhow, bail};
@@ -149,7 +150,7 @@ pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     let (mut text, mut all) = (String::new(), true);
     for path in files {
         let decided = || -> std::result::Result<Decision, Refused> {
-            let text = std::fs::read_to_string(path.as_ref()).map_err(anyhow::Error::from)?;
+            let text = text::read(path.as_ref(), text::SCENARIO).map_err(anyhow::Error::from)?;
             Ok(decide_cube(&measured_squares(&text)?)?)
         };
         let (line, read) = report(&path.as_ref().display().to_string(), decided(), json);

@@ -6,6 +6,7 @@
 //! the four reading orders (a roll of 45 deg has no upright), and *read* when its nine colours are right too.
 
 use super::vision::{letters, load};
+use crate::hw::text;
 use crate::vision::homography::{distance, smallest_pitch};
 use crate::vision::{DetectorSettings, FaceSighting, detect};
 use anyhow::{Context, Result, bail};
@@ -83,7 +84,7 @@ pub fn evaluate(manifest: &Path, json: bool, misses: bool) -> Result<String> {
 /// Faces by picture.
 fn truths(manifest: &Path) -> Result<BTreeMap<String, Vec<Truth>>> {
     let text =
-        std::fs::read_to_string(manifest).with_context(|| format!("{}", manifest.display()))?;
+        text::read(manifest, text::LIST).with_context(|| format!("{}", manifest.display()))?;
     let mut by_image: BTreeMap<String, Vec<Truth>> = BTreeMap::new();
     for (number, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
         let at = || format!("{}:{}", manifest.display(), number + 1);
@@ -92,6 +93,9 @@ fn truths(manifest: &Path) -> Result<BTreeMap<String, Vec<Truth>>> {
             bail!("{}: face {:?} has not nine letters", at(), truth.face);
         }
         by_image.entry(truth.image.clone()).or_default().push(truth);
+    }
+    if by_image.is_empty() {
+        bail!("{}: it names no picture", manifest.display());
     }
     Ok(by_image)
 }

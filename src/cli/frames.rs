@@ -8,6 +8,7 @@ use super::locate::positive;
 use super::{ScenarioArgs, WRONG, complain};
 use crate::cell::{Camera, Intrinsics, Mount};
 use crate::hw::plant::render::{Look, Renderer, Setting, cube_alone};
+use crate::hw::text;
 use crate::scenario::Scenario;
 use crate::spatial::Pose;
 use crate::vision::Lens;
@@ -152,7 +153,7 @@ impl FrameTruth {
     /// A file that cannot be read, or a line that is none.
     pub(super) fn read_all(folder: &Path) -> Result<Vec<Self>> {
         let path = frames_of(folder);
-        let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        let text = text::read(&path, text::LIST).with_context(|| path.display().to_string())?;
         let lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
         lines
             .map(|(number, line)| {

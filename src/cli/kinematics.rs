@@ -4,6 +4,7 @@
 //! - out: `fk` `base_from_flange` and `base_from_tool` as three rows of four; `ik` `joints`; `motors`
 //!   `motors`; each with `limits`, the list of what is exceeded; or `error` in place of the answer
 
+use super::output::next_line;
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions, MoveRefused};
 use crate::spatial::Pose;
@@ -44,6 +45,9 @@ struct Motors<'a> {
     limits: Vec<String>,
 }
 
+/// No row of numbers is longer [bytes].
+const LONGEST: usize = 1 << 16;
+
 #[derive(Serialize)]
 struct Refusal {
     error: String,
@@ -61,12 +65,16 @@ pub fn stream(
     mut answers: impl Write,
 ) -> io::Result<()> {
     let mut row = Vec::new();
-    while rows.read_until(b'\n', &mut row)? > 0 {
+    while let Some(whole) = next_line(&mut rows, LONGEST, &mut row)? {
         let line = String::from_utf8_lossy(&row);
-        if let Some(answer) = answer(question, model, flange_from_tool, &line) {
+        let answer = if whole {
+            answer(question, model, flange_from_tool, &line)
+        } else {
+            Some(json(&Refusal { error: format!("a row of more than {LONGEST} bytes") }))
+        };
+        if let Some(answer) = answer {
             writeln!(answers, "{answer}")?;
         }
-        row.clear();
     }
     answers.flush()
 }

@@ -1,6 +1,6 @@
 //! `rubik-robot vision` and `rubik-robot picture`: pictures in, and pictures out.
 
-use super::output::Output;
+use super::output::{Output, clash, save};
 use super::{ScenarioArgs, WRONG, complain, cubes, evaluate, frames, locate, rig, stages, vision};
 use crate::cube::{Axis, Face, Facelets, Keeper};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
@@ -8,8 +8,8 @@ use crate::hw::scene::{Scene, SceneArm, SceneCube};
 use crate::operator::{ArmJoints, ArmView, Snapshot, joints_of};
 use crate::scenario::ControllerConfig;
 use crate::spatial::Twist;
-use anyhow::Context;
 use clap::{Args, Subcommand};
+use image::ImageFormat;
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
@@ -183,6 +183,17 @@ pub(super) struct PictureArgs {
 
 /// Writes the cell as it stands before a run: arms at their start, the cube in the hand. Returns the exit code.
 pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result<u8> {
+    let format = ImageFormat::from_path(&args.out).ok().filter(ImageFormat::writing_enabled);
+    let Some(format) = format else {
+        complain(&format!("--out {}: a picture's name ends in .png or .jpg", args.out.display()));
+        return Ok(WRONG);
+    };
+    if let Some(why) =
+        clash(&[("the scenario", Some(&args.scenario.scenario))], &[("--out", Some(&args.out))])
+    {
+        complain(&why);
+        return Ok(WRONG);
+    }
     let scenario = match args.scenario.load(&[]) {
         Ok(scenario) => scenario,
         Err(faults) => {
@@ -207,7 +218,9 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
                 .render(&scene, 1.0)
         }
     };
-    if let Err(error) = image.save(&args.out).with_context(|| args.out.display().to_string()) {
+    let mut file = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut file, format)?;
+    if let Err(error) = save(&args.out, file.get_ref()) {
         complain(&format!("{error:#}"));
         return Ok(WRONG);
     }

@@ -1,6 +1,106 @@
-//! Stdout that takes a closed pipe as success: `rubik-robot keys | head -1` ends quietly.
+//! Where results go: stdout, and files.
+//!
+//! - a closed pipe is a success: `rubik-robot keys | head -1` ends quietly
+//! - a file is whole, or what it was before: the new one takes its place when it is written
+//! - no file that a command writes is one that it reads, nor another one that it writes
 
+use crate::record::place::Place;
+use anyhow::Context as _;
 use std::io::{self, BufWriter, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+/// Writes a file in the place of what has its name, once it is whole.
+///
+/// # Errors
+/// What the operating system says, with the file's name; what was there is there still.
+pub fn save(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    let write = || -> io::Result<()> {
+        let (mut file, mut place) = Place::create(path)?;
+        let regular = place.waits();
+        let written =
+            file.write_all(bytes).and_then(|()| if regular { file.sync_data() } else { Ok(()) });
+        if let Err(why) = written.and_then(|()| place.take()) {
+            // A part of it is of no use to anybody.
+            let _ = place.discard();
+            return Err(why);
+        }
+        Ok(())
+    };
+    write().with_context(|| path.display().to_string())
+}
+
+/// A file of a command: what it is, and its name where it is given.
+pub type Named<'a> = (&'a str, Option<&'a PathBuf>);
+
+/// Why these files cannot be read and written by one command: one of them would be written over another.
+#[must_use]
+pub fn clash(inputs: &[Named<'_>], outputs: &[Named<'_>]) -> Option<String> {
+    for (i, (what, path)) in outputs.iter().enumerate() {
+        let Some(path) = path else { continue };
+        let same = |(_, other): &&Named<'_>| other.is_some_and(|other| is_same(path, other));
+        if let Some((input, _)) = inputs.iter().find(same) {
+            let path = path.display();
+            return Some(format!(
+                "{what}: {path} is {input}, and would be overwritten: name another file"
+            ));
+        }
+        if let Some((other, _)) = outputs[..i].iter().find(same) {
+            let path = path.display();
+            return Some(format!("{what}: {path} is {other}, too: each needs a file of its own"));
+        }
+    }
+    None
+}
+
+/// Whether two names are of one file, whether it is there yet or not; devices and pipes are no files.
+fn is_same(one: &Path, other: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt as _;
+    if let (Ok(one), Ok(other)) = (std::fs::metadata(one), std::fs::metadata(other)) {
+        return one.is_file() && (one.dev(), one.ino()) == (other.dev(), other.ino());
+    }
+    let whole = |path: &Path| {
+        path.canonicalize().ok().or_else(|| {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+            let folder = folder.unwrap_or(Path::new(".")).canonicalize().ok()?;
+            Some(folder.join(path.file_name()?))
+        })
+    };
+    whole(one).is_some_and(|one| whole(other) == Some(one))
+}
+
+/// The next line of a stream, without its end, into `line`; of a longer one than `most` bytes the beginning, the rest
+/// is passed over. Returns whether it is whole; `None` at the end of the stream.
+///
+/// # Errors
+/// Those of reading.
+pub fn next_line(
+    from: &mut impl io::BufRead,
+    most: usize,
+    line: &mut Vec<u8>,
+) -> io::Result<Option<bool>> {
+    line.clear();
+    let (mut begun, mut whole) = (false, true);
+    loop {
+        let bytes = match from.fill_buf() {
+            Err(why) if why.kind() == ErrorKind::Interrupted => continue,
+            bytes => bytes?,
+        };
+        if bytes.is_empty() {
+            return Ok(begun.then_some(whole));
+        }
+        begun = true;
+        let end = bytes.iter().position(|byte| *byte == b'\n');
+        let part = &bytes[..end.unwrap_or(bytes.len())];
+        let room = most - line.len();
+        whole &= part.len() <= room;
+        line.extend_from_slice(&part[..part.len().min(room)]);
+        let used = part.len() + usize::from(end.is_some());
+        from.consume(used);
+        if end.is_some() {
+            return Ok(Some(whole));
+        }
+    }
+}
 
 /// Lines of results.
 #[derive(Debug)]
@@ -101,5 +201,62 @@ mod tests {
         output.flush().unwrap();
 
         assert!(output.is_closed());
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_written_is_what_it_was() {
+        let folder = std::env::temp_dir().join(format!("rubik-robot-save-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("report.html");
+        save(&path, b"old").unwrap();
+        // Nothing can be put beside it: as on a full disk, it is told and nothing is lost.
+        std::fs::create_dir(folder.join("report.html.part")).unwrap();
+
+        assert!(format!("{:#}", save(&path, b"new").unwrap_err()).contains("report.html: "));
+
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        std::fs::remove_dir(folder.join("report.html.part")).unwrap();
+        save(&path, b"new").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+        // A device that is full.
+        assert!(save(Path::new("/dev/full"), b"new").is_err());
+        save(Path::new("/dev/null"), b"new").unwrap();
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn files_that_would_be_written_over_are_named_whatever_they_are_called() {
+        let folder = std::env::temp_dir().join(format!("rubik-robot-clash-{}", std::process::id()));
+        std::fs::create_dir_all(folder.join("sub")).unwrap();
+        let there = folder.join("s.toml");
+        std::fs::write(&there, "").unwrap();
+        std::os::unix::fs::symlink(&there, folder.join("link")).unwrap();
+        std::fs::hard_link(&there, folder.join("hard")).unwrap();
+        for name in ["s.toml", "sub/../s.toml", "link", "hard"] {
+            let path = folder.join(name);
+            let told = clash(&[("the scenario", Some(&there))], &[("-o", Some(&path))]);
+            assert!(told.unwrap().contains("is the scenario"), "{name}");
+        }
+        let (new, again) = (folder.join("new"), folder.join("sub/../new"));
+        let told = clash(&[], &[("--world", Some(&new)), ("--record", Some(&again))]).unwrap();
+        assert!(told.starts_with("--record: ") && told.contains("is --world, too"), "{told}");
+        assert_eq!(clash(&[("s", Some(&there))], &[("-o", Some(&new)), ("-p", None)]), None);
+        let null = PathBuf::from("/dev/null");
+        assert_eq!(clash(&[], &[("--world", Some(&null)), ("--record", Some(&null))]), None);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn of_a_line_that_is_too_long_the_rest_is_passed_over() {
+        let text = b"ab\n\nabcd\nabcde\nx";
+        for buffer in [1, 3, 100] {
+            let mut from = io::BufReader::with_capacity(buffer, text.as_slice());
+            let (mut line, mut found) = (Vec::new(), Vec::new());
+            while let Some(whole) = next_line(&mut from, 4, &mut line).unwrap() {
+                found.push((String::from_utf8(line.clone()).unwrap(), whole));
+            }
+            let expected = [("ab", true), ("", true), ("abcd", true), ("abcd", false), ("x", true)];
+            assert_eq!(found, expected.map(|(text, whole)| (text.to_owned(), whole)));
+        }
     }
 }

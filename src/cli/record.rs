@@ -104,8 +104,3 @@ pub(super) fn told(path: &Path, written: &Written) -> String {
     let size = std::fs::metadata(path).map_or(0, |m| m.len());
     format!("recorded {}: {written}, {:.1} MB", path.display(), size as f64 / 1e6)
 }
-
-/// Whether what is written would replace what is read.
-pub(super) fn same_file(from: &Path, to: &Path) -> bool {
-    from.canonicalize().ok().zip(to.canonicalize().ok()).is_some_and(|(from, to)| from == to)
-}

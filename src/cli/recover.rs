@@ -1,6 +1,6 @@
 //! `rubik-robot recover`: a whole recording of one that was cut off.
 
-use super::record::same_file;
+use super::output::clash;
 use super::{WRONG, complain};
 use crate::record::place::Place;
 use crate::record::recover::recover;
@@ -23,8 +23,10 @@ pub(super) struct RecoverArgs {
 }
 
 pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
-    if same_file(&args.recording, &args.output) {
-        complain("the recording would be overwritten by its own remains: name another file");
+    if let Some(why) =
+        clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])
+    {
+        complain(&why);
         return Ok(WRONG);
     }
     let from = match File::open(&args.recording) {

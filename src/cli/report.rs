@@ -1,6 +1,6 @@
 //! `rubik-robot report`: one page that tells a recorded run.
 
-use super::record::same_file;
+use super::output::{clash, save};
 use super::{WRONG, complain, look, replay};
 use crate::actors::show::Show;
 use crate::operator::Snapshot;
@@ -32,8 +32,10 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
         complain(&format!("{}: {why}", args.recording.display()));
         Ok(WRONG)
     };
-    if same_file(&args.recording, &args.output) {
-        complain("the page would be written over its own recording: name another file");
+    if let Some(why) =
+        clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])
+    {
+        complain(&why);
         return Ok(WRONG);
     }
     let file = match File::open(&args.recording) {
@@ -50,8 +52,8 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
             Vec::new()
         });
     }
-    if let Err(error) = std::fs::write(&args.output, page(&story)) {
-        complain(&format!("{}: {error}", args.output.display()));
+    if let Err(error) = save(&args.output, page(&story).as_bytes()) {
+        complain(&format!("{error:#}"));
         return Ok(WRONG);
     }
     if let Some(flaw) = story.file_end.as_ref().and_then(End::flaw) {

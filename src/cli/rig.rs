@@ -6,6 +6,7 @@
 use super::cubes::{Refused, report};
 use super::vision::load;
 use crate::cube::Cube;
+use crate::hw::text;
 use crate::vision::colours::{Decision, decide_cube, face_letter};
 use crate::vision::table::{ColourTable, KnownCube};
 use anyhow::{Context, Result, anyhow, bail};
@@ -83,7 +84,7 @@ fn facelet_colours(image: &Path, boxes: &Boxes) -> Result<[[f64; 3]; 54]> {
 }
 
 fn read_boxes(path: &Path) -> Result<Boxes> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("{}", path.display()))?;
+    let text = text::read(path, text::SCENARIO).with_context(|| format!("{}", path.display()))?;
     parse_boxes(&text).with_context(|| format!("{}", path.display()))
 }
 
@@ -93,7 +94,7 @@ fn read_boxes(path: &Path) -> Result<Boxes> {
 /// What is wrong with the file.
 fn read_table(path: &Path) -> Result<ColourTable> {
     let name = || format!("{}", path.display());
-    let text = std::fs::read_to_string(path).with_context(name)?;
+    let text = text::read(path, text::LIST).with_context(name)?;
     let table: ColourTable = serde_json::from_str(&text).with_context(name)?;
     table.check().with_context(name)?;
     Ok(table)
@@ -168,7 +169,7 @@ pub fn learn(images: &[PathBuf], boxes: &Path, states: Option<&Path>) -> Result<
         None => None,
         Some(path) => {
             let text =
-                std::fs::read_to_string(path).with_context(|| format!("{}", path.display()))?;
+                text::read(path, text::LIST).with_context(|| format!("{}", path.display()))?;
             Some(parse_states(&text).with_context(|| format!("{}", path.display()))?)
         }
     };

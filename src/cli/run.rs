@@ -1,7 +1,7 @@
 //! `rubik-robot run`: perform a scenario, then say what it came to.
 
 use super::face::{Face, FaceArgs};
-use super::output::Output;
+use super::output::{Output, clash};
 use super::{ScenarioArgs, WRONG, complain, record};
 use crate::actors::control::is_speed;
 use crate::actors::{self, Around, Keep, RunOptions};
@@ -152,6 +152,10 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
             return Ok(WRONG);
         }
     };
+    if let Some(why) = overwritten(args, &keep) {
+        complain(&why);
+        return Ok(WRONG);
+    }
     let word = args.face.word(args.json);
     let (desk, behind) = desk();
     let face = match args.face.open(word, desk) {
@@ -257,6 +261,30 @@ fn keep(args: &KeepArgs, scenario: &Scenario) -> Result<Keep, &'static str> {
         return Err("--resume: only the task solve can go on");
     }
     Ok(Keep { world: args.world.clone(), journal, resume: args.resume })
+}
+
+/// What the run would write over: its scenario, or one of its files over another, or over what stands beside that.
+fn overwritten(args: &RunArgs, keep: &Keep) -> Option<String> {
+    let beside = |path: &Option<PathBuf>, end: &str| {
+        path.as_ref().map(|path| {
+            let mut path = path.clone().into_os_string();
+            path.push(end);
+            PathBuf::from(path)
+        })
+    };
+    let (lock, new) = (beside(&keep.world, ".lock"), beside(&keep.world, ".new"));
+    let part = beside(&args.record, ".part");
+    clash(
+        &[("the scenario", Some(&args.scenario.scenario))],
+        &[
+            ("--record", args.record.as_ref()),
+            ("--record's beginning", part.as_ref()),
+            ("--journal", keep.journal.as_ref()),
+            ("--world", keep.world.as_ref()),
+            ("--world's lock", lock.as_ref()),
+            ("--world's next state", new.as_ref()),
+        ],
+    )
 }
 
 /// Says what a run came to; returns the exit code.

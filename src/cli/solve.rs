@@ -1,7 +1,7 @@
 //! `rubik-robot solve` and `rubik-robot scramble`: cubes in, turns out.
 
 use super::engine::{Answer, Engine, Limits, Mode, Unsolved, two_phase_tables};
-use super::output::Output;
+use super::output::{Output, next_line};
 use super::tables::Folder;
 use super::{WRONG, complain};
 use crate::cube::{
@@ -13,7 +13,6 @@ use crate::tables::{Residence, Threads};
 use clap::Args;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::io::BufRead;
 use std::sync::mpsc::{Receiver, RecvError, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -308,6 +307,9 @@ fn refuse(given: &str, refusal: &Refusal, json: bool, output: &mut Output) -> an
     Ok(WRONG)
 }
 
+/// No line with a cube is longer [bytes]: a scramble has hundreds.
+const LONGEST: usize = 1 << 16;
+
 /// Answers each line of stdin in its order, several at once.
 ///
 /// The threads are not waited for: one of them may stand in a read of stdin when nobody wants the answers any more.
@@ -316,8 +318,13 @@ fn answer_stream(desk: &Arc<Desk>, workers: usize, output: &mut Output) -> anyho
     let (answers, done) = sync_channel::<(usize, std::io::Result<Line>)>(workers * 4);
     std::thread::spawn(move || {
         // A line that is no text is refused as any other; those after it are not lost.
-        let cubes = std::io::stdin().lock().split(b'\n');
-        let cubes = cubes.map(|line| line.map(|l| String::from_utf8_lossy(&l).into_owned()));
+        let mut stdin = std::io::stdin().lock();
+        let mut line = Vec::new();
+        let cubes = std::iter::from_fn(|| {
+            // Cut off, a longer one is refused, too: it is no cube.
+            let read = next_line(&mut stdin, LONGEST, &mut line).transpose()?;
+            Some(read.map(|_| String::from_utf8_lossy(&line).into_owned()))
+        });
         let cubes = cubes.filter(|l| l.as_ref().is_ok_and(|l| !l.trim().is_empty()) || l.is_err());
         for numbered in cubes.enumerate() {
             let ends = numbered.1.is_err();

@@ -160,7 +160,8 @@ impl Turn {
             return Next::Done(Outcome::Stalled(turned * self.angle.signum(), torque));
         } else {
             let ramp = ACCELERATION * f64::from(self.steps) * step;
-            let speed = (SLOWING * left).min(ramp).clamp(CREEP, self.speed);
+            // A turn may be wanted slower than it creeps at its ends.
+            let speed = (SLOWING * left).min(ramp).clamp(CREEP.min(self.speed), self.speed);
             let velocity = speed * self.angle.signum();
             self.ordered = speed;
             directions[5] = if self.stiff {
@@ -171,5 +172,56 @@ impl Turn {
             };
         }
         Next::Go(self.compliance.task(directions, None))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::compliance;
+    use super::*;
+    use crate::motion::{ArmState, Motion};
+    use std::f64::consts::FRAC_PI_2;
+
+    /// Turns a layer that follows without resistance; the outcome and the greatest speed ordered [rad/s].
+    fn turned(angle: f64, speed: f64, stiff: bool) -> (Outcome, f64) {
+        let mut turn = Turn::new(angle, speed, (0.0, 2.5), [true; 6], stiff, compliance());
+        let (mut arm, mut fastest) = (ArmState::default(), 0.0_f64);
+        for period in (0..100_000).step_by(8) {
+            let command = match turn.next(&Inputs { arm: &arm, target: None, period, pace: 1.0 }) {
+                Next::Done(outcome) => return (outcome, fastest),
+                Next::Go(command) => command,
+            };
+            let Motion::Task { directions, .. } = command.motion else { panic!("{command:?}") };
+            let velocity = match directions[5] {
+                Direction::Unguarded { velocity } | Direction::Guarded { velocity, .. } => velocity,
+                _ => 0.0,
+            };
+            fastest = fastest.max(velocity.abs());
+            arm.joints.0[6] += velocity * 8.0 * PERIOD;
+        }
+        panic!("it never ends")
+    }
+
+    #[test]
+    fn a_layer_is_turned_at_the_least_and_the_greatest_speed_that_may_be_wanted() {
+        // The ends of `control.turn_speed_deg_s`, and what a calibration and a heavy layer leave of them.
+        for degrees in [0.1_f64, 1.0, 1.2, 25.0, 180.0] {
+            let speed = degrees.to_radians();
+            for stiff in [false, true] {
+                let angle = if degrees < 1.0 { 0.1 } else { -FRAC_PI_2 };
+                let (outcome, fastest) = turned(angle, speed, stiff);
+
+                if degrees < 1.0 {
+                    // Slower than what counts as standing still.
+                    assert!(matches!(outcome, Outcome::Stalled(..)), "{outcome:?}");
+                } else {
+                    assert!(
+                        matches!(outcome, Outcome::Turned(a) if (a - angle).abs() < 0.01),
+                        "{outcome:?}"
+                    );
+                }
+                assert!(fastest <= speed + 1e-12, "{fastest} at {degrees} deg/s");
+            }
+        }
     }
 }

@@ -15,9 +15,7 @@ use serde::de::{Deserializer, Error as _};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::fs::{File, TryLockError};
-use std::io::Read;
 use std::net::SocketAddr;
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 
@@ -390,16 +388,7 @@ impl Devices {
 
 /// A file that is open, and its text. What is no regular file may have no end, or never begin.
 pub(crate) fn read(path: &Path) -> std::io::Result<(File, String)> {
-    let flags = libc::O_NONBLOCK | libc::O_NOCTTY;
-    let file = File::options().read(true).custom_flags(flags).open(path)?;
-    if !file.metadata()?.is_file() {
-        return Err(std::io::Error::other("not a regular file"));
-    }
-    let mut text = String::new();
-    if (&file).take(LARGEST + 1).read_to_string(&mut text)? as u64 > LARGEST {
-        return Err(std::io::Error::other("larger than 1 MiB"));
-    }
-    Ok((file, text))
+    super::text::open_text(path, LARGEST)
 }
 
 /// Whether the emulator that wrote a file still runs.

@@ -15,3 +15,4 @@ pub mod port;
 pub mod scene;
 pub mod serial;
 pub mod socket_camera;
+pub mod text;

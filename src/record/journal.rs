@@ -38,6 +38,14 @@ pub enum Unreadable {
         /// What is wrong with it.
         why: serde_json::Error,
     },
+    /// An entry that no run has written.
+    #[error("line {line}: {why}")]
+    Value {
+        /// From 1.
+        line: usize,
+        /// What is wrong with it.
+        why: &'static str,
+    },
     /// A line longer than any entry.
     #[error("line {0} is too long for an entry")]
     Long(usize),
@@ -45,6 +53,11 @@ pub enum Unreadable {
 
 /// No entry is longer, its line's end left out [bytes].
 const LONGEST: u64 = 4096;
+
+/// No joint is farther from its zero, and no cube from an arm's base [rad, m].
+const FARTHEST: f64 = 20.0;
+/// No arm draws back by more than this [m].
+const MOST_SHORT: f64 = 1.0;
 
 impl Journal {
     /// Begins a journal in place of one whose run has ended, or goes on with one.
@@ -110,7 +123,10 @@ impl Journal {
                 return Err(Unreadable::Long(line));
             }
             match serde_json::from_slice(&bytes) {
-                Ok(entry) => last = Some(entry),
+                Ok(entry) => {
+                    plausible(&entry).map_err(|why| Unreadable::Value { line, why })?;
+                    last = Some(entry);
+                }
                 // A run that went on after a crash has left the torn line among whole ones.
                 Err(why) => torn = torn.or(Some(Unreadable::Line { line, why })),
             }
@@ -120,6 +136,22 @@ impl Journal {
             (last, _) => Ok(last),
         }
     }
+}
+
+/// Whether a cell's arms can have been where an entry tells: another run would go there.
+fn plausible(entry: &Entry) -> Result<(), &'static str> {
+    // Written so that NaN is refused, too.
+    let within = |values: &[f64], most: f64| values.iter().all(|value| value.abs() <= most);
+    if !entry.hand_over.is_none_or(|joints| within(&joints.0, FARTHEST)) {
+        return Err("no arm can stand at this place of the hand-over");
+    }
+    if !entry.taken_at.is_none_or(|place| within(&place, FARTHEST)) {
+        return Err("no arm can have taken the cube there");
+    }
+    if !(0.0..=MOST_SHORT).contains(&entry.short) {
+        return Err("no arm draws back so much less than usual");
+    }
+    Ok(())
 }
 
 /// Locks a file that one run alone may write; whether nobody else does.
@@ -139,7 +171,7 @@ pub fn is_ours(file: &File, path: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::Depth;
+    use crate::motion::{Depth, JointPositions};
 
     fn place(name: &str) -> std::path::PathBuf {
         std::env::temp_dir().join(format!("rubik-robot-journal-{}-{name}", std::process::id()))
@@ -209,6 +241,29 @@ mod tests {
         assert_eq!(refused.kind(), io::ErrorKind::InvalidInput);
         assert_eq!(Journal::last(&path).unwrap(), Some(entry("closing")));
         std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn an_entry_of_what_no_arm_can_do_is_refused_with_its_line() {
+        let path = place("values");
+        let wrong: [fn(&mut Entry); 4] = [
+            |entry| entry.short = 1e308,
+            |entry| entry.short = -0.1,
+            |entry| entry.taken_at = Some([0.0, 1e20, 0.0]),
+            |entry| entry.hand_over = Some(JointPositions([1e300; 7])),
+        ];
+        for change in wrong {
+            let mut journal = Journal::open(&path, false).unwrap();
+            journal.write(&entry("closing")).unwrap();
+            let mut last = entry("turning");
+            change(&mut last);
+            journal.write(&last).unwrap();
+
+            let error = Journal::last(&path).unwrap_err();
+
+            assert!(matches!(error, Unreadable::Value { line: 2, .. }), "{error}");
+            std::fs::remove_file(&path).unwrap();
+        }
     }
 
     #[test]

@@ -8,6 +8,7 @@ use super::{
 };
 use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, Intrinsics, Mount};
 use crate::cube::{Cube, Facelets, Keeper};
+use crate::hw::text;
 use crate::kinematics::{self, ArmModel};
 use crate::motion::{AXES, JointPositions};
 use crate::servo::period::Length;
@@ -387,7 +388,7 @@ fn data<T: serde::de::DeserializeOwned>(
     let (text, source) = if let Some(text) = built_in(name) {
         (text.to_owned(), name.to_owned())
     } else if Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
-        match std::fs::read_to_string(&file) {
+        match text::read(&file, text::SCENARIO) {
             Ok(text) => (text, file.display().to_string()),
             Err(error) => {
                 fault(reader, at, format!("`{at}`: {}: {error}", file.display()));

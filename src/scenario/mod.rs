@@ -19,6 +19,7 @@ mod check;
 
 use crate::cell::Cell;
 use crate::cube::{Cube, Facelets};
+use crate::hw::text;
 use crate::servo::regulator::ServoGains;
 use fault::{Faults, Source};
 use injected::FaultKeys;
@@ -258,7 +259,7 @@ struct Draft {
 /// What the operating system says to a file.
 pub fn text(path: &Path) -> std::io::Result<String> {
     let shipped = SHIPPED.iter().find(|(name, _)| path.as_os_str() == *name);
-    shipped.map_or_else(|| std::fs::read_to_string(path), |(_, text)| Ok((*text).to_owned()))
+    shipped.map_or_else(|| text::read(path, text::SCENARIO), |(_, text)| Ok((*text).to_owned()))
 }
 
 /// Reads a scenario file, or one that the program brings along.

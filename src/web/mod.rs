@@ -4,10 +4,12 @@
 //! - out: the page (assets of this folder, nothing from elsewhere), `GET /camera/{index}` as JPEG, and `GET /ws`, a
 //!   WebSocket on which stage, snapshots and messages go out and commands come in
 //! - who may: see [`guard`]; one page commands, the others watch, and anyone may press the emergency stop
+//! - how many: see `line`; connections without end keep nobody from the stop
 //!
 //! It lives on a thread with a runtime of its own. A page that is slow misses snapshots; nobody waits for it.
 
 pub mod guard;
+mod line;
 mod socket;
 
 use crate::desk::{Desk, Pixels};
@@ -19,6 +21,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use guard::Guard;
 use image::codecs::jpeg::JpegEncoder;
+use line::{Door, Line};
 use socket::Seats;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -77,7 +80,8 @@ impl Server {
         let shared = Shared { desk, guard, seats: Arc::default() };
         let (stop, stopped) = oneshot::channel::<()>();
         let work = move || {
-            let served = axum::serve(listener, routes(shared));
+            let service = routes(shared).into_make_service_with_connect_info::<Line>();
+            let served = axum::serve(Door::new(listener), service);
             runtime.block_on(async {
                 tokio::select! {
                     biased;
@@ -113,6 +117,12 @@ fn routes(shared: Shared) -> Router {
             router.route(path, get(move || async move { ([(header::CONTENT_TYPE, kind)], text) }));
     }
     router.layer(middleware::from_fn_with_state(shared.clone(), check)).with_state(shared)
+}
+
+/// What a socket does with a text of the only page; returns what it answers. Without a server, for tests.
+#[must_use]
+pub fn heard(text: &str, desk: &Desk) -> Option<String> {
+    socket::heed(text, &Arc::<Seats>::default().newcomer(), desk)
 }
 
 /// Every request passes here first.

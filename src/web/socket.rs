@@ -5,11 +5,13 @@
 //! a reason. In: [`Command`]s, and `{"seat":"take"}` or `{"seat":"leave"}`.
 
 use super::Shared;
+use super::line::Line;
 use crate::desk::Desk;
 use crate::operator::{Command, Message, PlanLine, Snapshot, Stage};
-use axum::extract::State;
 use axum::extract::ws::{self, WebSocket, WebSocketUpgrade};
-use axum::response::Response;
+use axum::extract::{ConnectInfo, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::json;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -39,7 +41,7 @@ impl Default for Seats {
 }
 
 impl Seats {
-    fn newcomer(self: &Arc<Self>) -> Seat {
+    pub(super) fn newcomer(self: &Arc<Self>) -> Seat {
         let number = self.last.fetch_add(1, Ordering::Relaxed) + 1;
         let seat = Seat { seats: Arc::clone(self), number };
         // Whoever comes first commands.
@@ -51,7 +53,7 @@ impl Seats {
 }
 
 /// A page's place; it is free again when the page is gone.
-struct Seat {
+pub(super) struct Seat {
     seats: Arc<Seats>,
     number: u64,
 }
@@ -88,8 +90,20 @@ impl Drop for Seat {
 }
 
 /// `GET /ws`.
-pub(super) async fn upgrade(State(shared): State<Shared>, upgrade: WebSocketUpgrade) -> Response {
-    upgrade.max_message_size(LONGEST).on_upgrade(move |socket| serve(socket, shared))
+pub(super) async fn upgrade(
+    State(shared): State<Shared>,
+    ConnectInfo(line): ConnectInfo<Line>,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    if !line.becomes_page() {
+        return (StatusCode::SERVICE_UNAVAILABLE, "there are too many pages\n").into_response();
+    }
+    // Room for a frame is made when its head has come, whatever follows.
+    upgrade
+        .max_message_size(LONGEST)
+        .max_frame_size(LONGEST)
+        .read_buffer_size(2 * LONGEST)
+        .on_upgrade(move |socket| serve(socket, shared))
 }
 
 async fn serve(mut socket: WebSocket, shared: Shared) {
@@ -162,7 +176,7 @@ enum SeatWord {
 }
 
 /// Obeys what a page says; returns why not.
-fn heed(text: &str, seat: &Seat, desk: &Desk) -> Option<String> {
+pub(super) fn heed(text: &str, seat: &Seat, desk: &Desk) -> Option<String> {
     let said: Said = match serde_json::from_str(text) {
         Ok(said) => said,
         Err(_) => return Some("that is no command".to_owned()),

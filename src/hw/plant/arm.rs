@@ -11,6 +11,7 @@ use super::config::ArmDynamics;
 use super::dynamics::{Placement, Screw};
 use super::encoder::Encoder;
 use super::frame::{Frame, solve};
+use super::plausible::Wrong;
 use super::saved::SavedArm;
 use crate::cell::Arm;
 use crate::kinematics::ArmModel;
@@ -26,6 +27,11 @@ const PRESLIDING: f64 = 0.005;
 const SWITCH: f64 = 1.0;
 /// Beyond the limit switches an axis has this far to its hard stop [rad of the shaft].
 const OVERTRAVEL: f64 = 3.0;
+
+/// No joint's spring stretches so far [m, rad].
+const STRETCHED: f64 = 0.3;
+/// What a kept number may be beyond its limit [rad].
+const NEARLY: f64 = 1e-6;
 
 /// State and constants of an arm.
 #[derive(Clone)]
@@ -146,6 +152,33 @@ impl PlantArm {
             counterbalance: self.counterbalance,
             encoders: self.encoders.to_vec(),
         }
+    }
+
+    /// Whether an arm can be where it was kept: between its hard stops, its springs as stretched as they get.
+    pub(super) fn bears(&self, saved: &SavedArm) -> Result<(), Wrong> {
+        let wrong =
+            |place: &str, j: usize, why: &str| Err((format!("{place}[{j}]"), why.to_owned()));
+        for j in 0..AXES {
+            let (low, high) = self.model.motor_limits[j];
+            let (beyond, motor) = (SWITCH + OVERTRAVEL + NEARLY, saved.motors[j]);
+            if !(low - beyond..=high + beyond).contains(&motor) {
+                return wrong("motors", j, "beyond the hard stop");
+            }
+        }
+        let theta = self.model.joints_unchecked(&MotorPositions(saved.motors)).0;
+        for j in 0..AXES {
+            // NaN is none, too.
+            if !((theta[j] - saved.joints[j]).abs() < STRETCHED) {
+                return wrong("joints", j, "not where its motor holds it");
+            }
+            if saved.bristles[j].abs() > PRESLIDING + NEARLY {
+                return wrong("bristles", j, "beyond their stretch");
+            }
+            if !saved.encoders[j].fits(&self.encoders[j], saved.motors[j]) {
+                return wrong("encoders", j, "not this motor's");
+            }
+        }
+        Ok(())
     }
 
     /// At rest where it was kept; `saved` has an encoder an axis.

@@ -39,6 +39,12 @@ impl Encoder {
         Self { increments, origin, turn: libm::floor(motor / TAU), synchronised, told: false }
     }
 
+    /// Whether what was kept of an encoder can be of this one, whose motor is there.
+    pub(super) fn fits(&self, own: &Self, motor: f64) -> bool {
+        // A revolution more or less: the last reading is of a period before.
+        self.increments == own.increments && (self.turn - motor / TAU).abs() < 1e3
+    }
+
     /// Once a period.
     pub(super) fn read(&mut self, motor: f64, synchronise: bool) -> Report {
         let turn = libm::floor(motor / TAU);

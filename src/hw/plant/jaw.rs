@@ -6,6 +6,7 @@
 
 use super::config::Jaws;
 use super::encoder::{Encoder, Report};
+use super::plausible::Wrong;
 use crate::cell::Gripper;
 use crate::servo::io::ArmDrive;
 
@@ -15,6 +16,9 @@ const OPENS: f64 = 1e-3;
 const TRIPS: f64 = 0.1;
 /// Speed over which the jaw's friction builds up [m/s].
 const CREEP: f64 = 1e-4;
+
+/// No jaw is kept farther beyond its stops [m].
+const BEYOND: f64 = 5e-3;
 
 #[derive(Debug, Clone)]
 pub(super) struct PlantJaw {
@@ -106,6 +110,23 @@ impl PlantJaw {
     /// Motor and encoder, as they are kept.
     pub(super) fn saved(&self) -> (f64, Encoder) {
         (self.motor, self.encoder.clone())
+    }
+
+    /// Whether a jaw can be where it was kept: between its stops.
+    pub(super) fn bears(&self, (motor, encoder): &(f64, Encoder)) -> Result<(), Wrong> {
+        let there = Self { motor: *motor, ..self.clone() };
+        let [_, c1, c2] = self.gripper.opening_of_motor;
+        let (low, high) = self.gripper.opening;
+        let opening = there.opening() - self.gripper.opening_offset;
+        // A jaw that a wider cube forced apart is beyond its stop by that; the other branch of the parabola is none.
+        let between = opening > low - BEYOND && opening < high + BEYOND;
+        if !between || (c1 + 2.0 * c2 * motor) * c1 <= 0.0 {
+            return Err(("[0]".to_owned(), "beyond the jaws' stops".to_owned()));
+        }
+        if !encoder.fits(&self.encoder, *motor) {
+            return Err(("[1]".to_owned(), "not this motor's encoder".to_owned()));
+        }
+        Ok(())
     }
 
     /// At rest where it was kept.

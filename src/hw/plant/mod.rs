@@ -21,6 +21,7 @@ mod grasp;
 mod hand;
 mod holding;
 mod jaw;
+mod plausible;
 pub mod render;
 mod rest;
 pub mod saved;

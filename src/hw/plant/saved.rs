@@ -4,20 +4,28 @@
 //! - what is not: speeds (whoever switches the power off puts the brakes on), the sensors' noise, what follows from
 //!   scenario and seed
 //! - a file that was cut off by a crash cannot be: a new one replaces the old one whole
-//! - it goes with one plant only, see [`Identity`]
+//! - it goes with one plant only, see [`Identity`]; what no plant can be is refused with its place
 
 use super::balance::Split;
 use super::encoder::Encoder;
 use super::frame::Frame;
 use super::grasp::Grasp;
 use super::hand::Saved as SavedHand;
+use super::plausible::{self, Wrong};
 use super::verdict::Counts;
 use super::{Plant, PlantConfig, State};
 use crate::motion::{AXES, Depth, JointPositions};
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::path::Path;
+
+/// No state is longer [bytes]: one has 5000.
+const LONGEST: u64 = 1 << 20;
+
+/// A hand that has hold of the cube is not farther from it than this [m]; nor are the cube's parts from each other.
+const AT_HAND: f64 = 0.2;
 
 /// Counts up whenever the same file means something else.
 const VERSION: u32 = 5;
@@ -128,6 +136,17 @@ pub enum Unfit {
     /// Another run keeps its plant in it.
     #[error("another run keeps its plant there")]
     Taken,
+    /// It is larger than any state.
+    #[error("too long for the state of a plant")]
+    Long,
+    /// A number that no plant has.
+    #[error("{place}: {why}")]
+    Value {
+        /// Which one, as in `arms[0].joints[3]`.
+        place: String,
+        /// What is wrong with it.
+        why: String,
+    },
     /// It was made with another seed, in another cell, or with other plant keys.
     #[error("the state of another plant: {0}")]
     Other(String),
@@ -137,6 +156,12 @@ pub enum Unfit {
 #[derive(serde::Deserialize)]
 struct Versioned {
     version: u32,
+}
+
+impl From<Wrong> for Unfit {
+    fn from((place, why): Wrong) -> Self {
+        Self::Value { place, why }
+    }
 }
 
 impl Saved {
@@ -152,13 +177,50 @@ impl Saved {
             Err(why) if why.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(why) => return Err(why.into()),
         }
-        let bytes = std::fs::read(path)?;
+        let mut bytes = Vec::new();
+        std::fs::File::open(path)?.take(LONGEST + 1).read_to_end(&mut bytes)?;
+        Self::parse(&bytes).map(Some)
+    }
+
+    /// A state from a file's bytes.
+    ///
+    /// # Errors
+    /// When it is not what it should be.
+    pub fn parse(bytes: &[u8]) -> Result<Self, Unfit> {
+        if bytes.len() as u64 > LONGEST {
+            return Err(Unfit::Long);
+        }
         // Of another version everything else may be otherwise.
-        let Versioned { version } = serde_json::from_slice(&bytes)?;
+        let Versioned { version } = serde_json::from_slice(bytes)?;
         if version != VERSION {
             return Err(Unfit::Version(version));
         }
-        Ok(Some(serde_json::from_slice(&bytes)?))
+        plausible::number(&serde_json::from_slice(bytes)?)?;
+        let saved: Self = serde_json::from_slice(bytes)?;
+        saved.indices()?;
+        Ok(saved)
+    }
+
+    /// What names one of several.
+    fn indices(&self) -> Result<(), Wrong> {
+        let wrong = |place: &str, why: &str| Err((place.to_owned(), why.to_owned()));
+        if let Some(Split { axis, layers: [a, b] }) = self.split {
+            if axis > 2 {
+                return wrong("split.axis", "a cube has three axes");
+            }
+            if a & b != 0 || a | b != 7 || a == 0 || b == 0 {
+                return wrong("split.layers", "two parts have a cube's three layers between them");
+            }
+        }
+        for (i, grasp) in self.grasps.iter().enumerate() {
+            if grasp.node > 1 {
+                return wrong(&format!("grasps[{i}].node"), "a cube has two parts at most");
+            }
+        }
+        if self.last_holder.is_some_and(|arm| arm > 1) {
+            return wrong("last_holder", "there are two arms at most");
+        }
+        Ok(())
     }
 
     /// Replaces a file; `synced`: the new one is on the disk before it takes the old one's name.
@@ -243,11 +305,26 @@ impl Plant {
         if stickers.iter().any(|&colour| colour > 5) {
             return Err(Unfit::Other("a sticker of no colour".to_owned()));
         }
-        for (arm, saved) in self.arms.iter_mut().zip(saved.arms) {
+        for (i, (arm, saved)) in self.arms.iter_mut().zip(saved.arms).enumerate() {
+            arm.bears(&saved).map_err(|(place, why)| (format!("arms[{i}].{place}"), why))?;
             arm.restore(saved);
         }
-        for (jaw, saved) in self.jaws.iter_mut().zip(saved.jaws) {
+        for (i, (jaw, saved)) in self.jaws.iter_mut().zip(saved.jaws).enumerate() {
+            jaw.bears(&saved).map_err(|(place, why)| (format!("jaws[{i}]{place}"), why))?;
             jaw.restore(saved);
+        }
+        let apart = |a: &Vector3<f64>, b: &Vector3<f64>| (a - b).norm() > AT_HAND;
+        for (i, grasp) in saved.grasps.iter().enumerate() {
+            if grasp.attached()
+                && (i >= self.arms.len() || apart(&self.tool(i).p, &saved.nodes[0].p))
+            {
+                let why = "the cube is not where the hand is that holds it";
+                return Err((format!("grasps[{i}]"), why.to_owned()).into());
+            }
+        }
+        if saved.split.is_some() && apart(&saved.nodes[0].p, &saved.nodes[1].p) {
+            let why = "the cube's parts are not at one place";
+            return Err(("nodes".to_owned(), why.to_owned()).into());
         }
         self.puzzle.restore(stickers, saved.angles);
         // A layer that somebody turned by whole quarters is where it belongs.
@@ -273,6 +350,46 @@ mod tests {
     use super::super::fault::{Fault, What, When};
     use super::super::{CubeMechanics, Jaws, testing};
     use super::*;
+
+    #[test]
+    fn a_state_that_no_plant_can_be_in_is_refused_with_place_and_reason() {
+        let plant = || Plant::new(PlantConfig::new(testing::cell()), 1).unwrap();
+        let whole = serde_json::to_value(plant().saved()).unwrap();
+        let told = |pointer: &str, value: serde_json::Value| {
+            let mut state = whole.clone();
+            *state.pointer_mut(pointer).unwrap() = value;
+            let read = Saved::parse(&serde_json::to_vec(&state).unwrap());
+            read.and_then(|saved| plant().restored(saved))
+                .map(|_| ())
+                .map_or_else(|why| why.to_string(), |()| "taken".to_owned())
+        };
+        assert!(plant().restored(Saved::parse(whole.to_string().as_bytes()).unwrap()).is_ok());
+
+        for (pointer, value, start) in [
+            ("/split", serde_json::json!({ "axis": 9, "layers": [1, 6] }), "split.axis: "),
+            ("/split", serde_json::json!({ "axis": 1, "layers": [1, 7] }), "split.layers: "),
+            ("/grasps/0/node", 99.into(), "grasps[0].node: "),
+            ("/arms/0/joints/2", 1e20.into(), "arms[0].joints[2]: "),
+            ("/arms/1/joints/2", 5.0.into(), "arms[1].joints[2]: "),
+            ("/arms/0/motors/6", 1e308.into(), "arms[0].motors[6]: "),
+            ("/arms/0/motors/6", 9000.0.into(), "arms[0].motors[6]: "),
+            ("/arms/0/encoders/3/increments", 1e9.into(), "arms[0].encoders[3]: "),
+            ("/jaws/1/0", 1e4.into(), "jaws[1][0]: "),
+            ("/nodes/1/p/0", 1e308.into(), "nodes[1].p[0]: "),
+            ("/nodes/0/r", vec![0.0; 9].into(), "nodes[0].r: "),
+            ("/last_holder", 2.into(), "last_holder: "),
+        ] {
+            let told = told(pointer, value);
+            assert!(told.starts_with(start), "{pointer}: {told}");
+        }
+        let mut far = whole.clone();
+        far["grasps"][1]["hold"] = "Closed".into();
+        far["nodes"][0]["p"] = vec![5.0; 3].into();
+        let far = Saved::parse(far.to_string().as_bytes()).unwrap();
+        let told = plant().restored(far).map(|_| ()).unwrap_err().to_string();
+        assert!(told.starts_with("grasps[1]: the cube is not where"), "{told}");
+        assert!(matches!(Saved::parse(&vec![b' '; 2 << 20]), Err(Unfit::Long)));
+    }
 
     fn refused(config: PlantConfig, seed: u64) -> Option<String> {
         let saved = Plant::new(PlantConfig::new(testing::cell()), 1).unwrap().saved();

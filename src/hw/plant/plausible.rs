@@ -1,0 +1,101 @@
+//! Whether what a file tells of a plant can be: whoever edits one, or damages it, is told where.
+//!
+//! - in: a state's numbers, as JSON
+//! - out: the first that no plant has, with its place
+//! - bounds are generous, a multiple of what is in the cell: they keep the plant's equations finite, not its state true
+
+use serde_json::Value;
+
+/// A place in a file, and what is wrong there.
+pub(super) type Wrong = (String, String);
+
+/// The greatest size of a number of this name: lengths [m], angles [rad], loads [N, Nm], times [s], counts.
+fn most(key: &str, in_grasp: bool) -> f64 {
+    match key {
+        "joints" | "angles" | "closed_tilt" | "askew" | "angle_at_split" => 50.0,
+        "motors" | "jaws" | "grown" => 1e5,
+        "bristles" | "slid" => 1.0,
+        "slip" => 10.0,
+        "p" if in_grasp => 0.5,
+        "p" => 10.0,
+        "r" => 1.1,
+        "counterbalance" | "velocity" => 100.0,
+        // Motors turn for as long as they are told to count.
+        "origin" => 1e12,
+        _ => 1e9,
+    }
+}
+
+/// The first number that cannot be.
+pub(super) fn number(state: &Value) -> Result<(), Wrong> {
+    look(state, "", "", false)
+}
+
+fn look(value: &Value, path: &str, key: &str, in_grasp: bool) -> Result<(), Wrong> {
+    match value {
+        Value::Number(number) => {
+            let (size, most) =
+                (number.as_f64().map_or(f64::INFINITY, f64::abs), most(key, in_grasp));
+            let why = || format!("{number} is beyond {most}");
+            if size <= most { Ok(()) } else { Err((path.to_owned(), why())) }
+        }
+        Value::Array(items) => {
+            for (i, item) in items.iter().enumerate() {
+                look(item, &format!("{path}[{i}]"), key, in_grasp)?;
+            }
+            if key == "r" && !is_rotation(items) {
+                return Err((path.to_owned(), "it is no rotation".to_owned()));
+            }
+            Ok(())
+        }
+        Value::Object(fields) => {
+            for (name, field) in fields {
+                if name == "identity" {
+                    // Sums, which are compared as they are.
+                    continue;
+                }
+                let dot = if path.is_empty() { "" } else { "." };
+                let in_grasp = in_grasp || name == "grasps";
+                look(field, &format!("{path}{dot}{name}"), name, in_grasp)?;
+            }
+            Ok(())
+        }
+        Value::Null | Value::Bool(_) | Value::String(_) => Ok(()),
+    }
+}
+
+/// Nine numbers by columns: of unit length, square to each other and right-handed.
+fn is_rotation(items: &[Value]) -> bool {
+    let numbers: Vec<f64> = items.iter().filter_map(Value::as_f64).collect();
+    let Ok(numbers) = <[f64; 9]>::try_from(numbers) else { return false };
+    let r = nalgebra::Matrix3::from_column_slice(&numbers);
+    let off = r.tr_mul(&r) - nalgebra::Matrix3::identity();
+    off.iter().all(|e| e.abs() < 1e-6) && r.determinant() > 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn what_cannot_be_is_told_with_its_place() {
+        let told = |state: Value| number(&state).unwrap_err();
+        let frame = |r: [f64; 9]| json!({ "r": r, "p": [0.0, 0.0, 0.0] });
+        let upright = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        assert_eq!(
+            number(&json!({ "nodes": [frame(upright)], "identity": { "seed": u64::MAX } })),
+            Ok(())
+        );
+
+        assert_eq!(told(json!({ "arms": [{ "joints": [0.0, 1e20] }] })).0, "arms[0].joints[1]");
+        assert_eq!(told(json!({ "nodes": [frame(upright), frame([0.0; 9])] })).0, "nodes[1].r");
+        let mirrored = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0];
+        assert_eq!(told(frame(mirrored)).1, "it is no rotation");
+        let counts = json!({ "counts": { "slips": u32::MAX } });
+        assert_eq!(
+            told(counts),
+            ("counts.slips".to_owned(), "4294967295 is beyond 1000000000".to_owned())
+        );
+    }
+}

@@ -1,0 +1,263 @@
+//! The page's connections: how many there may be, and for how long one may be idle.
+//!
+//! - in: connections as the system accepts them
+//! - out: the same, never more than [`MOST`]: each has a file descriptor, and the world's file, the recording and the
+//!   operator with the stop need some, too
+//! - who comes when all places are taken displaces the one that has been idle for longest. From elsewhere only
+//!   [`FOREIGN`] places can be taken, so that the operator at this machine always finds one
+//! - whoever asks nothing, or takes nothing of what is answered, is cut after a time, but for pages with a WebSocket:
+//!   nothing may be new to them for long
+
+use axum::extract::connect_info::Connected;
+use axum::serve::{IncomingStream, Listener};
+use std::future::Future as _;
+use std::io;
+use std::net::SocketAddr;
+use std::pin::Pin;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll};
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::oneshot;
+use tokio::time::{Instant, Sleep, sleep};
+
+/// Connections at one time. A browser has six and its page's WebSocket.
+const MOST: usize = 64;
+/// Of them from other machines.
+const FOREIGN: usize = 40;
+/// Of them pages with a WebSocket.
+const PAGES: usize = 32;
+/// Within this time a request's head must be there, and the next request must follow an answer.
+const ASKS: Duration = Duration::from_secs(5);
+/// Within this time something of an answer must be taken.
+const TAKES: Duration = Duration::from_secs(10);
+
+/// What is known of one connection.
+#[derive(Debug)]
+struct Known {
+    number: u64,
+    foreign: bool,
+    /// Since when it has been idle, as the last that was written to it tells.
+    idle_since: Instant,
+    /// It has become a page's WebSocket.
+    page: bool,
+    /// Dropped, it cuts the connection.
+    _cut: oneshot::Sender<()>,
+}
+
+/// All connections of a server.
+#[derive(Debug, Default)]
+struct Lines(Mutex<Vec<Known>>);
+
+impl Lines {
+    fn all(&self) -> MutexGuard<'_, Vec<Known>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A place for a newcomer; `None` when nobody makes room.
+    fn admit(
+        self: &Arc<Self>,
+        number: u64,
+        foreign: bool,
+    ) -> Option<(Line, oneshot::Receiver<()>)> {
+        let mut all = self.all();
+        let strangers = all.iter().filter(|known| known.foreign).count();
+        let crowded = foreign && strangers >= FOREIGN;
+        if crowded || all.len() >= MOST {
+            let may_go = |known: &&Known| !known.page && (known.foreign || !foreign);
+            let longest = all.iter().filter(may_go).min_by_key(|k| k.idle_since)?.number;
+            all.retain(|known| known.number != longest);
+        }
+        let (cut, is_cut) = oneshot::channel();
+        let idle_since = Instant::now();
+        all.push(Known { number, foreign, idle_since, page: false, _cut: cut });
+        let line = Line { lines: Arc::clone(self), number, page: Arc::default() };
+        Some((line, is_cut))
+    }
+}
+
+/// One connection, as a request on it sees it.
+#[derive(Debug, Clone)]
+pub(super) struct Line {
+    lines: Arc<Lines>,
+    number: u64,
+    page: Arc<AtomicBool>,
+}
+
+impl Line {
+    /// It becomes a page's WebSocket, which may be silent; `false` when there are as many as may be.
+    pub(super) fn becomes_page(&self) -> bool {
+        let mut all = self.lines.all();
+        if all.iter().filter(|known| known.page).count() >= PAGES {
+            return false;
+        }
+        if let Some(known) = all.iter_mut().find(|known| known.number == self.number) {
+            known.page = true;
+        }
+        self.page.store(true, Ordering::Relaxed);
+        true
+    }
+
+    fn answered(&self) {
+        if let Some(known) = self.lines.all().iter_mut().find(|k| k.number == self.number) {
+            known.idle_since = Instant::now();
+        }
+    }
+}
+
+impl Connected<IncomingStream<'_, Door>> for Line {
+    fn connect_info(stream: IncomingStream<'_, Door>) -> Self {
+        stream.io().line.clone()
+    }
+}
+
+/// Where connections come in.
+#[derive(Debug)]
+pub(super) struct Door {
+    listener: TcpListener,
+    lines: Arc<Lines>,
+    last: u64,
+}
+
+impl Door {
+    pub(super) fn new(listener: TcpListener) -> Self {
+        Self { listener, lines: Arc::default(), last: 0 }
+    }
+}
+
+impl Listener for Door {
+    type Io = Stream;
+    type Addr = SocketAddr;
+
+    async fn accept(&mut self) -> (Stream, SocketAddr) {
+        loop {
+            let (stream, address) = Listener::accept(&mut self.listener).await;
+            self.last += 1;
+            // Who finds no place is cut at once.
+            let foreign = !address.ip().to_canonical().is_loopback();
+            if let Some((line, cut)) = self.lines.admit(self.last, foreign) {
+                let idle = Box::pin(sleep(ASKS));
+                return (Stream { stream, line, cut, idle, stuck: None }, address);
+            }
+        }
+    }
+
+    fn local_addr(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+}
+
+/// The bytes of a connection.
+#[derive(Debug)]
+pub(super) struct Stream {
+    stream: TcpStream,
+    line: Line,
+    cut: oneshot::Receiver<()>,
+    idle: Pin<Box<Sleep>>,
+    /// While what is written is not taken.
+    stuck: Option<Pin<Box<Sleep>>>,
+}
+
+impl Stream {
+    /// What came of a write: it may wait for as long as [`TAKES`].
+    fn written<T>(
+        &mut self,
+        context: &mut Context<'_>,
+        written: Poll<io::Result<T>>,
+    ) -> Poll<io::Result<T>> {
+        if written.is_ready() {
+            self.stuck = None;
+            self.idle.as_mut().reset(Instant::now() + ASKS);
+            self.line.answered();
+            return written;
+        }
+        let cut = Pin::new(&mut self.cut).poll(context).is_ready();
+        let stuck = self.stuck.get_or_insert_with(|| Box::pin(sleep(TAKES)));
+        if cut || stuck.as_mut().poll(context).is_ready() {
+            return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
+        }
+        Poll::Pending
+    }
+}
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        self.line.lines.all().retain(|known| known.number != self.line.number);
+    }
+}
+
+impl AsyncRead for Stream {
+    fn poll_read(
+        self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        into: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        let this = self.get_mut();
+        let page = this.line.page.load(Ordering::Relaxed);
+        let idle = !page && this.idle.as_mut().poll(context).is_ready();
+        // A receiver that was told is not asked again: the connection ends with the error.
+        if idle || (!page && Pin::new(&mut this.cut).poll(context).is_ready()) {
+            return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
+        }
+        Pin::new(&mut this.stream).poll_read(context, into)
+    }
+}
+
+impl AsyncWrite for Stream {
+    fn poll_write(
+        self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        let this = self.get_mut();
+        let written = Pin::new(&mut this.stream).poll_write(context, bytes);
+        this.written(context, written)
+    }
+
+    fn poll_write_vectored(
+        self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        let this = self.get_mut();
+        let written = Pin::new(&mut this.stream).poll_write_vectored(context, bytes);
+        this.written(context, written)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.stream.is_write_vectored()
+    }
+
+    fn poll_flush(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.get_mut().stream).poll_flush(context)
+    }
+
+    fn poll_shutdown(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.get_mut().stream).poll_shutdown(context)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn whoever_has_been_idle_for_longest_makes_room_and_pages_stay() {
+        let lines = Arc::new(Lines::default());
+        let mut held: Vec<_> = (0..200).map_while(|n| lines.admit(n, true)).collect();
+        assert_eq!((held.len(), lines.all().len()), (200, FOREIGN));
+        assert!(held[0].1.try_recv().is_err_and(|e| e == oneshot::error::TryRecvError::Closed));
+
+        let pages = held[200 - FOREIGN..].iter().filter(|(line, _)| line.becomes_page()).count();
+        let own: Vec<_> = (200..400).map_while(|n| lines.admit(n, false)).collect();
+
+        assert_eq!((pages, own.len(), lines.all().len()), (PAGES, 200, MOST));
+        assert_eq!(lines.all().iter().filter(|known| known.page).count(), PAGES);
+        // Those from elsewhere displace nobody of this machine.
+        assert_eq!(lines.all().iter().filter(|known| known.foreign).count(), PAGES);
+        assert!(lines.admit(400, true).is_none());
+        assert!(lines.admit(401, false).is_some());
+    }
+}
