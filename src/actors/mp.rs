@@ -27,7 +27,7 @@ use crate::record::journal::Journal;
 use crate::record::recorder::Entry;
 use crate::record::tape::Tape;
 use crate::spatial::Pose;
-use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
+use crate::tasks::{self, Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Instant;
@@ -229,13 +229,8 @@ impl Mp {
             let entry = task.entry();
             // A slow disk is not MP's own work.
             self.pulse.waits();
-            if let (Some(journal), Some(entry)) = (&mut self.parts.journal, entry)
-                && let Err(why) = journal.write(&entry)
-            {
-                self.parts.journal = None;
-                let note =
-                    format!("the journal cannot be written ({why}): nobody can resume this run");
-                self.parts.ui.tell(Notice::Warning(self.now(), note));
+            if let Some(entry) = entry {
+                self.note(entry).await;
             }
             self.pulse.works();
             for note in task.notes() {
@@ -336,6 +331,24 @@ impl Mp {
                     Err(terminated) => return Err(terminated),
                 },
             };
+        }
+    }
+
+    /// Notes what is about to be done; returns when that is durable. A run that cannot be noted goes on: it is no worse than
+    /// one without a journal, and its cube is in its hands.
+    async fn note(&mut self, entry: tasks::Entry) {
+        let Some(mut journal) = self.parts.journal.take() else { return };
+        let writes = move || match journal.write(&entry) {
+            Ok(()) => Ok(journal),
+            Err(why) => Err(journal.given_up(&why)),
+        };
+        match self.parts.work.wait(writes).await {
+            Some(Ok(journal)) => self.parts.journal = Some(journal),
+            Some(Err(told)) => self.parts.ui.tell(Notice::Warning(self.now(), told)),
+            None => {
+                let told = "the journal's writer failed: this run must not be resumed";
+                self.parts.ui.tell(Notice::Warning(self.now(), told.to_owned()));
+            }
         }
     }
 
