@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use rubik_robot::actors::clock::Clock;
 use rubik_robot::actors::control::{Control, Tempo};
 use rubik_robot::actors::edp::EdpHandle;
+use rubik_robot::actors::lookout::Apart;
 use rubik_robot::actors::move_instruction::Manner;
 use rubik_robot::actors::mp::{Coordination, Ending, Mp, Parts};
 use rubik_robot::actors::ui::{self, Notice, UiHandle};
@@ -149,6 +150,7 @@ fn mp_parts(
         tape,
         journal: None,
         guard: None,
+        apart: Apart::default(),
     }
 }
 
