@@ -192,3 +192,28 @@ pub struct HandZone {
     /// Half extents of the box in which it may be [m].
     pub half_extent: Vector3<f64>,
 }
+
+impl HandZone {
+    /// How far a point in the box's frame is off the box; 0 in it [m].
+    #[must_use]
+    pub fn off(&self, at: &Point3<f64>) -> f64 {
+        (at.coords.abs() - self.half_extent).map(|x| x.max(0.0)).norm()
+    }
+
+    /// The same of the nearest point between two [m].
+    #[must_use]
+    pub fn off_segment(&self, a: &Point3<f64>, b: &Point3<f64>) -> f64 {
+        // The box is convex: along a line the distance falls, then rises.
+        let at = |t: f64| self.off(&(a + (b - a) * t));
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..40 {
+            let third = (high - low) / 3.0;
+            if at(low + third) <= at(high - third) {
+                high -= third;
+            } else {
+                low += third;
+            }
+        }
+        at(0.5 * (low + high)).min(at(0.0)).min(at(1.0))
+    }
+}

@@ -107,6 +107,9 @@ pub enum Fatal {
     /// The bridge lost the effector.
     #[error("bridge: {0}")]
     Bridge(String),
+    /// An arm came too near to something, or was too fast there.
+    #[error("{0}: all arms are stopped")]
+    TooNear(String),
 }
 
 /// Causes that break the system of actors.

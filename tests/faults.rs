@@ -7,6 +7,7 @@
 
 mod seeds;
 
+use nalgebra::Vector3;
 use rubik_robot::actors::{self, Around, RunOptions};
 use rubik_robot::hw::plant::{Incident, Verdict, Whereabouts};
 use rubik_robot::record::summary::{Outcome, Summary};
@@ -26,6 +27,10 @@ struct Moment {
     openings: [f64; 2],
     /// Angle of the turning layer [rad].
     turned: f64,
+    /// Centre of the cube in the world [m].
+    cube: Vector3<f64>,
+    /// Largest force between the hands so far [N].
+    peak: f64,
 }
 
 struct Seen {
@@ -73,6 +78,8 @@ fn seen(name: &str, keys: &[Override]) -> Seen {
             powered: [0, 1].map(|i| plant.is_powered(i)),
             openings: [0, 1].map(|i: usize| scene.arms[i].opening),
             turned: plant.verdict().turned,
+            cube: scene.cube.world_from_cube.translation.vector,
+            peak: plant.verdict().peak_force,
         });
         if period % 10 == 0 {
             notes.1 = Some(plant.verdict());
@@ -356,6 +363,12 @@ fn messages_that_come_late_or_twice_change_no_result() {
             assert_eq!(seen.summary.outcome, Outcome::Solved, "{name}: {}", seen.summary.reason);
             assert!((seen.summary.turned_deg.unwrap() - 90.0).abs() < 2.0);
         }
+        // What comes late is waited for: the arm slows down where it would have gone on.
+        let (late, never) =
+            (seed.seen("late_message", &[]), seed.seen("late_message", &["fault.0.at_s=1000"]));
+        assert_ne!(late.summary.hash, never.summary.hash);
+        let (slow, fast) = (late.way(0, 1765, 1780), never.way(0, 1765, 1780));
+        assert!(slow < 0.85 * fast, "{slow} m instead of {fast}");
         // What comes twice is obeyed once: nothing is moved by it.
         let never = seed.seen("duplicated_message", &["fault.0.turned_deg=180"]);
         assert_eq!(seed.seen("duplicated_message", &[]).summary.hash, never.summary.hash);
@@ -375,6 +388,14 @@ fn a_push_breaks_the_turn_off_within_a_tenth_of_a_second() {
         assert!(later.abs() < 1.0, "{later} deg");
         assert!(turned(seen.last()) < 35.0, "{}", turned(seen.last()));
         assert_eq!(seen.verdict.counts.drops, 0);
+        // The hand gives way to what pushes it, and the force between the hands rises no more after 0.04 s.
+        let x = |period: u64| seen.at(period).tools[0].translation.vector.x;
+        let yields = x(seen.last()) - x(begin);
+        assert!(yields > 2e-4, "it yields by {yields} m");
+        let (soon, end) = (seen.at((begin + 20).min(seen.last())).peak, seen.at(seen.last()).peak);
+        assert!(end - soon < 0.5, "{soon} N, then {end} N");
+        let never = seed.seen("push", &["fault.0.magnitude=0"]);
+        assert!((never.at(seen.last()).tools[0].translation.vector.x - x(begin)).abs() < 5e-5);
     });
 }
 
@@ -386,6 +407,22 @@ fn wrong_calibrations_are_taken_up_and_fingers_of_wrong_length_judged_by_the_pla
             assert_eq!(seen.summary.outcome, Outcome::Solved, "{name}: {}", seen.summary.reason);
             assert!(seen.summary.peak_force_n.unwrap() < 20.0);
         }
+        // Each of them is there, in the plant.
+        let pair = |name: &str, fine: &str| {
+            (seed.seen(name, &[]), seed.seen(fine, &["fault.0.magnitude=0"]))
+        };
+        let (wide, fine) = pair("jaw_calibration", "jaw_calibration");
+        let by = wide.at(1000).openings[0] - fine.at(1000).openings[0];
+        assert!((by - 1e-3).abs() < 3e-4, "the open jaws are {by} m wider");
+        let (aside, fine) = pair("base_calibration", "base_calibration");
+        let at = |seen: &Seen| seen.moments[0].tools[1].translation.vector;
+        let by: Vector3<f64> = at(&aside) - at(&fine);
+        assert!((by - Vector3::new(3e-3, 0.0, 0.0)).norm() < 1e-6, "{by}");
+        // The middle layer is dragged along, away from the one below it.
+        let (short, fine) = pair("under_constrained", "jam");
+        let dragged = |seen: &Seen| seen.verdict.layer_angles[0].abs();
+        assert!(dragged(&short) > 0.05, "{} rad", dragged(&short));
+        assert!(dragged(&fine) < 0.01, "{} rad", dragged(&fine));
         let over = seed.seen("over_constrained", &[]);
         // Broken off, or ended by the range of the wrist's sensor: fingers meet fingers, and two layers hold out against
         // closing jaws.
@@ -453,6 +490,17 @@ fn an_operator_who_draws_back_is_not_followed_into_the_cell_and_gets_rid_of_the_
         let seen = seed.seen("withdraw", &[]);
         assert_eq!(seen.summary.outcome, Outcome::Solved, "{}", seen.summary.reason);
         assert_eq!(seen.verdict.counts.drops, 0);
+        // From 8 s on the cube is drawn back, and comes again 3 s later: it is not followed closely, and makes room for.
+        let cube = |seen: &Seen, period: u64| seen.at(period).cube.x;
+        let tool = |period: u64| seen.at(period).tools[0].translation.vector.x;
+        let never = seed.seen("withdraw", &["fault.0.at_s=1000"]);
+        let drawn = cube(&seen, 4600) - cube(&never, 4600);
+        assert!(drawn > 0.1, "drawn back by {drawn} m");
+        let nearest = (4300..5700).map(|p| cube(&seen, p) - tool(p)).fold(f64::INFINITY, f64::min);
+        assert!(nearest > 0.1, "followed to within {nearest} m");
+        assert!(tool(6400) < tool(5500) - 0.05, "{} {}", tool(6400), tool(5500));
+        let (longer, usual) = (seen.summary.sim_time_s, never.summary.sim_time_s);
+        assert!(longer > usual + 1.0, "{longer} s instead of {usual}");
     });
 }
 
@@ -570,5 +618,57 @@ fn a_run_with_faults_repeats_to_the_bit_and_a_fault_that_never_comes_changes_not
         assert_eq!(hash(&[]), hash(&[]));
         let never = hash(&["fault.0.turned_deg=180"]);
         assert_eq!(never, seed.seen("over_current", &["fault.0.nth=9"]).summary.hash);
+    });
+}
+
+/// The fastest that a tool goes, over 20 ms, where the operator's hand may be or within 0.1 m of it [m/s].
+fn fastest_near_the_operator(keys: &[&str], seed: u64) -> f64 {
+    let seed = format!("seed={seed}");
+    let keys = keys.iter().copied().chain([seed.as_str()]);
+    let keys: Vec<_> = keys.map(|key| Override::parse(key).unwrap()).collect();
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/acquire.toml");
+    let scenario = scenario::load(&file, &keys).unwrap();
+    let zone = scenario.controller.cell.hand;
+    let (mut before, fastest) = (None, Arc::new(Mutex::new(0.0_f64)));
+    let told = Arc::clone(&fastest);
+    let judge: actors::Judge = Box::new(move |period, plant| {
+        const PERIODS: u64 = 10;
+        if period % PERIODS != 0 {
+            return;
+        }
+        let scene = plant.scene();
+        let now = [0, 1].map(|i: usize| scene.arms[i].world_from_tool.translation.vector);
+        if let Some(before) = before.replace(now) {
+            let before: [Vector3<f64>; 2] = before;
+            for (from, to) in before.iter().zip(&now) {
+                let off = |at: &Vector3<f64>| {
+                    zone.off(&(zone.world_from_cube.inverse() * nalgebra::Point3::from(*at)))
+                };
+                if off(from).min(off(to)) < 0.1 {
+                    let speed = (to - from).norm() / (PERIODS as f64 * 0.002);
+                    let mut fastest = told.lock().unwrap();
+                    *fastest = fastest.max(speed);
+                }
+            }
+        }
+    });
+    let around = Around { judge: Some(judge), ..Around::default() };
+    let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
+    let summary = actors::run_with(&scenario, options, around).unwrap();
+    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    let fastest = *fastest.lock().unwrap();
+    println!("seed {seed}: {fastest:.3} m/s");
+    fastest
+}
+
+#[test]
+fn no_tool_is_faster_than_it_may_be_where_the_operators_hand_is() {
+    each_seed(|Seed(seed)| {
+        let fastest = fastest_near_the_operator(&[], seed);
+        assert!(fastest <= 1.2 * 0.25, "{fastest} m/s");
+        // As fast as the limit lets it be: where 80 mm/s are allowed, and at the usual limit it would be faster.
+        let slow = fastest_near_the_operator(&["control.hand_speed_mm_s=80"], seed);
+        assert!(slow > 0.02 && slow <= 1.2 * 0.08, "{slow} m/s");
+        assert!(fastest > 1.2 * 0.08, "{fastest} m/s");
     });
 }

@@ -4,9 +4,11 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+use nalgebra::Vector3;
 use rubik_robot::actors::clock::Clock;
 use rubik_robot::actors::control::{Control, Tempo};
 use rubik_robot::actors::edp::EdpHandle;
+use rubik_robot::actors::lookout::Apart;
 use rubik_robot::actors::move_instruction::Manner;
 use rubik_robot::actors::mp::{Coordination, Ending, Mp, Parts};
 use rubik_robot::actors::ui::{self, Notice, UiHandle};
@@ -21,11 +23,13 @@ use rubik_robot::hw::scene::Scene;
 use rubik_robot::motion::{
     ArmFault, ArmState, Direction, Frame, JointPositions, Motion, MoveCommand, MoveRefused,
 };
+use rubik_robot::record::journal::{Durable, Journal};
 use rubik_robot::record::tape::Tape;
 use rubik_robot::scenario::{self, keys::Pace};
 use rubik_robot::servo::ServoConfig;
 use rubik_robot::spatial::Pose;
-use rubik_robot::tasks::{Action, Effort, Event, Finish, Readings, Task, Until};
+use rubik_robot::tasks::{Action, Effort, Entry, Event, Finish, Readings, Task, Until};
+use std::io;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
@@ -76,6 +80,14 @@ struct Rig {
 const ONE_ARM: &str = "task = \"idle\"\ncamera = []\nvsp = []\n[[effector]]\nname = \"track\"\n";
 
 fn rig(coordination: Coordination) -> Rig {
+    rig_that_notes(coordination, |_| None)
+}
+
+/// The same with a journal, whose keeper may look at the plant.
+fn rig_that_notes(
+    coordination: Coordination,
+    journal: impl FnOnce(&Arc<Mutex<Scene>>) -> Option<Journal>,
+) -> Rig {
     let scenario = scenario::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
     let config = scenario.controller;
     assert!(config.vsps.is_empty() && config.cell.arms.len() == 1);
@@ -108,19 +120,20 @@ fn rig(coordination: Coordination) -> Rig {
         tape: tape.clone(),
     };
     let ecps = vec![ecp::spawn(&arm.name, parts)];
-    let mp = mp(ecps, coordination, will, ui, clock, tape);
+    let parts = mp_parts(ecps, coordination, will, ui, clock, tape);
+    let mp = Mp::new(Parts { journal: journal(&scene), ..parts });
     Rig { mp, edp, control, notices, switches, scene, world_from_base: arm.world_from_base }
 }
 
-fn mp(
+fn mp_parts(
     ecps: Vec<ecp::EcpHandle>,
     coordination: Coordination,
     control: watch::Receiver<Control>,
     ui: UiHandle,
     clock: Clock,
     tape: Tape,
-) -> Mp {
-    Mp::new(Parts {
+) -> Parts {
+    Parts {
         turning: Turning::default(),
         forces: None,
         ecps,
@@ -137,7 +150,8 @@ fn mp(
         tape,
         journal: None,
         guard: None,
-    })
+        apart: Apart::default(),
+    }
 }
 
 fn manner() -> Manner {
@@ -394,5 +408,166 @@ async fn an_emergency_stop_in_a_pause_is_told_and_outranks_the_operators_end() {
         assert!(matches!(ending.error, Some(Error::Fatal { .. })), "{ending:?}");
         let told = std::iter::from_fn(|| notices.try_recv().ok());
         assert_eq!(told.filter(|n| matches!(n, Notice::Error(_, Error::Fatal { .. }))).count(), 1);
+    }
+}
+
+/// A task that is noted before each of its actions.
+struct Noted<T>(T);
+
+impl<T: Task> Task for Noted<T> {
+    type Thought = T::Thought;
+    type Conclusion = T::Conclusion;
+
+    fn next(&mut self, event: Event<T::Conclusion>, readings: &Readings<'_>) -> Action<T::Thought> {
+        self.0.next(event, readings)
+    }
+
+    fn entry(&self) -> Option<Entry> {
+        Some(Entry {
+            doing: "moving".to_owned(),
+            held: [None; 2],
+            hand_over: None,
+            taken_at: None,
+            short: 0.0,
+            stops: [None; 2],
+            handing_back: false,
+            undone: None,
+            over: false,
+        })
+    }
+
+    fn think(thought: T::Thought) -> (T::Conclusion, Effort) {
+        T::think(thought)
+    }
+}
+
+/// A disk that notes where the tool is when something is kept.
+#[derive(Debug)]
+struct Looks {
+    scene: Arc<Mutex<Scene>>,
+    seen: Arc<Mutex<Vec<Pose>>>,
+}
+
+impl Durable for Looks {
+    fn append(&mut self, _: &[u8]) -> io::Result<()> {
+        let tool = self.scene.lock().unwrap().arms[0].world_from_tool;
+        self.seen.lock().unwrap().push(tool);
+        Ok(())
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_is_noted_is_kept_before_the_motion_that_it_announces() {
+    for coordination in [Coordination::Sporadic, Coordination::Continuous] {
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        let rig = rig_that_notes(coordination, |scene| {
+            let looks = Looks { scene: Arc::clone(scene), seen: Arc::clone(&seen) };
+            Some(Journal::kept_by(Path::new("journal"), Box::new(looks)))
+        });
+        let scene = Arc::clone(&rig.scene);
+        let place = || scene.lock().unwrap().arms[0].world_from_tool.translation.vector;
+        // It sags as the servo begins.
+        seconds(0.2).await;
+        let before = place();
+
+        let ending = rig.mp.run(&mut Noted(Shift(WAY))).await;
+
+        assert!(ending.finish.unwrap().achieved);
+        let after = place();
+        let seen = seen.lock().unwrap();
+        let off = |tool: &Pose, place: Vector3<f64>| (tool.translation.vector - place).norm();
+        // One entry for the motion, one for the end.
+        assert_eq!(seen.len(), 2);
+        assert!((after - before).norm() > 0.02, "it moves");
+        assert!(off(&seen[0], before) < 1e-3, "it had moved by {} m", off(&seen[0], before));
+        assert!(off(&seen[1], after) < 1e-3);
+    }
+}
+
+/// A disk that takes its time, and may be full then.
+#[derive(Debug)]
+struct Slow {
+    takes: Duration,
+    full: bool,
+}
+
+impl Durable for Slow {
+    fn append(&mut self, _: &[u8]) -> io::Result<()> {
+        std::thread::sleep(self.takes);
+        if self.full { Err(io::ErrorKind::StorageFull.into()) } else { Ok(()) }
+    }
+}
+
+/// Goes through a phase, and has finished.
+struct Phase;
+
+impl Task for Phase {
+    type Thought = ();
+    type Conclusion = ();
+
+    fn next(&mut self, event: Event<()>, _: &Readings<'_>) -> Action<()> {
+        match event {
+            Event::Start => Action::Phase("begins"),
+            _ => Action::Finish(Finish { achieved: true, reason: "done".to_owned() }),
+        }
+    }
+
+    fn think((): ()) -> ((), Effort) {
+        ((), Effort(0.0))
+    }
+}
+
+#[tokio::test]
+async fn a_slow_disk_stops_nobody_but_who_waits_for_it_and_a_full_one_nobody_at_all() {
+    let takes = Duration::from_secs(1);
+    for full in [false, true] {
+        let (control, will) = watch::channel(Control::Running);
+        let (ui, mut notices) = ui::mailbox();
+        let clock = Clock::new(tokio::time::Instant::now(), Arc::new(Switches::default()));
+        let parts = mp_parts(vec![], Coordination::Sporadic, will, ui, clock, Tape::default());
+        let journal = Journal::kept_by(Path::new("/nowhere/j"), Box::new(Slow { takes, full }));
+        let mp = Mp::new(Parts { work: Work(Pace::RealTime), journal: Some(journal), ..parts });
+        let longest = Arc::new(Mutex::new(Duration::ZERO));
+        let beats = tokio::spawn({
+            let longest = Arc::clone(&longest);
+            async move {
+                let mut last = std::time::Instant::now();
+                loop {
+                    tokio::time::sleep(Duration::from_millis(10)).await;
+                    let now = std::time::Instant::now();
+                    let mut longest = longest.lock().unwrap();
+                    (*longest, last) = ((*longest).max(now - last), now);
+                }
+            }
+        });
+        let begun = std::time::Instant::now();
+        let told = tokio::spawn(async move {
+            let mut told = Vec::new();
+            while let Some(notice) = notices.recv().await {
+                told.push((begun.elapsed(), format!("{notice:?}")));
+            }
+            told
+        });
+
+        let ending = mp.run(&mut Noted(Phase)).await;
+
+        beats.abort();
+        drop(control);
+        assert!(ending.finish.unwrap().achieved);
+        let longest = *longest.lock().unwrap();
+        assert!(longest < takes / 2, "the heart stood still for {longest:?}");
+        let told = told.await.unwrap();
+        let phase = told.iter().find(|(_, text)| text.contains("begins")).unwrap();
+        assert!(phase.0 >= takes, "it began before it was noted: {told:?}");
+        let warned: Vec<_> = told
+            .iter()
+            .filter(|(_, text)| text.contains("the journal cannot be written"))
+            .collect();
+        assert_eq!(warned.len(), usize::from(full), "once: {told:?}");
+        for (_, text) in warned {
+            for word in ["/nowhere/j: ", "no storage space", "must not be resumed"] {
+                assert!(text.contains(word), "{text}");
+            }
+        }
     }
 }

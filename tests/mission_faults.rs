@@ -47,7 +47,7 @@ impl Seed {
     /// Where the world is kept that a fault of this name has.
     fn place(self, name: &str) -> PathBuf {
         let file = format!("rubik-robot-{}-{}-{name}.json", std::process::id(), self.0);
-        std::env::temp_dir().join(file)
+        Path::new(env!("CARGO_TARGET_TMPDIR")).join(file)
     }
 
     fn before(self) -> Arc<OnceLock<Before>> {

@@ -6,7 +6,9 @@
 use futures_util::{SinkExt, StreamExt};
 use rubik_robot::actors::{self, RunOptions};
 use rubik_robot::desk::{Behind, Desk, desk};
+use rubik_robot::motion::JointPositions;
 use rubik_robot::operator::{Command, ControlView, Snapshot};
+use rubik_robot::reach::{MeetingTable, ReachSettings};
 use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
 use rubik_robot::scenario::{self, Override, Scenario};
 use rubik_robot::web::Server;
@@ -275,6 +277,83 @@ fn a_way_into_the_table_is_refused_with_what_comes_too_near() {
     });
     let summary = run.thread.join().unwrap();
     assert_eq!((summary.exit_code(), summary.collisions), (0, Some(0)), "{}", summary.reason);
+}
+
+#[test]
+fn an_arm_on_its_way_into_the_other_hand_is_refused_and_one_that_goes_there_unasked_is_stopped_before_it()
+ {
+    let plain = scenario::read(Path::new("by_hand.toml"), BY_HAND, &[]).unwrap();
+    let cell = &plain.controller.cell;
+    let table = MeetingTable::compute(cell, &ReachSettings::default());
+    let meeting = table.grasps.iter().flatten().next().unwrap();
+    // Beside where the hands would meet, on the side on which there is room.
+    let side = if meeting.track.0[0] > 0.4 { -1.0 } else { 1.0 };
+    let effector = |name: &str, joints: &JointPositions, d0: f64| {
+        let degrees: Vec<f64> = joints.0[1..].iter().map(|joint| joint.to_degrees()).collect();
+        format!(
+            "[[effector]]\nname = \"{name}\"\nstart_d0_mm = {:?}\nstart_joints_deg = {degrees:?}\n",
+            1e3 * d0
+        )
+    };
+    let text = [
+        BY_HAND,
+        "plant.errors = { base_mm = 0, base_deg = 0 }\n",
+        &effector("track", &meeting.track, meeting.track.0[0] + 0.4 * side),
+        &effector("postument", &meeting.postument, 0.0),
+    ];
+    let scenario = scenario::read(Path::new("beside.toml"), &text.concat(), &[]).unwrap();
+    let run = begin(scenario, RunOptions::default());
+    runtime().block_on(async {
+        let mut page = Page::open(&run.server).await;
+        let at = |s: &Value| s["arms"][0]["joints"][0].as_f64().unwrap();
+        let along = |order: &str, by: f64| {
+            let order = json!({ "order": order, "axis": 0, "by": by });
+            json!({ "command": "manual", "effector": 0, "order": order })
+        };
+        let free = |s: &Value| s["services"]["manual"] == true;
+        let mut last = at(&page.sees(free).await);
+
+        // Known ways lead on until the next one would come too near.
+        let told = loop {
+            page.say(along("joint", -0.1 * side)).await;
+            let refused = page
+                .until(|m| {
+                    let told = m.get("messages").map(Value::to_string);
+                    let told = told.filter(|told| told.contains("guard a way"));
+                    let there =
+                        m.get("snapshot").is_some_and(|s| (at(s) - last + 0.1 * side).abs() < 2e-3);
+                    if there { Some(None) } else { told.map(Some) }
+                })
+                .await;
+            match refused {
+                Some(told) => break told,
+                None => last = at(&page.sees(free).await),
+            }
+        };
+        assert!(told.contains("come within") && told.contains("of each other"), "{told}");
+        let later = page.sees(free).await;
+        assert!((at(&later) - last).abs() < 1e-2, "it did not move");
+
+        // A motor is turned by somebody who sees where to; who does not look is stopped.
+        let over = |s: &Value| s["control"] == "ended";
+        let (mut stopped, mut by) = (false, -20.0 * side);
+        for _ in 0..100 {
+            page.say(along("motor", by)).await;
+            let next = page.sees(|s| over(s) || free(s) && (at(s) - last).abs() > 1e-3).await;
+            stopped = over(&next);
+            if stopped {
+                break;
+            }
+            // Which way the motor turns for that is the gear's.
+            by *= if (at(&next) - last) * side < 0.0 { 1.0 } else { -1.0 };
+            last = at(&next);
+        }
+        assert!(stopped, "it goes on at {last} m");
+    });
+    let summary = run.thread.join().unwrap();
+    assert_eq!((summary.exit_code(), summary.collisions), (3, Some(0)), "{}", summary.reason);
+    let (near, stop) = ("come within", "of each other: all arms are stopped");
+    assert!(summary.reason.contains(near) && summary.reason.contains(stop), "{}", summary.reason);
 }
 
 /// The program itself with a page; the WebSocket's address, and the process.

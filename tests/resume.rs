@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+use std::io::BufRead as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -207,6 +208,8 @@ fn a_file_that_another_has_written_is_left_as_it_is() {
         }
     }
 
+    // Nor what a power cut has left of the first entry: nothing had begun.
+    std::fs::write(&notes, &unfinished[..30]).unwrap();
     // What a run has left that has ended is no loss.
     for _ in 0..2 {
         let (code, err) = run(&world, &notes, false);
@@ -222,6 +225,57 @@ fn a_file_that_another_has_written_is_left_as_it_is() {
     let folder = std::env::temp_dir();
     let (code, err) = run(&folder, &notes, false);
     assert!(code == 4 && err.contains("not a file"), "{code} {err}");
+}
+
+/// A disk has no room for the third entry or the fourth.
+#[test]
+fn a_journal_that_cannot_be_written_is_told_and_marked_and_the_run_goes_on() {
+    let notes = place("full-notes");
+    // Who ignores the signal is told by the system instead.
+    let limited = "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\"";
+    let mut child = Command::new("sh")
+        .args(["-c", limited, env!("CARGO_BIN_EXE_rubik-robot")])
+        .args(["run", "scenarios/solve.toml", "--json", "--journal"])
+        .arg(&notes)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+
+    let mut told = String::new();
+    let lines = std::io::BufReader::new(child.stderr.take().unwrap()).lines();
+    for line in lines.map_while(Result::ok) {
+        told.push_str(&line);
+        told.push('\n');
+        // Then it goes on, to its next phase.
+        let warned = told.find("the journal cannot be written");
+        if warned.is_some_and(|at| told[at..].lines().skip(1).any(|line| line.contains(" s  "))) {
+            break;
+        }
+    }
+    killed(child);
+
+    let why = format!("{}: the journal cannot be written: File too large", notes.display());
+    assert!(told.contains(&why), "{told}");
+    assert!(told.contains("the run goes on, and cannot be resumed"), "{told}");
+    assert!(told.lines().last().unwrap().contains(" s  "), "it goes on: {told}");
+    // Its last entry would pass for the truth.
+    let (world, kept) = (place("full"), std::fs::read_to_string(&notes).unwrap());
+    assert!(!kept.contains("doing"), "{kept}");
+    let again = |more: &[&str]| {
+        let short = ["scenarios/face_turn.toml"];
+        let scenario = if more.is_empty() { &short } else { &["scenarios/solve.toml"] };
+        ended(run(scenario, &world).arg("--journal").arg(&notes).args(more))
+    };
+    let (code, told) = again(&["--resume"]);
+    assert!(code == 4 && told.contains("could not be written to the end of its run"), "{told}");
+    assert_eq!(std::fs::read_to_string(&notes).unwrap(), kept, "left as it is");
+    let (code, told) = again(&[]);
+    assert_eq!(code, 0, "another run may begin: {told}");
+    std::fs::remove_file(notes).unwrap();
+    remove(&world);
 }
 
 #[test]

@@ -175,7 +175,7 @@ impl Alarm {
         self.pulses.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Until somebody panics, or is silent.
+    /// Until somebody panics, is silent, or has stopped the arms.
     pub(super) async fn raised(&self) -> Error {
         let mut listens = self.listen();
         tokio::select! {
@@ -222,7 +222,7 @@ impl Alarm {
     }
 
     /// The first error wins.
-    fn raise(&self, error: Error) {
+    pub(super) fn raise(&self, error: Error) {
         self.first.send_if_modified(|first| {
             let is_first = first.is_none();
             first.get_or_insert(error);

@@ -104,7 +104,19 @@ impl Blinkers {
 }
 
 impl Mishap {
-    /// At the door of an actor, before it gets its next message, and amid its work.
+    /// At the door of an actor, before it gets the message that has come.
+    ///
+    /// # Panics
+    /// When that is what is to happen.
+    pub(super) async fn at_the_door(&self) {
+        self.befall().await;
+        let late = self.late.swap(0, Ordering::AcqRel);
+        if late > 0 {
+            tokio::time::sleep(std::time::Duration::from_millis(late)).await;
+        }
+    }
+
+    /// Amid the work of an actor.
     ///
     /// # Panics
     /// When that is what is to happen.
@@ -115,10 +127,6 @@ impl Mishap {
         }
         while self.spins.load(Ordering::Acquire) {
             std::thread::sleep(std::time::Duration::from_millis(10));
-        }
-        let late = self.late.swap(0, Ordering::AcqRel);
-        if late > 0 {
-            tokio::time::sleep(std::time::Duration::from_millis(late)).await;
         }
     }
 

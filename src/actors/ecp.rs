@@ -199,8 +199,10 @@ impl Ecp {
     async fn run(mut self) {
         while let Some(request) = self.mailbox.recv().await {
             self.pulse.works();
-            self.mishap.befall().await;
-            if self.mishap.is_lost() {
+            self.mishap.at_the_door().await;
+            let answers = !matches!(request, Request::End | Request::Watch { .. });
+            if answers && self.mishap.is_lost() {
+                self.pulse.waits();
                 continue;
             }
             self.alive.fetch_add(1, Ordering::Relaxed);

@@ -186,8 +186,9 @@ impl Edp {
         }
         while let Some(request) = self.mailbox.recv().await {
             self.pulse.works();
-            self.mishap.befall().await;
+            self.mishap.at_the_door().await;
             if self.mishap.is_lost() {
+                self.pulse.waits();
                 continue;
             }
             let (answer, reply) = match request {

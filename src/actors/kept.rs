@@ -21,8 +21,8 @@ use std::path::{Path, PathBuf};
 /// A plant keeps its state so often [servo periods].
 ///
 /// A kill of the process loses nothing of what was kept. Under virtual time a state is on the disk before it takes the
-/// file's name: a mission of 6600 of them took 12.9 s, unsynced 11.9 s. The name itself is durable with the next state
-/// that is, so a power cut of the machine that simulates, which is not the robot's, may lose the last two tenths of a
+/// file's name: a mission of 6600 of them took 12.9 s, unsynced 11.9 s. The name of the first one is durable before the
+/// run begins, a later one's with the next state that is, so a power cut of the machine that simulates, which is not the robot's, may lose the last two tenths of a
 /// second of simulated time.
 ///
 /// Under the wall clock nothing is synced, since the servo's thread cannot wait for a disk, which may take as long as
@@ -95,9 +95,21 @@ impl Kept {
     /// # Errors
     /// When that cannot be.
     pub(super) fn begin(&self, plant: &Plant) -> Result<(), Error> {
+        self.begin_in(plant, journal::keep_name)
+    }
+
+    /// The same; `keeps_name` sees to it that the file's name survives a power cut, too.
+    fn begin_in(
+        &self,
+        plant: &Plant,
+        keeps_name: impl FnOnce(&Path) -> io::Result<()>,
+    ) -> Result<(), Error> {
         let failed =
             |why| format!("{}: the plant cannot keep its state: {why}", self.path.display());
-        plant.saved().write(&self.path, true).map_err(|why| not_created("plant", &failed(why)))
+        let written = plant.saved().write(&self.path, true);
+        written
+            .and_then(|()| Ok(keeps_name(&self.path)?))
+            .map_err(|why| not_created("plant", &failed(why)))
     }
 
     /// After a period: keeps the state when it is time to.
@@ -152,6 +164,12 @@ mod tests {
         let plant = super::super::plant::create(&scenario, None, None).unwrap();
         let (ui, mut told) = super::super::ui::mailbox();
         let mut kept = Kept::claim(&path, Pace::Virtual, ui).unwrap();
+        // The first state is there by name, whatever becomes of the machine.
+        let lost = kept.begin_in(&plant, |path| {
+            assert!(path.exists());
+            Err(io::Error::other("no disk"))
+        });
+        assert!(lost.unwrap_err().to_string().contains("cannot keep its state: no disk"));
         kept.begin(&plant).unwrap();
         // Neither replaced nor removed as a file is.
         std::fs::remove_file(&path).unwrap();

@@ -1,28 +1,42 @@
 //! Looks after the arms while they move: that they come too near to nothing, nor too fast to the operator's hand.
 //!
-//! - in: the states that the EDPs publish
-//! - out: an emergency stop, with its reason on every face
+//! - in: the states that the EDPs publish; MP's word for whether the hands are not to meet now
+//! - out: an emergency stop, with its reason on every face and as the error that ends the run
 
+use super::alarm::Alarm;
 use super::clock::Clock;
 use super::ui;
+use crate::error::{Error, Fatal};
 use crate::hw::driver::Switches;
 use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::reach::guard::Guard;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::sync::watch;
 
 /// The arms are looked at at this interval.
 const INTERVAL: Duration = Duration::from_millis(20);
 
+/// MP's word for it: what is commanded keeps the hands apart, so that fingers and cubes are not to meet.
+#[derive(Debug, Clone, Default)]
+pub struct Apart(Arc<AtomicBool>);
+
+impl Apart {
+    /// Tells.
+    pub fn tell(&self, apart: bool) {
+        self.0.store(apart, Ordering::Release);
+    }
+}
+
 /// Stops all arms where one comes too near to something, or too fast to the operator's hand, whatever brings it there.
 pub(super) async fn watch_over(
-    guard: Guard,
+    mut guard: Guard,
     states: Vec<watch::Receiver<ArmState>>,
     switches: Arc<Switches>,
     ui: ui::UiHandle,
     clock: Clock,
+    (apart, alarm): (Apart, Alarm),
 ) {
     let present = || states.iter().map(|state| *state.borrow()).collect::<Vec<ArmState>>();
     let known = |arms: &[ArmState], i: usize| {
@@ -31,11 +45,11 @@ pub(super) async fn watch_over(
             |arm: &ArmState| arm.synchronisation == Synchronisation::Yes && arm.period > 0;
         arms.get(i).is_some_and(is_known)
     };
-    let room = |arms: &[ArmState]| {
+    let room = |guard: &Guard, arms: &[ArmState]| {
         guard.room([0, 1].map(|i| known(arms, i).then(|| &arms[i].desired_joints)))
     };
     let mut last = present();
-    let mut least = room(&last);
+    let mut least = room(&guard, &last);
     loop {
         let arms = present();
         let slow = |i: usize| {
@@ -45,11 +59,20 @@ pub(super) async fn watch_over(
         };
         let mut both = (0..arms.len()).filter(|&i| known(&last, i) && known(&arms, i));
         let slow = both.try_for_each(slow);
-        let now = room(&arms);
+        let openings = [0, 1].map(|i| known(&arms, i).then(|| arms[i].jaw_opening));
+        guard.holding(openings);
+        let mut now = room(&guard, &arms);
+        if !apart.0.load(Ordering::Acquire) {
+            // What they keep from each other afterwards begins with how they part.
+            (now, least) = (now.meeting(), least.meeting());
+        }
         if let Err(near) = guard.may(&least, &now).and(slow) {
             let now = clock.period() as f64 * PERIOD;
             ui.tell(ui::Notice::Warning(now, format!("{near}: all arms are stopped")));
             switches.emergency.store(true, Ordering::Release);
+            // Else the arms would be the first to say that they were stopped, and not why.
+            let cause = Fatal::TooNear(near.to_string());
+            alarm.raise(Error::Fatal { actor: "guard".into(), place: "watch", cause, last: None });
             return;
         }
         // Who is put too near at the beginning may be led out of there, and stays out.
@@ -66,6 +89,15 @@ mod tests {
 
     /// Whether both arms are stopped, and what is told, when they go from one place to another in a tenth of a second.
     async fn stopped(from: [JointPositions; 2], to: [JointPositions; 2]) -> Option<String> {
+        stopped_when(false, from, to).await
+    }
+
+    /// The same when the hands are not to meet.
+    async fn stopped_when(
+        keeps_apart: bool,
+        from: [JointPositions; 2],
+        to: [JointPositions; 2],
+    ) -> Option<String> {
         let guard = Guard::of(&example_cell(), 0.25);
         let at = |joints: JointPositions, period: u64| ArmState {
             desired_joints: joints,
@@ -78,7 +110,12 @@ mod tests {
         let switches = Arc::new(Switches::default());
         let (ui, mut notices) = ui::mailbox();
         let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
-        let watching = tokio::spawn(watch_over(guard, states, Arc::clone(&switches), ui, clock));
+        let (apart, alarm) = (Apart::default(), Alarm::default());
+        apart.tell(keeps_apart);
+        let listens = alarm.listen();
+        let told_by = (apart, alarm);
+        let stops = Arc::clone(&switches);
+        let watching = tokio::spawn(watch_over(guard, states, stops, ui, clock, told_by));
         tokio::time::sleep(3 * INTERVAL).await;
         assert!(!switches.emergency.load(Ordering::Acquire), "nothing is wrong yet");
         for ((sender, _), joints) in channels.iter().zip(to) {
@@ -88,6 +125,13 @@ mod tests {
         watching.abort();
         let told = notices.try_recv().ok().map(|notice| format!("{notice:?}"));
         assert_eq!(switches.emergency.load(Ordering::Acquire), told.is_some());
+        // The run ends with what came too near, not with the stop that followed.
+        let ends = listens.borrow().as_ref().map(ToString::to_string);
+        assert_eq!(ends.is_some(), told.is_some());
+        if let (Some(ends), Some(told)) = (ends, &told) {
+            let near = ends.strip_prefix("fatal, guard, watch: ").unwrap();
+            assert!(told.contains(near) && near.contains("arm"), "{ends} {told}");
+        }
         told
     }
 

@@ -18,7 +18,7 @@ mod gate;
 mod homing;
 mod interrupt;
 mod kept;
-mod lookout;
+pub mod lookout;
 pub mod meetings;
 pub mod move_instruction;
 pub mod mp;

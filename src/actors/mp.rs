@@ -10,6 +10,7 @@ use super::control::{Attended, Control, LOOK, Tempo, Terminated, Word, permissio
 use super::disturbance::Mishap;
 use super::ecp::EcpHandle;
 use super::homing::{self, homed};
+use super::lookout::Apart;
 use super::move_instruction::{Manner, Motion};
 use super::ui::{Notice, UiHandle};
 use super::vsp::VspHandle;
@@ -27,7 +28,7 @@ use crate::record::journal::Journal;
 use crate::record::recorder::Entry;
 use crate::record::tape::Tape;
 use crate::spatial::Pose;
-use crate::tasks::{Action, Event, Finish, Forces, Readings, Task, Until};
+use crate::tasks::{self, Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -77,6 +78,8 @@ pub struct Parts {
     pub journal: Option<Journal>,
     /// Refuses ways on which the arms would come too near to something; an MP without a cell has none.
     pub guard: Option<Guard>,
+    /// Told whether the hands are not to meet.
+    pub apart: Apart,
 }
 
 /// How a run ended, as MP knows it.
@@ -146,18 +149,33 @@ impl Mp {
         self.parts.forces.as_ref().map(|f| *f.borrow()).unwrap_or_default()
     }
 
+    /// The arms that know where they are: one that is not synchronised does not.
+    fn known(&self) -> [Option<&ArmState>; 2] {
+        std::array::from_fn(|i| {
+            self.arms.get(i).filter(|arm| arm.synchronisation == Synchronisation::Yes)
+        })
+    }
+
+    /// The guard, as the jaws stand now.
+    fn guard(&self) -> Option<Guard> {
+        let mut guard = self.parts.guard.clone()?;
+        guard.holding(self.known().map(|arm| arm.map(|arm| arm.jaw_opening)));
+        Some(guard)
+    }
+
     /// Whether the ways that are asked for are free, as far as the believed cell tells. Those that are too fast where the
     /// operator's hand may be are given more time, both arms as much, since they are free when both go evenly. The visual
     /// servo has its own speed, and its way is not known before.
     fn guarded(&self, orders: &mut [Option<Behaviour>; 2]) -> Result<(), Near> {
-        let Some(guard) = &self.parts.guard else { return Ok(()) };
-        // An arm that is not synchronised knows not where it is.
-        let known: [Option<&ArmState>; 2] = std::array::from_fn(|i| {
-            self.arms.get(i).filter(|arm| arm.synchronisation == Synchronisation::Yes)
-        });
+        let Some(guard) = self.guard() else { return Ok(()) };
+        let known = self.known();
         let ways = [0, 1]
             .map(|i: usize| known[i].map_or(Asked::Stays, |arm| asked(orders[i].as_ref(), arm)));
-        guard.ways(known.map(|arm| arm.map(|arm| &arm.desired_joints)), ways.each_ref())?;
+        let from = known.map(|arm| arm.map(|arm| &arm.desired_joints));
+        guard.ways(from, ways.each_ref())?;
+        let led = [0, 1]
+            .map(|i: usize| known[i].map_or(Asked::Stays, |arm| leads(orders[i].as_ref(), arm)));
+        self.parts.apart.tell(guard.keep_apart(from, led.each_ref()));
         let lasts: [f64; 2] =
             std::array::from_fn(|i| match (&orders[i], self.parts.manners.get(i), known[i]) {
                 (Some(order), Some(manner), Some(arm)) => manner.seconds(order, arm),
@@ -229,13 +247,8 @@ impl Mp {
             let entry = task.entry();
             // A slow disk is not MP's own work.
             self.pulse.waits();
-            if let (Some(journal), Some(entry)) = (&mut self.parts.journal, entry)
-                && let Err(why) = journal.write(&entry)
-            {
-                self.parts.journal = None;
-                let note =
-                    format!("the journal cannot be written ({why}): nobody can resume this run");
-                self.parts.ui.tell(Notice::Warning(self.now(), note));
+            if let Some(entry) = entry {
+                self.note(entry).await;
             }
             self.pulse.works();
             for note in task.notes() {
@@ -340,6 +353,24 @@ impl Mp {
                     Err(terminated) => return Err(terminated),
                 },
             };
+        }
+    }
+
+    /// Notes what is about to be done; returns when that is durable. A run that cannot be noted goes on: it is no worse than
+    /// one without a journal, and its cube is in its hands.
+    async fn note(&mut self, entry: tasks::Entry) {
+        let Some(mut journal) = self.parts.journal.take() else { return };
+        let writes = move || match journal.write(&entry) {
+            Ok(()) => Ok(journal),
+            Err(why) => Err(journal.given_up(&why)),
+        };
+        match self.parts.work.wait(writes).await {
+            Some(Ok(journal)) => self.parts.journal = Some(journal),
+            Some(Err(told)) => self.parts.ui.tell(Notice::Warning(self.now(), told)),
+            None => {
+                let told = "the journal's writer failed: this run must not be resumed";
+                self.parts.ui.tell(Notice::Warning(self.now(), told.to_owned()));
+            }
         }
     }
 
@@ -504,6 +535,11 @@ impl Mp {
         let lasts = (by.abs() * std::f64::consts::FRAC_PI_2 / FASTEST).max(LEAST);
         let way = |t: f64| 0.5 * by * (1.0 - libm::cos(std::f64::consts::PI * t.min(1.0)));
         let ecp = self.ecp(effector)?.clone();
+        // Nobody looks at its way before: what comes too near on it is stopped.
+        if let Some(guard) = self.guard() {
+            let from = self.known().map(|arm| arm.map(|arm| &arm.desired_joints));
+            self.parts.apart.tell(guard.keep_apart(from, [&Asked::Stays, &Asked::Stays]));
+        }
         let (mut at, mut pace) = (0.0, 1.0_f64);
         while at < 1.0 {
             if pace <= 0.0 {
@@ -679,6 +715,16 @@ fn asked(order: Option<&Behaviour>, arm: &ArmState) -> Asked {
             Asked::Line(arm.desired_base_from_tool * Pose::translation(0.0, 0.0, -distance))
         }
         _ => Asked::Stays,
+    }
+}
+
+/// The same, with an approach as far as it may go: whether it leads to the other hand.
+fn leads(order: Option<&Behaviour>, arm: &ArmState) -> Asked {
+    match order {
+        Some(Behaviour::Approach { distance, .. }) => {
+            Asked::Line(arm.desired_base_from_tool * Pose::translation(0.0, 0.0, *distance))
+        }
+        order => asked(order, arm),
     }
 }
 

@@ -95,8 +95,9 @@ impl Show {
             label.take(&piece);
             let Piece::Message(message) = piece else { continue };
             if show.held > most {
+                // The end, which tells the outcome, is read all the same.
                 long = true;
-                break;
+                continue;
             }
             let start = *start.get_or_insert(message.time);
             let time = message.time.saturating_sub(start) as f64 * 1e-9;

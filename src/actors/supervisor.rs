@@ -726,13 +726,16 @@ async fn perform(
         })
         .collect();
     let guard = Guard::of(&config.cell, config.control.hand_speed);
+    let guard = if by_hand { guard.by_hand() } else { guard };
     let states = edps.iter().map(edp::EdpHandle::watch).collect();
+    let apart = lookout::Apart::default();
     let watching = lookout::watch_over(
         guard.clone(),
         states,
         Arc::clone(&switches),
         ui.clone(),
         clock.clone(),
+        (apart.clone(), alarm.clone()),
     );
     alarm.spawn("guard", watching);
     // By hand, the operator decides when an arm is synchronised.
@@ -862,6 +865,7 @@ async fn perform(
         tape: tape.clone(),
         journal: journal.journal,
         guard: Some(guard),
+        apart,
     })
     .heeding(&care(Some(&troubles.mp)));
     let span = tracing::info_span!("mp");

@@ -1,4 +1,4 @@
-//! The one door for long work: vision, solver, planner.
+//! The one door for long work: vision, solver, planner, and what waits for a disk.
 //!
 //! On the wall driver it runs on the blocking pool; on the virtual driver inline, and its result is delivered
 //! after a declared cost, never after measured time, so that runs repeat to the bit.
@@ -24,6 +24,18 @@ impl Work {
                 Some(result)
             }
             Pace::RealTime => tokio::task::spawn_blocking(move || work().0).await.ok(),
+        }
+    }
+
+    /// Does what takes no time of a virtual run and may take long by the wall clock: what waits for a disk. Other actors and
+    /// the heart beat get on meanwhile.
+    pub async fn wait<T: Send + 'static>(
+        self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Option<T> {
+        match self.0 {
+            Pace::Virtual => Some(work()),
+            Pace::RealTime => tokio::task::spawn_blocking(work).await.ok(),
         }
     }
 }

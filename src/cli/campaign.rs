@@ -13,6 +13,7 @@ use crate::campaign::tally::Tally;
 use crate::campaign::vary::{Drawn, Vary};
 use crate::hw::text;
 use crate::record::journal;
+use crate::record::place::Place;
 use crate::scenario::{self, Override, Scenario};
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
@@ -294,13 +295,12 @@ pub(super) fn writable(path: &Path) -> Result<(), String> {
     if path.exists() && !path.is_file() {
         return Ok(());
     }
-    let is_new = path.symlink_metadata().is_err();
-    let opened = File::options().append(true).create(true).open(path);
-    if is_new && opened.is_ok() {
-        // What stays is an empty file, and no reason to refuse.
-        let _ = std::fs::remove_file(path);
+    if path.symlink_metadata().is_ok() && !path.exists() {
+        // A link to what is not there yet.
+        return Ok(());
     }
-    opened.map(|_| ()).map_err(|why| format!("-o: {shown}: {why}"))
+    let tried = Place::create(path).and_then(|(_, place)| place.discard());
+    tried.map_err(|why| format!("-o: {shown}: {why}"))
 }
 
 /// Refuses a seed for all runs: each has its own.

@@ -37,7 +37,11 @@ pub type Named<'a> = (&'a str, Option<&'a PathBuf>);
 pub fn clash(inputs: &[Named<'_>], outputs: &[Named<'_>]) -> Option<String> {
     for (i, (what, path)) in outputs.iter().enumerate() {
         let Some(path) = path else { continue };
-        let same = |(_, other): &&Named<'_>| other.is_some_and(|other| is_same(path, other));
+        // It is written as a part beside it first.
+        let part = Place::part_of(path);
+        let same = |(_, other): &&Named<'_>| {
+            other.is_some_and(|other| is_same(path, other) || is_same(&part, other))
+        };
         if let Some((input, _)) = inputs.iter().find(same) {
             let path = path.display();
             return Some(format!(
@@ -232,6 +236,10 @@ mod tests {
         std::fs::write(&there, "").unwrap();
         std::os::unix::fs::symlink(&there, folder.join("link")).unwrap();
         std::fs::hard_link(&there, folder.join("hard")).unwrap();
+        let (whole, part) = (folder.join("z.mcap"), folder.join("z.mcap.part"));
+        std::fs::write(&part, "").unwrap();
+        let told = clash(&[("the recording", Some(&part))], &[("-o", Some(&whole))]);
+        assert!(told.unwrap().contains("is the recording"));
         for name in ["s.toml", "sub/../s.toml", "link", "hard"] {
             let path = folder.join(name);
             let told = clash(&[("the scenario", Some(&there))], &[("-o", Some(&path))]);

@@ -321,9 +321,13 @@ fn answer_stream(desk: &Arc<Desk>, workers: usize, output: &mut Output) -> anyho
         let mut stdin = std::io::stdin().lock();
         let mut line = Vec::new();
         let cubes = std::iter::from_fn(|| {
-            // Cut off, a longer one is refused, too: it is no cube.
             let read = next_line(&mut stdin, LONGEST, &mut line).transpose()?;
-            Some(read.map(|_| String::from_utf8_lossy(&line).into_owned()))
+            // What is longer is no cube, whatever it begins with.
+            let text = |whole| match whole {
+                true => String::from_utf8_lossy(&line).into_owned(),
+                false => format!("a line of more than {LONGEST} bytes"),
+            };
+            Some(read.map(text))
         });
         let cubes = cubes.filter(|l| l.as_ref().is_ok_and(|l| !l.trim().is_empty()) || l.is_err());
         for numbered in cubes.enumerate() {

@@ -1,8 +1,8 @@
-//! Files that somebody names: text, of a size that is known beforehand.
+//! Files that somebody names: text, no larger than anything that could be meant.
 //!
 //! - in: a path, and how much may be in it
-//! - out: an open file, its text; what has no end, or never begins (a device, a pipe, a folder), is refused, and so is
-//!   what is larger than anything that could be meant
+//! - out: its text, of a pipe, too; what has no end is refused when that much has come. Where a program names the file and nobody
+//!   waits, only a regular one is opened
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read as _};
@@ -36,22 +36,26 @@ pub fn open(path: &Path) -> io::Result<File> {
 /// As [`open`]; it is no text in UTF-8, or larger than `most` bytes.
 pub fn open_text(path: &Path, most: u64) -> io::Result<(File, String)> {
     let file = open(path)?;
-    let mut bytes = Vec::new();
-    if (&file).take(most + 1).read_to_end(&mut bytes)? as u64 > most {
-        let mib = most >> 20;
-        return Err(io::Error::new(ErrorKind::FileTooLarge, format!("larger than {mib} MiB")));
-    }
-    let text = String::from_utf8(bytes)
-        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "not text in UTF-8"))?;
+    let text = text_of(&file, most)?;
     Ok((file, text))
 }
 
-/// A file's text.
+fn text_of(file: &File, most: u64) -> io::Result<String> {
+    let mut bytes = Vec::new();
+    if file.take(most + 1).read_to_end(&mut bytes)? as u64 > most {
+        let mib = most >> 20;
+        return Err(io::Error::new(ErrorKind::FileTooLarge, format!("larger than {mib} MiB")));
+    }
+    String::from_utf8(bytes)
+        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "not text in UTF-8"))
+}
+
+/// The text of a file or a pipe.
 ///
 /// # Errors
-/// As [`open_text`].
+/// What the operating system says; it is no text in UTF-8, or larger than `most` bytes.
 pub fn read(path: &Path, most: u64) -> io::Result<String> {
-    Ok(open_text(path, most)?.1)
+    text_of(&File::open(path)?, most)
 }
 
 #[cfg(test)]
@@ -68,8 +72,15 @@ mod tests {
         assert!(made.success());
 
         for path in [Path::new("/dev/zero"), &pipe] {
-            assert_eq!(told(path), "not a regular file");
+            assert_eq!(open(path).unwrap_err().to_string(), "not a regular file");
         }
+        assert_eq!(told(Path::new("/dev/zero")), "larger than 1 MiB");
+        let writer = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || std::fs::write(pipe, "text").unwrap()
+        });
+        assert_eq!(read(&pipe, SCENARIO).unwrap(), "text");
+        writer.join().unwrap();
         assert_eq!(read(&folder, SCENARIO).unwrap_err().kind(), ErrorKind::IsADirectory);
         std::fs::write(&file, vec![b' '; SCENARIO as usize]).unwrap();
         assert_eq!(read(&file, SCENARIO).unwrap().len() as u64, SCENARIO);

@@ -4,7 +4,7 @@
 //! every roll. Pairs that touch by design are left out: fingers with fingers, palms and cube while both
 //! hands are on the cube, palm with palm. Distances stop at 0.10 m.
 
-use crate::cell::{Arm, Cell, Gripper};
+use crate::cell::{Arm, Cell, Gripper, HandZone};
 use crate::motion::JointPositions;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
@@ -99,6 +99,22 @@ impl Bodies {
         ends.map(|p| p.z).fold(f64::INFINITY, f64::min)
     }
 
+    /// Distance from a box: of column and both arms, or of everything [m].
+    pub(super) fn off(&self, zone: &HandZone, whole: bool) -> f64 {
+        let zone_from_world = zone.world_from_cube.inverse();
+        let parts = if whole { &self.links[..] } else { &self.links[..3] };
+        let hand = [self.fingers, self.cube];
+        let hand = self.plate.iter().chain(&hand).take(if whole { usize::MAX } else { 0 });
+        parts.iter().chain(hand).fold(FAR, |nearest, part| {
+            let far = zone.off(&(zone_from_world * part.middle));
+            if far - part.reach >= nearest {
+                return nearest;
+            }
+            let [a, b] = part.ends.map(|end| zone_from_world * end);
+            nearest.min(zone.off_segment(&a, &b) - part.radius)
+        })
+    }
+
     /// Distance of gripper and cube from the arm's own links [m].
     pub(super) fn own(&self) -> f64 {
         let mut nearest = Nearest::default();
@@ -145,6 +161,24 @@ pub(super) fn at_the_cube(a: &Bodies, b: &Bodies) -> f64 {
     nearest.arms(a, b);
     nearest.of(&[a.cube], &b.links[..4]);
     nearest.of(&[b.cube], &a.links[..4]);
+    nearest.0
+}
+
+/// Least distance of what is left out of [`at_the_cube`]: fingers, and the cube of a hand that may hold one, from each other and
+/// from the other hand [m].
+pub(super) fn hands(a: &Bodies, b: &Bodies, hold: [bool; 2]) -> f64 {
+    let mut nearest = Nearest::default();
+    let parts = |body: &Bodies, holds: bool| {
+        // Who holds nothing has its fingers only.
+        [body.fingers, if holds { body.cube } else { body.fingers }]
+    };
+    let (of_a, of_b) = (parts(a, hold[0]), parts(b, hold[1]));
+    nearest.of(&of_a, &of_b);
+    for (one, other) in [(&of_a, b), (&of_b, a)] {
+        nearest.of(one, &other.links[4..]);
+        nearest.of(one, &other.plate);
+        nearest.of(&one[..1], &other.links[..4]);
+    }
     nearest.0
 }
 
@@ -221,6 +255,20 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn no_point_of_a_segment_is_nearer_to_a_box_than_the_distance(a in point(), b in point()) {
+            let zone = HandZone {
+                world_from_cube: crate::spatial::Pose::identity(),
+                half_extent: Vector3::new(0.1, 0.2, 0.3),
+            };
+
+            let distance = zone.off_segment(&a, &b);
+
+            let at = |i: u32| zone.off(&(a + (b - a) * (f64::from(i) / 500.0)));
+            let nearest = (0..=500).map(at).fold(f64::INFINITY, f64::min);
+            prop_assert!(distance <= nearest + 1e-6 && distance > nearest - 4e-3);
+        }
+
         #[test]
         fn no_two_points_of_the_segments_are_nearer_than_the_distance(
             a in point(), b in point(), c in point(), d in point()

@@ -2,10 +2,12 @@
 //!
 //! - in: the believed cell, the joints of both arms, the ways that are asked for
 //! - out: what would come too near to what; how much too fast a way is
-//! - the parts are those of the search for meetings (`bodies`); pairs that meet by design, hands at one cube,
-//!   are left out. Meetings keep 20 mm, corrections are smaller than the rest: the guard never speaks in a sound run
+//! - the parts are those of the search for meetings (`bodies`). Fingers and cubes meet by design where both hands are at one
+//!   cube: they are left out of what begins or ends there, and looked at in everything else. Meetings keep 20 mm,
+//!   corrections are smaller than the rest: the guard never speaks in a sound run
+//! - a person's hand: the arm that has no business there stays out of its zone whole, the other one with all but its hand
 
-use super::bodies::{Bodies, at_the_cube};
+use super::bodies::{Bodies, at_the_cube, hands};
 use crate::cell::Cell;
 use crate::cube::Keeper;
 use crate::motion::JointPositions;
@@ -16,6 +18,12 @@ use nalgebra::Point3;
 const LEAST: f64 = 0.005;
 /// Least height of wrist, hand and cube above the table [m].
 const ABOVE_TABLE: f64 = 0.02;
+/// Least distance from the box in which the operator's hand may be of what has no business there [m].
+const OFF_ZONE: f64 = 0.005;
+/// The arm that takes the cube out of the operator's hand, and gives it back.
+const TAKER: usize = 0;
+/// Jaws that hold a cube are as wide as it, give or take this much [m]: a grasp that is askew, and a calibration that is off.
+const AS_A_CUBE: f64 = 0.006;
 /// Places at which a way is looked at.
 const STEPS: u32 = 24;
 /// Moments at which the speed of a way is looked at.
@@ -33,6 +41,10 @@ pub struct Guard {
     cell: Cell,
     /// Largest speed near the operator's hand [m/s]; nobody's hand is at a table.
     hand_speed: Option<f64>,
+    /// The hands have no cube at which they are to meet.
+    never_meet: bool,
+    /// Which hands may hold a cube.
+    hold: [bool; 2],
 }
 
 /// How far everything that is guarded is off what it must not meet [m]; nothing of an arm that is not there, or of which nobody
@@ -41,12 +53,26 @@ pub struct Guard {
 pub struct Room {
     table: [Option<f64>; 2],
     own: [Option<f64>; 2],
+    zone: [Option<f64>; 2],
     arms: Option<f64>,
+    hands: Option<f64>,
 }
 
 impl Room {
-    fn all(&self) -> [Option<f64>; 5] {
-        [self.table[0], self.table[1], self.own[0], self.own[1], self.arms]
+    fn all(&self) -> [Option<f64>; 8] {
+        let Self { table, own, zone, arms, hands } = *self;
+        [table[0], table[1], own[0], own[1], zone[0], zone[1], arms, hands]
+    }
+
+    /// Of hands that meet as they are to: how fingers and cubes stand to each other does not count.
+    #[must_use]
+    pub fn meeting(self) -> Self {
+        Self { hands: None, ..self }
+    }
+
+    /// Whether the hands are apart, as far as both are known.
+    fn apart(&self) -> bool {
+        self.hands.is_some_and(|hands| hands >= LEAST)
     }
 
     /// What must be kept from here on: what was once far enough stays so.
@@ -61,7 +87,9 @@ impl Room {
         Self {
             table: both(self.table, before.table),
             own: both(self.own, before.own),
+            zone: both(self.zone, before.zone),
             arms: more(self.arms, before.arms),
+            hands: more(self.hands, before.hands),
         }
     }
 }
@@ -72,6 +100,17 @@ pub enum Near {
     /// The arms, one to the other.
     #[error("the arms come within {:.0} mm of each other", .0 * 1e3)]
     Arms(f64),
+    /// Fingers or a cube to the other hand, which they are not to meet now.
+    #[error("the hands come within {:.0} mm of each other", .0 * 1e3)]
+    Hands(f64),
+    /// An arm, or that part of it which has no business there, to where the operator's hand may be.
+    #[error("the {arm} arm comes within {:.0} mm of the operator's zone", .distance * 1e3)]
+    Zone {
+        /// Its name.
+        arm: String,
+        /// [m]
+        distance: f64,
+    },
     /// A hand to its own arm.
     #[error("the hand of the {arm} arm comes within {:.0} mm of its own links", .distance * 1e3)]
     Own {
@@ -114,7 +153,19 @@ impl Guard {
     #[must_use]
     pub fn of(cell: &Cell, hand_speed: f64) -> Self {
         let hand_speed = (cell.keeper == Keeper::Person).then_some(hand_speed);
-        Self { cell: cell.clone(), hand_speed }
+        Self { cell: cell.clone(), hand_speed, never_meet: false, hold: [true; 2] }
+    }
+
+    /// The same where hands that are apart stay apart: an operator who moves an arm by hand has no plan of meetings.
+    #[must_use]
+    pub fn by_hand(self) -> Self {
+        Self { never_meet: true, ..self }
+    }
+
+    /// Looks from now on after cubes in hands whose jaws are open as wide as one, and where nobody knows how wide they are [m].
+    pub fn holding(&mut self, openings: [Option<f64>; 2]) {
+        let is_wide = |opening: f64| (opening - self.cell.cube.edge).abs() < AS_A_CUBE;
+        self.hold = openings.map(|opening| opening.is_none_or(is_wide));
     }
 
     fn name(&self, arm: usize) -> String {
@@ -132,14 +183,20 @@ impl Guard {
         let bodies = [0, 1].map(|i| known(i).map(|joints| self.bodies(i, joints)));
         let of =
             |measure: &dyn Fn(&Bodies) -> f64| bodies.each_ref().map(|b| b.as_ref().map(measure));
-        let arms = match &bodies {
-            [Some(first), Some(second)] => Some(at_the_cube(first, second)),
+        let both = |measure: &dyn Fn(&Bodies, &Bodies) -> f64| match &bodies {
+            [Some(first), Some(second)] => Some(measure(first, second)),
             _ => None,
+        };
+        let off = |i: usize| {
+            let body = bodies[i].as_ref().filter(|_| self.hand_speed.is_some());
+            body.map(|body| body.off(&self.cell.hand, i != TAKER))
         };
         Room {
             table: of(&|body| body.lowest() - self.cell.table_height),
             own: of(&Bodies::own),
-            arms,
+            zone: [0, 1].map(off),
+            arms: both(&at_the_cube),
+            hands: both(&|a, b| hands(a, b, self.hold)),
         }
     }
 
@@ -152,7 +209,7 @@ impl Guard {
     }
 
     fn within(&self, before: &Room, now: &Room, nearer: f64) -> Result<(), Near> {
-        let least = [ABOVE_TABLE, ABOVE_TABLE, LEAST, LEAST, LEAST];
+        let least = [ABOVE_TABLE, ABOVE_TABLE, LEAST, LEAST, OFF_ZONE, OFF_ZONE, LEAST, LEAST];
         let pairs = before.all().into_iter().zip(now.all()).zip(least);
         let too_near = pairs.enumerate().find_map(|(which, ((before, now), least))| {
             let (before, now) = (before?, now?);
@@ -164,7 +221,11 @@ impl Guard {
             Some((which @ (2 | 3), distance)) => {
                 Err(Near::Own { arm: self.name(which - 2), distance })
             }
-            Some((_, distance)) => Err(Near::Arms(distance)),
+            Some((which @ (4 | 5), distance)) => {
+                Err(Near::Zone { arm: self.name(which - 4), distance })
+            }
+            Some((6, distance)) => Err(Near::Arms(distance)),
+            Some((_, distance)) => Err(Near::Hands(distance)),
         }
     }
 
@@ -174,13 +235,32 @@ impl Guard {
     /// # Errors
     /// What comes too near on the way.
     pub fn ways(&self, from: [Option<&JointPositions>; 2], ways: [&Way; 2]) -> Result<(), Near> {
-        let before = self.room(from);
+        let apart = self.keep_apart(from, ways);
+        let as_meant = |room: Room| if apart { room } else { room.meeting() };
+        let before = as_meant(self.room(from));
+        self.places(from, ways).try_for_each(|room| self.within(&before, &as_meant(room), ON_A_WAY))
+    }
+
+    /// Whether the hands are not to meet on ways of both arms: they are apart at the beginning and at the end, or have nothing to
+    /// meet for.
+    #[must_use]
+    pub fn keep_apart(&self, from: [Option<&JointPositions>; 2], ways: [&Way; 2]) -> bool {
+        let begin = self.room(from);
+        let ends_apart = || self.places(from, ways).last().is_some_and(|end| end.apart());
+        self.never_meet && begin.hands.is_some() || begin.apart() && ends_apart()
+    }
+
+    /// How the arms stand on their ways, all evenly in the same time.
+    fn places(
+        &self,
+        from: [Option<&JointPositions>; 2],
+        ways: [&Way; 2],
+    ) -> impl Iterator<Item = Room> {
         let mut at = [0, 1].map(|i: usize| from[i].map(|from| Course::new(self, i, from, ways[i])));
-        (1..=STEPS).try_for_each(|step| {
+        (1..=STEPS).map(move |step| {
             let part = f64::from(step) / f64::from(STEPS);
             let there = at.each_mut().map(|course| course.as_mut().map(|course| course.at(part)));
-            let now = self.room([there[0].as_ref(), there[1].as_ref()]);
-            self.within(&before, &now, ON_A_WAY)
+            self.room([there[0].as_ref(), there[1].as_ref()])
         })
     }
 
@@ -234,10 +314,7 @@ impl Guard {
     fn near_hand(&self, from: &Bodies, to: &Bodies) -> Option<f64> {
         let zone = &self.cell.hand;
         let zone_from_world = zone.world_from_cube.inverse();
-        let off = |at: &Point3<f64>| {
-            let beyond = (zone_from_world * at).coords.abs() - zone.half_extent;
-            beyond.map(|x| x.max(0.0)).norm()
-        };
+        let off = |at: &Point3<f64>| zone.off(&(zone_from_world * at));
         let parts = from.hand().into_iter().zip(to.hand());
         let near = parts.clone().any(|((a, radius), (b, _))| off(&a).min(off(&b)) < radius + NEAR);
         near.then(|| parts.map(|((a, _), (b, _))| (b - a).norm()).fold(0.0, f64::max))
@@ -297,12 +374,14 @@ mod tests {
         let meetings = table.grasps.iter().flatten().chain(table.views.iter().flatten().flatten());
         let (mut refused, mut into, mut on_and_on) = (0, 0, 0);
         for meeting in meetings {
-            let free = guard.room([Some(&meeting.track), Some(&meeting.postument)]);
+            // The hands are at one cube.
+            let room = |stand: [Option<&JointPositions>; 2]| guard.room(stand).meeting();
+            let free = room([Some(&meeting.track), Some(&meeting.postument)]);
             assert_eq!(guard.may(&free, &free), Ok(()));
             let mut low = meeting.postument;
             low.0[2] += 0.9;
             let met = |track: &JointPositions, postument: &JointPositions| {
-                guard.may(&free, &guard.room([Some(track), Some(postument)])).is_err()
+                guard.may(&free, &room([Some(track), Some(postument)])).is_err()
             };
             assert!(met(&meeting.track, &low));
             let nearer = |by: u32| {
@@ -318,15 +397,18 @@ mod tests {
             let ends = [&meeting.track, &near].map(|track| [Some(track), Some(&meeting.postument)]);
             let to = |ends: [Option<&JointPositions>; 2]| ends.map(|to| Way::Joints(*to.unwrap()));
             assert!(guard.ways(ends[0], to(ends[1]).each_ref()).is_err());
-            assert_eq!(guard.ways(ends[1], to(ends[0]).each_ref()), Ok(()));
+            // Fingers and cubes that are apart on both sides may be too near on a straight way.
+            let out = guard.ways(ends[1], to(ends[0]).each_ref());
+            assert!(matches!(out, Ok(()) | Err(Near::Hands(_))), "{out:?}");
 
             // Nor may it go on, or the other hand into the table, only since something is too near already.
             let mut on = near;
             on.0[0] += 0.02;
             let on = [Some(&on), Some(&meeting.postument)];
-            let nears = guard.room(on).arms < guard.room(ends[1]).arms;
-            assert_eq!(guard.ways(ends[1], to(on).each_ref()).is_err(), nears);
-            assert_eq!(guard.may(&guard.room(ends[1]), &guard.room(on)).is_err(), nears);
+            let nears = room(on).arms < room(ends[1]).arms;
+            let further = guard.ways(ends[1], to(on).each_ref());
+            assert!(further.is_err() == nears || matches!(further, Err(Near::Hands(_))));
+            assert_eq!(guard.may(&room(ends[1]), &room(on)).is_err(), nears);
             on_and_on += usize::from(nears);
             assert!(guard.ways(ends[1], [&Way::Stays, &Way::Joints(low)]).is_err());
             // Of one arm alone the table and its own links are looked at.
@@ -339,12 +421,95 @@ mod tests {
             let there = Way::Line(tool(&meeting.track) * Pose::translation(0.0, 0.0, 0.1));
             let back = Way::Line(tool(&meeting.track) * Pose::translation(0.0, 0.0, -0.05));
             into += usize::from(guard.ways(ends[0], [&there, &Way::Stays]).is_err());
-            assert_eq!(guard.ways(ends[0], [&back, &Way::Stays]), Ok(()));
+            let out = guard.ways(ends[0], [&back, &Way::Stays]);
+            assert!(matches!(out, Ok(()) | Err(Near::Hands(_))), "{out:?}");
         }
         // Hands that look past each other may go by each other.
         assert!(refused >= 16, "{refused}");
         assert!(into >= refused / 2, "{into} of {refused}");
         assert!(on_and_on >= refused / 2, "{on_and_on} of {refused}");
+    }
+
+    #[test]
+    fn hands_that_begin_and_end_apart_do_not_meet_in_between_and_those_that_are_to_meet_may() {
+        let cell = example_cell();
+        let guard = Guard::of(&cell, 0.25);
+        let table = MeetingTable::compute(&cell, &ReachSettings::default());
+        let (mut met, mut passed) = (0, 0);
+        for meeting in table.grasps.iter().flatten() {
+            let along = |by: f64| {
+                let mut track = meeting.track;
+                track.0[0] += by;
+                track
+            };
+            let stands = |track| [Some(track), Some(&meeting.postument)];
+            let (before, behind) = (along(-0.3), along(0.3));
+            let (back, to) = (&meeting.track_back, Way::Joints(meeting.track));
+            assert!(!guard.keep_apart(stands(back), [&to, &Way::Stays]));
+            assert_eq!(guard.ways(stands(back), [&to, &Way::Stays]), Ok(()), "they are to meet");
+            met += 1;
+
+            // By hand nobody leads them there.
+            if guard.room(stands(back)).apart() {
+                let by_hand = guard.clone().by_hand().ways(stands(back), [&to, &Way::Stays]);
+                assert!(matches!(by_hand, Err(Near::Hands(_))), "{by_hand:?}");
+            }
+
+            let past = Way::Joints(behind);
+            if !guard.keep_apart(stands(&before), [&past, &Way::Stays]) {
+                continue;
+            }
+            let way = guard.ways(stands(&before), [&past, &Way::Stays]);
+            assert!(way.is_err(), "through the other hand");
+            passed += usize::from(matches!(way, Err(Near::Hands(_))));
+            // So may they not be while they are watched, unless they are to meet.
+            let (far, near) = (guard.room(stands(&before)), guard.room(stands(&meeting.track)));
+            assert!(matches!(guard.may(&far, &near), Err(Near::Hands(_))));
+            assert_eq!(guard.may(&far.meeting(), &near.meeting()), Ok(()));
+        }
+        assert!(met >= 12 && passed >= 4, "{met} {passed}");
+    }
+
+    #[test]
+    fn nothing_but_the_hand_that_takes_the_cube_has_any_business_in_the_operators_zone() {
+        let cell = example_cell();
+        let table = MeetingTable::compute(&cell, &ReachSettings::default());
+        let meeting = table.grasps.iter().flatten().next().unwrap();
+        let stands = [Some(&meeting.track), Some(&meeting.postument)];
+        let mut turned = [meeting.track, meeting.postument];
+        // Aside by the waist, and back again.
+        turned[0].0[1] += 0.6;
+        turned[1].0[1] += 0.6;
+        let went = |arm: usize, at: Point3<f64>, keeper: Keeper| {
+            let mut cell = cell.clone();
+            cell.hand.world_from_cube = Pose::translation(at.x, at.y, at.z);
+            cell.hand.half_extent = nalgebra::Vector3::repeat(0.03);
+            cell.keeper = keeper;
+            let guard = Guard::of(&cell, 0.25);
+            let mut from = stands;
+            from[arm] = Some(&turned[arm]);
+            let back = Way::Joints(*stands[arm].unwrap());
+            let ways = if arm == 0 { [&back, &Way::Stays] } else { [&Way::Stays, &back] };
+            let asked = guard.ways(from, ways);
+            let watched = guard.may(&guard.room(from).meeting(), &guard.room(stands).meeting());
+            assert_eq!(asked.is_err(), watched.is_err(), "{asked:?} {watched:?}");
+            asked
+        };
+        let points = |arm: usize| {
+            let of = &cell.arms[arm];
+            of.model.points(stands[arm].unwrap()).map(|p| of.world_from_base * p)
+        };
+        let refused =
+            |way: Result<(), Near>| way.is_err_and(|near| near.to_string().contains("zone"));
+
+        let forearm = |arm: usize| nalgebra::center(&points(arm)[2], &points(arm)[3]);
+        // Forearm and hand of the arm that has no business there; the forearm of the one that has.
+        assert!(refused(went(1, forearm(1), Keeper::Person)));
+        assert!(refused(went(1, points(1)[4], Keeper::Person)));
+        assert!(refused(went(0, forearm(0), Keeper::Person)));
+        assert_eq!(went(0, points(0)[4], Keeper::Person), Ok(()), "its hand takes the cube");
+        // Nobody's hand is at a table.
+        assert_eq!(went(1, points(1)[4], Keeper::Table), Ok(()));
     }
 
     #[test]

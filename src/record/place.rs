@@ -23,7 +23,10 @@ impl Place {
     pub fn create(path: &Path) -> std::io::Result<(File, Self)> {
         let there = std::fs::metadata(path).ok();
         let regular = there.as_ref().is_none_or(std::fs::Metadata::is_file);
-        if !regular {
+        // Streams of this process and what a link is to bring about are no places of their own.
+        let named = !["/dev", "/proc"].iter().any(|system| path.starts_with(system))
+            && (there.is_some() || path.symlink_metadata().is_err());
+        if !regular || !named {
             let place = Self { path: path.to_owned(), part: None, regular };
             return Ok((File::create(path)?, place));
         }
@@ -32,10 +35,21 @@ impl Place {
             OpenOptions::new().write(true).open(path)?;
         }
         let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-        let mut part = OsString::from(&path);
+        let part = Self::part_of(&path);
+        let file = File::create(&part)?;
+        if let Some(there) = there {
+            // Who may read and write it stays so; a file system that knows no rights has none to keep.
+            let _ = file.set_permissions(there.permissions());
+        }
+        Ok((file, Self { path, part: Some(part), regular }))
+    }
+
+    /// Where a file of this name is until it is whole.
+    #[must_use]
+    pub fn part_of(path: &Path) -> PathBuf {
+        let mut part = OsString::from(path);
         part.push(".part");
-        let part = PathBuf::from(part);
-        Ok((File::create(&part)?, Self { path, part: Some(part), regular }))
+        PathBuf::from(part)
     }
 
     /// Where it is.
@@ -118,6 +132,11 @@ mod tests {
         place.discard().unwrap();
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1, "nothing is left lying about");
         assert!(!Place::create(Path::new("/dev/null")).unwrap().1.waits());
+        assert!(!Place::create(Path::new("/dev/stdout")).unwrap().1.waits());
+        let (link, target) = (folder.join("link"), folder.join("target"));
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        assert!(!Place::create(&link).unwrap().1.waits());
+        assert!(target.exists() && link.is_symlink(), "a link is followed, not replaced");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -29,6 +29,8 @@ const MOST: usize = 64;
 const FOREIGN: usize = 40;
 /// Of them pages with a WebSocket.
 const PAGES: usize = 32;
+/// Of these from other machines.
+const FOREIGN_PAGES: usize = 24;
 /// Within this time a request's head must be there, and the next request must follow an answer.
 const ASKS: Duration = Duration::from_secs(5);
 /// Within this time something of an answer must be taken.
@@ -90,12 +92,16 @@ impl Line {
     /// It becomes a page's WebSocket, which may be silent; `false` when there are as many as may be.
     pub(super) fn becomes_page(&self) -> bool {
         let mut all = self.lines.all();
-        if all.iter().filter(|known| known.page).count() >= PAGES {
+        let pages = all.iter().filter(|known| known.page).count();
+        let strangers = all.iter().filter(|known| known.page && known.foreign).count();
+        // It may just have made room for another one.
+        let Some(own) = all.iter_mut().find(|known| known.number == self.number) else {
+            return false;
+        };
+        if pages >= PAGES || (own.foreign && strangers >= FOREIGN_PAGES) {
             return false;
         }
-        if let Some(known) = all.iter_mut().find(|known| known.number == self.number) {
-            known.page = true;
-        }
+        own.page = true;
         self.page.store(true, Ordering::Relaxed);
         true
     }
@@ -253,10 +259,12 @@ mod tests {
         let pages = held[200 - FOREIGN..].iter().filter(|(line, _)| line.becomes_page()).count();
         let own: Vec<_> = (200..400).map_while(|n| lines.admit(n, false)).collect();
 
-        assert_eq!((pages, own.len(), lines.all().len()), (PAGES, 200, MOST));
-        assert_eq!(lines.all().iter().filter(|known| known.page).count(), PAGES);
-        // Those from elsewhere displace nobody of this machine.
-        assert_eq!(lines.all().iter().filter(|known| known.foreign).count(), PAGES);
+        assert_eq!((pages, own.len(), lines.all().len()), (FOREIGN_PAGES, 200, MOST));
+        assert_eq!(lines.all().iter().filter(|known| known.page).count(), FOREIGN_PAGES);
+        // Those from elsewhere displace nobody of this machine, and leave it pages.
+        assert_eq!(lines.all().iter().filter(|known| known.foreign).count(), FOREIGN_PAGES);
+        assert!(own.last().unwrap().0.becomes_page());
+        assert!(!held[0].0.becomes_page(), "it has made room");
         assert!(lines.admit(400, true).is_none());
         assert!(lines.admit(401, false).is_some());
     }

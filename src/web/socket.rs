@@ -25,6 +25,8 @@ const LONGEST: usize = 4096;
 const INTERVAL: Duration = Duration::from_millis(50);
 /// A page that says nothing for this long loses its right to command.
 const SILENCE: Duration = Duration::from_secs(15);
+/// One that says nothing for this long makes room: a page that is only hidden says a word each minute at least.
+const GONE: Duration = Duration::from_secs(300);
 
 /// Who commands. One page at a time; the others watch.
 #[derive(Debug)]
@@ -138,6 +140,9 @@ async fn serve(mut socket: WebSocket, shared: Shared) {
                 Some(vec![json!({ "seat": { "own": own, "taken": taken } }).to_string()])
             }
             _ = due.tick() => {
+                if heard.elapsed() > GONE {
+                    return;
+                }
                 if heard.elapsed() > SILENCE {
                     // Pages say a word every few seconds: this one is gone, or asleep.
                     seat.leave();

@@ -5,7 +5,7 @@
 #![allow(unreachable_pub, reason = "a module of test programs")]
 
 use proptest::strategy::Strategy;
-use proptest::test_runner::{Config, TestError, TestRunner};
+use proptest::test_runner::{Config, RngSeed, TestError, TestRunner};
 use std::cell::Cell;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -39,11 +39,13 @@ pub fn search<S: Strategy>(
     let (begun, done) = (Instant::now(), Cell::new(0_u64));
     let time = number("HOSTILE_SECONDS").map(Duration::from_secs);
     let cases = number("HOSTILE_CASES").map_or(cases, |n| n as u32);
-    loop {
+    let first = number("PROPTEST_RNG_SEED").unwrap_or(1);
+    for round in 0.. {
         let mut runner = TestRunner::new(Config {
             cases: if time.is_some() { AT_ONCE } else { cases },
             failure_persistence: None,
             max_shrink_iters: 2000,
+            rng_seed: RngSeed::Fixed(first.wrapping_add(round)),
             ..Config::default()
         });
         let found = runner.run(inputs, |input| {
