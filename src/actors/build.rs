@@ -179,8 +179,7 @@ pub(super) fn cube_settings(
 
 /// Built once for all runs, and kept in the user's folder: a second of computing, which every process of a campaign would
 /// spend anew.
-static TWO_PHASE: LazyLock<Tables> =
-    LazyLock::new(|| Tables::with(&Tables::DEFAULT.map(|spec| kept(spec))));
+static TWO_PHASE: LazyLock<Tables> = LazyLock::new(|| Tables::with(&Tables::DEFAULT.map(kept)));
 
 /// A table out of the user's folder, or built now.
 fn kept(spec: &TableSpec) -> Bytes {
