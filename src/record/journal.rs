@@ -377,7 +377,7 @@ mod tests {
             let opened = Journal::open_in(&path, go_on, there);
 
             assert!(opened.is_ok());
-            assert_eq!(named, [path.clone()]);
+            assert_eq!(named, std::slice::from_ref(&path));
             let lost = Journal::open_in(&path, go_on, |_| Err(io::Error::other("no disk")));
             assert!(matches!(lost, Err(Unreadable::Taken)), "{lost:?}");
             drop(opened);
