@@ -208,8 +208,11 @@ impl Saved {
             if axis > 2 {
                 return wrong("split.axis", "a cube has three axes");
             }
-            if a & b != 0 || a | b != 7 || a == 0 || b == 0 {
-                return wrong("split.layers", "two parts have a cube's three layers between them");
+            if a & b != 0 || a | b > 7 || a == 0 || b == 0 {
+                return wrong(
+                    "split.layers",
+                    "two hands hold different ones of a cube's three layers",
+                );
             }
         }
         for (i, grasp) in self.grasps.iter().enumerate() {
