@@ -539,7 +539,7 @@ fn no_recording_is_lost_by_the_next_command() {
         assert!(std::fs::read(&path).unwrap() == before, "{arguments:?} spoilt it");
     };
 
-    refused(&["report", file, "-o", file], 2, "its own recording");
+    refused(&["report", file, "-o", file], 2, "is the recording, and would be overwritten");
     // A run that cannot begin.
     let never = ["run", "scenarios/hardware.toml", "--ui", "none", "--json", "--record", file];
     refused(&never, 4, "is as it was");
