@@ -24,7 +24,9 @@ impl Place {
         let there = std::fs::metadata(path).ok();
         let regular = there.as_ref().is_none_or(std::fs::Metadata::is_file);
         // Streams of this process and what a link is to bring about are no places of their own.
-        let named = !["/dev", "/proc"].iter().any(|system| path.starts_with(system))
+        let named = !["/dev/fd", "/dev/stdin", "/dev/stdout", "/dev/stderr", "/proc"]
+            .iter()
+            .any(|stream| path.starts_with(stream))
             && (there.is_some() || path.symlink_metadata().is_err());
         if !regular || !named {
             let place = Self { path: path.to_owned(), part: None, regular };
