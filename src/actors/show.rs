@@ -545,7 +545,7 @@ mod tests {
         // A time, a name of 100000 letters, and an empty note.
         let mut data = vec![0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
         data.extend(100_004_u32.to_le_bytes());
-        data.extend([b'x'; 100_003]);
+        data.extend(vec![b'x'; 100_003]);
         data.extend([0, 1, 0, 0, 0, 0]);
         for second in 0..100 {
             let time = second * 1_000_000_000;

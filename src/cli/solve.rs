@@ -323,11 +323,9 @@ fn answer_stream(desk: &Arc<Desk>, workers: usize, output: &mut Output) -> anyho
         let cubes = std::iter::from_fn(|| {
             let read = next_line(&mut stdin, LONGEST, &mut line).transpose()?;
             // What is longer is no cube, whatever it begins with.
-            let text = |whole| match whole {
-                true => String::from_utf8_lossy(&line).into_owned(),
-                false => format!("a line of more than {LONGEST} bytes"),
-            };
-            Some(read.map(text))
+            let cube = || String::from_utf8_lossy(&line).into_owned();
+            let long = || format!("a line of more than {LONGEST} bytes");
+            Some(read.map(|whole| if whole { cube() } else { long() }))
         });
         let cubes = cubes.filter(|l| l.as_ref().is_ok_and(|l| !l.trim().is_empty()) || l.is_err());
         for numbered in cubes.enumerate() {

@@ -194,7 +194,7 @@ mod tests {
             let Motion::Task { directions, .. } = command.motion else { panic!("{command:?}") };
             let velocity = match directions[5] {
                 Direction::Unguarded { velocity } | Direction::Guarded { velocity, .. } => velocity,
-                _ => 0.0,
+                Direction::Contact { .. } => 0.0,
             };
             fastest = fastest.max(velocity.abs());
             arm.joints.0[6] += velocity * 8.0 * PERIOD;

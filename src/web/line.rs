@@ -145,7 +145,7 @@ impl Listener for Door {
             let foreign = !address.ip().to_canonical().is_loopback();
             if let Some((line, cut)) = self.lines.admit(self.last, foreign) {
                 let idle = Box::pin(sleep(ASKS));
-                return (Stream { stream, line, cut, idle, stuck: None }, address);
+                return (Stream { bytes: stream, line, cut, idle, stuck: None }, address);
             }
         }
     }
@@ -158,7 +158,7 @@ impl Listener for Door {
 /// The bytes of a connection.
 #[derive(Debug)]
 pub(super) struct Stream {
-    stream: TcpStream,
+    bytes: TcpStream,
     line: Line,
     cut: oneshot::Receiver<()>,
     idle: Pin<Box<Sleep>>,
@@ -207,7 +207,7 @@ impl AsyncRead for Stream {
         if idle || (!page && Pin::new(&mut this.cut).poll(context).is_ready()) {
             return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
         }
-        Pin::new(&mut this.stream).poll_read(context, into)
+        Pin::new(&mut this.bytes).poll_read(context, into)
     }
 }
 
@@ -218,7 +218,7 @@ impl AsyncWrite for Stream {
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
         let this = self.get_mut();
-        let written = Pin::new(&mut this.stream).poll_write(context, bytes);
+        let written = Pin::new(&mut this.bytes).poll_write(context, bytes);
         this.written(context, written)
     }
 
@@ -228,20 +228,20 @@ impl AsyncWrite for Stream {
         bytes: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
         let this = self.get_mut();
-        let written = Pin::new(&mut this.stream).poll_write_vectored(context, bytes);
+        let written = Pin::new(&mut this.bytes).poll_write_vectored(context, bytes);
         this.written(context, written)
     }
 
     fn is_write_vectored(&self) -> bool {
-        self.stream.is_write_vectored()
+        self.bytes.is_write_vectored()
     }
 
     fn poll_flush(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.get_mut().stream).poll_flush(context)
+        Pin::new(&mut self.get_mut().bytes).poll_flush(context)
     }
 
     fn poll_shutdown(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.get_mut().stream).poll_shutdown(context)
+        Pin::new(&mut self.get_mut().bytes).poll_shutdown(context)
     }
 }
 

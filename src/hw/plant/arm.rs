@@ -166,9 +166,9 @@ impl PlantArm {
             }
         }
         let theta = self.model.joints_unchecked(&MotorPositions(saved.motors)).0;
-        for j in 0..AXES {
-            // NaN is none, too.
-            if !((theta[j] - saved.joints[j]).abs() < STRETCHED) {
+        for (j, theta) in theta.iter().enumerate() {
+            let off = (theta - saved.joints[j]).abs();
+            if off.is_nan() || off >= STRETCHED {
                 return wrong("joints", j, "not where its motor holds it");
             }
             if saved.bristles[j].abs() > PRESLIDING + NEARLY {

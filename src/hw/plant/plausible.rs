@@ -15,9 +15,8 @@ fn most(key: &str, in_grasp: bool) -> f64 {
         "joints" | "angles" | "closed_tilt" | "askew" | "angle_at_split" => 50.0,
         "motors" | "jaws" | "grown" => 1e5,
         "bristles" | "slid" => 1.0,
-        "slip" => 10.0,
         "p" if in_grasp => 0.5,
-        "p" => 10.0,
+        "slip" | "p" => 10.0,
         "r" => 1.1,
         "counterbalance" | "velocity" => 100.0,
         // Motors turn for as long as they are told to count.
