@@ -423,17 +423,7 @@ impl<T: Task> Task for Noted<T> {
     }
 
     fn entry(&self) -> Option<Entry> {
-        Some(Entry {
-            doing: "moving".to_owned(),
-            held: [None; 2],
-            hand_over: None,
-            taken_at: None,
-            short: 0.0,
-            stops: [None; 2],
-            handing_back: false,
-            undone: None,
-            over: false,
-        })
+        Some(Entry { doing: "moving".to_owned(), ..Entry::default() })
     }
 
     fn think(thought: T::Thought) -> (T::Conclusion, Effort) {

@@ -13,6 +13,7 @@ use crate::cube::Keeper;
 use crate::motion::JointPositions;
 use crate::spatial::Pose;
 use nalgebra::Point3;
+use std::sync::Arc;
 
 /// Least distance between the arms, and of a hand from its own arm [m].
 const LEAST: f64 = 0.005;
@@ -38,7 +39,8 @@ const WATCHED: f64 = 2e-3;
 /// Knows the cell as the controller believes it.
 #[derive(Debug, Clone)]
 pub struct Guard {
-    cell: Cell,
+    /// Shared by its copies: one is made for each order.
+    cell: Arc<Cell>,
     /// Largest speed near the operator's hand [m/s]; nobody's hand is at a table.
     hand_speed: Option<f64>,
     /// The hands have no cube at which they are to meet.
@@ -153,7 +155,7 @@ impl Guard {
     #[must_use]
     pub fn of(cell: &Cell, hand_speed: f64) -> Self {
         let hand_speed = (cell.keeper == Keeper::Person).then_some(hand_speed);
-        Self { cell: cell.clone(), hand_speed, never_meet: false, hold: [true; 2] }
+        Self { cell: Arc::new(cell.clone()), hand_speed, never_meet: false, hold: [true; 2] }
     }
 
     /// The same where hands that are apart stay apart: an operator who moves an arm by hand has no plan of meetings.

@@ -276,17 +276,7 @@ mod tests {
     }
 
     fn entry(doing: &str) -> Entry {
-        Entry {
-            doing: doing.to_owned(),
-            held: [Some(Depth::One), None],
-            hand_over: None,
-            taken_at: None,
-            short: 0.0,
-            stops: [None; 2],
-            handing_back: false,
-            undone: None,
-            over: false,
-        }
+        Entry { doing: doing.to_owned(), held: [Some(Depth::One), None], ..Entry::default() }
     }
 
     #[test]

@@ -51,8 +51,8 @@ pub trait Task: Send {
     fn think(thought: Self::Thought) -> (Self::Conclusion, Effort);
 }
 
-/// What a run must know that goes on where another was broken off.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// What a run must know that goes on where another was broken off; by default that nothing has been done yet.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Entry {
     /// What is about to be done, in words.
     pub doing: String,

@@ -114,17 +114,9 @@ impl Mission {
     /// the cameras what has become of the cube. `last` is what the other one noted last, if anything.
     #[must_use]
     pub fn resumed(mut self, last: Option<Entry>) -> Self {
-        self.resume = Some(last.unwrap_or_else(|| Entry {
-            doing: "nothing yet".to_owned(),
-            held: [None; 2],
-            hand_over: None,
-            taken_at: None,
-            short: 0.0,
-            stops: [None; 2],
-            handing_back: false,
-            undone: None,
-            over: false,
-        }));
+        self.resume = Some(
+            last.unwrap_or_else(|| Entry { doing: "nothing yet".to_owned(), ..Entry::default() }),
+        );
         self.untouched = false;
         self
     }
@@ -615,11 +607,8 @@ mod tests {
             held: [Some(Depth::Two), None],
             hand_over: Some(JointPositions([0.3; 7])),
             taken_at: Some([0.5, 0.1, 0.7]),
-            short: 0.0,
-            stops: [None; 2],
             handing_back: true,
-            undone: None,
-            over: false,
+            ..Entry::default()
         }
     }
 
