@@ -25,6 +25,8 @@ const CALM: f64 = 0.1;
 const EMPTY_TRIP: f64 = 1.5;
 /// A cube slower than this is nearly still [m/s], for this long [s].
 const STILL: (f64, f64) = (0.005, 1.0);
+/// A cube that was never carried away is meant for it when it stands still in front of it for so long [s].
+const HELD_OUT: f64 = 5.0;
 /// How long the load must last before it lets go [s].
 const LOAD_TIME: f64 = 0.3;
 /// How long it stays away between two attempts [s].
@@ -309,11 +311,12 @@ impl OperatorHand {
             Phase::Gone => {
                 let inside = self.in_zone(&sight.cube);
                 self.cube_left_zone |= !inside;
+                // A hand that reached deep into the zone need not leave it again to give the cube back.
+                let long_enough = if self.cube_left_zone { STILL.1 } else { HELD_OUT };
                 if inside
-                    && self.cube_left_zone
                     && t > self.let_go_at + s.return_after
                     && sight.grippers == 1
-                    && still >= STILL.1
+                    && still >= long_enough
                     && (sight.solved || !s.return_solved_only)
                 {
                     self.phase = Phase::Coming { since: t, to: sight.cube };
@@ -402,5 +405,44 @@ mod tests {
             assert!(calm.sqrt() < 0.5e-3 * 3_f64.sqrt(), "{}", calm.sqrt());
             assert!(moving > 4.0 * calm);
         }
+    }
+
+    /// When it comes for a cube that is held still in front of it from the beginning [s]; `None` if it does not.
+    fn comes_for(held: &Sight, left_zone: bool) -> Option<f64> {
+        let zone = HandZone {
+            world_from_cube: Pose::translation(0.9, 0.0, 1.2),
+            half_extent: Vector3::repeat(0.05),
+        };
+        let mut rng = Pcg64::seed_from_u64(1);
+        let mut hand = OperatorHand::new(&HandScript::default(), &zone, 0.057, &mut rng);
+        hand.stay_away();
+        hand.let_go_at = -100.0;
+        hand.cube_left_zone = left_zone;
+        let cube = hand.place;
+        let mut times = (0..5000_u32).map(|k| 0.002 * f64::from(k));
+        times.find(|&t| {
+            hand.decide(t, &Sight { cube, ..*held });
+            matches!(hand.phase, Phase::Coming { .. })
+        })
+    }
+
+    #[test]
+    fn it_comes_for_a_cube_that_stands_still_sooner_if_that_had_been_carried_away() {
+        let held = Sight {
+            cube: Frame { r: nalgebra::Matrix3::identity(), p: Vector3::zeros() },
+            speed: 0.001,
+            grippers: 1,
+            load: 0.0,
+            solved: false,
+            fallen: false,
+        };
+        let about = |seconds: f64, t: Option<f64>| t.is_some_and(|t| (t - seconds).abs() < 0.01);
+
+        assert!(about(STILL.1, comes_for(&held, true)));
+        // One that was taken deep in the zone may be offered there without ever having left it.
+        assert!(about(HELD_OUT, comes_for(&held, false)));
+        assert_eq!(comes_for(&Sight { speed: 0.01, ..held }, false), None);
+        assert_eq!(comes_for(&Sight { grippers: 2, ..held }, false), None);
+        assert_eq!(comes_for(&Sight { grippers: 0, ..held }, true), None);
     }
 }
