@@ -92,6 +92,8 @@ impl Plant {
         for (grasp, lost) in self.grasps.iter_mut().zip(acting.lost) {
             grasp.lost |= lost && grasp.attached();
         }
+        // Nothing bears a cube that nobody holds: no balance of forces is to be looked for first.
+        self.look_for_drop();
         self.puzzle.jam = acting.torque;
         if acting.withdraw {
             self.hand.draw_back(time);

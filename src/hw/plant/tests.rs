@@ -402,6 +402,35 @@ fn a_cube_that_both_let_go_falls_onto_the_tray_and_lies_on_a_face() {
     assert!((normal + Vector3::z()).norm() < 1e-6);
 }
 
+/// The other hand has just opened, with its palm still at the cube.
+#[test]
+fn a_cube_that_is_lost_at_another_palm_falls_and_pushes_nobody() {
+    use crate::hw::plant::fault::{Fault, What, When};
+    for seed in 1..=6 {
+        let mut config = spoilt(Jaws::rubber(), 2.0, 2.0, seed);
+        config.faults =
+            vec![Fault { what: What::Drop { arm: 0 }, when: When::At(4.0), lasts: f64::INFINITY }];
+        let mut servo = both_hold(config, 30.0, seed);
+        servo.jaws[1] = (0.085, 30.0);
+        servo.run(0.95);
+        let load =
+            |servo: &TestServo| [0, 1].map(|i: usize| servo.readings[i].wrench_on_sensor.force);
+        let (before, mut most) = (load(&servo), 0.0_f64);
+
+        for _ in 0..50 {
+            servo.tick();
+            for (before, now) in before.iter().zip(load(&servo)) {
+                most = most.max((now - before).norm());
+            }
+        }
+
+        let fallen = servo.plant.scene().cube.velocity.linear.norm();
+        assert_eq!(servo.plant.verdict().counts.drops, 1);
+        assert!(most < 2.0, "seed {seed}: a cube of 1 N pushes with {most} N");
+        assert!(fallen < 0.6, "seed {seed}: {fallen} m/s after 50 ms");
+    }
+}
+
 #[test]
 fn a_cube_lies_where_and_how_the_seed_says_and_no_hand_is_there() {
     let lying = Lying { offset: [0.0; 2], spread: 1.0, yaw: 0.7, any_face: true };
