@@ -5,6 +5,7 @@
 //!   guarded approach along the tool's z until the palm's stops touch
 //! - source: Zieliński et al. (2007), pp. 371-373: position-based, end-effector open loop, stand-alone camera; the
 //!   stages (lead, follow, back off, approach, frozen close to the cube) after the 2008 sources
+//! - a cube that is drawn out of the fingers of a gripper that no longer looks is seen beyond them: the approach ends
 
 use super::{Compliance, Inputs, Mode, Next, Outcome, Sensing, Target, Window};
 use crate::motion::{Direction, Motion, MoveCommand, MoveRefused, PERIOD};
@@ -82,6 +83,8 @@ pub struct VisualServo {
     vicinity: f64,
     /// Since when the arm has been refused its way, and never come to where it is to wait.
     refused: Option<u64>,
+    /// Exposures in a row of a frozen approach in which the cube was seen somewhere else, and the latest one's period.
+    gone: (u32, u64),
     /// Exposure that was asked for last, and the one with which the cube was seen.
     asked: f64,
     exposure: f64,
@@ -107,6 +110,8 @@ const TRY: f64 = 0.4;
 const REACH: f64 = 0.05;
 /// A cube that is seen and never stands still is followed for this many times the patience.
 const RESTLESS: f64 = 5.0;
+/// A cube that the gripper hides may be seen askew, but not so often in a row somewhere else altogether.
+const GONE: u32 = 3;
 
 impl VisualServo {
     /// Carries out an order.
@@ -126,6 +131,7 @@ impl VisualServo {
             inside: None,
             vicinity: order.vicinity,
             refused: None,
+            gone: (0, 0),
             spin: Vector3::zeros(),
             asked: 1.0,
             exposure: 1.0,
@@ -176,8 +182,13 @@ impl VisualServo {
             return Next::Done(excess);
         }
         let pose = inputs.arm.desired_base_from_tool;
-        let frozen = matches!(self.stage, Stage::Approach { .. })
+        let close = matches!(self.stage, Stage::Approach { .. })
             && self.distance(&pose).is_some_and(|d| d < self.order.frozen);
+        let gone = close && self.is_gone(inputs.target);
+        if gone {
+            self.back_off();
+        }
+        let frozen = close && !gone;
         if !frozen {
             self.look(inputs.target, &pose);
         }
@@ -222,6 +233,24 @@ impl VisualServo {
             self.vicinity = (self.vicinity - NEARER).max(NEAREST * self.order.vicinity);
         }
         Next::Go(self.hold())
+    }
+
+    /// Whether the cube of a frozen approach has been seen for a while where it was not when it was hidden.
+    fn is_gone(&mut self, target: Option<&Target>) -> bool {
+        let (Some(target), Some(hidden)) = (target, self.cube) else { return false };
+        let (times, last) = self.gone;
+        if target.period > last.max(self.seen) {
+            let moved = (target.world_from_cube.translation.vector - hidden).norm();
+            self.gone = (if moved > self.order.retreat { times + 1 } else { 0 }, target.period);
+        }
+        self.gone.0 >= GONE
+    }
+
+    /// Breaks the approach off.
+    fn back_off(&mut self) {
+        self.stage = Stage::Follow;
+        self.stand();
+        (self.still, self.gone) = (0.0, (0, 0));
     }
 
     fn stand(&mut self) {
@@ -298,6 +327,7 @@ impl VisualServo {
         }
         if is_there && self.still > self.order.still_seconds {
             self.stage = Stage::Approach { began_at: goal.translation.vector };
+            self.gone.0 = 0;
             return self.approach(inputs, pose, goal, goal.translation.vector, false);
         }
         let (linear, angular) = self.order.speed;
@@ -327,9 +357,7 @@ impl VisualServo {
     ) -> Next {
         let order = self.order;
         if !frozen && (goal.translation.vector - began_at).norm() > order.retreat {
-            self.stage = Stage::Follow;
-            self.stand();
-            self.still = 0.0;
+            self.back_off();
             return Next::Go(self.hold());
         }
         self.confirmed =
@@ -654,6 +682,33 @@ mod tests {
         // It is there after 5 s, and would be patient for 5 s more.
         assert!(last.get() < 3500, "at once: {last:?}");
         assert!(place.x > 0.94 && place.x <= 0.95, "{place}");
+    }
+
+    #[test]
+    fn a_cube_that_is_drawn_out_of_blind_fingers_is_followed_and_a_glimpse_of_another_place_is_not()
+    {
+        // From 4 s on the gripper is too near to look; it would be at the seat at 8 s.
+        let at = |y: f64, period| {
+            let world_from_cube = Pose::translation(1.0, y, 1.2);
+            Target { world_from_cube, speed: 0.0, period }
+        };
+        let free = (0.5, 2.0);
+
+        let (outcome, place) =
+            run_within(free, |period| at(if period < 2000 { 0.0 } else { 0.12 }, period));
+        assert_eq!(outcome, Outcome::NotTouched);
+        assert!((place.y - 0.12).abs() < 2e-3, "{place}");
+
+        let glimpse = |period| (2000..2016).contains(&period);
+        let (outcome, place) =
+            run_within(free, |period| at(if glimpse(period) { 0.12 } else { 0.0 }, period));
+        assert_eq!(outcome, Outcome::NotTouched);
+        assert!(place.y.abs() < 2e-3 && place.x > 0.98, "{place}");
+
+        // As far as a hidden cube may seem to be off, it is the same one.
+        let (_, place) =
+            run_within(free, |period| at(if period < 2000 { 0.0 } else { 0.04 }, period));
+        assert!(place.y.abs() < 2e-3, "{place}");
     }
 
     #[test]
