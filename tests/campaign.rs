@@ -60,7 +60,8 @@ fn idle(more: &[&str]) -> Output {
 
 #[test]
 fn three_idle_runs_come_to_one_object() {
-    let done = object(&idle(&["--runs", "3", "--seed", "40"]), 0);
+    // All of three are as many as there can be.
+    let done = object(&idle(&["--runs", "3", "--seed", "40", "--at-least", "1"]), 0);
 
     assert_eq!((&done["runs"], &done["solved"]), (&3.into(), &3.into()));
     assert_eq!(done["failures"], Value::Array(vec![]));
@@ -155,6 +156,73 @@ fn a_campaign_gets_more_runs_and_never_fewer() {
     let fewer = run("2");
     assert_eq!(fewer.status.code(), Some(2));
     assert!(text(&fewer.stderr).contains("--runs 4 or more"), "{}", text(&fewer.stderr));
+}
+
+#[test]
+fn a_state_file_of_another_shard_or_build_or_of_a_campaign_that_goes_on_is_left_alone() {
+    let state = Place::new("theirs.jsonl");
+    let run = ["--runs", "2", "--state", state.path(), "--shard"];
+    assert_eq!(idle(&[&run[..], &["1/2"]].concat()).status.code(), Some(0));
+    let kept = std::fs::read_to_string(state.path()).unwrap();
+    let refused = |shard: &str, reason: &str| {
+        let before = std::fs::read_to_string(state.path()).unwrap();
+        let out = idle(&[&run[..], &[shard]].concat());
+        let told = text(&out.stderr);
+        assert!(out.status.code() == Some(2) && told.contains(reason), "{reason}: {told}");
+        assert_eq!(std::fs::read_to_string(state.path()).unwrap(), before, "{reason}");
+    };
+
+    refused("2/2", "of shard 1/2, not 2/2");
+    let header: Value = serde_json::from_str(kept.lines().next().unwrap()).unwrap();
+    let build = header["campaign"]["build"].as_str().unwrap();
+    std::fs::write(state.path(), kept.replacen(build, "another", 1)).unwrap();
+    refused("1/2", "of another build of this program");
+    std::fs::write(state.path(), &kept).unwrap();
+    let file = std::fs::File::options().append(true).open(state.path()).unwrap();
+    file.lock().unwrap();
+    refused("1/2", "another campaign is writing it");
+}
+
+/// The exit code and the object of a campaign that is interrupted when `begun` says that it is under way.
+fn interrupted(args: &[&str], mut begun: impl FnMut(&str) -> bool) -> (Option<i32>, Value) {
+    use std::io::{BufRead as _, BufReader};
+    let mut campaign = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        .args([&IDLE[..], args].concat())
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut told = BufReader::new(campaign.stderr.take().unwrap()).lines().map_while(Result::ok);
+    assert!(told.any(|line| begun(&line)), "it was over before it was interrupted");
+    let process = rustix::process::Pid::from_child(&campaign);
+    rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
+    std::thread::spawn(move || told.for_each(drop));
+    let out = campaign.wait_with_output().unwrap();
+    let done = serde_json::from_str(text(&out.stdout).lines().last().unwrap()).unwrap();
+    (out.status.code(), done)
+}
+
+#[test]
+fn who_interrupts_a_campaign_or_a_soak_gets_what_there_is_and_no_success() {
+    let soak = ["--soak", "1000", "--set", "idle.time_s=30"];
+    let (code, done) = interrupted(&soak, |line| line.contains("times real time"));
+    assert_eq!((code, &done["steady"]), (Some(130), &false.into()), "{done}");
+
+    let state = Place::new("interrupted.jsonl");
+    // One that fails is told at once: then it is under way.
+    let drawn = Place::with(
+        "now.toml",
+        "fault = { one_of = [[{ kind = \"emergency_stop\", at_s = 0.5 }]] }\n",
+    );
+    let runs = ["--runs", "1000", "--state", state.path(), "--vary", drawn.path()];
+    let (code, done) = interrupted(&runs, |line| line.contains("seed 1 aborted"));
+    assert_eq!(code, Some(130));
+    let runs = done["runs"].as_u64().unwrap();
+    assert!((1..1000).contains(&runs), "{runs}");
+    let kept = std::fs::read_to_string(state.path()).unwrap();
+    assert_eq!(kept.lines().count() as u64, runs + 1, "a header, and what it told of");
 }
 
 #[test]
@@ -303,6 +371,30 @@ fn a_fall_is_a_contact_above_the_limit_and_is_noticed_unless_the_run_ends_with_i
     assert!(done["peak_contact_n"]["max"].as_f64().unwrap() > 20.0, "{done}");
     assert_eq!((&done["runs_above_force_limit"], &done["drops"]), (&1.into(), &1.into()));
     assert_eq!((&done["runs_with_unnoticed_drops"], &done["solved"]), (&0.into(), &1.into()));
+}
+
+/// The disk has room for a part of it only.
+#[test]
+fn a_report_that_finds_no_room_leaves_what_was_there_and_nothing_else() {
+    let page = Place::with("room.html", "an older report\n");
+    // Who ignores the signal is told by the system instead.
+    let limited = "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\"";
+    let out = Command::new("sh")
+        .args(["-c", limited, env!("CARGO_BIN_EXE_rubik-robot")])
+        .args([&IDLE[..], &["--runs", "1", "-o", page.path()]].concat())
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+
+    let told = text(&out.stderr);
+    assert!(told.contains(page.path()) && told.contains("File too large"), "{told}");
+    assert_ne!(out.status.code(), Some(0));
+    // The results are told all the same.
+    let done: Value = serde_json::from_str(text(&out.stdout).lines().last().unwrap()).unwrap();
+    assert_eq!(done["solved"], 1);
+    assert_eq!(std::fs::read_to_string(page.path()).unwrap(), "an older report\n");
+    assert!(!std::path::Path::new(&format!("{}.part", page.path())).exists());
 }
 
 #[test]

@@ -135,6 +135,109 @@ mod tests {
         told
     }
 
+    fn standing(joints: JointPositions, period: u64) -> ArmState {
+        let synchronisation = Synchronisation::Yes;
+        ArmState { desired_joints: joints, synchronisation, period, ..ArmState::default() }
+    }
+
+    /// At which of these states both arms are stopped, when they are in one after the other.
+    async fn stopped_at(keeps_apart: bool, states: &[[ArmState; 2]]) -> Option<usize> {
+        let guard = Guard::of(&example_cell(), 0.25);
+        let channels = states[0].map(watch::channel);
+        let listening = channels.iter().map(|(_, states)| states.clone()).collect();
+        let switches = Arc::new(Switches::default());
+        let (ui, _notices) = ui::mailbox();
+        let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
+        let (apart, alarm) = (Apart::default(), Alarm::default());
+        apart.tell(keeps_apart);
+        let stops = Arc::clone(&switches);
+        let watching = tokio::spawn(watch_over(guard, listening, stops, ui, clock, (apart, alarm)));
+        for (number, arms) in states.iter().enumerate() {
+            for ((sender, _), state) in channels.iter().zip(arms) {
+                sender.send_replace(*state);
+            }
+            tokio::time::sleep(3 * INTERVAL).await;
+            if switches.emergency.load(Ordering::Acquire) {
+                return Some(number);
+            }
+        }
+        watching.abort();
+        None
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_arm_that_was_led_out_of_where_it_was_too_near_stays_out() {
+        let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
+        let meeting = table.grasps.iter().flatten().next().unwrap();
+        let mut low = meeting.postument;
+        low.0[2] += 0.9;
+        let arms = |postument, period| [meeting.track, postument].map(|at| standing(at, period));
+
+        let out = [arms(low, 100), arms(meeting.postument, 150)];
+        assert_eq!(stopped_at(false, &out).await, None);
+        let back = [out[0], out[1], arms(low, 200)];
+        assert_eq!(stopped_at(false, &back).await, Some(2));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn where_an_arm_is_known_for_the_first_time_it_has_not_come_from_anywhere() {
+        let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
+        let postument = table.grasps.iter().flatten().next().unwrap().postument;
+        // Past the operator's hand, where 0.2 m in a fifth of a second are too fast.
+        let past = |d0: f64| JointPositions([d0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
+        let there = |period| [standing(past(0.4), period), standing(postument, period)];
+        let before = [standing(past(0.2), 1), standing(postument, 1)];
+        assert_eq!(stopped_at(false, &[before, there(101)]).await, Some(1));
+
+        // What an EDP publishes before it has heard anything, and what an arm counts that does not know its place.
+        let unheard = before.map(|arm| ArmState { period: 0, ..arm });
+        let lost = before.map(|arm| ArmState { synchronisation: Synchronisation::No, ..arm });
+        for unknown in [unheard, lost] {
+            assert_eq!(stopped_at(false, &[unknown, there(101)]).await, None);
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn hands_that_are_not_to_meet_keep_their_cubes_apart_where_their_jaws_hold_some() {
+        let cell = example_cell();
+        let table = MeetingTable::compute(&cell, &ReachSettings::default());
+        let edge = cell.cube.edge;
+        let mut tried = 0;
+        for meeting in table.grasps.iter().flatten() {
+            let along = |by: f64| {
+                let mut track = meeting.track;
+                track.0[0] += by;
+                track
+            };
+            let far = along(-0.4);
+            let fits = |opening: f64, track: &JointPositions| {
+                let mut guard = Guard::of(&cell, 0.25);
+                guard.holding([Some(opening); 2]);
+                let room = |track| guard.room([Some(track), Some(&meeting.postument)]);
+                guard.may(&room(&far), &room(track)).is_ok()
+            };
+            let beside = (1..200).map(|i| along(-0.4 + 0.002 * f64::from(i)));
+            let Some(beside) = beside.into_iter().find(|at| fits(0.0, at) && !fits(edge, at))
+            else {
+                continue;
+            };
+            if !fits(edge, &far) {
+                continue;
+            }
+            tried += 1;
+            let arms = |track, period, jaw_opening| {
+                [track, meeting.postument]
+                    .map(|at| ArmState { jaw_opening, ..standing(at, period) })
+            };
+            // So slowly that nobody minds.
+            let come = |opening| [arms(far, 100, opening), arms(beside, 10_000, opening)];
+            assert_eq!(stopped_at(true, &come(0.0)).await, None);
+            assert_eq!(stopped_at(true, &come(edge)).await, Some(1));
+            assert_eq!(stopped_at(false, &come(edge)).await, None, "they are to meet");
+        }
+        assert!(tried >= 2, "{tried}");
+    }
+
     #[tokio::test(start_paused = true)]
     async fn what_comes_too_near_or_too_fast_stops_both_arms_and_nothing_else_does() {
         let cell = example_cell();

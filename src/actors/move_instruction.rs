@@ -262,5 +262,10 @@ mod tests {
             assert_eq!(ends(&present, x, [0.0, 11.0]), None);
             assert_eq!(ends(&opens, x, [0.0, 11.0]), None);
         }
+        // What a free motion feels from its beginning is a sensor that lies; what seeks a contact begins without one.
+        let seeks =
+            Behaviour::Approach { speed: 0.02, distance: 0.05, force: 30.0, selector: [false; 6] };
+        assert_eq!(ends(&joints, 0.8, [11.0, 11.0]), None);
+        assert_eq!(ends(&seeks, 0.8, [11.0, 11.0]), Some(Outcome::OverForce(1, 11.0)));
     }
 }

@@ -752,3 +752,213 @@ fn doing<T>(action: &Action<T>) -> &'static str {
         Action::Finish(_) => "has finished",
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test")]
+mod tests {
+    use super::super::{ecp, edp, ui};
+    use super::*;
+    use crate::generators::Compliance;
+    use crate::generators::position::Speeds;
+    use crate::hw::driver::{self, Switches};
+    use crate::motion::JointPositions;
+    use crate::reach::{Meeting, MeetingTable, ReachSettings, example_cell};
+    use crate::scenario::keys::Pace;
+
+    fn manner() -> Manner {
+        Manner {
+            compliance: Compliance {
+                linear_admittance: 0.001,
+                linear_inertia: 20.0,
+                angular_admittance: 0.05,
+                angular_inertia: 0.5,
+                macrostep: 8,
+                jaw_close_speed: 0.012,
+                jaw_open_speed: 0.03,
+                force_limit: 20.0,
+                torque_limit: 4.5,
+            },
+            speeds: Speeds {
+                joint: [0.5, 0.75, 0.75, 0.75, 0.75, 0.75, 0.75],
+                joint_acceleration: [1.0, 1.4, 1.4, 1.4, 1.4, 1.4, 1.4],
+                linear: 0.15,
+                linear_acceleration: 0.3,
+                angular: 0.7,
+                angular_acceleration: 1.4,
+            },
+            hand: None,
+        }
+    }
+
+    /// An MP whose arms stand so. The first has an ECP and an EDP, whose servo does nothing.
+    fn standing(guard: Guard, arms: [ArmState; 2]) -> Mp {
+        let clock = Clock::new(tokio::time::Instant::now(), Arc::new(Switches::default()));
+        let (control, tape) = (watch::channel(Control::Running).1, Tape::default());
+        let (link, end) = driver::link();
+        drop(end);
+        let edp = edp::spawn("track", link, clock.clone(), tape.clone());
+        let parts = ecp::Parts {
+            edp,
+            tracker: None,
+            hand_camera: None,
+            manner: manner(),
+            control: control.clone(),
+            tape: tape.clone(),
+        };
+        let parts = Parts {
+            turning: Turning::default(),
+            forces: None,
+            ecps: vec![ecp::spawn("track", parts)],
+            tracker: None,
+            hand_cameras: [None, None],
+            coordination: Coordination::Sporadic,
+            manners: vec![manner(); 2],
+            control,
+            ui: ui::mailbox().0,
+            operator: None,
+            tempo: Tempo::default(),
+            clock,
+            work: Work(Pace::Virtual),
+            tape,
+            journal: None,
+            guard: Some(guard),
+            apart: Apart::default(),
+        };
+        Mp { arms: arms.into(), ..Mp::new(parts) }
+    }
+
+    fn arm(joints: JointPositions) -> ArmState {
+        let synchronisation = Synchronisation::Yes;
+        ArmState { desired_joints: joints, synchronisation, ..ArmState::default() }
+    }
+
+    fn to(target: JointPositions) -> Behaviour {
+        Behaviour::Joints { target, speed: 1.0, seconds: 0.0 }
+    }
+
+    /// The first meeting of the hands, and the track's stand so far along from there [m].
+    fn meeting() -> (Meeting, impl Fn(f64) -> JointPositions) {
+        let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
+        let meeting = table.grasps.into_iter().flatten().next().unwrap();
+        let along = move |by: f64| {
+            let mut track = meeting.track;
+            track.0[0] += by;
+            track
+        };
+        (meeting, along)
+    }
+
+    fn guard() -> Guard {
+        Guard::of(&example_cell(), 0.25)
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_arm_that_does_not_know_its_place_hinders_nobody() {
+        let (meeting, along) = meeting();
+        let through = |synchronisation| {
+            let other = ArmState { synchronisation, ..arm(meeting.postument) };
+            let mp = standing(guard(), [arm(along(-0.3)), other]);
+            mp.guarded(&mut [Some(to(along(0.3))), None])
+        };
+
+        assert!(matches!(through(Synchronisation::Yes), Err(Near::Arms(_) | Near::Hands(_))));
+        assert_eq!(through(Synchronisation::No), Ok(()));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn the_lookout_is_told_whether_the_hands_are_to_meet() {
+        let (meeting, along) = meeting();
+        // Whom it is told is another actor's affair: what it was told can be seen.
+        let told = |mp: &Mp| format!("{:?}", mp.parts.apart) == "Apart(true)";
+        let orders = |from: JointPositions, orders: [Option<Behaviour>; 2]| {
+            let mp = standing(guard(), [arm(from), arm(meeting.postument)]);
+            let mut orders = orders;
+            mp.guarded(&mut orders).unwrap();
+            let first = told(&mp);
+            // What one order tells is not what the next one does.
+            mp.parts.apart.tell(!first);
+            mp.guarded(&mut orders).unwrap();
+            assert_eq!(told(&mp), first);
+            first
+        };
+
+        assert!(orders(along(-0.4), [Some(to(along(-0.35))), None]));
+        assert!(orders(along(-0.4), [None, None]));
+        assert!(!orders(meeting.track_back, [Some(to(meeting.track)), None]));
+        assert!(!orders(meeting.track, [Some(to(meeting.track_back)), None]));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn motors_that_are_turned_by_hand_keep_hands_apart_that_are() {
+        let (meeting, along) = meeting();
+        let arms = [arm(along(-0.4)), arm(meeting.postument)];
+        let mut mp = standing(guard().by_hand(), arms);
+
+        // No servo is there that would obey.
+        let nobody = mp.turn_motor(0, 0, 1.0).await;
+
+        assert!(nobody.is_err());
+        assert_eq!(format!("{:?}", mp.parts.apart), "Apart(true)");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_hinders_an_arm_outranks_what_was_refused_for_it() {
+        let (meeting, along) = meeting();
+        let mut mp = standing(guard(), [arm(along(-0.4)), arm(meeting.postument)]);
+        let cause = NonFatal::Arguments("too near".into());
+        let refused = Error::NonFatal { actor: "mp".into(), place: "guard a way", cause };
+
+        // Its servo is gone: a task that goes on would end with the refusal, and not with that.
+        let trouble = mp.trouble::<()>(refused).await;
+
+        assert!(matches!(trouble, Err(Stop::Error(Error::System { .. }))));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_is_too_fast_near_the_operator_takes_both_arms_more_time_by_as_much() {
+        let (meeting, _) = meeting();
+        let past = |d0: f64| JointPositions([d0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
+        let mut rolled = meeting.postument;
+        rolled.0[6] += 0.4;
+        let arms = [arm(past(0.2)), arm(meeting.postument)];
+        let mp = standing(guard(), arms);
+        let asked = [Some(to(past(0.4))), Some(to(rolled))];
+        let mut orders = asked;
+
+        mp.guarded(&mut orders).unwrap();
+
+        let lasts = |orders: &[Option<Behaviour>; 2]| {
+            [0, 1].map(|i| manner().seconds(orders[i].as_ref().unwrap(), &arms[i]))
+        };
+        let (before, after) = (lasts(&asked), lasts(&orders));
+        let slower = [after[0] / before[0], after[1] / before[1]];
+        assert!(slower[0] > 1.2, "{slower:?}");
+        // Their ways are free when both go evenly.
+        assert!((slower[0] - slower[1]).abs() < 1e-9, "{slower:?}");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_hand_with_nothing_in_its_jaws_may_go_where_one_with_a_cube_may_not() {
+        let cell = example_cell();
+        let edge = cell.cube.edge;
+        let table = MeetingTable::compute(&cell, &ReachSettings::default());
+        let mut tried = 0;
+        for meeting in table.grasps.iter().flatten() {
+            let goes = |by: f64, jaw_opening: f64| {
+                let mut track = meeting.track;
+                track.0[0] += by;
+                let mut far = meeting.track;
+                far.0[0] -= 0.4;
+                let arms = [far, meeting.postument].map(|at| ArmState { jaw_opening, ..arm(at) });
+                standing(guard().by_hand(), arms).guarded(&mut [Some(to(track)), None])
+            };
+            // The first place on the way to the other hand where a cube would be in the way.
+            let mut beside = (1..40).map(|i| -0.4 + 0.01 * f64::from(i));
+            let Some(by) = beside.find(|by| goes(*by, edge).is_err()) else { continue };
+            if matches!(goes(by, edge), Err(Near::Hands(_))) {
+                tried += usize::from(goes(by, 0.0).is_ok());
+            }
+        }
+        assert!(tried >= 2, "{tried}");
+    }
+}

@@ -241,6 +241,9 @@ mod tests {
         assert_eq!(of(109.0).is_flat(), Some(false));
         assert!(!of(109.0).is_steady());
         assert_eq!(Soak::default().is_flat(), None);
+        let mut short = of(107.0);
+        short.tenths.pop();
+        assert!(short.unsteady().unwrap().contains("did not come to its end"));
     }
 
     #[test]
@@ -263,6 +266,13 @@ mod tests {
         // The time is 400 s and as many as the force has.
         assert_eq!(soak.take(result(1, Verdict::Solved, 7.0), &mut firsts), 2.0);
         assert_eq!(soak.repeated, (2, 1));
+        // In the same time, but not the same to the bit.
+        let mut other = result(1, Verdict::Solved, 5.0);
+        if let Some(figures) = &mut other.figures {
+            figures.hash = "another".into();
+        }
+        assert_eq!(soak.take(other, &mut firsts), 0.0);
+        assert_eq!(soak.repeated, (3, 2));
     }
 
     #[test]

@@ -342,6 +342,11 @@ mod tests {
         assert!(why.contains("--set"), "{why}");
         let longer = state(20, "1/3").merge(state(21, "2/3")).unwrap_err();
         assert!(longer.contains("20 and 21"), "{longer}");
+        // What one has as a failure since its time was over another might have solved.
+        let mut patient = state(20, "2/3");
+        patient.header.limit_s += 1;
+        let why = state(20, "1/3").merge(patient).unwrap_err();
+        assert!(why.contains("time limits: 600 and 601"), "{why}");
     }
 
     #[test]
@@ -375,6 +380,40 @@ mod tests {
             tally.is_complete()
                 && !Tally::of(&State { results: BTreeMap::new(), ..state(20, "1/1") })
                     .is_complete()
+        );
+    }
+
+    #[test]
+    fn mishaps_drops_and_what_is_not_known_are_counted_by_run() {
+        let mut state = state(20, "1/1");
+        let mut of = |seed: u64, change: &dyn Fn(&mut Figures)| {
+            let figures = state.results.get_mut(&seed).and_then(|run| run.figures.as_mut());
+            change(figures.unwrap());
+        };
+        // One mishap alone makes a run one with mishaps; the ninth was not solved.
+        of(5, &|f| f.mishaps.jams = 1);
+        of(6, &|f| f.mishaps.slips = 3);
+        of(9, &|f| f.mishaps.pops = 1);
+        // Who tells of more drops than there were has missed none.
+        of(7, &|f| (f.mishaps.drops, f.drops_noticed) = (1, Some(2)));
+        of(8, &|f| (f.mishaps.drops, f.drops_noticed) = (2, Some(1)));
+        of(10, &|f| f.drops_noticed = Some(0));
+        // Whatever lacks one of both is not known, and not above any limit.
+        of(12, &|f| (f.peak_contact_n, f.drops_noticed) = (None, Some(0)));
+        of(13, &|f| (f.force_limit_n, f.drops_noticed) = (Some(20.0), None));
+
+        let object = Tally::of(&state).json();
+
+        assert_eq!(
+            (&object["runs_with_mishaps"], &object["solved_with_mishaps"]),
+            (&json!(5), &json!(4))
+        );
+        assert_eq!((&object["drops"], &object["mishaps"]["slips"]), (&json!(3), &json!(3)));
+        assert_eq!(object["runs_with_unnoticed_drops"], 1);
+        // Seeds 20 to 24, and none of those of which nothing is known.
+        assert_eq!(
+            (&object["runs_above_force_limit"], &object["contact_unknown"]),
+            (&json!(5), &json!(2))
         );
     }
 

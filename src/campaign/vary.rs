@@ -352,6 +352,17 @@ mod tests {
     }
 
     #[test]
+    fn keys_that_are_drawn_in_one_way_are_drawn_one_apart_from_the_other() {
+        let two =
+            "cube.mass_g = { uniform = [0, 2] }\nplant.errors.base_mm = { uniform = [0, 2] }\n";
+        let vary = read(two).unwrap();
+        let alike = |seed: &u64| {
+            of(&vary, *seed, "cube.mass_g") == of(&vary, *seed, "plant.errors.base_mm")
+        };
+        assert_eq!((0..100).filter(alike).count(), 0, "one would follow the other");
+    }
+
+    #[test]
     fn each_key_is_drawn_in_its_way() {
         let vary = read(FOUR).unwrap();
         let mut kinds = std::collections::BTreeSet::new();

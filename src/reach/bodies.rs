@@ -254,6 +254,75 @@ mod tests {
         prop::array::uniform3(-1.0..1.0f64).prop_map(Point3::from)
     }
 
+    const GRIPPER: usize = 4;
+    const PLATE: usize = 5;
+    const FINGERS: usize = 6;
+    const CUBE: usize = 7;
+
+    /// An arm of balls, one for each part: links, gripper, palm plate, fingers, cube.
+    fn of_balls(at: impl Fn(usize) -> Point3<f64>) -> Bodies {
+        let ball = |part: usize| Capsule::new([at(part); 2], 0.01);
+        Bodies {
+            links: std::array::from_fn(ball),
+            plate: [ball(PLATE); 4],
+            fingers: ball(FINGERS),
+            cube: ball(CUBE),
+        }
+    }
+
+    /// One whose parts are far from everything but these, which are beside the origin, on one side or the other.
+    fn with_near(near: &[usize], side: f64) -> Bodies {
+        let x = |part: usize| if near.contains(&part) { 0.02 } else { 10.0 * (part + 1) as f64 };
+        of_balls(|part| Point3::new(side * x(part), 0.0, 0.0))
+    }
+
+    #[test]
+    fn every_pair_of_parts_but_the_palms_counts_either_always_or_while_the_hands_are_not_to_meet() {
+        for i in 0..=CUBE {
+            for j in 0..=CUBE {
+                let (a, b) = (with_near(&[i], 1.0), with_near(&[j], -1.0));
+                let always = at_the_cube(&a, &b) < FAR;
+                let seen = |hold: [bool; 2]| hands(&a, &b, hold) < FAR;
+
+                assert_eq!(always || seen([true; 2]), (i, j) != (PLATE, PLATE), "{i} {j}");
+                assert!(!(always && seen([true; 2])), "{i} {j} is counted twice");
+                // What meets by design where both hands are at one cube.
+                let by_design = |i: usize, j: usize| i == CUBE && j >= GRIPPER || i == FINGERS;
+                assert_eq!(
+                    always,
+                    !by_design(i, j) && !by_design(j, i) && (i, j) != (PLATE, PLATE),
+                    "{i} {j}"
+                );
+                // A hand that holds nothing has no cube.
+                for hold in [[false, true], [true, false], [false; 2]] {
+                    let is_there = (i != CUBE || hold[0]) && (j != CUBE || hold[1]);
+                    assert_eq!(seen(hold), seen([true; 2]) && is_there, "{i} {j} {hold:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_hand_keeps_off_its_own_links_and_the_table_and_each_part_off_the_operator() {
+        let zone = HandZone {
+            world_from_cube: crate::spatial::Pose::identity(),
+            half_extent: Vector3::repeat(0.01),
+        };
+        for i in 0..=CUBE {
+            for j in 0..i {
+                // The gripper is joined to the wrist, and the cube is in the fingers.
+                let own = i == GRIPPER && j < 3 || i == CUBE && j < GRIPPER;
+                assert_eq!(with_near(&[i, j], 1.0).own() < FAR, own, "{i} {j}");
+            }
+            let near = with_near(&[i], 1.0);
+            assert!(near.off(&zone, true) < FAR, "{i}");
+            assert_eq!(near.off(&zone, false) < FAR, i < 3, "{i}: the hand takes the cube");
+            let lowered = of_balls(|part| Point3::new(0.0, 0.0, if part == i { 0.5 } else { 1.0 }));
+            let counts = [3, GRIPPER, CUBE].contains(&i);
+            assert_eq!(lowered.lowest(), if counts { 0.5 } else { 1.0 }, "{i}");
+        }
+    }
+
     proptest! {
         #[test]
         fn no_point_of_a_segment_is_nearer_to_a_box_than_the_distance(a in point(), b in point()) {

@@ -473,6 +473,110 @@ mod tests {
     }
 
     #[test]
+    fn a_hand_may_hold_a_cube_where_its_jaws_are_as_wide_as_one_or_nobody_knows_how_wide() {
+        let cell = example_cell();
+        let table = MeetingTable::compute(&cell, &ReachSettings::default());
+        let edge = cell.cube.edge;
+        let mut told_apart = 0;
+        for meeting in table.grasps.iter().flatten() {
+            let apart = |openings: [Option<f64>; 2]| {
+                let mut guard = Guard::of(&cell, 0.25);
+                guard.holding(openings);
+                guard.room([Some(&meeting.track_back), Some(&meeting.postument)]).hands.unwrap()
+            };
+            let (held, empty) = (apart([Some(edge); 2]), apart([Some(0.0); 2]));
+            told_apart += usize::from(held < empty);
+            // A calibration may be off, a grasp askew.
+            for wide in [None, Some(edge - 0.005), Some(edge + 0.005)] {
+                assert_eq!(apart([wide; 2]), held, "{wide:?}");
+            }
+            for wide in [edge - 0.007, edge + 0.007, 0.09] {
+                assert_eq!(apart([Some(wide); 2]), empty, "{wide}");
+            }
+            // The jaws may have opened or closed since they were looked at last.
+            let mut guard = Guard::of(&cell, 0.25);
+            guard.holding([Some(0.0); 2]);
+            guard.holding([None; 2]);
+            let room = guard.room([Some(&meeting.track_back), Some(&meeting.postument)]);
+            assert_eq!(room.hands, Some(held));
+        }
+        assert!(told_apart >= 4, "{told_apart}");
+    }
+
+    #[test]
+    fn who_was_led_out_stays_out_and_who_is_too_near_may_dip_by_a_hair() {
+        let guard = Guard::of(&example_cell(), 0.25);
+        let above = |height: f64| Room { table: [Some(height), None], ..Room::default() };
+
+        assert_eq!(above(0.05).or_more(&above(0.01)), above(0.05));
+        assert_eq!(above(0.01).or_more(&above(0.05)), above(0.05));
+        // Of what is not known any more nothing is kept, and what is known for the first time is where it is.
+        assert_eq!(Room::default().or_more(&above(0.05)), Room::default());
+        assert_eq!(above(0.01).or_more(&Room::default()), above(0.01));
+
+        assert!(guard.may(&above(0.05), &above(0.015)).is_err());
+        // Watched, a hand may dip when it is turned out of a corner.
+        assert_eq!(guard.may(&above(0.01), &above(0.0085)), Ok(()));
+        assert!(guard.may(&above(0.01), &above(0.0075)).is_err());
+    }
+
+    #[test]
+    fn a_way_that_is_asked_for_leads_no_nearer_to_what_is_too_near() {
+        let cell = example_cell();
+        let guard = Guard::of(&cell, 0.25);
+        let table = MeetingTable::compute(&cell, &ReachSettings::default());
+        let mut low = table.grasps.iter().flatten().next().unwrap().postument;
+        low.0[2] += 0.9;
+        let height = |joints: &JointPositions| guard.room([None, Some(joints)]).table[1].unwrap();
+        assert!(height(&low) < ABOVE_TABLE);
+        let lower = |by: u32| {
+            let mut lower = low;
+            lower.0[2] += 1e-4 * f64::from(by);
+            lower
+        };
+
+        let by = (1..100).find(|by| height(&low) - height(&lower(*by)) > 1e-3).unwrap();
+        let (from, to) = ([None, Some(&low)], lower(by));
+
+        assert!(height(&low) - height(&to) < WATCHED);
+        let asked = guard.ways(from, [&Way::Stays, &Way::Joints(to)]);
+        assert!(matches!(asked, Err(Near::Table { .. })), "{asked:?}");
+        assert_eq!(guard.may(&guard.room(from), &guard.room([None, Some(&to)])), Ok(()));
+        // Nor where only its end is too low.
+        let above = table.grasps.iter().flatten().next().unwrap().postument;
+        let down = guard.ways([None, Some(&above)], [&Way::Stays, &Way::Joints(low)]);
+        assert!(matches!(down, Err(Near::Table { .. })), "{down:?}");
+    }
+
+    #[test]
+    fn a_line_leads_to_where_its_tool_is_turned_too() {
+        let cell = example_cell();
+        let guard = Guard::of(&cell, 0.25);
+        let table = MeetingTable::compute(&cell, &ReachSettings::default());
+        let arm = &cell.arms[0];
+        let tool =
+            |joints: &JointPositions| arm.model.base_from_flange(joints) * arm.flange_from_tool;
+        let mut led = 0;
+        for meeting in table.grasps.iter().flatten() {
+            for by in [-0.3, 0.3] {
+                let turn =
+                    nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::z_axis(), by);
+                let to = tool(&meeting.track) * turn;
+                let flange = to * arm.flange_from_tool.inverse();
+                if arm.model.inverse(&flange, &meeting.track).is_err() {
+                    continue;
+                }
+
+                let end = Course::new(&guard, 0, &meeting.track, &Way::Line(to)).at(1.0);
+
+                assert!(tool(&end).rotation.angle_to(&to.rotation) < 1e-6);
+                led += 1;
+            }
+        }
+        assert!(led >= 8, "{led}");
+    }
+
+    #[test]
     fn nothing_but_the_hand_that_takes_the_cube_has_any_business_in_the_operators_zone() {
         let cell = example_cell();
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
@@ -542,6 +646,23 @@ mod tests {
         assert!(guard.pace(0, &far, &near, 1.2).is_ok());
         let told = guard.pace(0, &far, &near, 0.4).unwrap_err().to_string();
         assert!(told.contains("track arm goes at 5") && told.contains("mm/s"), "{told}");
+        // A part is as near as its surface, however far off its middle is.
+        let (bodies, mut aside) = (guard.bodies(0, &near), cell.clone());
+        let nearest = |cell: &Cell, counts: f64| {
+            let zone_from_world = cell.hand.world_from_cube.inverse();
+            let off = bodies
+                .hand()
+                .map(|(at, radius)| cell.hand.off(&(zone_from_world * at)) - counts * radius);
+            off.into_iter().fold(f64::INFINITY, f64::min)
+        };
+        while nearest(&aside, 0.0) < 1.1 * NEAR {
+            aside.hand.world_from_cube.translation.vector.z += 0.001;
+        }
+        assert!(nearest(&aside, 1.0) < 0.9 * NEAR);
+        let mut moved = near;
+        moved.0[6] += 0.5;
+        moved.0[5] += 0.1;
+        assert!(Guard::of(&aside, 0.25).pace(0, &near, &moved, 0.01).is_err());
         // As fast where nobody is.
         let mut elsewhere = cell.clone();
         elsewhere.hand.world_from_cube.translation.vector.x += 1.0;

@@ -409,6 +409,31 @@ mod tests {
     }
 
     #[test]
+    fn a_line_counts_as_kept_only_when_the_disk_has_it() {
+        // A pipe takes the line, but nothing makes it durable there.
+        let (_reader, writer) = io::pipe().unwrap();
+        let mut file = File::from(std::os::fd::OwnedFd::from(writer));
+
+        let kept = Durable::append(&mut file, b"{}\n");
+
+        assert_eq!(kept.unwrap_err().kind(), io::ErrorKind::InvalidInput);
+    }
+
+    #[test]
+    fn a_journal_that_can_be_marked_no_more_is_removed() {
+        // Behind a link to nothing there is no file to be marked; the link can be taken away.
+        let path = place("removed");
+        std::os::unix::fs::symlink(path.with_extension("nowhere"), &path).unwrap();
+        let (_reader, writer) = io::pipe().unwrap();
+        let file = File::from(std::os::fd::OwnedFd::from(writer));
+
+        let told = Journal::kept_by(&path, Box::new(file)).given_up(&io::Error::other("disk full"));
+
+        assert!(told.contains("disk full; the run goes on, and cannot be resumed"), "{told}");
+        assert!(!path.is_symlink(), "what it told would pass for the truth");
+    }
+
+    #[test]
     fn what_a_crash_left_is_no_longer_for_the_line_that_ends_it() {
         let path = place("longest");
         for (long, refused) in [(LONGEST, false), (LONGEST + 1, true)] {

@@ -141,4 +141,37 @@ mod tests {
         assert!(target.exists() && link.is_symlink(), "a link is followed, not replaced");
         std::fs::remove_dir_all(&folder).unwrap();
     }
+
+    #[test]
+    fn a_file_behind_a_link_is_replaced_and_may_be_read_by_whom_it_was() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = std::env::temp_dir().join(format!("rubik-robot-link-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let (link, target) = (folder.join("link"), folder.join("target"));
+        std::fs::write(&target, "old").unwrap();
+        std::fs::set_permissions(&target, std::fs::Permissions::from_mode(0o600)).unwrap();
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+
+        let (mut file, mut place) = Place::create(&link).unwrap();
+        assert_eq!(std::fs::read(&target).unwrap(), b"old", "it is what it was until then");
+        file.write_all(b"new").unwrap();
+        place.take().unwrap();
+
+        assert!(link.is_symlink());
+        assert_eq!(std::fs::read(&target).unwrap(), b"new");
+        let rights = std::fs::metadata(&target).unwrap().permissions().mode();
+        assert_eq!(rights & 0o777, 0o600, "others cannot read what was written before either");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn a_file_that_may_not_be_written_is_not_replaced() {
+        // A program that runs is protected even from who may do everything.
+        let program = std::env::current_exe().unwrap();
+
+        let refused = Place::create(&program).map(|(_, place)| place.discard());
+
+        assert_eq!(refused.unwrap_err().kind(), std::io::ErrorKind::ExecutableFileBusy);
+        assert!(!Place::part_of(&program).exists());
+    }
 }

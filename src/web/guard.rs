@@ -204,6 +204,13 @@ mod tests {
             asked(&guard, std::slice::from_ref(&host), &format!("/ws?a=1&token={token}")),
             None
         );
+        // Nor does a part of it, or more than it.
+        for wrong in [String::new(), token[..31].to_owned(), format!("{token}0")] {
+            let uri = format!("/?token={wrong}");
+            let refused = asked(&guard, std::slice::from_ref(&host), &uri);
+            assert_eq!(refused, Some(Refused::Token), "{wrong}");
+            assert_eq!(guard.cookie(&uri.parse().unwrap()), None, "{wrong}");
+        }
         let given = guard.cookie(&format!("/?token={token}").parse().unwrap()).unwrap();
         assert!(given.ends_with("; Path=/; HttpOnly; SameSite=Strict"), "{given}");
         assert_eq!(guard.cookie(&"/?token=0".parse().unwrap()), None);

@@ -249,6 +249,83 @@ impl AsyncWrite for Stream {
 mod tests {
     use super::*;
 
+    use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+    use tokio::time::{advance, timeout};
+
+    /// A server's door, and a connection through it with the end of who came.
+    async fn connected() -> (Door, Stream, TcpStream) {
+        let mut door = Door::new(TcpListener::bind("127.0.0.1:0").await.unwrap());
+        let address = door.local_addr().unwrap();
+        let (came, (stream, _)) = tokio::join!(TcpStream::connect(address), door.accept());
+        (door, stream, came.unwrap())
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_line_is_cut_when_nothing_is_asked_for_too_long_and_a_page_may_be_silent() {
+        let (_door, mut stream, _came) = connected().await;
+        let read = timeout(ASKS + Duration::from_secs(1), stream.read_u8()).await.unwrap();
+        assert_eq!(read.unwrap_err().kind(), io::ErrorKind::TimedOut);
+
+        // From an answer on there is as much time again.
+        let (_door, mut stream, _came) = connected().await;
+        advance(4 * ASKS / 5).await;
+        stream.write_all(b"answer").await.unwrap();
+        assert!(timeout(4 * ASKS / 5, stream.read_u8()).await.is_err());
+
+        let (_door, mut stream, _came) = connected().await;
+        assert!(stream.line.becomes_page());
+        assert!(timeout(10 * ASKS, stream.read_u8()).await.is_err(), "nothing may be new to it");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_line_whose_answer_is_not_taken_is_cut() {
+        let (_door, mut stream, _came) = connected().await;
+        let much = vec![0; 64 << 20];
+
+        let written = timeout(100 * TAKES, stream.write_all(&much)).await.unwrap();
+
+        assert_eq!(written.unwrap_err().kind(), io::ErrorKind::TimedOut);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn who_makes_room_is_cut_at_once_and_who_is_gone_takes_no_place() {
+        let (door, mut stream, _came) = connected().await;
+        let others: Vec<_> = (100..100 + MOST as u64).map(|n| door.lines.admit(n, false)).collect();
+        assert!(others.iter().all(Option::is_some));
+        let read = timeout(Duration::from_millis(1), stream.read_u8()).await.unwrap();
+        assert_eq!(read.unwrap_err().kind(), io::ErrorKind::TimedOut);
+
+        let (door, stream, _came) = connected().await;
+        assert_eq!(door.lines.all().len(), 1);
+        drop(stream);
+        assert!(door.lines.all().is_empty());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn who_was_answered_last_stays_longest() {
+        let lines = Arc::new(Lines::default());
+        let mut held = Vec::new();
+        for number in 0..MOST as u64 {
+            held.push(lines.admit(number, false).unwrap().0);
+            advance(Duration::from_millis(1)).await;
+        }
+        held[0].answered();
+
+        lines.admit(100, false).unwrap();
+
+        let stays = |number: u64| lines.all().iter().any(|known| known.number == number);
+        assert!(stays(0) && !stays(1));
+    }
+
+    #[tokio::test]
+    async fn pages_leave_places_for_whoever_asks_for_one() {
+        let lines = Arc::new(Lines::default());
+        let held: Vec<_> = (0..MOST as u64).map_while(|n| lines.admit(n, false)).collect();
+
+        assert_eq!(held.iter().filter(|(line, _)| line.becomes_page()).count(), PAGES);
+        assert!(lines.admit(100, false).is_some());
+    }
+
     #[tokio::test]
     async fn whoever_has_been_idle_for_longest_makes_room_and_pages_stay() {
         let lines = Arc::new(Lines::default());

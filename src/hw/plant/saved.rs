@@ -381,6 +381,12 @@ mod tests {
             ("/nodes/1/p/0", 1e308.into(), "nodes[1].p[0]: "),
             ("/nodes/0/r", vec![0.0; 9].into(), "nodes[0].r: "),
             ("/last_holder", 2.into(), "last_holder: "),
+            ("/grasps/0/reference/p/1", 0.6.into(), "grasps[0].reference.p[1]: "),
+            ("/arms/0/bristles/4", 0.5.into(), "arms[0].bristles[4]: "),
+            ("/stickers/53", 6.into(), "the state of another plant: a sticker of no colour"),
+            ("/stickers", vec![0; 53].into(), "the state of another plant: "),
+            ("/arms/1/encoders", serde_json::json!([]), "the state of another plant: "),
+            ("/version", 4.into(), "the state of a plant of version 4"),
         ] {
             let told = told(pointer, value);
             assert!(told.starts_with(start), "{pointer}: {told}");
@@ -391,6 +397,16 @@ mod tests {
         let far = Saved::parse(far.to_string().as_bytes()).unwrap();
         let told = plant().restored(far).map(|_| ()).unwrap_err().to_string();
         assert!(told.starts_with("grasps[1]: the cube is not where"), "{told}");
+        let mut parted = whole.clone();
+        parted["split"] = serde_json::json!({ "axis": 1, "layers": [1, 6] });
+        parted["nodes"][1]["p"] = serde_json::json!([
+            whole["nodes"][0]["p"][0].as_f64().unwrap() + 0.3,
+            whole["nodes"][0]["p"][1],
+            whole["nodes"][0]["p"][2],
+        ]);
+        let parted = Saved::parse(parted.to_string().as_bytes()).unwrap();
+        let told = plant().restored(parted).map(|_| ()).unwrap_err().to_string();
+        assert!(told.starts_with("nodes: the cube's parts are not at one place"), "{told}");
         assert!(matches!(Saved::parse(&vec![b' '; 2 << 20]), Err(Unfit::Long)));
     }
 
