@@ -2,18 +2,16 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+mod program;
+
+use program::program;
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 fn robot(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
-        .args(args)
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
+    program().args(args).output().unwrap()
 }
 
 fn text(bytes: &[u8]) -> &str {
@@ -186,10 +184,8 @@ fn a_state_file_of_another_shard_or_build_or_of_a_campaign_that_goes_on_is_left_
 /// The exit code and the object of a campaign that is interrupted when `begun` says that it is under way.
 fn interrupted(args: &[&str], mut begun: impl FnMut(&str) -> bool) -> (Option<i32>, Value) {
     use std::io::{BufRead as _, BufReader};
-    let mut campaign = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+    let mut campaign = program()
         .args([&IDLE[..], args].concat())
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
@@ -426,14 +422,8 @@ fn a_soak_with_a_mission_that_is_not_solved_does_not_pass_silently() {
 fn a_tier_is_performed_anywhere_and_tells_what_the_plant_did() {
     use rubik_robot::campaign::benchmark::{scramble, scrambled};
     let protocol = Place::new("protocol.md");
-    let elsewhere = |args: &[&str]| {
-        Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
-            .args(args)
-            .current_dir(std::env::temp_dir())
-            .stdin(Stdio::null())
-            .output()
-            .unwrap()
-    };
+    let elsewhere =
+        |args: &[&str]| program().args(args).current_dir(std::env::temp_dir()).output().unwrap();
     let out = elsewhere(&["benchmark", "--tier", "1-2", "--json", "-o", protocol.path()]);
     let done = object(&out, 0);
     let cube = format!("cube.state=\"{}\"", scrambled(&scramble(2, 1)));
@@ -512,11 +502,9 @@ fn lives(process: u32) -> bool {
 
 #[test]
 fn a_killed_campaign_leaves_no_runs_behind() {
-    let mut campaign = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+    let mut campaign = program()
         .args(["campaign", "scenarios/idle.toml", "--runs", "2", "--jobs", "2"])
         .args(["--set", "pace=real-time", "--set", "idle.time_s=60"])
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()

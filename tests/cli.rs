@@ -2,17 +2,19 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+mod program;
+
+use program::program;
 use std::io::Write;
-use std::process::{Command, Output, Stdio};
+use std::process::{Output, Stdio};
 
 fn robot(args: &[&str]) -> Output {
     with_input(args, "")
 }
 
 fn with_input(args: &[&str], input: &str) -> Output {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+    let mut child = program()
         .args(args)
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -197,14 +199,8 @@ fn the_defaults_that_are_listed_are_accepted_as_values() {
 #[test]
 fn nobody_reads_and_nothing_panics() {
     for args in [&["keys"][..], &["--help"], &["check", "scenarios/solve.toml"]] {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
-            .args(args)
-            .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut child =
+            program().args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         drop(child.stdout.take());
 
         let out = child.wait_with_output().unwrap();

@@ -5,9 +5,11 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+mod program;
 mod seeds;
 
 use nalgebra::Vector3;
+use program::program;
 use rubik_robot::actors::{self, Around, RunOptions};
 use rubik_robot::hw::plant::{Incident, Verdict, Whereabouts};
 use rubik_robot::record::summary::{Outcome, Summary};
@@ -15,7 +17,6 @@ use rubik_robot::scenario::{self, Override};
 use rubik_robot::spatial::Pose;
 use seeds::{Seed, each_seed};
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::{Arc, Mutex};
 
 /// What a judge notes each period.
@@ -558,7 +559,7 @@ const TOLD: &[(&str, i32, &[&str])] = &[
 fn every_fault_ends_with_the_exit_code_of_its_class_and_is_told_with_its_place() {
     each_seed(|seed| {
         for (name, code, words) in TOLD {
-            let mut run = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
+            let mut run = program();
             run.args(["run", "--json", "--seed", &seed.0.to_string()])
                 .arg(path(name))
                 .env("RUST_LOG", "warn")

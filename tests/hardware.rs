@@ -1,6 +1,9 @@
 //! A run on hardware as its user meets it, with the emulator in a process of its own in the robot's place.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+mod program;
+
+use program::program;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
@@ -87,12 +90,6 @@ impl Drop for Robot {
         let _ = self.emulator.wait();
         let _ = std::fs::remove_dir_all(&self.folder);
     }
-}
-
-fn program() -> Command {
-    let mut program = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
-    program.current_dir(env!("CARGO_MANIFEST_DIR")).stdin(Stdio::null());
-    program
 }
 
 fn summary(out: &Output) -> Value {

@@ -6,15 +6,17 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+mod program;
 mod seeds;
 
+use program::program;
 use rubik_robot::campaign::benchmark::{scramble, scrambled};
 use rubik_robot::record::summary::{Outcome, Summary};
 use seeds::{Seed, each_seed};
 use std::collections::BTreeMap;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::Output;
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// Moves that scramble a cube: enough for a fault, for what is made good, and for a few turns after it.
@@ -31,15 +33,13 @@ struct Before {
 
 impl Seed {
     fn run(self, scenario: &str, cube: &str, world: &Path, more: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        program()
             .arg("run")
             .arg(format!("scenarios/{scenario}.toml"))
             .args(["--json", "--ui", "none", "--seed", &self.0.to_string(), "--cube", cube])
             .arg("--world")
             .arg(world)
             .args(more)
-            .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .stdin(Stdio::null())
             .output()
             .unwrap()
     }

@@ -3,7 +3,10 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+mod program;
+
 use nalgebra::{Point3, UnitQuaternion, Vector3};
+use program::program;
 use rubik_robot::actors::{self, RunOptions};
 use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
 use rubik_robot::scenario::{self, Override};
@@ -304,11 +307,9 @@ fn with_caps_on_the_lenses_nothing_is_seen_and_that_is_the_reason() {
 
 #[test]
 fn an_interrupt_ends_a_run_with_130_and_a_whole_summary() {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+    let mut child = program()
         .args(["run", "scenarios/acquire.toml", "--json", "--set", "plant.lens_cap=true"])
         .args(["--set", "visual_servo.patience_s=3600"])
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
@@ -329,10 +330,9 @@ fn an_interrupt_ends_a_run_with_130_and_a_whole_summary() {
 
 /// A hand-over; `words` are said on stdin while it acquires. The exit code and what was printed.
 fn commanded(words: impl FnOnce(&mut dyn FnMut(&str))) -> (Option<i32>, String) {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+    let mut child = program()
         .args(["run", "scenarios/acquire.toml"])
         .args(["--set", "plant.hand.withdrawals=0"])
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -385,11 +385,9 @@ fn a_cube_that_nobody_can_inspect_is_looked_at_again_and_else_goes_back_with_the
 #[test]
 fn an_end_of_input_leaves_no_trace() {
     let hash = |more: &[&str]| {
-        let out = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        let out = program()
             .args(["run", "scenarios/idle.toml", "--set", "idle.time_s=0.5"])
             .args(more)
-            .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .stdin(Stdio::null())
             .output()
             .unwrap();
         let printed = String::from_utf8(out.stdout).unwrap();
@@ -432,12 +430,10 @@ fn the_scenario_of_2007_reads_the_cube_and_ends_with_a_cause() {
 
 #[test]
 fn a_run_that_cannot_start_still_prints_a_whole_summary() {
-    let out = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+    let out = program()
         .args(["run", "scenarios/face_turn.toml", "--json"])
         // Bases so far apart that the hands cannot meet.
         .args(["--set", "effector.postument.base_xyz_mm=[0,9000,0]"])
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .stdin(Stdio::null())
         .output()
         .unwrap();
 

@@ -3,7 +3,10 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+mod program;
+
 use futures_util::{SinkExt, StreamExt};
+use program::program;
 use rubik_robot::actors::{self, RunOptions};
 use rubik_robot::desk::{Behind, Desk, desk};
 use rubik_robot::motion::JointPositions;
@@ -358,12 +361,10 @@ fn an_arm_on_its_way_into_the_other_hand_is_refused_and_one_that_goes_there_unas
 }
 
 /// The program itself with a page; the WebSocket's address, and the process.
-fn program(arguments: &[&str]) -> (Child, String, Receiver<String>) {
-    let mut child = Process::new(env!("CARGO_BIN_EXE_rubik-robot"))
+fn with_a_page(arguments: &[&str]) -> (Child, String, Receiver<String>) {
+    let mut child = program()
         .args(["run", "--json", "--ui", "web", "--listen", "127.0.0.1:0"])
         .args(arguments)
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
@@ -394,7 +395,7 @@ fn ended(mut child: Child) -> (Option<i32>, Summary) {
 
 #[test]
 fn ctrl_c_ends_the_moving_by_hand_well() {
-    let (child, address, _told) = program(&["scenarios/idle.toml"]);
+    let (child, address, _told) = with_a_page(&["scenarios/idle.toml"]);
     runtime().block_on(async {
         let (socket, _) = connect_async(address).await.unwrap();
         Page(socket).sees(|s| s["services"]["manual"] == true).await;
@@ -439,7 +440,7 @@ async fn homes_as_told(page: &mut Page, index: usize, arm: &str) {
 #[test]
 fn an_arm_that_is_synchronised_by_hand_heeds_pause_and_ctrl_c() {
     let unknown = "effector.postument.start_synchronised=false";
-    let (child, address, _told) = program(&["scenarios/idle.toml", "--set", unknown]);
+    let (child, address, _told) = with_a_page(&["scenarios/idle.toml", "--set", unknown]);
     let pressed = runtime().block_on(async {
         let (socket, _) = connect_async(address).await.unwrap();
         let mut page = Page(socket);
@@ -484,7 +485,7 @@ fn an_arm_that_is_synchronised_at_the_start_heeds_pause_and_terminate() {
 
 #[test]
 fn an_interrupt_says_where_the_cube_is() {
-    let (child, address, _told) = program(&["scenarios/face_turn.toml", "--speed", "1"]);
+    let (child, address, _told) = with_a_page(&["scenarios/face_turn.toml", "--speed", "1"]);
     runtime().block_on(async {
         let (socket, _) = connect_async(address).await.unwrap();
         Page(socket).sees(|s| s["time"].as_f64().unwrap() > 1.0).await;
@@ -547,7 +548,7 @@ fn the_wait_for_the_start_and_a_limit_of_speed_are_no_work() {
 fn a_run_that_was_paused_and_answered_ends_well_and_verifies() {
     let recording = Path::new(env!("CARGO_TARGET_TMPDIR")).join("answered.mcap");
     let file = recording.to_str().unwrap();
-    let (child, address, _told) = program(&["tests/page/question.toml", "--record", file]);
+    let (child, address, _told) = with_a_page(&["tests/page/question.toml", "--record", file]);
     let stickers = runtime().block_on(async {
         let (socket, _) = connect_async(address).await.unwrap();
         let mut page = Page(socket);
@@ -583,7 +584,7 @@ fn a_run_that_was_paused_and_answered_ends_well_and_verifies() {
     assert!(summary.identified.is_some_and(|cube| Some(cube) == summary.cube_start));
 
     let replay = |more: &[&str]| {
-        let mut replay = Process::new(env!("CARGO_BIN_EXE_rubik-robot"));
+        let mut replay = program();
         replay.args(["replay", file, "--ui", "none"]).args(more).output().unwrap()
     };
     let told = String::from_utf8(replay(&[]).stderr).unwrap();

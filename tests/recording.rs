@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+mod program;
+
+use program::program;
 use rubik_robot::motion::ArmFault;
 use rubik_robot::record::reading::{End, Label, Message, Piece, Reading, open};
 use rubik_robot::record::recover::recover;
@@ -13,12 +16,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
-fn program(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args(arguments)
-        .output()
-        .unwrap()
+fn perform(arguments: &[&str]) -> Output {
+    program().args(arguments).output().unwrap()
 }
 
 /// A place of this test's own.
@@ -32,7 +31,7 @@ fn place(name: &str) -> PathBuf {
 fn run(scenario: &str, more: &[&str]) -> (serde_json::Value, String) {
     let mut arguments = vec!["run", scenario, "--json"];
     arguments.extend(more);
-    let output = program(&arguments);
+    let output = perform(&arguments);
     let stderr = String::from_utf8(output.stderr).unwrap();
     let stdout = String::from_utf8(output.stdout).unwrap();
     let summary = serde_json::from_str(stdout.lines().last().unwrap()).unwrap();
@@ -62,7 +61,7 @@ fn messages(pieces: impl Iterator<Item = Piece>) -> Vec<Message> {
 fn verify(path: &Path, more: &[&str]) -> (Option<i32>, serde_json::Value, String) {
     let mut arguments = vec!["replay", path.to_str().unwrap(), "--verify", "--json"];
     arguments.extend(more);
-    let output = program(&arguments);
+    let output = perform(&arguments);
     let json = serde_json::from_slice(&output.stdout).unwrap_or_default();
     (output.status.code(), json, String::from_utf8(output.stderr).unwrap())
 }
@@ -280,8 +279,7 @@ fn what_compares_nothing_is_not_called_the_same() {
 /// Records a second of the idle task under the wall clock while something is done to the process.
 fn disturbed(name: &str, disturb: impl FnOnce(&mut Child)) -> PathBuf {
     let path = place(name);
-    let mut run = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
+    let mut run = program()
         .args(["run", "scenarios/idle.toml", "--pace", "real-time", "--ui", "none", "--record"])
         .arg(&path)
         .args(IDLE)
@@ -482,12 +480,12 @@ fn a_damaged_recording_is_called_so_by_every_command() {
 
     assert!(reported(&damaged).contains("The recording is damaged after "));
 
-    let shown = program(&["replay", name, "--ui", "none"]);
+    let shown = perform(&["replay", name, "--ui", "none"]);
     let told = String::from_utf8(shown.stderr).unwrap();
     assert!(told.contains("the recording is damaged after "), "{told}");
 
     let to = place("recovered.mcap");
-    let saved = program(&["recover", name, "-o", to.to_str().unwrap()]);
+    let saved = perform(&["recover", name, "-o", to.to_str().unwrap()]);
     let told = String::from_utf8(saved.stderr).unwrap();
     assert!(told.contains("it was damaged: before byte "), "{told}");
     let read = messages(open(&to).unwrap());
@@ -532,7 +530,7 @@ fn no_recording_is_lost_by_the_next_command() {
     let file = path.to_str().unwrap();
     let before = std::fs::read(&path).unwrap();
     let refused = |arguments: &[&str], code: i32, why: &str| {
-        let output = program(arguments);
+        let output = perform(arguments);
         let told = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(code), "{arguments:?}: {told}");
         assert!(told.contains(why), "{arguments:?}: {told}");
@@ -565,7 +563,7 @@ fn no_recording_is_lost_by_the_next_command() {
 fn a_place_that_is_none_is_an_error_of_the_arguments() {
     let (path, _) = recorded("nowhere.mcap", "scenarios/idle.toml", &IDLE);
     for command in ["report", "recover"] {
-        let output = program(&[command, path.to_str().unwrap(), "-o", "/nowhere/x"]);
+        let output = perform(&[command, path.to_str().unwrap(), "-o", "/nowhere/x"]);
         let told = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "{told}");
         assert!(told.contains("/nowhere/x: "), "{told}");
@@ -579,13 +577,11 @@ fn a_resumed_run_is_not_judged() {
     for file in [&world, &path] {
         let _ = std::fs::remove_file(file);
     }
-    let mut run = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
+    let mut run = program()
         .args(["run", "scenarios/solve.toml", "--ui", "none", "--json", "--resume", "--world"])
         .arg(&world)
         .args(["--speed", "5", "--record"])
         .arg(&path)
-        .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
@@ -913,7 +909,7 @@ fn a_replay_keeps_the_time_of_a_servo_with_another_period() {
 /// The report of a recording.
 fn reported(recording: &Path) -> String {
     let to = recording.with_extension("html");
-    let output = program(&["report", recording.to_str().unwrap(), "-o", to.to_str().unwrap()]);
+    let output = perform(&["report", recording.to_str().unwrap(), "-o", to.to_str().unwrap()]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     std::fs::read_to_string(to).unwrap()
 }
@@ -964,7 +960,7 @@ fn a_report_tells_what_was_made_to_go_wrong_and_what_the_controller_said_to_it()
 fn a_run_whose_task_never_began_says_why_in_its_recording() {
     let path = place("never.mcap");
     let _ = std::fs::remove_file(&path);
-    let output = program(&[
+    let output = perform(&[
         "run",
         "scenarios/hardware.toml",
         "--ui",
@@ -983,7 +979,7 @@ fn a_run_whose_task_never_began_says_why_in_its_recording() {
     let kept: serde_json::Value = serde_json::from_str(label.of("summary", "json")).unwrap();
     assert_eq!(kept, told);
     assert!(kept["reason"].as_str().unwrap().contains("bridge"), "{kept}");
-    let shown = program(&["replay", path.to_str().unwrap(), "--ui", "none"]);
+    let shown = perform(&["replay", path.to_str().unwrap(), "--ui", "none"]);
     let shown = String::from_utf8(shown.stderr).unwrap();
     assert!(shown.contains("aborted: ") && shown.contains("bridge"), "{shown}");
 }

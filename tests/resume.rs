@@ -3,6 +3,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+mod program;
+
+use program::program;
 use std::io::BufRead as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -10,14 +13,8 @@ use std::time::{Duration, Instant};
 
 /// A run of a scenario whose plant keeps its state in a file.
 fn run(scenario: &[&str], world: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
-    command
-        .arg("run")
-        .args(scenario)
-        .args(["--json", "--world"])
-        .arg(world)
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .stdin(Stdio::null());
+    let mut command = program();
+    command.arg("run").args(scenario).args(["--json", "--world"]).arg(world);
     command
 }
 
@@ -150,11 +147,9 @@ fn a_mission_killed_while_it_lays_the_cube_down_lifts_it_and_lays_it_down_solved
 #[test]
 fn what_cannot_be_resumed_is_refused_with_the_reason() {
     let refused = |more: &[&str]| {
-        let out = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        let out = program()
             .args(["run", "scenarios/solve.toml", "--json", "--resume"])
             .args(more)
-            .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .stdin(Stdio::null())
             .output()
             .unwrap();
         (out.status.code().unwrap(), String::from_utf8_lossy(&out.stderr).into_owned())
@@ -176,11 +171,11 @@ fn what_cannot_be_resumed_is_refused_with_the_reason() {
 #[test]
 fn a_file_that_another_has_written_is_left_as_it_is() {
     let run = |world: &Path, journal: &Path, resume: bool| {
-        let mut run = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
+        let mut run = program();
         let scenario = if resume { "scenarios/solve.toml" } else { "scenarios/face_turn.toml" };
         run.args(["run", scenario, "--json", "--world"]).arg(world);
-        run.arg("--journal").arg(journal).current_dir(env!("CARGO_MANIFEST_DIR"));
-        let out = run.args(resume.then_some("--resume")).stdin(Stdio::null()).output().unwrap();
+        run.arg("--journal").arg(journal).args(resume.then_some("--resume"));
+        let out = run.output().unwrap();
         (out.status.code().unwrap(), String::from_utf8_lossy(&out.stderr).into_owned())
     };
     let (world, notes) = (place("world"), place("journal"));

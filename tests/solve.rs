@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+mod program;
+
+use program::program;
 use rubik_robot::cube::{Cube, Facelets, after_moves, format_turns, parse_moves, parse_turns};
 use rubik_robot::solver::table::InTurn;
 use rubik_robot::solver::{Budget, Tables, Watch, solve_watched};
@@ -18,7 +21,7 @@ fn folder() -> PathBuf {
 }
 
 fn command(args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
+    let mut command = program();
     command.args(args).env("RUBIK_ROBOT_TABLES", folder());
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command

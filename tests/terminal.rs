@@ -3,6 +3,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+mod program;
+
+use program::program;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Termios, Winsize, tcgetattr, tcsetwinsize};
 use std::fs::{File, OpenOptions};
@@ -38,14 +41,8 @@ impl Session {
         tcsetwinsize(&near, size).unwrap();
         let before = tcgetattr(&near).unwrap();
         let end = || Stdio::from(near.try_clone().unwrap());
-        let child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
-            .args(arguments)
-            .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .stdin(end())
-            .stdout(end())
-            .stderr(end())
-            .spawn()
-            .unwrap();
+        let child =
+            program().args(arguments).stdin(end()).stdout(end()).stderr(end()).spawn().unwrap();
         let keys = File::from(master);
         let told = Arc::new(Mutex::new(Vec::new()));
         let (mut far, hears) = (keys.try_clone().unwrap(), Arc::clone(&told));
@@ -166,10 +163,9 @@ fn place(name: &str) -> PathBuf {
 
 fn recording(name: &str) -> PathBuf {
     let path = place(name);
-    let done = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+    let done = program()
         .args(["run", "scenarios/idle.toml", "--json", "--set", "idle.time_s=2", "--record"])
         .arg(&path)
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
         .unwrap();
     assert!(done.status.success());
@@ -279,10 +275,8 @@ fn where_there_is_no_terminal_nothing_is_run_without_a_word() {
         vec!["run", "scenarios/idle.toml", "--ui", "tui", "--json", "--record", record],
         vec!["replay", replay, "--ui", "tui"],
     ] {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+        let mut child = program()
             .args(&arguments)
-            .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
