@@ -183,8 +183,7 @@ fn an_arm_that_meets_a_limit_while_it_follows_the_hand_goes_on_when_the_cube_com
     ] {
         let summary = run("solve.toml", &["task=acquire", seed, coordination]);
 
-        // The rest is not its matter: a person who never saw the cube leave the place of hand-over does not ask for it.
-        assert!(summary.phases.iter().any(|phase| phase.name == "hand back"), "{}", summary.reason);
+        assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
         assert_eq!((summary.drops, summary.slips, summary.collisions), (Some(0), Some(0), Some(0)));
     }
 }

@@ -708,16 +708,19 @@ fn a_message_that_is_longer_than_any_command_ends_its_page_and_is_not_obeyed() {
 
         page.0.send(padded(4097)).await.unwrap();
 
-        loop {
-            tokio::select! {
-                biased;
-                word = commands.recv() => panic!("{word:?} is obeyed"),
-                message = page.0.next() => match message {
-                    None | Some(Err(_) | Ok(Message::Close(_))) => break,
-                    Some(Ok(_)) => {}
-                },
+        let ends = async {
+            loop {
+                tokio::select! {
+                    biased;
+                    word = commands.recv() => panic!("{word:?} is obeyed"),
+                    message = page.0.next() => match message {
+                        None | Some(Err(_) | Ok(Message::Close(_))) => break,
+                        Some(Ok(_)) => {}
+                    },
+                }
             }
-        }
+        };
+        assert!(tokio::time::timeout(Duration::from_secs(60), ends).await.is_ok(), "it stays");
         assert!(commands.try_recv().is_err());
     });
 }

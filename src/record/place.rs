@@ -166,8 +166,11 @@ mod tests {
 
     #[test]
     fn a_file_that_may_not_be_written_is_not_replaced() {
-        // A program that runs is protected even from who may do everything.
+        // A program that runs is protected even from who may do everything, by most kernels.
         let program = std::env::current_exe().unwrap();
+        if std::fs::OpenOptions::new().write(true).open(&program).is_ok() {
+            return;
+        }
 
         let refused = Place::create(&program).map(|(_, place)| place.discard());
 

@@ -156,7 +156,7 @@ section! {
         release [n]: f64 = 8.0, 0.1..=100.0;
         /// It lets go this long after the jaws closed, at the latest.
         release_time [s]: f64 = 2.0, 0.0..=60.0;
-        /// It comes back for the cube when this has passed since it let go.
+        /// It comes back for the cube when this has passed since it let go; 5 s later for one that never left the zone.
         return_after [s]: f64 = 20.0, 0.0..=3600.0;
         /// A cube that fell is picked up after this time and held out again; 3600 for never.
         picks_up_after [s]: f64 = 5.0, 0.0..=3600.0;

@@ -92,12 +92,12 @@ impl Plant {
         for (grasp, lost) in self.grasps.iter_mut().zip(acting.lost) {
             grasp.lost |= lost && grasp.attached();
         }
-        // Nothing bears a cube that nobody holds: no balance of forces is to be looked for first.
-        self.look_for_drop();
         self.puzzle.jam = acting.torque;
         if acting.withdraw {
             self.hand.draw_back(time);
         }
+        // Nothing bears a cube that nobody holds any more: no balance of forces is to be looked for first.
+        self.look_for_drop();
         self.undoing = self.undoing.after(acting.undo.is_some(), self.balance.split);
         if let (Some(takes), Undoing::Turn(_)) = (acting.undo, self.undoing) {
             self.undo_turn(

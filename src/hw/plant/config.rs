@@ -404,8 +404,8 @@ pub struct HandScript {
     pub return_after: f64,
     /// Time after which it picks up a cube that fell, to hold it out again [s].
     pub picks_up_after: f64,
-    /// ... and, when true, only for a solved cube (a person sees that); either way the cube must have left
-    /// the zone meanwhile, be held by one gripper, and be nearly still in the zone for 1 s.
+    /// ... and, when true, only for a solved cube (a person sees that); either way the cube must be held by one gripper and be
+    /// nearly still in the zone: for 1 s if it had left the zone meanwhile, else for 5 s of their own.
     pub return_solved_only: bool,
     /// Pull on the cube towards the operator when it takes it back [N].
     pub pull: f64,

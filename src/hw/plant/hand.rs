@@ -25,7 +25,7 @@ const CALM: f64 = 0.1;
 const EMPTY_TRIP: f64 = 1.5;
 /// A cube slower than this is nearly still [m/s], for this long [s].
 const STILL: (f64, f64) = (0.005, 1.0);
-/// A cube that was never carried away is meant for it when it stands still in front of it for so long [s].
+/// A cube that was never carried away is meant for it when it stands still in front of it for so long after it might be [s].
 const HELD_OUT: f64 = 5.0;
 /// How long the load must last before it lets go [s].
 const LOAD_TIME: f64 = 0.3;
@@ -312,11 +312,11 @@ impl OperatorHand {
                 let inside = self.in_zone(&sight.cube);
                 self.cube_left_zone |= !inside;
                 // A hand that reached deep into the zone need not leave it again to give the cube back.
-                let long_enough = if self.cube_left_zone { STILL.1 } else { HELD_OUT };
+                let early = if self.cube_left_zone { 0.0 } else { HELD_OUT };
                 if inside
-                    && t > self.let_go_at + s.return_after
+                    && t > self.let_go_at + s.return_after + early
                     && sight.grippers == 1
-                    && still >= long_enough
+                    && still >= early.max(STILL.1)
                     && (sight.solved || !s.return_solved_only)
                 {
                     self.phase = Phase::Coming { since: t, to: sight.cube };
@@ -408,7 +408,7 @@ mod tests {
     }
 
     /// When it comes for a cube that is held still in front of it from the beginning [s]; `None` if it does not.
-    fn comes_for(held: &Sight, left_zone: bool) -> Option<f64> {
+    fn comes_for(held: &Sight, left_zone: bool, let_go_at: f64) -> Option<f64> {
         let zone = HandZone {
             world_from_cube: Pose::translation(0.9, 0.0, 1.2),
             half_extent: Vector3::repeat(0.05),
@@ -416,10 +416,10 @@ mod tests {
         let mut rng = Pcg64::seed_from_u64(1);
         let mut hand = OperatorHand::new(&HandScript::default(), &zone, 0.057, &mut rng);
         hand.stay_away();
-        hand.let_go_at = -100.0;
+        hand.let_go_at = let_go_at;
         hand.cube_left_zone = left_zone;
         let cube = hand.place;
-        let mut times = (0..5000_u32).map(|k| 0.002 * f64::from(k));
+        let mut times = (0..20_000_u32).map(|k| 0.002 * f64::from(k));
         times.find(|&t| {
             hand.decide(t, &Sight { cube, ..*held });
             matches!(hand.phase, Phase::Coming { .. })
@@ -438,11 +438,15 @@ mod tests {
         };
         let about = |seconds: f64, t: Option<f64>| t.is_some_and(|t| (t - seconds).abs() < 0.01);
 
-        assert!(about(STILL.1, comes_for(&held, true)));
+        let (long_ago, now, waits) = (-100.0, 0.0, HandScript::default().return_after);
+        assert!(about(STILL.1, comes_for(&held, true, long_ago)));
         // One that was taken deep in the zone may be offered there without ever having left it.
-        assert!(about(HELD_OUT, comes_for(&held, false)));
-        assert_eq!(comes_for(&Sight { speed: 0.01, ..held }, false), None);
-        assert_eq!(comes_for(&Sight { grippers: 2, ..held }, false), None);
-        assert_eq!(comes_for(&Sight { grippers: 0, ..held }, true), None);
+        assert!(about(HELD_OUT, comes_for(&held, false, long_ago)));
+        assert_eq!(comes_for(&Sight { speed: 0.01, ..held }, false, long_ago), None);
+        assert_eq!(comes_for(&Sight { grippers: 2, ..held }, false, long_ago), None);
+        assert_eq!(comes_for(&Sight { grippers: 0, ..held }, true, long_ago), None);
+        // How long it stood still before it could have been meant for anybody does not count.
+        assert!(about(waits, comes_for(&held, true, now)));
+        assert!(about(waits + HELD_OUT, comes_for(&held, false, now)));
     }
 }
