@@ -28,7 +28,7 @@ use std::f64::consts::FRAC_PI_2;
 const FREE: f64 = 1e-3;
 /// The palm's stops touch the face at +- this from the axis [m].
 const STOP_SPACING: f64 = 0.020;
-/// A finger's end that meets the cube's face from the front [N/m].
+/// A finger's end that meets the cube's face from the front, or its edge that meets another face [N/m].
 pub(super) const FRONT_STIFFNESS: f64 = 5e4;
 /// A grip that has not grown for this long has settled [s].
 const SETTLING: f64 = 0.02;
@@ -230,7 +230,7 @@ impl Grasp {
         let face = reference.p.z + e.p.z - half;
         let (g, j) = (hands.gripper, hands.jaws);
 
-        // Fingers beside the cube, or in front of it?
+        // Fingers beside the cube, in front of it, or edge on? A grasp knows; else the way out that is the shortest.
         let depth = g.finger_tip - face;
         t.askew = [w.x, w.z].map(beyond_give);
         // As it was before: the solver knows no stiffness that would lead it back.
@@ -239,18 +239,23 @@ impl Grasp {
         t.width =
             turned_width(hands.edge, g.finger_width, about_z) + depth.clamp(0.0, hands.edge) * tilt;
         let between = 0.5 * t.width;
-        let beside = local.p.x.abs() < half + 0.5 * g.finger_width && face + hands.edge > -g.palm;
-        if beside && depth > 0.0 {
+        let across = half + 0.5 * g.finger_width - local.p.x.abs();
+        if across > 0.0 && depth > 0.0 && face + hands.edge > -g.palm {
             for (i, side) in [1.0, -1.0].into_iter().enumerate() {
                 let press = between + side * e.p.y - 0.5 * hands.opening;
                 if press <= 0.0 {
                     continue;
                 }
-                if self.attached() || depth > press {
+                if self.attached() || press < depth.min(across) {
                     let k = 0.5 * j.stiffness[1];
                     t.pads[i] = (k * press).min(400.0);
                     t.force.y -= side * t.pads[i];
                     t.stiffness[(1, 1)] += k;
+                } else if across < depth {
+                    let f = (FRONT_STIFFNESS * across).min(400.0);
+                    t.front += f;
+                    t.force.x += local.p.x.signum() * f;
+                    t.stiffness[(0, 0)] += FRONT_STIFFNESS;
                 } else {
                     let f = (FRONT_STIFFNESS * depth).min(400.0);
                     t.front += f;

@@ -402,6 +402,45 @@ fn a_cube_that_both_let_go_falls_onto_the_tray_and_lies_on_a_face() {
     assert!((normal + Vector3::z()).norm() < 1e-6);
 }
 
+/// A cube that comes from the side meets the edges of the fingers first, however far they overlap it otherwise.
+#[test]
+fn open_fingers_push_a_cube_out_on_the_side_on_which_it_came() {
+    let cell = cell();
+    let gripper = cell.arms[0].gripper;
+    let jaws = Jaws::rubber();
+    let overlap = 0.0005;
+    let push = |x: f64, opening: f64, depth: f64| {
+        let hands = super::grasp::Hands {
+            gripper: &gripper,
+            jaws: &jaws,
+            edge: EDGE,
+            opening,
+            stops: Depth::One,
+            hold: 1.0,
+            layer: Frame::rotated(nalgebra::Matrix3::identity()),
+        };
+        let p = Vector3::new(x, 0.0, 0.5 * EDGE + gripper.finger_tip - depth);
+        let cube = Frame { p, ..Frame::rotated(nalgebra::Matrix3::identity()) };
+        let tool = Frame::rotated(nalgebra::Matrix3::identity());
+        let touch = Grasp::OPEN.touch(&tool, &cube, &hands);
+        assert_eq!(touch.any(), touch.force != Vector3::zeros() || touch.pads != [0.0; 2]);
+        touch
+    };
+    let side = 0.5 * (EDGE + gripper.finger_width) - overlap;
+
+    for sign in [1.0, -1.0] {
+        let touch = push(sign * side, EDGE - 0.008, 0.020);
+        let edges = 2.0 * super::grasp::FRONT_STIFFNESS * overlap;
+        assert!((touch.force - Vector3::x() * sign * edges).norm() < 1e-9, "{}", touch.force);
+        assert_eq!(touch.pads, [0.0; 2]);
+    }
+    let front = push(0.0, EDGE - 0.008, overlap);
+    assert!(front.force.z > 0.0 && front.force.x == 0.0 && front.pads == [0.0; 2]);
+    let beside = push(0.0, EDGE - 2.0 * overlap, 0.020);
+    let [one, other] = beside.pads;
+    assert!(beside.force.norm() < 1e-6 && one > 1.0 && (one - other).abs() < 1e-6, "{beside:?}");
+}
+
 /// The other hand has just opened, with its palm still at the cube.
 #[test]
 fn a_cube_that_is_lost_at_another_palm_falls_and_pushes_nobody() {
