@@ -429,14 +429,14 @@ fn open_fingers_push_a_cube_out_on_the_side_on_which_it_came() {
     let side = 0.5 * (EDGE + gripper.finger_width) - overlap;
 
     for sign in [1.0, -1.0] {
-        let touch = push(sign * side, EDGE - 0.008, 0.020);
+        let touch = push(sign * side, EDGE - 0.008, 0.010);
         let edges = 2.0 * super::grasp::FRONT_STIFFNESS * overlap;
         assert!((touch.force - Vector3::x() * sign * edges).norm() < 1e-9, "{}", touch.force);
         assert_eq!(touch.pads, [0.0; 2]);
     }
     let front = push(0.0, EDGE - 0.008, overlap);
     assert!(front.force.z > 0.0 && front.force.x == 0.0 && front.pads == [0.0; 2]);
-    let beside = push(0.0, EDGE - 2.0 * overlap, 0.020);
+    let beside = push(0.0, EDGE - 2.0 * overlap, 0.010);
     let [one, other] = beside.pads;
     assert!(beside.force.norm() < 1e-6 && one > 1.0 && (one - other).abs() < 1e-6, "{beside:?}");
 }
