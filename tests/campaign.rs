@@ -358,12 +358,12 @@ fn faults_are_drawn_for_each_run_and_stand_in_the_command_that_repeats_it() {
 }
 
 #[test]
-fn a_fall_is_a_contact_above_the_limit_and_is_noticed_unless_the_run_ends_with_it() {
-    let fault = "fault=[{kind=\"drop\",arm=\"track\",at_s=40}]";
+fn a_push_is_a_contact_above_the_limit_and_a_fall_is_noticed_by_who_goes_on_after_it() {
+    let fault = "fault=[{kind=\"drop\",arm=\"track\",at_s=40},{kind=\"push\",arm=\"track\",event=\"turned\",\
+                 turned_deg=30,duration_s=0.5,magnitude=45}]";
     let run = ["campaign", "scenarios/solve.toml", "--runs", "1", "--json", "--set", fault];
     let done = object(&robot(&run), 0);
 
-    // Torn out of a hand, by as much as its grip lets it.
     assert!(done["peak_contact_n"]["max"].as_f64().unwrap() > 20.0, "{done}");
     assert_eq!((&done["runs_above_force_limit"], &done["drops"]), (&1.into(), &1.into()));
     assert_eq!((&done["runs_with_unnoticed_drops"], &done["solved"]), (&0.into(), &1.into()));
