@@ -198,6 +198,14 @@ impl VisualServo {
         if !frozen {
             self.look(inputs.target, &pose);
         }
+        if let Stage::BackOff { wait } = self.stage {
+            // It needs no picture for that. An arm that folds no farther has gone far enough.
+            if is_at(&pose, &wait) || inputs.arm.refused.is_some_and(|why| Self::bears(&why)) {
+                self.break_off(Stage::Follow);
+                return Next::Go(self.hold());
+            }
+            return self.lead(&pose, &wait);
+        }
         let last_seen = if self.goal.is_some() { self.seen } else { first };
         let age = inputs.period.saturating_sub(last_seen) as f64 * PERIOD;
         if !frozen && age > self.order.patience {
@@ -221,13 +229,7 @@ impl VisualServo {
             return Next::Go(self.hold());
         }
         match self.stage {
-            Stage::Follow => self.follow(inputs, &pose, &goal),
-            Stage::BackOff { wait } => {
-                if is_at(&pose, &wait) {
-                    self.break_off(Stage::Follow);
-                }
-                self.lead(&pose, &wait)
-            }
+            Stage::Follow | Stage::BackOff { .. } => self.follow(inputs, &pose, &goal),
             Stage::Approach { began_at } => self.approach(inputs, &pose, &goal, began_at, frozen),
         }
     }
@@ -774,6 +776,19 @@ mod tests {
             let (y, x) = reached(seen);
             assert!(y.abs() < 2e-3 && x > 0.9, "{y} {x}");
         }
+    }
+
+    #[test]
+    fn a_hand_that_goes_back_from_a_cube_that_is_gone_needs_no_pictures_for_it() {
+        let (pose, outcome) = run(|period| {
+            let world_from_cube =
+                Pose::translation(1.0, if period < 2400 { 0.0 } else { 0.12 }, 1.2);
+            (period < 2480).then_some(Target { world_from_cube, speed: 0.0, period })
+        });
+
+        assert!(matches!(outcome, Outcome::LostSight(_)), "{outcome:?}");
+        let off = pose.translation.vector - Vector3::new(1.0 - 0.019 - 0.1, 0.0, 1.2);
+        assert!(off.norm() < 2.0 * THERE.0, "{off}");
     }
 
     #[test]
