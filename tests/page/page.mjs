@@ -182,7 +182,7 @@ async function strangers(url) {
 
 /** What vision found is painted over the picture that it was found in, and over no other. */
 async function outlines(page) {
-  const canvas = () => page.evaluate(() => ({ ...document.querySelector("#cameras canvas").dataset }));
+  const canvas = () => page.evaluate(() => ({ ...document.querySelector("#cameras canvas")?.dataset }));
   const sees = async (what, so) => {
     for (let i = 0; i < 200; i++) {
       if (so(await canvas())) return check(true, what);
