@@ -6,17 +6,15 @@
 
 use nalgebra::Vector3;
 use rubik_robot::actors::clock::Clock;
-use rubik_robot::actors::control::{Control, Tempo};
+use rubik_robot::actors::control::Control;
 use rubik_robot::actors::edp::EdpHandle;
-use rubik_robot::actors::lookout::Apart;
-use rubik_robot::actors::move_instruction::Manner;
+use rubik_robot::actors::move_instruction::example_manner;
 use rubik_robot::actors::mp::{Coordination, Ending, Mp, Parts};
-use rubik_robot::actors::ui::{self, Notice, UiHandle};
-use rubik_robot::actors::witness::Turning;
+use rubik_robot::actors::ui::{self, Notice};
 use rubik_robot::actors::work::Work;
 use rubik_robot::actors::{ecp, edp};
 use rubik_robot::error::{Error, Fatal, NonFatal};
-use rubik_robot::generators::{Behaviour, Compliance, Outcome, position::Speeds};
+use rubik_robot::generators::{Behaviour, Outcome};
 use rubik_robot::hw::driver::{self, Core, Switches};
 use rubik_robot::hw::plant::{Plant, PlantConfig};
 use rubik_robot::hw::scene::Scene;
@@ -115,68 +113,14 @@ fn rig_that_notes(
         edp: edp.clone(),
         tracker: None,
         hand_camera: None,
-        manner: manner(),
+        manner: example_manner(),
         control: will.clone(),
         tape: tape.clone(),
     };
     let ecps = vec![ecp::spawn(&arm.name, parts)];
-    let parts = mp_parts(ecps, coordination, will, ui, clock, tape);
-    let mp = Mp::new(Parts { journal: journal(&scene), ..parts });
+    let parts = Parts::bare(ecps, vec![example_manner()], will, ui, clock, tape);
+    let mp = Mp::new(Parts { coordination, journal: journal(&scene), ..parts });
     Rig { mp, edp, control, notices, switches, scene, world_from_base: arm.world_from_base }
-}
-
-fn mp_parts(
-    ecps: Vec<ecp::EcpHandle>,
-    coordination: Coordination,
-    control: watch::Receiver<Control>,
-    ui: UiHandle,
-    clock: Clock,
-    tape: Tape,
-) -> Parts {
-    Parts {
-        turning: Turning::default(),
-        forces: None,
-        ecps,
-        tracker: None,
-        hand_cameras: [None, None],
-        coordination,
-        manners: vec![manner()],
-        control,
-        ui,
-        operator: None,
-        tempo: Tempo::default(),
-        clock,
-        work: Work(Pace::Virtual),
-        tape,
-        journal: None,
-        guard: None,
-        apart: Apart::default(),
-    }
-}
-
-fn manner() -> Manner {
-    Manner {
-        compliance: Compliance {
-            linear_admittance: 0.001,
-            linear_inertia: 20.0,
-            angular_admittance: 0.05,
-            angular_inertia: 0.5,
-            macrostep: 8,
-            jaw_close_speed: 0.012,
-            jaw_open_speed: 0.03,
-            force_limit: 20.0,
-            torque_limit: 4.5,
-        },
-        speeds: Speeds {
-            joint: [0.15, 0.75, 0.75, 0.75, 0.75, 0.75, 0.75],
-            joint_acceleration: [0.3, 1.4, 1.4, 1.4, 1.4, 1.4, 1.4],
-            linear: 0.15,
-            linear_acceleration: 0.3,
-            angular: 0.7,
-            angular_acceleration: 1.4,
-        },
-        hand: None,
-    }
 }
 
 /// Waist and wrist, about a second of motion.
@@ -514,7 +458,7 @@ async fn a_slow_disk_stops_nobody_but_who_waits_for_it_and_a_full_one_nobody_at_
         let (control, will) = watch::channel(Control::Running);
         let (ui, mut notices) = ui::mailbox();
         let clock = Clock::new(tokio::time::Instant::now(), Arc::new(Switches::default()));
-        let parts = mp_parts(vec![], Coordination::Sporadic, will, ui, clock, Tape::default());
+        let parts = Parts::bare(vec![], vec![example_manner()], will, ui, clock, Tape::default());
         let journal = Journal::kept_by(Path::new("/nowhere/j"), Box::new(Slow { takes, full }));
         let mp = Mp::new(Parts { work: Work(Pace::RealTime), journal: Some(journal), ..parts });
         let longest = Arc::new(Mutex::new(Duration::ZERO));

@@ -98,41 +98,16 @@ mod tests {
         from: [JointPositions; 2],
         to: [JointPositions; 2],
     ) -> Option<String> {
-        let guard = Guard::of(&example_cell(), 0.25);
-        let at = |joints: JointPositions, period: u64| ArmState {
-            desired_joints: joints,
-            synchronisation: Synchronisation::Yes,
-            period,
-            ..ArmState::default()
-        };
-        let channels = from.map(|joints| watch::channel(at(joints, 100)));
-        let states = channels.iter().map(|(_, states)| states.clone()).collect();
-        let switches = Arc::new(Switches::default());
-        let (ui, mut notices) = ui::mailbox();
-        let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
-        let (apart, alarm) = (Apart::default(), Alarm::default());
-        apart.tell(keeps_apart);
-        let listens = alarm.listen();
-        let told_by = (apart, alarm);
-        let stops = Arc::clone(&switches);
-        let watching = tokio::spawn(watch_over(guard, states, stops, ui, clock, told_by));
-        tokio::time::sleep(3 * INTERVAL).await;
-        assert!(!switches.emergency.load(Ordering::Acquire), "nothing is wrong yet");
-        for ((sender, _), joints) in channels.iter().zip(to) {
-            sender.send_replace(at(joints, 150));
-        }
-        tokio::time::sleep(3 * INTERVAL).await;
-        watching.abort();
-        let told = notices.try_recv().ok().map(|notice| format!("{notice:?}"));
-        assert_eq!(switches.emergency.load(Ordering::Acquire), told.is_some());
-        // The run ends with what came too near, not with the stop that followed.
-        let ends = listens.borrow().as_ref().map(ToString::to_string);
-        assert_eq!(ends.is_some(), told.is_some());
-        if let (Some(ends), Some(told)) = (ends, &told) {
-            let near = ends.strip_prefix("fatal, guard, watch: ").unwrap();
-            assert!(told.contains(near) && near.contains("arm"), "{ends} {told}");
-        }
-        told
+        let states = [from.map(|at| standing(at, 100)), to.map(|at| standing(at, 150))];
+        let (number, near, told) = watched(keeps_apart, &states).await?;
+        assert_eq!(number, 1, "nothing is wrong before: {told}");
+        assert!(near.contains("arm"), "{near}");
+        Some(told)
+    }
+
+    /// At which of these states both arms are stopped, when they are in one after the other.
+    async fn stopped_at(keeps_apart: bool, states: &[[ArmState; 2]]) -> Option<usize> {
+        watched(keeps_apart, states).await.map(|(number, ..)| number)
     }
 
     fn standing(joints: JointPositions, period: u64) -> ArmState {
@@ -140,29 +115,42 @@ mod tests {
         ArmState { desired_joints: joints, synchronisation, period, ..ArmState::default() }
     }
 
-    /// At which of these states both arms are stopped, when they are in one after the other.
-    async fn stopped_at(keeps_apart: bool, states: &[[ArmState; 2]]) -> Option<usize> {
+    /// The same with what came too near, and what is told.
+    async fn watched(
+        keeps_apart: bool,
+        states: &[[ArmState; 2]],
+    ) -> Option<(usize, String, String)> {
         let guard = Guard::of(&example_cell(), 0.25);
         let channels = states[0].map(watch::channel);
         let listening = channels.iter().map(|(_, states)| states.clone()).collect();
         let switches = Arc::new(Switches::default());
-        let (ui, _notices) = ui::mailbox();
+        let (ui, mut notices) = ui::mailbox();
         let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
         let (apart, alarm) = (Apart::default(), Alarm::default());
         apart.tell(keeps_apart);
+        let listens = alarm.listen();
         let stops = Arc::clone(&switches);
         let watching = tokio::spawn(watch_over(guard, listening, stops, ui, clock, (apart, alarm)));
+        let mut stopped = None;
         for (number, arms) in states.iter().enumerate() {
             for ((sender, _), state) in channels.iter().zip(arms) {
                 sender.send_replace(*state);
             }
             tokio::time::sleep(3 * INTERVAL).await;
             if switches.emergency.load(Ordering::Acquire) {
-                return Some(number);
+                stopped = Some(number);
+                break;
             }
         }
         watching.abort();
-        None
+        let told = notices.try_recv().ok().map(|notice| format!("{notice:?}"));
+        let ends = listens.borrow().as_ref().map(ToString::to_string);
+        assert_eq!((told.is_some(), ends.is_some()), (stopped.is_some(), stopped.is_some()));
+        let (number, told, ends) = (stopped?, told?, ends?);
+        // The run ends with what came too near, not with the stop that followed.
+        let near = ends.strip_prefix("fatal, guard, watch: ").unwrap();
+        assert!(told.contains(near), "{ends} {told}");
+        Some((number, near.to_owned(), told))
     }
 
     #[tokio::test(start_paused = true)]

@@ -43,6 +43,34 @@ pub struct Manner {
     pub hand: Option<NearHand>,
 }
 
+/// For tests and examples; scenarios own the real numbers.
+#[doc(hidden)]
+#[must_use]
+pub fn example_manner() -> Manner {
+    Manner {
+        compliance: Compliance {
+            linear_admittance: 0.001,
+            linear_inertia: 20.0,
+            angular_admittance: 0.05,
+            angular_inertia: 0.5,
+            macrostep: 8,
+            jaw_close_speed: 0.012,
+            jaw_open_speed: 0.03,
+            force_limit: 20.0,
+            torque_limit: 4.5,
+        },
+        speeds: Speeds {
+            joint: [0.15, 0.75, 0.75, 0.75, 0.75, 0.75, 0.75],
+            joint_acceleration: [0.3, 1.4, 1.4, 1.4, 1.4, 1.4, 1.4],
+            linear: 0.15,
+            linear_acceleration: 0.3,
+            angular: 0.7,
+            angular_acceleration: 1.4,
+        },
+        hand: None,
+    }
+}
+
 /// Where an operator's hand may be, as one arm sees it.
 #[derive(Debug, Clone, Copy)]
 pub struct NearHand {
@@ -188,17 +216,6 @@ mod tests {
     use crate::motion::{AXES, Depth, JawCommand, JointPositions};
 
     fn manner() -> Manner {
-        let compliance = Compliance {
-            jaw_close_speed: 0.012,
-            jaw_open_speed: 0.03,
-            linear_admittance: 0.001,
-            linear_inertia: 20.0,
-            angular_admittance: 0.05,
-            angular_inertia: 0.5,
-            macrostep: 8,
-            force_limit: 20.0,
-            torque_limit: 4.5,
-        };
         let speeds = Speeds {
             joint: [0.5; AXES],
             joint_acceleration: [1.0; AXES],
@@ -208,7 +225,8 @@ mod tests {
             angular_acceleration: 2.0,
         };
         let zone = (Pose::translation(1.0, 0.0, 1.0), Vector3::repeat(0.1));
-        Manner { compliance, speeds, hand: Some(NearHand { zone, force: 10.0 }) }
+        let hand = Some(NearHand { zone, force: 10.0 });
+        Manner { speeds, hand, ..example_manner() }
     }
 
     /// The outcome of the second step of a behaviour that felt one force [N] at first and then another, at x [m].

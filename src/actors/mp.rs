@@ -27,6 +27,7 @@ use crate::reach::guard::{Guard, Near, Way as Asked};
 use crate::record::journal::Journal;
 use crate::record::recorder::Entry;
 use crate::record::tape::Tape;
+use crate::scenario::keys::Pace;
 use crate::spatial::Pose;
 use crate::tasks::{self, Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
@@ -80,6 +81,39 @@ pub struct Parts {
     pub guard: Option<Guard>,
     /// Told whether the hands are not to meet.
     pub apart: Apart,
+}
+
+impl Parts {
+    /// Arms and no more: no sensors, nobody who can be asked, nothing durable, no guard. Virtual time, sporadic coordination.
+    #[must_use]
+    pub fn bare(
+        ecps: Vec<EcpHandle>,
+        manners: Vec<Manner>,
+        control: watch::Receiver<Control>,
+        ui: UiHandle,
+        clock: Clock,
+        tape: Tape,
+    ) -> Self {
+        Self {
+            turning: Turning::default(),
+            forces: None,
+            ecps,
+            tracker: None,
+            hand_cameras: [None, None],
+            coordination: Coordination::Sporadic,
+            manners,
+            control,
+            ui,
+            operator: None,
+            tempo: Tempo::default(),
+            clock,
+            work: Work(Pace::Virtual),
+            tape,
+            journal: None,
+            guard: None,
+            apart: Apart::default(),
+        }
+    }
 }
 
 /// How a run ended, as MP knows it.
@@ -756,38 +790,18 @@ fn doing<T>(action: &Action<T>) -> &'static str {
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a test")]
 mod tests {
+    use super::super::move_instruction::example_manner;
     use super::super::{ecp, edp, ui};
     use super::*;
-    use crate::generators::Compliance;
-    use crate::generators::position::Speeds;
     use crate::hw::driver::{self, Switches};
     use crate::motion::JointPositions;
     use crate::reach::{Meeting, MeetingTable, ReachSettings, example_cell};
-    use crate::scenario::keys::Pace;
 
+    /// With a track that would be too fast beside the operator's hand.
     fn manner() -> Manner {
-        Manner {
-            compliance: Compliance {
-                linear_admittance: 0.001,
-                linear_inertia: 20.0,
-                angular_admittance: 0.05,
-                angular_inertia: 0.5,
-                macrostep: 8,
-                jaw_close_speed: 0.012,
-                jaw_open_speed: 0.03,
-                force_limit: 20.0,
-                torque_limit: 4.5,
-            },
-            speeds: Speeds {
-                joint: [0.5, 0.75, 0.75, 0.75, 0.75, 0.75, 0.75],
-                joint_acceleration: [1.0, 1.4, 1.4, 1.4, 1.4, 1.4, 1.4],
-                linear: 0.15,
-                linear_acceleration: 0.3,
-                angular: 0.7,
-                angular_acceleration: 1.4,
-            },
-            hand: None,
-        }
+        let mut manner = example_manner();
+        (manner.speeds.joint[0], manner.speeds.joint_acceleration[0]) = (0.5, 1.0);
+        manner
     }
 
     /// An MP whose arms stand so. The first has an ECP and an EDP, whose servo does nothing.
@@ -805,26 +819,9 @@ mod tests {
             control: control.clone(),
             tape: tape.clone(),
         };
-        let parts = Parts {
-            turning: Turning::default(),
-            forces: None,
-            ecps: vec![ecp::spawn("track", parts)],
-            tracker: None,
-            hand_cameras: [None, None],
-            coordination: Coordination::Sporadic,
-            manners: vec![manner(); 2],
-            control,
-            ui: ui::mailbox().0,
-            operator: None,
-            tempo: Tempo::default(),
-            clock,
-            work: Work(Pace::Virtual),
-            tape,
-            journal: None,
-            guard: Some(guard),
-            apart: Apart::default(),
-        };
-        Mp { arms: arms.into(), ..Mp::new(parts) }
+        let ecps = vec![ecp::spawn("track", parts)];
+        let parts = Parts::bare(ecps, vec![manner(); 2], control, ui::mailbox().0, clock, tape);
+        Mp { arms: arms.into(), ..Mp::new(Parts { guard: Some(guard), ..parts }) }
     }
 
     fn arm(joints: JointPositions) -> ArmState {
