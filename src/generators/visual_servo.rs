@@ -228,9 +228,10 @@ impl VisualServo {
             self.still = 0.0;
             return Next::Go(self.hold());
         }
-        match self.stage {
-            Stage::Follow | Stage::BackOff { .. } => self.follow(inputs, &pose, &goal),
-            Stage::Approach { began_at } => self.approach(inputs, &pose, &goal, began_at, frozen),
+        if let Stage::Approach { began_at } = self.stage {
+            self.approach(inputs, &pose, &goal, began_at, frozen)
+        } else {
+            self.follow(inputs, &pose, &goal)
         }
     }
 
@@ -733,11 +734,11 @@ mod tests {
 
     /// The lateral place at which an approach to a cube ends, and how far back the tool goes in front of one at 0 after 4.8 s: from
     /// then on the gripper is too near to look, and would be at the seat at 9 s. Pictures come each 40 ms.
-    fn reached(seen_at: impl Fn(u64) -> f64) -> (f64, f64) {
+    fn reached(seen_at: impl Fn(u64) -> Option<f64>) -> (f64, f64) {
         let least = std::cell::Cell::new(f64::INFINITY);
         let (pose, outcome) = run_watched(
             |period| {
-                let world_from_cube = Pose::translation(1.0, seen_at(period), 1.2);
+                let world_from_cube = Pose::translation(1.0, seen_at(period)?, 1.2);
                 Some(Target { world_from_cube, speed: 0.0, period })
             },
             |period, place| {
@@ -758,19 +759,24 @@ mod tests {
         // Whenever that is: as long as it looks, at the very end of that, and later.
         let from = [1500, 1900, 1940, 1980, 2020, 2060, 2100, 2140, 2180, 2220, 2400, 3000];
         for from in from {
-            let (y, _) = reached(|period| if period < from { 0.0 } else { 0.12 });
+            let (y, _) = reached(|period| Some(if period < from { 0.0 } else { 0.12 }));
             assert!((y - 0.12).abs() < 2e-3, "from {from}: {y}");
         }
-        let (_, x) = reached(|period| if period < 3000 { 0.0 } else { 0.12 });
+        let (_, x) = reached(|period| Some(if period < 3000 { 0.0 } else { 0.12 }));
         // From where it waits on it may go sideways, no sooner.
         assert!(x < 1.0 - 0.019 - 0.1 + 2.0 * THERE.0, "{x}");
 
-        let stays = [
-            // Two pictures of another place, and a third one long after.
-            (|p| if (2400..2440).contains(&p) || p == 2700 { 0.12 } else { 0.0 }) as fn(u64) -> f64,
+        let stays: [fn(u64) -> Option<f64>; 4] = [
+            // Two pictures of another place, and a third one long after, with good ones or nothing in between.
+            |p| Some(if (2400..2440).contains(&p) || p == 2700 { 0.12 } else { 0.0 }),
+            |p| match p {
+                0..2400 => Some(0.0),
+                2400..2440 | 2700 => Some(0.12),
+                _ => None,
+            },
             // As far as a hidden cube may seem to be off, and farther than anybody draws it: another cube.
-            |p| if p < 2400 { 0.0 } else { 0.04 },
-            |p| if p < 2400 { 0.0 } else { 0.6 },
+            |p| Some(if p < 2400 { 0.0 } else { 0.04 }),
+            |p| Some(if p < 2400 { 0.0 } else { 0.6 }),
         ];
         for seen in stays {
             let (y, x) = reached(seen);
@@ -789,6 +795,25 @@ mod tests {
         assert!(matches!(outcome, Outcome::LostSight(_)), "{outcome:?}");
         let off = pose.translation.vector - Vector3::new(1.0 - 0.019 - 0.1, 0.0, 1.2);
         assert!(off.norm() < 2.0 * THERE.0, "{off}");
+    }
+
+    #[test]
+    fn an_arm_that_is_refused_its_way_back_follows_from_there() {
+        let mut generator = VisualServo::new(order(), compliance());
+        generator.stage = Stage::BackOff { wait: Pose::translation(0.5, 0.0, 1.2) };
+        let mut arm = ArmState::default();
+        let mut next = |arm: &ArmState, period| {
+            let (next, _) = generator.next(&Inputs { arm, target: None, period, pace: 1.0 });
+            (next, generator.stage)
+        };
+
+        let (goes, stage) = next(&arm, 8);
+        assert!(matches!(goes, Next::Go(MoveCommand { motion: Motion::Pose(_), .. })), "{goes:?}");
+        assert!(matches!(stage, Stage::BackOff { .. }));
+        arm.refused = Some(MoveRefused::OutOfReach(0.5));
+        let (goes, stage) = next(&arm, 16);
+        assert!(matches!(goes, Next::Go(MoveCommand { motion: Motion::Hold, .. })), "{goes:?}");
+        assert_eq!(stage, Stage::Follow);
     }
 
     #[test]

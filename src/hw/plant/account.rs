@@ -97,7 +97,9 @@ impl Plant {
             self.hand.draw_back(time);
         }
         // Nothing bears a cube that nobody holds any more: no balance of forces is to be looked for first.
-        self.look_for_drop();
+        if acting.lost.contains(&true) {
+            self.look_for_drop();
+        }
         self.undoing = self.undoing.after(acting.undo.is_some(), self.balance.split);
         if let (Some(takes), Undoing::Turn(_)) = (acting.undo, self.undoing) {
             self.undo_turn(

@@ -104,7 +104,7 @@ pub(super) struct Touch {
     pub(super) palm: f64,
     /// How far the nearest of the palm's stops is off the face [m], below 0 where it presses; infinite far from it.
     pub(super) gap: f64,
-    /// Force on the ends of the fingers [N].
+    /// Force on the ends and edges of the fingers [N].
     pub(super) front: f64,
     /// How far apart what stands between the pads forces them [m]: the edge, or more where it stands askew.
     pub(super) width: f64,

@@ -373,16 +373,19 @@ mod tests {
     use crate::spatial::Pose;
     use rand::SeedableRng;
 
-    #[test]
-    fn the_hand_calms_down_to_half_a_millimetre_after_its_arrival() {
+    fn hand(seed: u64) -> OperatorHand {
         let zone = HandZone {
             world_from_cube: Pose::translation(0.9, 0.0, 1.2),
             half_extent: Vector3::repeat(0.05),
         };
+        let mut rng = Pcg64::seed_from_u64(seed);
+        OperatorHand::new(&HandScript::default(), &zone, 0.057, &mut rng)
+    }
+
+    #[test]
+    fn the_hand_calms_down_to_half_a_millimetre_after_its_arrival() {
         for seed in 0..20 {
-            let mut rng = Pcg64::seed_from_u64(seed);
-            let script = HandScript::default();
-            let mut hand = OperatorHand::new(&script, &zone, 0.057, &mut rng);
+            let mut hand = hand(seed);
             let cube = |hand: &OperatorHand, t: f64| hand.hold(t).unwrap();
             let sight = |cube| Sight {
                 cube,
@@ -409,12 +412,7 @@ mod tests {
 
     /// When it comes for a cube that is held still in front of it from the beginning [s]; `None` if it does not.
     fn comes_for(held: &Sight, left_zone: bool, let_go_at: f64) -> Option<f64> {
-        let zone = HandZone {
-            world_from_cube: Pose::translation(0.9, 0.0, 1.2),
-            half_extent: Vector3::repeat(0.05),
-        };
-        let mut rng = Pcg64::seed_from_u64(1);
-        let mut hand = OperatorHand::new(&HandScript::default(), &zone, 0.057, &mut rng);
+        let mut hand = hand(1);
         hand.stay_away();
         hand.let_go_at = let_go_at;
         hand.cube_left_zone = left_zone;
