@@ -260,7 +260,7 @@ section! {
         still [mm]: f64 = 6.0, 0.1..=50.0;
         /// ... for this long.
         still_time [ms]: f64 = 600.0, 40.0..=10000.0;
-        /// The arm backs off when the cube moves this far; where the gripper hides it, 50 mm at least.
+        /// The arm backs off when the cube moves this far; where the gripper hides it, 50 mm at least, and 300 at most.
         withdraw [mm]: f64 = 50.0, 1.0..=500.0;
         /// A pose older than this is no longer followed.
         pose_age [ms]: f64 = 100.0, 20.0..=2000.0;
