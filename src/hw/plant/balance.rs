@@ -18,8 +18,14 @@ use crate::cube::Axis;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use std::ops::{AddAssign, SubAssign};
 
-/// Newton rounds a substep; what is left over is taken up in the next one.
+/// Newton rounds a substep; what little is left over is taken up in the next one.
 const ROUNDS: usize = 3;
+/// Rounds of a substep that ends far out of balance: one-sided contacts can throw a light layer to and fro.
+const MOST_ROUNDS: usize = 15;
+/// Further out of balance than this many tolerances (0.1 N, 2 mNm) is far: a wrist would feel what nothing bears.
+const FAR: f64 = 20.0;
+/// A round that leaves this many times more out of balance went too far. Where friction slips it may grow a little.
+const OVERSHOT: f64 = 1.2;
 /// A balance within this is good [N, Nm].
 const TOLERANCE: (f64, f64) = (5e-3, 1e-4);
 /// Elastic stiffness of a layer that is not turning [Nm/rad].
@@ -204,7 +210,8 @@ impl Balance {
         }
         self.tools_before = Some(*tools);
         let mut borne = None;
-        for round in 0..=ROUNDS {
+        let mut step: Option<Step> = None;
+        for round in 0..=MOST_ROUNDS {
             let mut system = System::new();
             for (i, hands) in hands.iter().enumerate() {
                 self.touches[i] = Touch::NONE;
@@ -233,8 +240,17 @@ impl Balance {
                 system.load_joint(&joint, &self.nodes);
                 joint
             });
-            if round == ROUNDS || system.balanced(bodies) {
+            let left = system.imbalance(bodies);
+            let enough = if round < ROUNDS { 1.0 } else { FAR };
+            if left < enough || round == MOST_ROUNDS {
                 break;
+            }
+            // Too far: it met a contact, or left one, that the stiffness did not know.
+            let overshot = |s: &&mut Step| round > ROUNDS && left > OVERSHOT * s.imbalance;
+            if let Some(step) = step.as_mut().filter(overshot) {
+                step.moves = step.moves.map(|m| 0.5 * m);
+                self.nodes = step.nodes();
+                continue;
             }
             for (i, touch) in self.touches.iter().enumerate() {
                 if touch.any() || grasps[i].attached() {
@@ -251,9 +267,7 @@ impl Balance {
                 system.stiffen_joint(&joint, &self.nodes);
             }
             let moves = system.solve(bodies);
-            for (node, m) in self.nodes.iter_mut().zip(&moves).take(bodies) {
-                *node = node.nudged(&m.fixed_rows::<3>(0).into(), &m.fixed_rows::<3>(3).into());
-            }
+            self.nodes = step.insert(Step { from: self.nodes, moves, imbalance: left }).nodes();
         }
         self.rest.commit(borne);
         if hold.is_none() {
@@ -399,6 +413,22 @@ struct Joint {
     stiffness: Matrix6<f64>,
 }
 
+/// A round's step: where from, by how much (metres, radians), and what was out of balance there, in tolerances.
+struct Step {
+    from: [Frame; 2],
+    moves: [Vector6<f64>; 2],
+    imbalance: f64,
+}
+
+impl Step {
+    fn nodes(&self) -> [Frame; 2] {
+        std::array::from_fn(|body| {
+            let m = &self.moves[body];
+            self.from[body].nudged(&m.fixed_rows::<3>(0).into(), &m.fixed_rows::<3>(3).into())
+        })
+    }
+}
+
 /// Residual wrenches on the bodies (force, torque about their origins, in the world) and the stiffness.
 struct System {
     residual: [Vector6<f64>; 2],
@@ -471,9 +501,11 @@ impl System {
         self.stiffness[1][0] -= between.transpose();
     }
 
-    fn balanced(&self, bodies: usize) -> bool {
-        self.residual.iter().take(bodies).all(|r| {
-            (0..3).all(|i| r[i].abs() < TOLERANCE.0) && (3..6).all(|i| r[i].abs() < TOLERANCE.1)
+    /// The greatest force or torque that nothing bears, in tolerances.
+    fn imbalance(&self, bodies: usize) -> f64 {
+        self.residual.iter().take(bodies).fold(0.0, |most, r| {
+            let force = r.fixed_rows::<3>(0).amax() / TOLERANCE.0;
+            f64::max(most, force.max(r.fixed_rows::<3>(3).amax() / TOLERANCE.1))
         })
     }
 
