@@ -142,7 +142,7 @@ pub(super) fn cube_settings(
             seat: 0.0,
             vicinity: v.stand_off,
             frozen: 0.04,
-            still_speed: v.still / v.still_time,
+            still: v.still,
             // What lies there stands still: a few pictures, for the pose to settle.
             still_seconds: match keeper {
                 Keeper::Person => v.still_time,

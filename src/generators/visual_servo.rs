@@ -29,8 +29,8 @@ pub struct Order {
     pub vicinity: f64,
     /// Distance short of the seat below which the last pose is frozen: the gripper hides the cube [m].
     pub frozen: f64,
-    /// Speed below which the cube counts as standing [m/s] ...
-    pub still_speed: f64,
+    /// A cube that is seen within this distance of one place counts as standing [m] ...
+    pub still: f64,
     /// ... for this long [s].
     pub still_seconds: f64,
     /// A move of the cube that breaks off the approach [m]; close to it, where it is hidden, 0.05 m at least.
@@ -64,6 +64,13 @@ enum Stage {
     BackOff { wait: Pose },
 }
 
+/// A cube that has not left a place: from where, in the world, and since which period.
+#[derive(Debug, Clone, Copy)]
+struct Standing {
+    at: Vector3<f64>,
+    since: u64,
+}
+
 /// Memory of the visual servo.
 #[derive(Debug, Clone)]
 pub struct VisualServo {
@@ -75,7 +82,7 @@ pub struct VisualServo {
     seen: u64,
     velocity: Vector3<f64>,
     spin: Vector3<f64>,
-    still: f64,
+    standing: Option<Standing>,
     confirmed: u32,
     first_period: Option<u64>,
     /// Where the cube was seen last, in the world.
@@ -130,7 +137,7 @@ impl VisualServo {
             goal: None,
             seen: 0,
             velocity: Vector3::zeros(),
-            still: 0.0,
+            standing: None,
             confirmed: 0,
             first_period: None,
             cube: None,
@@ -225,7 +232,7 @@ impl VisualServo {
         let Some(goal) = self.goal else { return Next::Go(self.hold()) };
         if !frozen && age > self.order.stale {
             self.stand();
-            self.still = 0.0;
+            self.standing = None;
             return Next::Go(self.hold());
         }
         if let Stage::Approach { began_at } = self.stage {
@@ -244,7 +251,7 @@ impl VisualServo {
             return Next::Done(Outcome::OutOfReach(why));
         }
         self.stand();
-        if self.still > 0.0 {
+        if self.still_seconds() > 0.0 {
             self.vicinity = (self.vicinity - NEARER).max(NEAREST * self.order.vicinity);
         }
         Next::Go(self.hold())
@@ -269,7 +276,7 @@ impl VisualServo {
     fn break_off(&mut self, stage: Stage) {
         self.stage = stage;
         self.stand();
-        (self.still, self.gone) = (0.0, (0, 0));
+        (self.standing, self.gone) = (None, (0, 0));
     }
 
     /// Where it waits for a cube with this goal.
@@ -299,7 +306,6 @@ impl VisualServo {
         if target.period == self.seen {
             return;
         }
-        let moved = (target.period.saturating_sub(self.seen)) as f64 * PERIOD;
         self.seen = target.period;
         self.exposure = self.asked;
         let base_from_world = self.order.world_from_base.inverse();
@@ -333,11 +339,17 @@ impl VisualServo {
             ),
         };
         self.goal = Some(goal);
-        let is_still = is_inside && target.speed < self.order.still_speed;
-        self.still = if is_still { self.still + moved.min(0.2) } else { 0.0 };
-        if !is_still {
+        // By the way it goes, not by its speed: a pose that jitters by a millimetre seems to have one, the same for ever.
+        let stays = |s: &Standing| (seen - s.at).norm() <= self.order.still;
+        if !is_inside || !self.standing.as_ref().is_some_and(stays) {
+            self.standing = is_inside.then_some(Standing { at: seen, since: target.period });
             self.vicinity = self.order.vicinity;
         }
+    }
+
+    /// For how long the cube has been seen to stand [s].
+    fn still_seconds(&self) -> f64 {
+        self.standing.map_or(0.0, |s| self.seen.saturating_sub(s.since) as f64 * PERIOD)
     }
 
     fn follow(&mut self, inputs: &Inputs<'_>, pose: &Pose, goal: &Pose) -> Next {
@@ -346,7 +358,7 @@ impl VisualServo {
         if is_there {
             self.refused = None;
         }
-        if is_there && self.still > self.order.still_seconds {
+        if is_there && self.still_seconds() > self.order.still_seconds {
             self.stage = Stage::Approach { began_at: goal.translation.vector };
             self.gone.0 = 0;
             return self.approach(inputs, pose, goal, goal.translation.vector, false);
@@ -500,7 +512,7 @@ mod tests {
             seat: 0.019,
             vicinity: 0.1,
             frozen: 0.08,
-            still_speed: 0.01,
+            still: 0.005,
             still_seconds: 0.5,
             retreat: 0.05,
             speed: (0.25, 0.5),
@@ -519,7 +531,7 @@ mod tests {
         let (_, outcome) = run(|period| {
             let y = 0.1 * (period as f64 * 0.002).sin();
             let world_from_cube = Pose::translation(1.0, y, 1.2);
-            Some(Target { world_from_cube, speed: 0.1, period })
+            Some(Target { world_from_cube, speed: 0.0, period })
         });
 
         assert!(matches!(outcome, Outcome::TimedOut(seconds) if seconds > 24.0), "{outcome:?}");
@@ -616,6 +628,17 @@ mod tests {
     }
 
     #[test]
+    fn a_cube_at_rest_whose_pose_jitters_is_approached_all_the_same() {
+        let (_, outcome) = run(|period| {
+            let y = if period % 40 < 20 { 1e-3 } else { -1e-3 };
+            let world_from_cube = Pose::translation(1.0, y, 1.2);
+            Some(Target { world_from_cube, speed: 0.05, period })
+        });
+
+        assert_eq!(outcome, Outcome::NotTouched);
+    }
+
+    #[test]
     fn a_cube_outside_the_zone_is_watched_from_its_edge_and_taken_when_it_comes() {
         let at = |x: f64, period| {
             Some(Target { world_from_cube: Pose::translation(x, 0.0, 1.2), speed: 0.0, period })
@@ -635,7 +658,7 @@ mod tests {
         let target = |period: u64| {
             let y = 0.1 * (period as f64 * 0.002).sin();
             let pose = Pose::translation(1.0, y, 1.2);
-            (period < 8_000).then_some(Target { world_from_cube: pose, speed: 0.1, period })
+            (period < 8_000).then_some(Target { world_from_cube: pose, speed: 0.0, period })
         };
         let (pose, outcome) = run(target);
 
@@ -701,7 +724,11 @@ mod tests {
     fn an_arm_that_does_not_fold_so_far_waits_nearer_to_a_cube_at_rest_but_never_at_it() {
         let cube = |speed: f64| {
             move |period| Target {
-                world_from_cube: Pose::translation(0.85, 0.0, 1.2),
+                world_from_cube: Pose::translation(
+                    0.85,
+                    speed * (period as f64 * PERIOD).sin(),
+                    1.2,
+                ),
                 speed,
                 period,
             }
@@ -830,7 +857,9 @@ mod tests {
             // To and fro past 45 deg, where another of its sides is the nearest one.
             let angle = 0.9 * (period as f64 * 0.002).sin();
             let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle);
-            let world_from_cube = Pose::from_parts(Vector3::new(1.0, 0.0, 1.2).into(), turn);
+            // It goes up and down, so nothing is approached.
+            let z = 1.2 + 0.01 * (period as f64 * 0.01).sin();
+            let world_from_cube = Pose::from_parts(Vector3::new(1.0, 0.0, z).into(), turn);
             let target = Target { world_from_cube, speed: 0.1, period };
             let inputs = Inputs { arm: &arm, target: Some(&target), period, pace: 1.0 };
             let Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) =

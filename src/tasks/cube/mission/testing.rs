@@ -71,7 +71,7 @@ pub(super) fn settings() -> CubeSettings {
             seat: 0.019,
             vicinity: 0.1,
             frozen: 0.05,
-            still_speed: 0.01,
+            still: 0.006,
             still_seconds: 0.3,
             retreat: 0.02,
             speed: (0.2, 1.0),
