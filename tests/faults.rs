@@ -511,6 +511,35 @@ fn an_operator_who_draws_back_is_not_followed_into_the_cell_and_gets_rid_of_the_
     });
 }
 
+/// In the last 4 cm the gripper hides the cube, and what it goes to is where the cube was seen last.
+#[test]
+fn a_cube_that_is_drawn_out_of_the_fingers_is_given_way_to_before_it_is_followed() {
+    each_seed(|seed| {
+        let never = seed.seen("withdraw", &["fault.0.at_s=1000"]);
+        let gap = |seen: &Seen, period: u64| {
+            let at = seen.at(period);
+            at.tools[0].inverse_transform_point(&at.cube.into()).z
+        };
+        let near = |m: &&Moment| gap(&never, m.period) < 0.045;
+        let hidden = never.moments.iter().find(near).unwrap().period;
+
+        let at = format!("fault.0.at_s={}", hidden as f64 * 0.002);
+        let seen = seed.seen("withdraw", &[&at]);
+
+        assert_eq!(seen.summary.outcome, Outcome::Solved, "{}", seen.summary.reason);
+        assert_eq!((seen.verdict.counts.drops, seen.verdict.counts.crushed), (0, 0));
+        let x = |seen: &Seen, period: u64| seen.at(period).tools[0].translation.vector.x;
+        let on = |seen: &Seen, period: u64| x(seen, period) - x(seen, hidden);
+        let furthest =
+            |seen: &Seen| (hidden..hidden + 1500).map(|p| on(seen, p)).fold(0.0, f64::max);
+        assert!(furthest(&never) > 0.025, "it was nearly there: {}", furthest(&never));
+        assert!(furthest(&seen) < 0.012, "{} m on after a cube that has gone", furthest(&seen));
+        let back = (hidden..hidden + 1500).map(|p| on(&seen, p)).fold(0.0, f64::min);
+        assert!(back < -0.05, "{back} m back");
+        assert!(seen.summary.sensors[0].force_n.unwrap() < 20.0);
+    });
+}
+
 /// File, exit code, and what the operator reads.
 const TOLD: &[(&str, i32, &[&str])] = &[
     ("encoder_freeze", 3, &["fatal", "edp track", "period 5", "axis 6", "encoder stands still"]),

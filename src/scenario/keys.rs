@@ -261,9 +261,9 @@ section! {
         /// ... for this long.
         still_time [ms]: f64 = 600.0, 40.0..=10000.0;
         /// The arm backs off when the cube moves this far; where the gripper hides it, 50 mm at least, and 300 at most.
-        withdraw [mm]: f64 = 50.0, 1.0..=500.0;
-        /// A pose older than this is no longer followed.
-        pose_age [ms]: f64 = 100.0, 20.0..=2000.0;
+        withdraw [mm]: f64 = 50.0, 1.0..=250.0;
+        /// A pose older than this is no longer followed; they come each 40 ms.
+        pose_age [ms]: f64 = 100.0, 60.0..=2000.0;
         /// The task fails when no cube came within this time, when a limit kept the arm from it for so long, or when it
         /// did not stand still in five times this.
         patience [s]: f64 = 60.0, 1.0..=3600.0;
