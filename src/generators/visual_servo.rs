@@ -58,8 +58,8 @@ pub struct Order {
 enum Stage {
     /// Goes to the vicinity of the cube and follows it.
     Follow,
-    /// Approaches; the goal was here when the approach began.
-    Approach { began_at: Vector3<f64> },
+    /// Approaches; the goal was here when the approach began. `hidden`: so close that the cube is no longer looked at.
+    Approach { began_at: Vector3<f64>, hidden: bool },
     /// Goes straight back to where it is to wait, out of what may be between its fingers.
     BackOff { wait: Pose },
 }
@@ -202,6 +202,14 @@ impl VisualServo {
             self.break_off(Stage::BackOff { wait: self.waiting(&goal) });
         }
         let frozen = close && !gone;
+        if frozen && let Stage::Approach { hidden: hidden @ false, .. } = &mut self.stage {
+            *hidden = true;
+            // What is not looked at any more must stand there: a hand that sways stands only at its turns.
+            if !self.stands() {
+                self.break_off(Stage::Follow);
+                return Next::Go(self.hold());
+            }
+        }
         if !frozen {
             self.look(inputs.target, &pose);
         }
@@ -235,7 +243,7 @@ impl VisualServo {
             self.standing = None;
             return Next::Go(self.hold());
         }
-        if let Stage::Approach { began_at } = self.stage {
+        if let Stage::Approach { began_at, .. } = self.stage {
             self.approach(inputs, &pose, &goal, began_at, frozen)
         } else {
             self.follow(inputs, &pose, &goal)
@@ -251,7 +259,7 @@ impl VisualServo {
             return Next::Done(Outcome::OutOfReach(why));
         }
         self.stand();
-        if self.still_seconds() > 0.0 {
+        if self.stands() {
             self.vicinity = (self.vicinity - NEARER).max(NEAREST * self.order.vicinity);
         }
         Next::Go(self.hold())
@@ -306,6 +314,10 @@ impl VisualServo {
         if target.period == self.seen {
             return;
         }
+        if (target.period.saturating_sub(self.seen)) as f64 * PERIOD > self.order.stale {
+            // Nobody knows where it was meanwhile.
+            self.standing = None;
+        }
         self.seen = target.period;
         self.exposure = self.asked;
         let base_from_world = self.order.world_from_base.inverse();
@@ -347,9 +359,10 @@ impl VisualServo {
         }
     }
 
-    /// For how long the cube has been seen to stand [s].
-    fn still_seconds(&self) -> f64 {
-        self.standing.map_or(0.0, |s| self.seen.saturating_sub(s.since) as f64 * PERIOD)
+    /// Whether the cube has been seen to stand for long enough.
+    fn stands(&self) -> bool {
+        let seconds = |s: Standing| self.seen.saturating_sub(s.since) as f64 * PERIOD;
+        self.standing.is_some_and(|s| seconds(s) > self.order.still_seconds)
     }
 
     fn follow(&mut self, inputs: &Inputs<'_>, pose: &Pose, goal: &Pose) -> Next {
@@ -358,8 +371,8 @@ impl VisualServo {
         if is_there {
             self.refused = None;
         }
-        if is_there && self.still_seconds() > self.order.still_seconds {
-            self.stage = Stage::Approach { began_at: goal.translation.vector };
+        if is_there && self.stands() {
+            self.stage = Stage::Approach { began_at: goal.translation.vector, hidden: false };
             self.gone.0 = 0;
             return self.approach(inputs, pose, goal, goal.translation.vector, false);
         }
@@ -636,6 +649,17 @@ mod tests {
         });
 
         assert_eq!(outcome, Outcome::NotTouched);
+    }
+
+    #[test]
+    fn a_cube_that_sways_is_not_gone_to_blindly_from_its_turn() {
+        let (_, outcome) = run(|period| {
+            let y = 0.02 * (std::f64::consts::FRAC_PI_2 * period as f64 * PERIOD).cos();
+            let world_from_cube = Pose::translation(1.0, y, 1.2);
+            Some(Target { world_from_cube, speed: 0.0, period })
+        });
+
+        assert!(matches!(outcome, Outcome::TimedOut(_)), "{outcome:?}");
     }
 
     #[test]

@@ -70,7 +70,12 @@ impl Plant {
             fallen: matches!(self.state, State::Tray { .. }),
         };
         let t = self.time();
+        let carried = self.hand.carries();
         self.hand.decide(t, &sight);
+        if self.hand.carries() && !carried {
+            // It pulls no longer: its aim jumps back to the cube, which is no motion of the hand.
+            self.balance.hand_comes(&self.core);
+        }
         let has = self.hand.hold(t).is_some() || self.hand.has_it_back();
         if has != self.operator_has {
             self.operator_has = has;

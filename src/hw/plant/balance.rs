@@ -22,6 +22,9 @@ use std::ops::{AddAssign, SubAssign};
 const ROUNDS: usize = 3;
 /// Rounds of a substep that ends far out of balance: one-sided contacts can throw a light layer to and fro.
 const MOST_ROUNDS: usize = 15;
+/// So many rounds in a row that change next to nothing are the last ones: what slips on both sides finds no balance, and how
+/// fast it slips is not to come from how long a balance is sought.
+const STALLED: usize = 2;
 /// Further out of balance than this many tolerances (0.1 N, 2 mNm) is far: a wrist would feel what nothing bears.
 const FAR: f64 = 20.0;
 /// A round that leaves this many times more out of balance went too far. Where friction slips it may grow a little.
@@ -211,6 +214,7 @@ impl Balance {
         self.tools_before = Some(*tools);
         let mut borne = None;
         let mut step: Option<Step> = None;
+        let mut stalled = 0;
         for round in 0..=MOST_ROUNDS {
             let mut system = System::new();
             for (i, hands) in hands.iter().enumerate() {
@@ -242,7 +246,10 @@ impl Balance {
             });
             let left = system.imbalance(bodies);
             let enough = if round < ROUNDS { 1.0 } else { FAR };
-            if left < enough || round == MOST_ROUNDS {
+            let before = step.as_ref().map_or(f64::INFINITY, |s| s.imbalance);
+            let stalls = round > ROUNDS && left > 0.97 * before && left <= OVERSHOT * before;
+            stalled = if stalls { stalled + 1 } else { 0 };
+            if left < enough || round == MOST_ROUNDS || stalled == STALLED {
                 break;
             }
             // Too far: it met a contact, or left one, that the stiffness did not know.

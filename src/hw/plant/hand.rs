@@ -247,6 +247,11 @@ impl OperatorHand {
         }
     }
 
+    /// Whether it carries the cube away.
+    pub(super) fn carries(&self) -> bool {
+        matches!(self.phase, Phase::Carrying { .. })
+    }
+
     /// Whether it has the cube for good.
     pub(super) fn has_it_back(&self) -> bool {
         self.phase == Phase::Done
