@@ -58,8 +58,8 @@ pub struct Order {
 enum Stage {
     /// Goes to the vicinity of the cube and follows it.
     Follow,
-    /// Approaches; the goal was here when the approach began. `hidden`: so close that the cube is no longer looked at.
-    Approach { began_at: Vector3<f64>, hidden: bool },
+    /// Approaches; the goal was here when the approach began.
+    Approach { began_at: Vector3<f64> },
     /// Goes straight back to where it is to wait, out of what may be between its fingers.
     BackOff { wait: Pose },
 }
@@ -202,13 +202,10 @@ impl VisualServo {
             self.break_off(Stage::BackOff { wait: self.waiting(&goal) });
         }
         let frozen = close && !gone;
-        if frozen && let Stage::Approach { hidden: hidden @ false, .. } = &mut self.stage {
-            *hidden = true;
-            // What is not looked at any more must stand there: a hand that sways stands only at its turns.
-            if !self.stands() {
-                self.break_off(Stage::Follow);
-                return Next::Go(self.hold());
-            }
+        // What is not looked at any more must have stood there at last: a hand that sways stands only at its turns.
+        if frozen && !self.stands() {
+            self.break_off(Stage::Follow);
+            return Next::Go(self.hold());
         }
         if !frozen {
             self.look(inputs.target, &pose);
@@ -243,7 +240,7 @@ impl VisualServo {
             self.standing = None;
             return Next::Go(self.hold());
         }
-        if let Stage::Approach { began_at, .. } = self.stage {
+        if let Stage::Approach { began_at } = self.stage {
             self.approach(inputs, &pose, &goal, began_at, frozen)
         } else {
             self.follow(inputs, &pose, &goal)
@@ -372,7 +369,7 @@ impl VisualServo {
             self.refused = None;
         }
         if is_there && self.stands() {
-            self.stage = Stage::Approach { began_at: goal.translation.vector, hidden: false };
+            self.stage = Stage::Approach { began_at: goal.translation.vector };
             self.gone.0 = 0;
             return self.approach(inputs, pose, goal, goal.translation.vector, false);
         }
@@ -544,7 +541,7 @@ mod tests {
         let (_, outcome) = run(|period| {
             let y = 0.1 * (period as f64 * 0.002).sin();
             let world_from_cube = Pose::translation(1.0, y, 1.2);
-            Some(Target { world_from_cube, speed: 0.0, period })
+            Some(Target { world_from_cube, speed: 0.1, period })
         });
 
         assert!(matches!(outcome, Outcome::TimedOut(seconds) if seconds > 24.0), "{outcome:?}");
@@ -682,7 +679,7 @@ mod tests {
         let target = |period: u64| {
             let y = 0.1 * (period as f64 * 0.002).sin();
             let pose = Pose::translation(1.0, y, 1.2);
-            (period < 8_000).then_some(Target { world_from_cube: pose, speed: 0.0, period })
+            (period < 8_000).then_some(Target { world_from_cube: pose, speed: 0.1, period })
         };
         let (pose, outcome) = run(target);
 

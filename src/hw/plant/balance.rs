@@ -247,16 +247,16 @@ impl Balance {
             let left = system.imbalance(bodies);
             let enough = if round < ROUNDS { 1.0 } else { FAR };
             let before = step.as_ref().map_or(f64::INFINITY, |s| s.imbalance);
-            let stalls = round > ROUNDS && left > 0.97 * before && left <= OVERSHOT * before;
+            let overshot = round > ROUNDS && left > OVERSHOT * before;
+            let stalls = round > ROUNDS && left > 0.97 * before && !overshot;
             stalled = if stalls { stalled + 1 } else { 0 };
             if left < enough || round == MOST_ROUNDS || stalled == STALLED {
                 break;
             }
             // Too far: it met a contact, or left one, that the stiffness did not know.
-            let overshot = |s: &&mut Step| round > ROUNDS && left > OVERSHOT * s.imbalance;
-            if let Some(step) = step.as_mut().filter(overshot) {
+            if overshot && let Some(step) = &mut step {
                 step.moves = step.moves.map(|m| 0.5 * m);
-                self.nodes = step.nodes();
+                step.go(&mut self.nodes[..bodies]);
                 continue;
             }
             for (i, touch) in self.touches.iter().enumerate() {
@@ -274,7 +274,8 @@ impl Balance {
                 system.stiffen_joint(&joint, &self.nodes);
             }
             let moves = system.solve(bodies);
-            self.nodes = step.insert(Step { from: self.nodes, moves, imbalance: left }).nodes();
+            let step = step.insert(Step { from: self.nodes, moves, imbalance: left });
+            step.go(&mut self.nodes[..bodies]);
         }
         self.rest.commit(borne);
         if hold.is_none() {
@@ -428,11 +429,10 @@ struct Step {
 }
 
 impl Step {
-    fn nodes(&self) -> [Frame; 2] {
-        std::array::from_fn(|body| {
-            let m = &self.moves[body];
-            self.from[body].nudged(&m.fixed_rows::<3>(0).into(), &m.fixed_rows::<3>(3).into())
-        })
+    fn go(&self, nodes: &mut [Frame]) {
+        for ((node, from), m) in nodes.iter_mut().zip(&self.from).zip(&self.moves) {
+            *node = from.nudged(&m.fixed_rows::<3>(0).into(), &m.fixed_rows::<3>(3).into());
+        }
     }
 }
 
