@@ -1,21 +1,17 @@
 //! Everything under `scenarios/faults/`: what the plant then does, what the operator is told, and the exit code.
 //!
 //! The plant is looked at after each period by a judge that no part of the controller knows of; exit codes and messages
-//! are those of the program itself. `FAULT_SEEDS=100 cargo test --release --test faults` tries a hundred seeds of each.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+//! are those of the program itself. `FAULT_SEEDS=100 cargo test --release --test faults scenarios::` tries a hundred seeds of each.
 
-mod program;
-mod seeds;
-
+use crate::program::program;
+use crate::seeds::{Seed, each_seed};
 use nalgebra::Vector3;
-use program::program;
 use rubik_robot::actors::{self, Around, RunOptions};
 use rubik_robot::hw::plant::{Incident, Verdict, Whereabouts};
 use rubik_robot::record::summary::{Outcome, Summary};
 use rubik_robot::scenario::{self, Override};
 use rubik_robot::spatial::Pose;
-use seeds::{Seed, each_seed};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 

@@ -1,5 +1,4 @@
 //! One arm's servo, period by period, on motors that follow their set values to the increment.
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rubik_robot::hw::port::Port;
@@ -12,8 +11,7 @@ use rubik_robot::servo::{ArmServo, ForceSettings, ServoCommand, ServoConfig};
 use rubik_robot::spatial::{Pose, Wrench};
 use std::f64::consts::TAU;
 
-mod servo_rig;
-use servo_rig::{Motors, START, config, first_reading};
+use crate::servo_rig::{Motors, START, config, first_reading};
 
 const COMPLIANT: Direction = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
 

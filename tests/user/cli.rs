@@ -1,10 +1,6 @@
 //! The program as its user meets it: exit codes, what goes to stdout and stderr, closed pipes.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
-
-mod program;
-
-use program::program;
+use crate::program::program;
 use std::io::Write;
 use std::process::{Output, Stdio};
 

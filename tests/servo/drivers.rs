@@ -1,5 +1,4 @@
 //! The two drivers of time around the same core, on a port of ideal first-order motors.
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
 
 use rubik_robot::hw::driver::{
     Core, NoRecords, RecordSink, ServoLink, ServoRecord, Switches, WallOptions, link, run_virtual,
@@ -14,8 +13,7 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-mod servo_rig;
-use servo_rig::{Motors, START, config};
+use crate::servo_rig::{Motors, START, config};
 
 /// Hashes what it is given.
 struct Hash(Arc<Mutex<DefaultHasher>>);
@@ -252,7 +250,8 @@ fn the_drives_of_a_period_meet_the_readings_of_that_period() {
             _: &[ArmDrive],
             readings: &mut [ArmReading],
         ) -> Result<(), PortFault> {
-            readings[0] = ArmReading { jaw_count: period as i64, ..servo_rig::first_reading() };
+            readings[0] =
+                ArmReading { jaw_count: period as i64, ..crate::servo_rig::first_reading() };
             Ok(())
         }
     }

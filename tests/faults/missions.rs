@@ -2,17 +2,13 @@
 //!
 //! Each begins in a world just before its fault: a mission with a cube that is a few turns from solved loses its power when the
 //! first layer begins to turn, and every fault of that seed goes on from a copy of what it left. So a hundred seeds are
-//! affordable: `FAULT_SEEDS=100 cargo test --release --test mission_faults`. The verdict is the plant's, out of the summary.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+//! affordable: `FAULT_SEEDS=100 cargo test --release --test faults missions::`. The verdict is the plant's, out of the summary.
 
-mod program;
-mod seeds;
-
-use program::program;
+use crate::program::program;
+use crate::seeds::{Seed, each_seed};
 use rubik_robot::campaign::benchmark::{scramble, scrambled};
 use rubik_robot::record::summary::{Outcome, Summary};
-use seeds::{Seed, each_seed};
 use std::collections::BTreeMap;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,4 @@
 //! Arms that were just switched on, on the simulated plant: what they refuse, and how they find out where they are.
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
 
 use rubik_robot::hw::driver::{Core, NoRecords, ServoLink, Switches, link_at};
 use rubik_robot::hw::plant::{Plant, PlantConfig};

@@ -1,5 +1,4 @@
 //! Servo and plant together: tracking, watch-dogs and force control of the closed chain.
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rubik_robot::cell::{Arm, Cell, CubeSpec, Gripper, HandZone};
@@ -15,14 +14,12 @@ use rubik_robot::spatial::Pose;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
-mod servo_rig;
-
 const EDGE: f64 = 0.057;
 
 /// Both arms in front of each other, tools level, meeting at a cube that the track arm holds.
 fn cell() -> Cell {
     let arm = |name: &str, start: [f64; 7]| {
-        let config = servo_rig::config();
+        let config = crate::servo_rig::config();
         Arm {
             name: name.to_owned(),
             model: builtin(name).unwrap(),

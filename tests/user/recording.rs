@@ -1,10 +1,6 @@
 //! Recordings of short runs: read back, cut off, recovered, verified, tampered with; written where there is no room.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
-
-mod program;
-
-use program::program;
+use crate::program::program;
 use rubik_robot::motion::ArmFault;
 use rubik_robot::record::reading::{End, Label, Message, Piece, Reading, open};
 use rubik_robot::record::recover::recover;

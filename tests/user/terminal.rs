@@ -1,11 +1,8 @@
 //! The terminal face on a pseudo-terminal: what a run that cannot start, a signal, a replay and a mistake in the arguments
+
 //! leave behind is a program that has ended and a terminal as it was.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
-
-mod program;
-
-use program::program;
+use crate::program::program;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Termios, Winsize, tcgetattr, tcsetwinsize};
 use std::fs::{File, OpenOptions};

@@ -1,12 +1,9 @@
 //! Scenarios from one end to the other on the virtual clock: what must succeed, what must fail and say why, and
+
 //! what must repeat to the bit.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
-
-mod program;
-
+use crate::program::program;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
-use program::program;
 use rubik_robot::actors::{self, RunOptions};
 use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
 use rubik_robot::scenario::{self, Override};

@@ -1,10 +1,6 @@
 //! `rubik-robot solve`, `scramble` and `tables` as their user meets them.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
-
-mod program;
-
-use program::program;
+use crate::program::program;
 use rubik_robot::cube::{Cube, Facelets, after_moves, format_turns, parse_moves, parse_turns};
 use rubik_robot::solver::table::InTurn;
 use rubik_robot::solver::{Budget, Tables, Watch, solve_watched};

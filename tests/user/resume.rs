@@ -1,11 +1,8 @@
 //! A mission that is killed, and goes on: the plant's state in a file is all that the two processes share, beside the
+
 //! journal.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
-
-mod program;
-
-use program::program;
+use crate::program::program;
 use std::io::BufRead as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};

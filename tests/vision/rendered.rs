@@ -1,6 +1,7 @@
 //! The pose of the cube from rendered frames, against the truth of the plant's renderer.
 //!
-//! `cargo test --release --test vision_rendered -- --nocapture` prints the table.
+
+//! `cargo test --release --test vision rendered:: -- --nocapture` prints the table.
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
@@ -276,7 +277,7 @@ fn median_ms<T>(mut call: impl FnMut() -> T) -> f64 {
 }
 
 #[test]
-#[ignore = "measures time: cargo test --release --test vision_rendered -- --ignored --nocapture"]
+#[ignore = "measures time: cargo test --release --test vision rendered:: -- --ignored --nocapture"]
 fn times() {
     let mut random = Pcg64::seed_from_u64(5);
     let facelets = std::array::from_fn(|_| random.random_range(0..6));

@@ -1,12 +1,9 @@
 //! A run driven through the page's WebSocket: what a page says happens, and happens in the run's record; strangers are
+
 //! refused; one page commands.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
-
-mod program;
-
+use crate::program::program;
 use futures_util::{SinkExt, StreamExt};
-use program::program;
 use rubik_robot::actors::{self, RunOptions};
 use rubik_robot::desk::{Behind, Desk, desk};
 use rubik_robot::motion::JointPositions;

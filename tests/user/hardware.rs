@@ -1,9 +1,6 @@
 //! A run on hardware as its user meets it, with the emulator in a process of its own in the robot's place.
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
-mod program;
-
-use program::program;
+use crate::program::program;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;

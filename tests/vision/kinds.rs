@@ -1,13 +1,10 @@
 //! Cubes of every kind, photographed by a renderer that is not the plant's: which share is found and read right.
 //!
-//! `cargo test --release --test vision_kinds -- --ignored --nocapture` prints the table over many seeds;
+//! `cargo test --release --test vision kinds:: -- --ignored --nocapture` prints the table over many seeds;
+
 //! `VISION_SEEDS=100 VISION_KIND=Fingers VISION_FRAMES=DIR` choose, and write what was missed as pictures.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
-
-mod cube_photo;
-
-use cube_photo::{FaceTruth, Kind, photograph};
+use crate::cube_photo::{FaceTruth, Kind, photograph};
 use nalgebra::UnitQuaternion;
 use rubik_robot::spatial::Pose;
 use rubik_robot::vision::homography::{distance, smallest_pitch};
@@ -172,7 +169,7 @@ fn a_small_face_that_leans_is_seldom_taken_for_its_mirror_image() {
 }
 
 #[test]
-#[ignore = "prints a table: cargo test --release --test vision_kinds -- --ignored --nocapture"]
+#[ignore = "prints a table: cargo test --release --test vision kinds:: -- --ignored --nocapture"]
 fn table() {
     let seeds = std::env::var("VISION_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(100);
     let only = std::env::var("VISION_KIND").ok();
@@ -196,7 +193,7 @@ struct Poses {
 }
 
 impl Poses {
-    fn add(&mut self, photo: &cube_photo::Photo) {
+    fn add(&mut self, photo: &crate::cube_photo::Photo) {
         const EDGE: f64 = 0.057;
         let (width, height) = photo.image.dimensions();
         let lens = Lens {
@@ -240,7 +237,7 @@ impl Poses {
     fn of(face_px: f64, tilt_deg: f64, seeds: std::ops::Range<u64>) -> Self {
         let mut poses = Self::default();
         for seed in seeds {
-            poses.add(&cube_photo::posed(seed, face_px, tilt_deg.to_radians()));
+            poses.add(&crate::cube_photo::posed(seed, face_px, tilt_deg.to_radians()));
         }
         poses.print(&format!("{face_px:.0} px, tilt {tilt_deg:.0} deg"));
         poses
@@ -248,7 +245,7 @@ impl Poses {
 }
 
 #[test]
-#[ignore = "prints a table: cargo test --release --test vision_kinds -- --ignored --nocapture"]
+#[ignore = "prints a table: cargo test --release --test vision kinds:: -- --ignored --nocapture"]
 fn mirrors() {
     let seeds = std::env::var("VISION_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(40);
     for face_px in [45.0, 60.0, 80.0, 110.0] {

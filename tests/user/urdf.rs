@@ -1,7 +1,5 @@
 //! The URDF that the program writes, read by another crate, moves as the controller computes.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
-
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use rubik_robot::cell::Cell;
 use rubik_robot::motion::JointPositions;

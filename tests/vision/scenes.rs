@@ -1,10 +1,9 @@
 //! Pictures without a cube: what looks like a face of one is no sure face.
 //!
 //! Cloth, walls, windows, keyboards, charts, cubes of other sizes, drawn here in perspective, with blur, shade and noise.
-//! `cargo test --release --test vision_scenes -- --nocapture` prints how many of each are reported;
-//! `VISION_PICTURES=100 VISION_SCENE=plaid` look longer, and at one.
+//! `cargo test --release --test vision scenes:: -- --nocapture` prints how many of each are reported;
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+//! `VISION_PICTURES=100 VISION_SCENE=plaid` look longer, and at one.
 
 use image::{Rgb, RgbImage};
 use rand::{Rng, SeedableRng};

@@ -1,10 +1,6 @@
 //! Campaigns as their user meets them: many runs in processes of their own, cut off and taken up again, in shards.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
-
-mod program;
-
-use program::program;
+use crate::program::program;
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
@@ -315,7 +311,7 @@ fn what_is_drawn_in_the_shipped_files_is_right_for_a_mission() {
         let path = file.unwrap().path();
         let text = std::fs::read_to_string(&path).unwrap();
         let vary = rubik_robot::campaign::vary::Vary::read(&path, &text).unwrap();
-        let scenario = include_str!("../scenarios/solve.toml");
+        let scenario = include_str!("../../scenarios/solve.toml");
         for seed in 0..50 {
             let overrides: Vec<_> = vary
                 .draw(seed)
