@@ -12,15 +12,19 @@ use axum::extract::ws::{self, WebSocket, WebSocketUpgrade};
 use axum::extract::{ConnectInfo, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
+use futures_util::{Sink, SinkExt as _, Stream, StreamExt as _};
 use serde::Deserialize;
 use serde_json::json;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
+use tokio::time::Instant;
 
 /// The longest message that a page may send: an answer with 54 stickers has 150 bytes.
 const LONGEST: usize = 4096;
+/// Refusals that a page may have ahead of it.
+const REFUSALS: usize = 16;
 /// Time between two snapshots to one page.
 const INTERVAL: Duration = Duration::from_millis(50);
 /// A page that says nothing for this long loses its right to command.
@@ -108,50 +112,89 @@ pub(super) async fn upgrade(
         .on_upgrade(move |socket| serve(socket, shared))
 }
 
-async fn serve(mut socket: WebSocket, shared: Shared) {
-    let seat = shared.seats.newcomer();
+async fn serve(socket: WebSocket, shared: Shared) {
+    let (news, words) = socket.split();
+    converse(words, news, &shared.seats.newcomer(), &shared.desk).await;
+}
+
+/// Both sides of a page, until one has come to its end.
+async fn converse<E>(
+    words: impl Stream<Item = Result<ws::Message, E>> + Unpin,
+    news: impl Sink<ws::Message> + Unpin,
+    seat: &Seat,
+    desk: &Desk,
+) {
+    let (refusals, refused) = mpsc::channel(REFUSALS);
+    let heard = watch::channel(Instant::now()).0;
+    // Side by side: whoever takes nothing of the news is heeded all the same, for what is said may be the emergency stop.
+    tokio::select! {
+        () = listen(words, seat, desk, &heard, &refusals) => {}
+        () = tell(news, seat, desk, &heard, refused) => {}
+    }
+}
+
+/// Obeys what a page says, until it is gone.
+async fn listen<E>(
+    mut words: impl Stream<Item = Result<ws::Message, E>> + Unpin,
+    seat: &Seat,
+    desk: &Desk,
+    heard: &watch::Sender<Instant>,
+    refusals: &mpsc::Sender<String>,
+) {
+    while let Some(Ok(word)) = words.next().await {
+        heard.send_replace(Instant::now());
+        match word {
+            ws::Message::Text(text) => {
+                if let Some(why) = heed(text.as_str(), seat, desk) {
+                    // Who takes no answers gets none.
+                    let _ = refusals.try_send(why);
+                }
+            }
+            ws::Message::Close(_) => return,
+            ws::Message::Binary(_) | ws::Message::Ping(_) | ws::Message::Pong(_) => {}
+        }
+    }
+}
+
+/// Tells a page what is new, until it is gone or silent for too long.
+async fn tell(
+    mut news: impl Sink<ws::Message> + Unpin,
+    seat: &Seat,
+    desk: &Desk,
+    heard: &watch::Sender<Instant>,
+    mut refused: mpsc::Receiver<String>,
+) {
     let mut holder = seat.seats.holder.subscribe();
-    let desk = shared.desk.clone();
     let mut sent = Sent::default();
     let mut due = tokio::time::interval(INTERVAL);
     due.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-    let mut heard = tokio::time::Instant::now();
     holder.mark_changed();
     loop {
         let out = tokio::select! {
             biased;
-            word = socket.recv() => {
-                let Some(Ok(word)) = word else { return };
-                heard = tokio::time::Instant::now();
-                match word {
-                    ws::Message::Text(text) => {
-                        heed(text.as_str(), &seat, &desk).map(|why| vec![json!({ "refused": why }).to_string()])
-                    }
-                    ws::Message::Close(_) => return,
-                    ws::Message::Binary(_) | ws::Message::Ping(_) | ws::Message::Pong(_) => None,
-                }
-            }
+            Some(why) = refused.recv() => vec![json!({ "refused": why }).to_string()],
             changed = holder.changed() => {
                 if changed.is_err() {
                     return;
                 }
                 let taken = holder.borrow_and_update().is_some();
                 let own = seat.commands();
-                Some(vec![json!({ "seat": { "own": own, "taken": taken } }).to_string()])
+                vec![json!({ "seat": { "own": own, "taken": taken } }).to_string()]
             }
             _ = due.tick() => {
-                if heard.elapsed() > GONE {
+                let silent = heard.borrow().elapsed();
+                if silent > GONE {
                     return;
                 }
-                if heard.elapsed() > SILENCE {
+                if silent > SILENCE {
                     // Pages say a word every few seconds: this one is gone, or asleep.
                     seat.leave();
                 }
-                Some(sent.news(&desk))
+                sent.news(desk)
             }
         };
-        for text in out.into_iter().flatten() {
-            if socket.send(ws::Message::text(text)).await.is_err() {
+        for text in out {
+            if news.send(ws::Message::text(text)).await.is_err() {
                 return;
             }
         }
@@ -253,5 +296,63 @@ impl Sent {
             out.push(format!("{{\"snapshot\":{text}}}"));
         }
         out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::desk::desk;
+    use futures_util::stream;
+    use std::convert::Infallible;
+    use std::pin::Pin;
+    use std::task::{Context, Poll};
+
+    /// A page that takes nothing of what it is told.
+    struct TakesNothing;
+
+    impl Sink<ws::Message> for TakesNothing {
+        type Error = Infallible;
+        fn poll_ready(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Result<(), Infallible>> {
+            Poll::Pending
+        }
+        fn start_send(self: Pin<&mut Self>, _: ws::Message) -> Result<(), Infallible> {
+            Ok(())
+        }
+        fn poll_flush(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Result<(), Infallible>> {
+            Poll::Pending
+        }
+        fn poll_close(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Result<(), Infallible>> {
+            Poll::Pending
+        }
+    }
+
+    #[test]
+    fn a_page_that_takes_nothing_can_stop_the_robot() {
+        let (desk, behind) = desk();
+        let seat = Arc::new(Seats::default()).newcomer();
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_time()
+            .start_paused(true)
+            .build()
+            .unwrap();
+        runtime.block_on(async {
+            let (said, words) = mpsc::channel(1);
+            let words = stream::unfold(words, |mut words| async {
+                words.recv().await.map(|word| (Ok::<_, Infallible>(word), words))
+            });
+            let page = converse(Box::pin(words), TakesNothing, &seat, &desk);
+            let person = async {
+                // The first snapshot waits by then.
+                tokio::time::sleep(4 * INTERVAL).await;
+                said.send(ws::Message::text(r#"{"command":"emergency_stop"}"#)).await.unwrap();
+                tokio::time::sleep(INTERVAL).await;
+            };
+            tokio::select! {
+                () = page => panic!("the page is gone"),
+                () = person => {}
+            }
+        });
+        assert!(behind.emergency.load(Ordering::Acquire));
     }
 }
