@@ -2,7 +2,6 @@
 //!
 //! Each begins in a world just before its fault: a mission with a cube that is a few turns from solved loses its power when the
 //! first layer begins to turn, and every fault of that seed goes on from a copy of what it left. So a hundred seeds are
-
 //! affordable: `FAULT_SEEDS=100 cargo test --release --test faults missions::`. The verdict is the plant's, out of the summary.
 
 use crate::program::program;

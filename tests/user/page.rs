@@ -1,5 +1,4 @@
 //! A run driven through the page's WebSocket: what a page says happens, and happens in the run's record; strangers are
-
 //! refused; one page commands.
 
 use crate::program::program;

@@ -3,7 +3,6 @@
 //!
 //! Each face has a gain of its own, a gradient of the light, and stickers that lie a little more or less towards it;
 //! the light has a colour, the picture haze and noise. Makers' colours are three, the last with a red and an orange of one
-
 //! hue, as worn stickers have them.
 
 use rand::{Rng, SeedableRng};

@@ -5,7 +5,6 @@
 //! renderer, so that what the detector learns of one picture maker shows on the other.
 //!
 //! - in: a [`Kind`] and a seed
-
 //! - out: a [`Photo`] with the truth of each visible face
 
 use image::{Rgb, RgbImage};

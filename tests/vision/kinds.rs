@@ -1,7 +1,6 @@
 //! Cubes of every kind, photographed by a renderer that is not the plant's: which share is found and read right.
 //!
 //! `cargo test --release --test vision kinds:: -- --ignored --nocapture` prints the table over many seeds;
-
 //! `VISION_SEEDS=100 VISION_KIND=Fingers VISION_FRAMES=DIR` choose, and write what was missed as pictures.
 
 use crate::cube_photo::{FaceTruth, Kind, photograph};

@@ -1,6 +1,5 @@
 //! The pose of the cube from rendered frames, against the truth of the plant's renderer.
 //!
-
 //! `cargo test --release --test vision rendered:: -- --nocapture` prints the table.
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};

@@ -2,7 +2,6 @@
 //!
 //! Cloth, walls, windows, keyboards, charts, cubes of other sizes, drawn here in perspective, with blur, shade and noise.
 //! `cargo test --release --test vision scenes:: -- --nocapture` prints how many of each are reported;
-
 //! `VISION_PICTURES=100 VISION_SCENE=plaid` look longer, and at one.
 
 use image::{Rgb, RgbImage};
