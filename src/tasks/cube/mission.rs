@@ -334,6 +334,8 @@ const PRESENTED: u32 = 2;
 /// less where the jaws' zero is wrong by one, and jaws of the IRp-6 that met nothing are told to close to 53 mm: each by
 /// 0.3 mm rms.
 const LEAST_WIDTH: f64 = 0.948;
+/// By so much a cube that is given may be wider than its edge [m]: with a layer that stands askew by 7 deg.
+const MORE: f64 = 0.006;
 
 impl Mission {
     /// A kernel that begins with nothing held (`Solve`, `Acquire`), or with the cube in the postument's hand
@@ -586,6 +588,13 @@ impl Mission {
                         }
                         Ok(())
                     }
+                    // It goes no farther: a small pull away tells whether somebody has taken hold of the cube, or was in its way.
+                    Job::Along(Hand::Track, _) if self.is_held_out_next() => {
+                        self.log.notes.push(format!("{why}: it goes no farther"));
+                        self.queue.retain(|job| !matches!(job, Job::Bias(_) | Job::Present { .. }));
+                        self.push_front(&[Job::Tug { tries: 1 }]);
+                        Ok(())
+                    }
                     Job::Joints(..)
                     | Job::Along(..)
                     | Job::Nudge(..)
@@ -688,7 +697,11 @@ impl Mission {
                 }
             },
             Job::Take { tries } => match of(Hand::Track) {
-                Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
+                // Wider than a cube is one with somebody's finger beside it.
+                Some(Outcome::Grasped(width))
+                    if width > LEAST_WIDTH * self.settings.edge
+                        && width < self.settings.edge + MORE =>
+                {
                     let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
                     self.belief.taken(Hand::Track, hold, false);
                     self.widths[Hand::Track.index()] = Some(width);
@@ -743,6 +756,10 @@ impl Mission {
                         Job::Bias([true, false]),
                         Job::Release { tries: tries + 1 },
                     ]);
+                    Ok(())
+                }
+                Some(Outcome::Touched(_) | Outcome::OverForce(..)) if self.may_be_taken() => {
+                    self.left_to_whoever_has_it("somebody holds the cube");
                     Ok(())
                 }
                 Some(Outcome::Touched(_)) => {
@@ -902,6 +919,12 @@ impl Mission {
         let holder = self.holder()?;
         let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
         Ok((holder, Grip { hold: held.hold, half_roll: held.half_roll }))
+    }
+
+    /// Whether the next thing is that the cube is held out for the first time.
+    fn is_held_out_next(&self) -> bool {
+        let next: Vec<&Job> = self.queue.iter().take(2).collect();
+        matches!(next[..], [Job::Bias(_), Job::Present { tries: 1 }]) && !self.given_back
     }
 
     /// What becomes of a cube that goes back.
@@ -1187,6 +1210,7 @@ impl Mission {
                 behave(hand, order)
             }
             Job::Release { .. } | Job::Tug { .. } => {
+                self.given_back |= matches!(job, Job::Tug { .. });
                 let mut selector = s.grasp_selector();
                 selector[2] = false;
                 let order = Behaviour::Withdraw {

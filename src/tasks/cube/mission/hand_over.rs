@@ -261,6 +261,56 @@ mod tests {
     }
 
     #[test]
+    fn who_is_in_the_way_of_a_cube_that_is_handed_back_is_drawn_back_from_and_who_has_hold_of_it_has_it()
+     {
+        let tugs = |order: &Behaviour| matches!(order, Behaviour::Withdraw { .. });
+        let tugged = |outcome: Outcome| {
+            let mut mission = Mission::new(settings(), Goal::Solve, None);
+            mission.hand_over = Some(JointPositions([0.3; 7]));
+            mission.queue.push_back(Job::HandBack);
+            mission.resume = None;
+            let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+            mission.belief.taken(Hand::Track, hold, false);
+            mission.widths = [Some(0.057); 2];
+            let along = |order: &Behaviour| matches!(order, Behaviour::Line { .. });
+            until(&mut mission, Event::Done, along);
+            let (_, between) = until(&mut mission, met(), tugs);
+            assert!(between.is_empty(), "{between:?}");
+            let follows = next(&mut mission, Event::Behaved([Some(outcome), None]));
+            (follows, mission)
+        };
+
+        let (opens, _) = tugged(Outcome::Touched(0.003));
+        let Action::Behave { orders: [Some(Behaviour::Jaw { strained: true, .. }), _], .. } = opens
+        else {
+            panic!("{opens:?}")
+        };
+        let (draws, mut mission) = tugged(Outcome::NotTouched);
+        assert!(matches!(draws, Action::Behave { orders: [Some(Behaviour::Line { .. }), _], .. }));
+        let reached = Event::Behaved([Some(Outcome::Reached), None]);
+        let presents = |order: &Behaviour| matches!(order, Behaviour::Present { .. });
+        let (_, between) = until(&mut mission, reached, presents);
+        assert_eq!(between, ["line", "bias"], "it is held out once more");
+    }
+
+    #[test]
+    fn what_is_wider_than_a_cube_is_not_kept_between_the_jaws() {
+        let taken = |width: f64| {
+            let mut mission = Mission::new(settings(), Goal::Solve, None);
+            mission.queue.push_back(Job::Take { tries: 1 });
+            mission.resume = None;
+            let closes = |order: &Behaviour| matches!(order, Behaviour::Grasp { .. });
+            until(&mut mission, Event::Done, closes);
+            next(&mut mission, Event::Behaved([Some(Outcome::Grasped(width)), None]));
+            mission.belief.held[Hand::Track.index()].is_some()
+        };
+
+        for (width, kept) in [(0.0565, true), (0.062, true), (0.065, false), (0.053, false)] {
+            assert_eq!(taken(width), kept, "{width}");
+        }
+    }
+
+    #[test]
     fn who_is_asked_may_have_the_cube_looked_for_again_or_end_the_run() {
         let lost = || Event::Behaved([Some(Outcome::LostSight(60.0)), None]);
         let asked = |answer: Option<Answer>| {

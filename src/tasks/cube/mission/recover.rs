@@ -303,6 +303,11 @@ impl Mission {
             return Ok(());
         }
         if self.belief.held[hand.other().index()].is_none() {
+            // Jaws that were opening when the other run ended look like jaws on a cube.
+            if hand == Hand::Track && self.may_be_taken() {
+                self.left_to_whoever_has_it(why);
+                return Ok(());
+            }
             return Err(why.to_owned());
         }
         if !self.may_recover() {
@@ -438,6 +443,24 @@ impl Mission {
         self.take();
     }
 
+    /// Whether a person may have hold of the cube: the other run was handing it back, and this one has not read it yet.
+    pub(super) fn may_be_taken(&self) -> bool {
+        let was_handing_back = |last: &Entry| last.handing_back && !last.over;
+        self.settings.keeper == Keeper::Person
+            && self.log.identified.is_none()
+            && self.resume.as_ref().is_some_and(was_handing_back)
+    }
+
+    /// Somebody has the cube that the other run was handing back, or holds it and does not let go: the jaws leave it to them.
+    pub(super) fn left_to_whoever_has_it(&mut self, why: &str) {
+        self.log.notes.push(format!("{why}: whoever it was handed back to has it"));
+        self.given_back = true;
+        self.failure = self.resume.as_ref().and_then(|last| last.undone.clone());
+        self.queue.clear();
+        self.queue.push_back(Job::LetGo(Hand::Track));
+        self.seek();
+    }
+
     /// What was looked for is held out again.
     pub(super) fn held_out_again(&mut self) {
         self.log.notes.push("the cube is held out again: it is taken anew".to_owned());
@@ -486,7 +509,9 @@ impl Mission {
         let back = self.settings.back - self.short;
         // Of the way back from where it was taken a part may have been gone already.
         let left = self.gone(arms).map(|gone| (back - gone).max(0.0));
-        if self.hand_over.is_none() && holder == Hand::Track {
+        // It may be held out to somebody who has hold of it already.
+        let is_held_out = self.may_be_taken();
+        if holder == Hand::Track && (self.hand_over.is_none() || is_held_out) {
             self.draw_back_with(left.unwrap_or(back));
         } else if let (Hand::Track, Keeper::Table, Some(left)) =
             (holder, self.settings.keeper, left)
@@ -658,8 +683,14 @@ mod tests {
         for above in [1.001 * back, 2.0 * back] {
             assert!(ways(&first_jobs(Keeper::Table, lowering(), above)).is_empty(), "{above}");
         }
-        // No table is below a cube that a person is given back.
-        assert!(ways(&first_jobs(Keeper::Person, lowering(), 0.02)).is_empty());
+        // No table is below a cube that a person is given back; but the person may have hold of it.
+        let jobs = first_jobs(Keeper::Person, lowering(), 0.02);
+        let [way] = ways(&jobs)[..] else { panic!("{jobs:?}") };
+        assert!((way + (back - 0.02)).abs() < 1e-12, "{way}");
+        let lets_go = |job: &Job| matches!(job, Job::Release { .. });
+        let drawn = |job: &Job| matches!(job, Job::Along(..) | Job::DrawBack(_));
+        let asks = jobs.iter().position(lets_go);
+        assert!(asks.is_some() && asks < jobs.iter().position(drawn), "{jobs:?}");
     }
 
     #[test]
@@ -819,6 +850,52 @@ mod tests {
 
         assert!(ends(false));
         assert!(!ends(true), "it had left it");
+    }
+
+    #[test]
+    fn who_has_hold_of_what_another_run_was_handing_back_is_left_it() {
+        // The jaws end so at first, and then a small pull each time.
+        let ends = |closed: Outcome, pulled: Outcome| {
+            let last = Entry { doing: "handing back".to_owned(), ..lowering() };
+            let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(last));
+            let mut track = ArmState { jaw_opening: 0.057, ..ArmState::default() };
+            track.desired_base_from_tool = Pose::translation(0.5, 0.1, 0.7);
+            let (mut event, mut pulls, mut opened) = (Event::Start, 0, false);
+            for _ in 0..100 {
+                let arms = [track, ArmState { jaw_opening: 0.09, ..ArmState::default() }];
+                let readings = Readings { arms: &arms, forces: Forces::default() };
+                event = match mission.next(event, &readings) {
+                    Action::Behave { orders, .. } => Event::Behaved(orders.map(|order| {
+                        order.map(|order| match order {
+                            Behaviour::Grasp { .. } => closed,
+                            Behaviour::Withdraw { .. } => {
+                                pulls += 1;
+                                pulled
+                            }
+                            Behaviour::Jaw { .. } => {
+                                track.jaw_opening = 0.09;
+                                opened = true;
+                                Outcome::Reached
+                            }
+                            Behaviour::VisualServo(_) => Outcome::LostSight(5.0),
+                            _ => Outcome::Reached,
+                        })
+                    })),
+                    Action::Finish(end) => return (end, pulls, opened),
+                    Action::Look { .. } => panic!("looked at, though somebody has it"),
+                    _ => Event::Done,
+                };
+            }
+            panic!("it never ends: {:?}", mission.log.notes);
+        };
+
+        // Jaws that were opening, and close on nothing.
+        let (end, pulls, opened) = ends(Outcome::Empty(0.053), Outcome::NotTouched);
+        assert!(end.achieved && end.reason == UNSEEN && opened && pulls == 0, "{}", end.reason);
+        // Somebody who holds on to it.
+        let (end, pulls, opened) = ends(Outcome::Grasped(0.057), Outcome::Touched(0.001));
+        assert!(end.achieved && end.reason == UNSEEN && opened, "{}", end.reason);
+        assert!(pulls > super::super::RELEASE_TRIES, "{pulls}");
     }
 
     #[test]
