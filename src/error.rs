@@ -75,6 +75,15 @@ pub enum NonFatal {
     /// A signal ended it.
     #[error("the run was interrupted before the arms were ready")]
     Interrupted,
+    /// An arm of a mission that was broken off does not know any more where it is, and may hold the cube.
+    #[error(
+        "{effector} does not know where it is, and its jaws may hold the cube: nothing moves. Take the cube out, let the jaws \
+         synchronise by hand (run scenarios/idle.toml), then resume, or start a new run"
+    )]
+    Lost {
+        /// Name of the effector.
+        effector: String,
+    },
     /// A sensor has nothing to say.
     #[error("no reading: {0}")]
     NoReading(String),

@@ -148,7 +148,7 @@ pub enum ArmFault {
         /// Set minus measured.
         error: f64,
     },
-    /// The force sensor is saturated or silent while a force is being controlled.
+    /// The force sensor is silent while the arm moves, or saturated while a force is being controlled.
     #[error("force sensor: {}", felt(*direction, *reading))]
     ForceSensor {
         /// 0..=5 in the sensor's frame.

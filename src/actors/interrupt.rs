@@ -15,7 +15,7 @@ use tokio::sync::watch;
 /// What ends a run; whoever drives arms must not die of any of them.
 pub const SIGNALS: [i32; 4] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT];
 /// Long enough for the bridge to switch the drives off.
-const SWITCHES_OFF: Duration = Duration::from_millis(300);
+pub(super) const SWITCHES_OFF: Duration = Duration::from_millis(300);
 /// Exit code of a process that was interrupted.
 const INTERRUPTED: i32 = 130;
 

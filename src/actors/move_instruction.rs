@@ -181,7 +181,11 @@ impl Motion {
         if self.begun.1.is_none() && stays(&self.begun.0, arm) {
             self.free = None;
         }
-        let change = force - *self.begun.1.get_or_insert(force);
+        // What the servo stops an arm for is no force to begin from: nothing would be beyond it any more.
+        if self.begun.1.is_none() && force.iter().all(|newtons| newtons.is_finite()) {
+            self.begun.1 = Some(force);
+        }
+        let change = force - self.begun.1.unwrap_or(force);
         // What seeks a contact begins without one.
         let felt = if self.free.is_some() { &change } else { &force };
         if let Some(excess) = self.hand.and_then(|hand| hand.excess(arm, felt)) {
@@ -229,8 +233,8 @@ mod tests {
         Manner { speeds, hand, ..example_manner() }
     }
 
-    /// The outcome of the second step of a behaviour that felt one force [N] at first and then another, at x [m].
-    fn ends(behaviour: &Behaviour, x: f64, forces: [f64; 2]) -> Option<Outcome> {
+    /// The outcome of the last step of a behaviour that felt these forces [N], at x [m].
+    fn ends<const N: usize>(behaviour: &Behaviour, x: f64, forces: [f64; N]) -> Option<Outcome> {
         let mut motion = Motion::begin(behaviour, &manner());
         let mut ended = None;
         for force in forces {
@@ -258,6 +262,10 @@ mod tests {
             assert_eq!(ends(&behaviour, 0.3, [0.0, 21.0]), Some(Outcome::OverForce(1, 21.0)));
             assert_eq!(ends(&behaviour, 0.3, [30.0, 30.0]), None, "nothing has changed");
             assert_eq!(ends(&behaviour, 0.3, [30.0, 5.0]), Some(Outcome::OverForce(1, 25.0)));
+            // A sample that is missing at first blinds nothing that comes later.
+            assert_eq!(ends(&behaviour, 0.3, [f64::NAN, 0.0, 19.0]), None);
+            let after = ends(&behaviour, 0.3, [f64::NAN, 0.0, 21.0]);
+            assert_eq!(after, Some(Outcome::OverForce(1, 21.0)));
         }
         let target = JointPositions::default();
         let stays = Behaviour::Joints { target, speed: 1.0, seconds: 5.0 };

@@ -11,7 +11,7 @@ use super::control::{Control, Pacer, Tempo, Word, permission_soon};
 use super::disturbance::{Mishap, Troubles};
 use super::gate::{Gate, Inner};
 use super::homing::{self, homed};
-use super::interrupt::Interrupt;
+use super::interrupt::{Interrupt, SWITCHES_OFF};
 use super::kept::Kept;
 use super::lookout;
 use super::mp::{self, Coordination, Mp};
@@ -701,10 +701,16 @@ async fn perform(
         raised(&mut listens).await;
         holds.hold.store(true, Ordering::Release);
     });
-    // Who is stuck holds the runtime, and with it the run: whoever began it must end it. Servo and controllers miss the heart beat.
-    let outside = options
-        .stuck
-        .map(|stuck| alarm.watched_from_outside(patience_outside(scenario.pace), stuck));
+    // Who is stuck holds the runtime, and with it the run: whoever began it must end it. The servo's thread, which misses the
+    // heart beat, still switches the drives off; the controllers keep the last drive of a process that is no more.
+    let pressed = Arc::clone(&switches);
+    let outside = options.stuck.map(|stuck| {
+        alarm.watched_from_outside(patience_outside(scenario.pace), move |error| {
+            pressed.emergency.store(true, Ordering::Release);
+            std::thread::sleep(SWITCHES_OFF);
+            stuck(error);
+        })
+    });
     let patience = if scenario.pace == Pace::Virtual { Care::VIRTUAL } else { Care::PATIENCE };
     let care = |mishap: Option<&Arc<Mishap>>| Care {
         alarm: alarm.clone(),
@@ -740,14 +746,21 @@ async fn perform(
     alarm.spawn("guard", watching);
     // By hand, the operator decides when an arm is synchronised.
     let blind: Vec<usize> = (0..edps.len()).filter(|&i| !synchronised[i] && !by_hand).collect();
+    let goes_on = journal.last.as_ref().is_some_and(|last| !last.over);
+    if let Some(&i) = blind.first().filter(|_| goes_on) {
+        // Homing drives axes to their switches, and jaws open, with whatever they hold; and nobody has looked yet.
+        switches.stop.store(true, Ordering::Release);
+        let (actor, effector) = ("supervisor".to_owned(), config.cell.arms[i].name.clone());
+        let cause = NonFatal::Lost { effector };
+        return Err(Error::NonFatal { actor, place: "resume", cause });
+    }
     for &i in &blind {
         let (edp, arm) = (&edps[i], &config.cell.arms[i]);
         let now = clock.period() as f64 * PERIOD;
         ui.tell(ui::Notice::Phase(now, format!("synchronise {}", arm.name)));
-        let mut listens = alarm.listen();
         let synchronised = tokio::select! {
             biased;
-            error = raised(&mut listens) => Err(error),
+            error = alarm.raised() => Err(error),
             done = home(edp, control.subscribe(), &clock, &ui) => done,
         };
         if let Err(error) = synchronised {
@@ -828,7 +841,12 @@ async fn perform(
     for &i in &blind {
         let target = config.cell.arms[i].start;
         let home = Behaviour::Joints { target, speed: 0.5, seconds: 0.0 };
-        if let Err(error) = ecps[i].behave(home).await {
+        let begins = tokio::select! {
+            biased;
+            error = alarm.raised() => Err(error),
+            done = ecps[i].behave(home) => done,
+        };
+        if let Err(error) = begins {
             switches.stop.store(true, Ordering::Release);
             return Err(error);
         }
@@ -1072,6 +1090,7 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
         slips: counts.map(|c| c.slips),
         drops: counts.map(|c| c.drops),
         drops_noticed: Some(done.task.drops),
+        returned: verdict.map(Verdict::is_back),
         force_limit_n: Some(scenario.controller.control.force_limit),
         clearance_mm: truth.map(|t| t.clearance * 1e3).filter(|mm| mm.is_finite()),
         pops: counts.map(|c| c.pops),

@@ -320,10 +320,13 @@ impl Port for World {
             kept.after(period, plant.plant());
         }
         if let (Err(fault), Kind::Bridge(_)) = (&done, &self.kind) {
-            // The operator learns it now; the task would only learn it when it asks an arm for something.
-            tracing::error!(
+            // The operator learns it now; the task would only learn it when it asks an arm for something. From a thread of its
+            // own: a terminal that takes nothing must not keep this one from insisting that the drives go off.
+            let lost = format!(
                 "bridge lost: {fault}; every controller was told to switch off, and nobody knows whether those that do not answer did"
             );
+            let teller = std::thread::Builder::new().name("lost".to_owned());
+            let _ = teller.spawn(move || tracing::error!("{lost}"));
             self.control.send_replace(Control::Terminated);
         }
         done?;

@@ -133,7 +133,11 @@ impl Journal {
                     file.write_all(b"\n")?;
                 }
             }
-            _ => file.set_len(0)?,
+            _ => {
+                file.set_len(0)?;
+                // What has ended must not come back after a power cut, before this run notes anything.
+                file.sync_all()?;
+            }
         }
         keeps_name(path)?;
         Ok(Self { path: path.to_owned(), keeps: Box::new(file) })

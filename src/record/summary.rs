@@ -123,6 +123,9 @@ pub struct Summary {
     /// How often the controller told that the cube had fallen, as its jaws felt: a hand that alone held it had lost it.
     #[serde(default)]
     pub drops_noticed: Option<u32>,
+    /// Whether the operator has the cube in the end, or the table where it was to go back to, by the plant.
+    #[serde(default)]
+    pub returned: Option<bool>,
     /// Force at which the controller breaks a free motion off, `control.force_limit_n` [N].
     #[serde(default)]
     pub force_limit_n: Option<f64>,
@@ -182,6 +185,7 @@ impl Summary {
             slips: none,
             drops: none,
             drops_noticed: Some(0),
+            returned: None,
             force_limit_n: None,
             clearance_mm: None,
             pops: none,
@@ -350,6 +354,7 @@ mod tests {
             slips: Some(0),
             drops: Some(0),
             drops_noticed: Some(0),
+            returned: Some(true),
             force_limit_n: Some(20.0),
             clearance_mm: Some(400.0),
             pops: Some(0),

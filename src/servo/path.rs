@@ -150,6 +150,13 @@ impl Path {
         Self { kind, begin, end }
     }
 
+    /// Whether it leads to a place, so that something may be met on the way. Motors that turn by so much do not: they free
+    /// arms, and find those that do not know where they are.
+    #[must_use]
+    pub fn leads_to_a_place(&self) -> bool {
+        matches!(self.kind, Kind::Motors { .. } | Kind::Joints { .. } | Kind::Pose { .. })
+    }
+
     /// Set values of a period, given as its number and its length [s]; the last ones are `last`.
     ///
     /// # Errors

@@ -384,7 +384,38 @@ fn a_flipped_sign_and_a_long_delay_spoil_the_force_law_but_not_the_report() {
 }
 
 #[test]
-fn a_silent_sensor_stops_force_control_at_once_and_disturbs_no_position_control() {
+fn a_silent_sensor_stops_whatever_leads_to_a_place_and_a_saturated_one_does_not() {
+    let with = |newtons: f64, motion: fn(&ArmState) -> Motion| {
+        let mut arm = Ideal::new();
+        let begun = arm.step(None);
+        arm.step(Some(go(motion(&begun), 10)));
+        arm.reading.wrench_on_sensor = Wrench::from_directions([newtons; 6]);
+        let fault = arm.step(None).fault;
+        (fault.is_some(), arm.drive.enabled)
+    };
+    let joints = |now: &ArmState| {
+        let mut to = now.desired_joints;
+        to.0[1] += 0.01;
+        Motion::Joints(to)
+    };
+    let pose = |now: &ArmState| {
+        Motion::Pose(now.desired_base_from_tool * Pose::translation(0.0, 0.0, 0.01))
+    };
+    let motors = |_: &ArmState| Motion::MotorsBy(MotorPositions([0.5; 7]));
+
+    for (motion, silent) in [
+        (joints as fn(&ArmState) -> Motion, true),
+        (pose, true),
+        (motors, false),
+        (|_| Motion::Hold, false),
+    ] {
+        assert_eq!(with(f64::NAN, motion), (silent, !silent));
+        assert_eq!(with(200.0, motion), (false, true), "what is felt is judged by whoever moves");
+    }
+}
+
+#[test]
+fn a_silent_sensor_stops_force_control_at_once_and_disturbs_no_set_velocity() {
     let silent = Wrench::from_directions([f64::NAN; 6]);
     let mut arm = Ideal::new();
     arm.reading.wrench_on_sensor = silent;

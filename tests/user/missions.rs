@@ -1,5 +1,4 @@
 //! Scenarios from one end to the other on the virtual clock: what must succeed, what must fail and say why, and
-
 //! what must repeat to the bit.
 
 use crate::program::program;
@@ -376,6 +375,7 @@ fn a_cube_that_nobody_can_inspect_is_looked_at_again_and_else_goes_back_with_the
     let why = &summary.reason;
     assert!(why.contains("could not be inspected: the picture is black"), "{why}");
     assert!(why.contains("handed back as it is"), "{why}");
+    assert_eq!(summary.returned, Some(true), "the plant's word");
 }
 
 #[test]

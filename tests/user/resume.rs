@@ -1,5 +1,4 @@
 //! A mission that is killed, and goes on: the plant's state in a file is all that the two processes share, beside the
-
 //! journal.
 
 use crate::program::program;
@@ -338,5 +337,34 @@ fn a_world_that_cannot_be_kept_any_more_is_removed_and_the_run_goes_on() {
     assert_eq!(told.matches(&lost).count(), 1, "told once: {told}");
     assert!(!world.exists(), "a state of long ago would pass for the truth");
     std::fs::remove_dir(hinders).unwrap();
+    remove(&world);
+}
+
+#[test]
+fn a_hand_that_may_hold_the_cube_and_lost_its_counters_is_not_driven_to_its_switches() {
+    let world = place("lost");
+    let scenario = ["scenarios/solve.toml"];
+    killed_after(&scenario, &world, "turning", 2);
+    let mut state = kept(&world);
+    for encoder in state["arms"][1]["encoders"].as_array_mut().unwrap() {
+        encoder["synchronised"] = false.into();
+    }
+    std::fs::write(&world, serde_json::to_vec(&state).unwrap()).unwrap();
+    let noted = std::fs::read_to_string(journal(&world)).unwrap();
+
+    let (code, told) = ended(run(&scenario, &world).arg("--resume"));
+
+    assert_eq!(code, 1, "{told}");
+    assert!(told.contains("postument does not know where it is, and its jaws may hold"), "{told}");
+    let after = kept(&world);
+    assert_eq!((&after["state"], &after["angles"]), (&state["state"], &state["angles"]));
+    for arm in 0..2 {
+        for axis in 0..7 {
+            let at =
+                |state: &serde_json::Value| state["arms"][arm]["joints"][axis].as_f64().unwrap();
+            assert!((at(&after) - at(&state)).abs() < 1e-3, "arm {arm}, axis {axis}");
+        }
+    }
+    assert_eq!(std::fs::read_to_string(journal(&world)).unwrap(), noted, "what it knew stays");
     remove(&world);
 }
