@@ -228,7 +228,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
 #[allow(clippy::needless_pass_by_value, reason = "whoever tells has no use for it any more")]
 fn ends(error: Error) {
     complain(&format!(
-        "{error}; the program is ended as it is, and the arms hold as long as their controllers let them"
+        "{error}; the drives were told to switch off, and the program is ended as it is"
     ));
     std::process::exit(STUCK);
 }

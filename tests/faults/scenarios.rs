@@ -574,7 +574,7 @@ const TOLD: &[(&str, i32, &[&str])] = &[
     ("hang_vsp", 4, &["system", "no answer from vsp mpc in 0.1 s"]),
     ("panic_vsp", 4, &["system", "vsp mpc panicked: a panic was injected"]),
     ("hang_mp", 4, &["system", "no answer from mp in 0.1 s", "hold"]),
-    ("spin_mp", 4, &["system", "no answer from mp in 10.0 s", "the arms hold"]),
+    ("spin_mp", 4, &["system", "no answer from mp in 10.0 s", "told to switch off"]),
     ("lost_message", 4, &["system", "the mailbox of edp track is closed"]),
     ("late_message", 0, &["solved"]),
     ("duplicated_message", 0, &["came twice: obeyed once", "edp track", "period=5"]),
