@@ -480,6 +480,23 @@ fn a_hand_that_meets_something_on_its_way_stops_draws_back_and_comes_again() {
 }
 
 #[test]
+fn what_is_in_the_way_of_a_cube_that_is_handed_back_is_given_way_to_and_no_cube_let_go_for_it() {
+    each_seed(|seed| {
+        let seen = seed.seen("contact_back", &[]);
+        assert_eq!(seen.summary.outcome, Outcome::Solved, "{}", seen.summary.reason);
+        assert_eq!((seen.verdict.counts.drops, seen.summary.returned), (0, Some(true)));
+        assert!(seen.summary.sensors[0].force_n.unwrap() < 20.0);
+        let never = seed.seen("contact_back", &["fault.0.magnitude=0"]);
+        let longer = seen.summary.sim_time_s - never.summary.sim_time_s;
+        assert!(longer > 2.0, "it was held out once more: {longer} s longer");
+
+        // What stays in the way: the cube stays in the hand, or goes to whom it was pushed to; it does not fall.
+        let lasts = seed.seen("contact_back", &["fault.0.duration_s=500"]);
+        assert_eq!(lasts.verdict.counts.drops, 0, "{}", lasts.summary.reason);
+    });
+}
+
+#[test]
 fn a_camera_that_stays_dark_ends_the_run_and_says_so() {
     each_seed(|seed| {
         let seen = seed.seen("camera_blackout", &["fault.0.duration_s=3000"]);
@@ -588,6 +605,7 @@ const TOLD: &[(&str, i32, &[&str])] = &[
     ("late_frames", 0, &["non-fatal, vsp mpc", "camera standalone", "period 20"]),
     ("withdraw", 0, &["solved"]),
     ("contact", 0, &["over-force of 30", "while approaching: the hand draws back, try 1"]),
+    ("contact_back", 0, &["over-force of", "it goes no farther", "nobody has hold of it"]),
     ("misread", 1, &["this cube cannot exist", "stickers in doubt: D7", "handed back"]),
     ("over_constrained", 1, &["over-force", "track"]),
 ];

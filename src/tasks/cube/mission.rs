@@ -165,6 +165,12 @@ enum Job {
     Tug {
         tries: u32,
     },
+    /// The cube goes to where it is held out to the operator.
+    HoldOut,
+    /// The same for one that met something on that way.
+    Feel,
+    /// It goes back to where that way began.
+    DrawIn,
     /// Lowers the cube until it stands on the table.
     LayDown,
     Finish {
@@ -261,6 +267,10 @@ pub struct Mission {
     begun: Option<unwind::Begun>,
     /// Whether what the force sensors tell is to be followed.
     forces: Trust,
+    /// What an earlier run may have held out, until it is known whether somebody has hold of it.
+    offered: Option<recover::Offered>,
+    /// Where the way to where a cube is held out begins, and ends: `base_from_tool` of the track.
+    way_out: Option<(Pose, Pose)>,
     /// For so long a cube is looked for that an earlier run was handing back: nobody knows whether the operator has it [s].
     seeks: Option<f64>,
     /// What an earlier run left, if this one goes on from there.
@@ -382,6 +392,8 @@ impl Mission {
             strained: 0,
             begun: None,
             forces: Trust::Believed,
+            offered: None,
+            way_out: None,
             seeks: None,
             resume: None,
             least_track: None,
@@ -570,29 +582,40 @@ impl Mission {
                     Job::VisualServo { .. }
                     | Job::Take { .. }
                     | Job::Release { .. }
-                    | Job::Tug { .. } => break,
+                    | Job::Tug { .. }
+                    | Job::Feel => break,
                     // Jaws that open next relieve it.
                     Job::Wait(..) if matches!(self.queue.front(), Some(Job::Open { .. })) => Ok(()),
                     // Whoever still holds the cube is given so many tries.
-                    Job::Wait(..) if matches!(self.queue.front(), Some(Job::Release { .. })) => {
-                        Ok(())
-                    }
-                    // Who takes hold of a cube that is drawn back and held out once more is to have it.
-                    Job::Along(..)
-                        if self.queue.iter().any(|job| matches!(job, Job::Present { .. }))
-                            && self.given_back =>
+                    Job::Wait(..)
+                        if matches!(self.queue.front(), Some(Job::Release { .. } | Job::Feel)) =>
                     {
-                        self.log.notes.push(format!("{why}: the jaws let go"));
-                        while self.queue.front().is_some_and(|job| !matches!(job, Job::LetGo(_))) {
-                            self.queue.pop_front();
-                        }
                         Ok(())
                     }
-                    // It goes no farther: a small pull away tells whether somebody has taken hold of the cube, or was in its way.
-                    Job::Along(Hand::Track, _) if self.is_held_out_next() => {
+                    // Who takes hold of a cube that is drawn back to be held out once more is to have it.
+                    Job::Along(_, way)
+                        if way < 0.0
+                            && self.given_back
+                            && self.queue.iter().any(|job| matches!(job, Job::Present { .. })) =>
+                    {
+                        self.somebody_has_hold(&why);
+                        Ok(())
+                    }
+                    Job::DrawIn => {
+                        self.somebody_has_hold(&why);
+                        Ok(())
+                    }
+                    // Somebody may have taken hold of the cube, or be in its way: a small pull tells, once it does not press
+                    // any more.
+                    Job::HoldOut if self.meets(job) => {
+                        self.going.1 += 1;
                         self.log.notes.push(format!("{why}: it goes no farther"));
-                        self.queue.retain(|job| !matches!(job, Job::Bias(_) | Job::Present { .. }));
-                        self.push_front(&[Job::Tug { tries: 1 }]);
+                        self.push_front(&[
+                            Job::Wait(Hand::Track, hand_over::GIVES_WAY),
+                            Job::Feel,
+                            Job::DrawIn,
+                            Job::HoldOut,
+                        ]);
                         Ok(())
                     }
                     Job::Joints(..)
@@ -649,10 +672,31 @@ impl Mission {
             | Job::PreGrasp { .. }
             | Job::Apart
             | Job::Together(_)
+            | Job::HoldOut
             | Job::GoOn => {
                 self.going.1 = 0;
                 Ok(())
             }
+            Job::Feel => match of(Hand::Track) {
+                Some(Outcome::NotTouched) => {
+                    let again = "nobody has hold of it: it is drawn back and held out once more";
+                    self.log.notes.push(again.to_owned());
+                    Ok(())
+                }
+                Some(Outcome::Touched(_)) => {
+                    self.somebody_has_hold("somebody has hold of it");
+                    Ok(())
+                }
+                Some(Outcome::OverForce(..)) if self.meets(job) => {
+                    self.going.1 += 1;
+                    self.push_front(&[Job::Wait(Hand::Track, hand_over::GIVES_WAY), Job::Feel]);
+                    Ok(())
+                }
+                other => Err(format!(
+                    "something is in the way of the cube that is handed back: {}",
+                    Outcome::words(other)
+                )),
+            },
             Job::VisualServo { tries } => match of(Hand::Track) {
                 Some(Outcome::Touched(_)) => {
                     if self.seeks.take().is_some() {
@@ -660,7 +704,10 @@ impl Mission {
                     }
                     Ok(())
                 }
-                Some(Outcome::LostSight(_) | Outcome::OutOfZone(_)) if self.seeks.is_some() => {
+                // Who has it and shows it does not hold it out.
+                Some(Outcome::LostSight(_) | Outcome::OutOfZone(_) | Outcome::TimedOut(_))
+                    if self.seeks.is_some() =>
+                {
                     self.not_held_out();
                     Ok(())
                 }
@@ -734,6 +781,7 @@ impl Mission {
             },
             Job::Release { tries } => match of(Hand::Track) {
                 Some(Outcome::NotTouched) => {
+                    self.offered = None;
                     // What was zeroed in the operator's hand is zeroed again out of it.
                     if tries > RELEASE_TRIES {
                         self.push_front(&[Job::Bias([true, false])]);
@@ -758,7 +806,7 @@ impl Mission {
                     ]);
                     Ok(())
                 }
-                Some(Outcome::Touched(_) | Outcome::OverForce(..)) if self.may_be_taken() => {
+                Some(Outcome::Touched(_) | Outcome::OverForce(..)) if self.offered.is_some() => {
                     self.left_to_whoever_has_it("somebody holds the cube");
                     Ok(())
                 }
@@ -789,6 +837,14 @@ impl Mission {
                     let known = self.widths[hand.index()].filter(|_| self.unwinds());
                     self.widths[hand.index()] =
                         Some(known.map_or(width, |known| known.min(width)));
+                    Ok(())
+                }
+                // Jaws that were opening when the other run ended looked like jaws on a cube.
+                Some(Outcome::Empty(_))
+                    if hand == Hand::Track
+                        && self.offered.as_ref().is_some_and(|offered| offered.opening) =>
+                {
+                    self.left_to_whoever_has_it("the jaws close on nothing");
                     Ok(())
                 }
                 other => {
@@ -824,7 +880,7 @@ impl Mission {
                     let goes = self.free_way(Hand::Track, 2.0 * self.settings.back, arms);
                     self.push_front(&[
                         Job::Along(Hand::Track, -goes),
-                        Job::Along(Hand::Track, goes + RELEASE_WAY),
+                        Job::HoldOut,
                         Job::Bias([true, false]),
                         Job::Present { tries: tries + 1 },
                     ]);
@@ -921,10 +977,13 @@ impl Mission {
         Ok((holder, Grip { hold: held.hold, half_roll: held.half_roll }))
     }
 
-    /// Whether the next thing is that the cube is held out for the first time.
-    fn is_held_out_next(&self) -> bool {
-        let next: Vec<&Job> = self.queue.iter().take(2).collect();
-        matches!(next[..], [Job::Bias(_), Job::Present { tries: 1 }]) && !self.given_back
+    /// Somebody has hold of a cube on its way: who has it is to have it.
+    fn somebody_has_hold(&mut self, why: &str) {
+        self.log.notes.push(format!("{why}: the jaws let go"));
+        self.given_back = true;
+        while self.queue.front().is_some_and(|job| !matches!(job, Job::LetGo(_))) {
+            self.queue.pop_front();
+        }
     }
 
     /// What becomes of a cube that goes back.
@@ -1209,14 +1268,26 @@ impl Mission {
                 let order = Behaviour::Present { pull: f64::INFINITY, selector, seconds };
                 behave(hand, order)
             }
-            Job::Release { .. } | Job::Tug { .. } => {
-                self.given_back |= matches!(job, Job::Tug { .. });
+            Job::HoldOut => {
+                let way = s.back - self.short;
+                let now = arms[Hand::Track.index()].desired_base_from_tool;
+                let (_, out) =
+                    *self.way_out.get_or_insert((now, now * Pose::translation(0.0, 0.0, way)));
+                behave(Hand::Track, Behaviour::Line { target: out, speed: s.speed })
+            }
+            Job::DrawIn => {
+                let (drawn, _) = self.way_out.ok_or("the cube was not held out")?;
+                behave(Hand::Track, Behaviour::Line { target: drawn, speed: s.speed })
+            }
+            Job::Release { .. } | Job::Tug { .. } | Job::Feel => {
+                // What has met something is pressed perhaps, and was zeroed a while ago.
+                let share = if matches!(job, Job::Feel) { 1.0 } else { 0.5 };
                 let mut selector = s.grasp_selector();
                 selector[2] = false;
                 let order = Behaviour::Withdraw {
                     speed: s.approach_speed,
                     distance: RELEASE_WAY,
-                    force: 0.5 * s.pull,
+                    force: share * s.pull,
                     selector,
                 };
                 behave(Hand::Track, order)
@@ -1541,15 +1612,17 @@ impl Mission {
     fn unfold_hand_back(&mut self) -> Result<(), String> {
         let target = self.hand_over.ok_or("the place of the hand-over is not known")?;
         let (speed, back) = (self.settings.speed, self.settings.back - self.short);
+        let lowers = Job::Along(Hand::Track, back - self.settings.pre_grasp);
         let (phase, way, end) = match self.settings.keeper {
-            Keeper::Person => ("hand back", back, Job::Present { tries: 1 }),
-            Keeper::Table => ("lay down", back - self.settings.pre_grasp, Job::LayDown),
+            Keeper::Person => ("hand back", Job::HoldOut, Job::Present { tries: 1 }),
+            Keeper::Table => ("lay down", lowers, Job::LayDown),
         };
+        self.way_out = None;
         self.push_front(&[
             Job::Phase(phase),
             Job::Apart,
             Job::Joints([Some(target), None], speed),
-            Job::Along(Hand::Track, way),
+            way,
             Job::Bias([true, false]),
             end,
             Job::LetGo(Hand::Track),
@@ -1627,6 +1700,9 @@ impl Task for Mission {
                 | Job::Tug { .. }
                 | Job::LayDown
                 | Job::Along(..)
+                | Job::HoldOut
+                | Job::DrawIn
+                | Job::Feel
                 // The first that knows where the cube is to go back to.
                 | Job::Apart
                 | Job::Joints(..)
@@ -1701,7 +1777,7 @@ fn doing(job: &Job) -> &'static str {
         Job::Secure { .. } => "securing",
         Job::Open { .. } => "opening the jaws",
         Job::Wait(..) | Job::Ease(_) => "giving way",
-        Job::Present { .. } | Job::Tug { .. } => "handing back",
+        Job::Present { .. } | Job::Tug { .. } | Job::Feel => "handing back",
         Job::LayDown => "laying it down",
         _ => "moving",
     }

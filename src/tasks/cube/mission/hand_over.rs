@@ -12,7 +12,7 @@ use crate::tasks::cube::hold::Hand;
 /// How often one way is gone on with.
 const MOST_MET: u32 = 3;
 /// For so long a hand gives way to what it has met [s].
-const GIVES_WAY: f64 = 1.0;
+pub(super) const GIVES_WAY: f64 = 1.0;
 /// The first possibility of both questions ...
 const AGAIN: &str = "look again";
 /// ... and its index.
@@ -242,7 +242,7 @@ mod tests {
         let mut mission = Mission::new(settings(), Goal::Solve, None);
         mission.given_back = true;
         mission.queue.extend([
-            Job::Along(Hand::Track, 0.1),
+            Job::Along(Hand::Track, -0.1),
             Job::Present { tries: 2 },
             Job::LetGo(Hand::Track),
         ]);
@@ -264,7 +264,11 @@ mod tests {
     fn who_is_in_the_way_of_a_cube_that_is_handed_back_is_drawn_back_from_and_who_has_hold_of_it_has_it()
      {
         let tugs = |order: &Behaviour| matches!(order, Behaviour::Withdraw { .. });
-        let tugged = |outcome: Outcome| {
+        let along = |order: &Behaviour| matches!(order, Behaviour::Line { .. });
+        let jaws = |order: &Behaviour| matches!(order, Behaviour::Jaw { strained: true, .. });
+        let ended = |outcome: Outcome| Event::Behaved([Some(outcome), None]);
+        // Up to the pull that follows a contact, with what it is made of.
+        let met_on_its_way = || {
             let mut mission = Mission::new(settings(), Goal::Solve, None);
             mission.hand_over = Some(JointPositions([0.3; 7]));
             mission.queue.push_back(Job::HandBack);
@@ -272,25 +276,48 @@ mod tests {
             let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
             mission.belief.taken(Hand::Track, hold, false);
             mission.widths = [Some(0.057); 2];
-            let along = |order: &Behaviour| matches!(order, Behaviour::Line { .. });
-            until(&mut mission, Event::Done, along);
+            let (out, _) = until(&mut mission, Event::Done, along);
+            // What still presses after a while is given way to once more.
             let (_, between) = until(&mut mission, met(), tugs);
-            assert!(between.is_empty(), "{between:?}");
-            let follows = next(&mut mission, Event::Behaved([Some(outcome), None]));
-            (follows, mission)
+            assert_eq!(between, ["gives way"]);
+            let (_, between) = until(&mut mission, met(), tugs);
+            assert_eq!(between, ["gives way"]);
+            (mission, out)
         };
 
-        let (opens, _) = tugged(Outcome::Touched(0.003));
-        let Action::Behave { orders: [Some(Behaviour::Jaw { strained: true, .. }), _], .. } = opens
-        else {
-            panic!("{opens:?}")
-        };
-        let (draws, mut mission) = tugged(Outcome::NotTouched);
-        assert!(matches!(draws, Action::Behave { orders: [Some(Behaviour::Line { .. }), _], .. }));
-        let reached = Event::Behaved([Some(Outcome::Reached), None]);
+        let (mut mission, _) = met_on_its_way();
+        let (_, between) = until(&mut mission, ended(Outcome::Touched(0.003)), jaws);
+        assert!(between.is_empty() && mission.given_back, "{between:?}");
+
+        let (mut mission, out) = met_on_its_way();
+        until(&mut mission, ended(Outcome::NotTouched), along);
+        let (again, between) = until(&mut mission, ended(Outcome::Reached), along);
+        assert!(between.is_empty());
+        assert_eq!(again, out, "to the same place");
         let presents = |order: &Behaviour| matches!(order, Behaviour::Present { .. });
-        let (_, between) = until(&mut mission, reached, presents);
-        assert_eq!(between, ["line", "bias"], "it is held out once more");
+        let (_, between) = until(&mut mission, ended(Outcome::Reached), presents);
+        assert_eq!(between, ["bias"]);
+        // On the way back something holds on to it.
+        let (mut mission, _) = met_on_its_way();
+        until(&mut mission, ended(Outcome::NotTouched), along);
+        until(&mut mission, met(), jaws);
+
+        // What stays in the way: the cube stays in the hand.
+        let (mut mission, _) = met_on_its_way();
+        let mut event = ended(Outcome::NotTouched);
+        let end = loop {
+            event = match next(&mut mission, event) {
+                Action::Behave { orders: [Some(order), _], .. } => match order {
+                    Behaviour::Withdraw { .. } => ended(Outcome::NotTouched),
+                    Behaviour::Line { .. } if order == out => met(),
+                    Behaviour::Jaw { .. } => panic!("the cube falls"),
+                    _ => ended(Outcome::Reached),
+                },
+                Action::Finish(end) => break end,
+                _ => Event::Done,
+            };
+        };
+        assert!(!end.achieved && end.reason.contains("the track hand holds"), "{}", end.reason);
     }
 
     #[test]

@@ -9,7 +9,7 @@
 //! - so little is believed that a mission which was broken off anywhere goes on in the same way: see [`Mission::resumed`]
 
 use super::unwind::Begun;
-use super::{Job, Mission, name};
+use super::{Job, Mission, RELEASE_WAIT, name};
 use crate::cube::{Axis, Face, Keeper, rotations};
 use crate::motion::{ArmState, Depth, JointPositions};
 use crate::tasks::Entry;
@@ -37,8 +37,8 @@ const ODD_STICKERS: usize = 2;
 const GONE: f64 = 0.945;
 /// Jaws that have come so much nearer since they closed hold it no more [m]: pads of rubber give by a fifth of it.
 const CLOSER: f64 = 0.0012;
-/// Jaws wider than the cube by this hold none [m].
-const WIDER: f64 = 0.002;
+/// Jaws wider than the cube by this hold none [m]: of one that was taken a layer may stand askew.
+const WIDER: f64 = super::MORE;
 /// A layer that stands off by less is straightened by the jaws that close over it [rad].
 const STRAIGHT: f64 = 0.1;
 /// A way that is not worth a motion [m].
@@ -303,11 +303,6 @@ impl Mission {
             return Ok(());
         }
         if self.belief.held[hand.other().index()].is_none() {
-            // Jaws that were opening when the other run ended look like jaws on a cube.
-            if hand == Hand::Track && self.may_be_taken() {
-                self.left_to_whoever_has_it(why);
-                return Ok(());
-            }
             return Err(why.to_owned());
         }
         if !self.may_recover() {
@@ -426,7 +421,14 @@ impl Mission {
                 let hand = if track { Hand::Track } else { Hand::Postument };
                 self.log.notes.push(format!("the {} hand holds the cube", name(hand)));
                 self.belief.taken(hand, usual(hand), false);
+                // What was told of forces before this run began is of no zero that anybody knows.
+                self.queue.push_back(Job::Bias([track, !track]));
                 self.queue.push_back(Job::Close { hand, hold: usual(hand) });
+                if track && self.settings.keeper == Keeper::Person {
+                    let is_out = last.hand_over.is_some() && self.left(arms) > Some(NEARLY);
+                    let opening = arms[Hand::Track.index()].jaw_opening > edge - CLOSER;
+                    self.offered = (last.handing_back || is_out).then_some(Offered { opening });
+                }
                 self.clear(hand.other(), arms);
                 self.settle(hand, arms);
             }
@@ -443,14 +445,6 @@ impl Mission {
         self.take();
     }
 
-    /// Whether a person may have hold of the cube: the other run was handing it back, and this one has not read it yet.
-    pub(super) fn may_be_taken(&self) -> bool {
-        let was_handing_back = |last: &Entry| last.handing_back && !last.over;
-        self.settings.keeper == Keeper::Person
-            && self.log.identified.is_none()
-            && self.resume.as_ref().is_some_and(was_handing_back)
-    }
-
     /// Somebody has the cube that the other run was handing back, or holds it and does not let go: the jaws leave it to them.
     pub(super) fn left_to_whoever_has_it(&mut self, why: &str) {
         self.log.notes.push(format!("{why}: whoever it was handed back to has it"));
@@ -465,6 +459,7 @@ impl Mission {
     pub(super) fn held_out_again(&mut self) {
         self.log.notes.push("the cube is held out again: it is taken anew".to_owned());
         (self.given_back, self.failure) = (false, None);
+        self.offered = None;
     }
 
     /// Nobody holds out what was looked for. The jaws are empty, and nothing was seen to fall: the operator has it.
@@ -503,16 +498,25 @@ impl Mission {
         self.queue.push_back(Job::Along(hand, -goes));
     }
 
+    /// What is left of the way back from where the track took the cube: a part may have been gone already [m].
+    fn left(&self, arms: &[ArmState]) -> Option<f64> {
+        let back = self.settings.back - self.short;
+        self.gone(arms).map(|gone| (back - gone).max(0.0))
+    }
+
     /// What follows when one hand is known to hold the cube: without a place to hand it back, the operator may still
     /// have hold of it.
     fn settle(&mut self, holder: Hand, arms: &[ArmState]) {
-        let back = self.settings.back - self.short;
-        // Of the way back from where it was taken a part may have been gone already.
-        let left = self.gone(arms).map(|gone| (back - gone).max(0.0));
-        // It may be held out to somebody who has hold of it already.
-        let is_held_out = self.may_be_taken();
-        if holder == Hand::Track && (self.hand_over.is_none() || is_held_out) {
-            self.draw_back_with(left.unwrap_or(back));
+        let left = self.left(arms);
+        if self.hand_over.is_none() && holder == Hand::Track {
+            self.draw_back_with(left.unwrap_or(self.settings.back - self.short));
+        } else if let (Some(hand_over), true) = (self.hand_over, self.offered.is_some()) {
+            self.queue.extend([Job::Wait(Hand::Track, RELEASE_WAIT), Job::Release { tries: 1 }]);
+            if left > Some(NEARLY) {
+                self.queue.push_back(Job::Joints([Some(hand_over), None], self.settings.speed));
+            }
+            // It was zeroed where somebody may have had hold of it.
+            self.queue.push_back(Job::Bias([true, false]));
         } else if let (Hand::Track, Keeper::Table, Some(left)) =
             (holder, self.settings.keeper, left)
         {
@@ -566,6 +570,13 @@ impl Mission {
 fn depth(last: Option<&Entry>, hand: Hand) -> Depth {
     let noted = last.and_then(|last| last.held[hand.index()].or(last.stops[hand.index()]));
     noted.unwrap_or(Depth::One)
+}
+
+/// A cube that another run may have held out to a person.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Offered {
+    /// Its jaws stood as they do when they begin to open, too.
+    pub(super) opening: bool,
 }
 
 /// Which hand turns a layer, and by how much more about its own z the layer is straight [rad]: of the 24 ways in which
@@ -683,14 +694,35 @@ mod tests {
         for above in [1.001 * back, 2.0 * back] {
             assert!(ways(&first_jobs(Keeper::Table, lowering(), above)).is_empty(), "{above}");
         }
-        // No table is below a cube that a person is given back; but the person may have hold of it.
-        let jobs = first_jobs(Keeper::Person, lowering(), 0.02);
-        let [way] = ways(&jobs)[..] else { panic!("{jobs:?}") };
-        assert!((way + (back - 0.02)).abs() < 1e-12, "{way}");
-        let lets_go = |job: &Job| matches!(job, Job::Release { .. });
-        let drawn = |job: &Job| matches!(job, Job::Along(..) | Job::DrawBack(_));
-        let asks = jobs.iter().position(lets_go);
-        assert!(asks.is_some() && asks < jobs.iter().position(drawn), "{jobs:?}");
+        // No table is below a cube that a person is given back.
+        assert!(ways(&first_jobs(Keeper::Person, lowering(), 0.02)).is_empty());
+    }
+
+    #[test]
+    fn who_may_have_hold_of_what_is_held_out_is_asked_before_it_is_drawn_back() {
+        let back = settings().back;
+        let place = Job::Joints([lowering().hand_over, None], settings().speed);
+        let at = |jobs: &[Job], job: &Job| jobs.iter().position(|j| j == job);
+        let pull = Job::Release { tries: 1 };
+
+        // What was noted when it was on its way out, and when it had been held out.
+        for handing_back in [false, true] {
+            let jobs = first_jobs(Keeper::Person, Entry { handing_back, ..lowering() }, 0.02);
+            let zeroed = at(&jobs, &Job::Bias([true, false]));
+            let close = jobs.iter().position(|job| matches!(job, Job::Close { .. }));
+            assert!(zeroed.is_some() && zeroed < close, "{jobs:?}");
+            let (asks, draws) = (at(&jobs, &pull), at(&jobs, &place));
+            assert!(close < asks && asks < draws && draws.is_some(), "{jobs:?}");
+            assert!(!jobs.contains(&Job::Remember), "the place is known: {jobs:?}");
+
+            // Drawn back already, or farther.
+            let far = first_jobs(Keeper::Person, Entry { handing_back, ..lowering() }, 1.5 * back);
+            assert_eq!(
+                (far.contains(&pull), far.contains(&place)),
+                (handing_back, false),
+                "{far:?}"
+            );
+        }
     }
 
     #[test]
@@ -855,10 +887,10 @@ mod tests {
     #[test]
     fn who_has_hold_of_what_another_run_was_handing_back_is_left_it() {
         // The jaws end so at first, and then a small pull each time.
-        let ends = |closed: Outcome, pulled: Outcome| {
+        let ends = |gap: f64, closed: Outcome, pulled: Outcome| {
             let last = Entry { doing: "handing back".to_owned(), ..lowering() };
             let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(last));
-            let mut track = ArmState { jaw_opening: 0.057, ..ArmState::default() };
+            let mut track = ArmState { jaw_opening: gap, ..ArmState::default() };
             track.desired_base_from_tool = Pose::translation(0.5, 0.1, 0.7);
             let (mut event, mut pulls, mut opened) = (Event::Start, 0, false);
             for _ in 0..100 {
@@ -890,12 +922,58 @@ mod tests {
         };
 
         // Jaws that were opening, and close on nothing.
-        let (end, pulls, opened) = ends(Outcome::Empty(0.053), Outcome::NotTouched);
+        let (end, pulls, opened) = ends(0.058, Outcome::Empty(0.053), Outcome::NotTouched);
         assert!(end.achieved && end.reason == UNSEEN && opened && pulls == 0, "{}", end.reason);
+        // Jaws that had closed farther than on a cube have lost it.
+        let (end, _, opened) = ends(0.055, Outcome::Empty(0.053), Outcome::NotTouched);
+        assert!(!end.achieved && !opened && end.reason.contains("do not hold"), "{}", end.reason);
+        // What is pressed while they close is not let go.
+        let (end, _, opened) = ends(0.057, Outcome::OverForce(2, 25.0), Outcome::NotTouched);
+        assert!(!end.achieved && !opened, "{}", end.reason);
         // Somebody who holds on to it.
-        let (end, pulls, opened) = ends(Outcome::Grasped(0.057), Outcome::Touched(0.001));
+        let (end, pulls, opened) = ends(0.057, Outcome::Grasped(0.057), Outcome::Touched(0.001));
         assert!(end.achieved && end.reason == UNSEEN && opened, "{}", end.reason);
         assert!(pulls > super::super::RELEASE_TRIES, "{pulls}");
+    }
+
+    #[test]
+    fn who_does_not_let_go_of_what_was_taken_anew_is_not_said_to_have_been_handed_it_back() {
+        let last = Entry { held: [None; 2], ..lowering() };
+        let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(last));
+        let mut gap = 0.09;
+        let mut event = Event::Start;
+        for _ in 0..200 {
+            let track = ArmState { jaw_opening: gap, ..ArmState::default() };
+            let arms = [track, ArmState { jaw_opening: 0.09, ..ArmState::default() }];
+            let readings = Readings { arms: &arms, forces: Forces::default() };
+            event = match mission.next(event, &readings) {
+                Action::Behave { orders, .. } => Event::Behaved(orders.map(|order| {
+                    order.map(|order| match order {
+                        Behaviour::VisualServo(_) => Outcome::Touched(0.001),
+                        Behaviour::Grasp { .. } => {
+                            gap = 0.057;
+                            Outcome::Grasped(0.057)
+                        }
+                        Behaviour::Withdraw { .. } => Outcome::Touched(0.001),
+                        Behaviour::Jaw { .. } => {
+                            gap = 0.09;
+                            Outcome::Reached
+                        }
+                        _ => Outcome::Reached,
+                    })
+                })),
+                Action::Finish(end) => {
+                    assert!(
+                        !end.achieved && end.reason.contains("does not let go"),
+                        "{}",
+                        end.reason
+                    );
+                    return;
+                }
+                _ => Event::Done,
+            };
+        }
+        panic!("it never ends: {:?}", mission.log.notes);
     }
 
     #[test]
