@@ -1,10 +1,11 @@
 //! Servo periods and the runtime's time: period `p` begins at `origin + p * 2 ms`, and later by what the servo missed:
-//! it numbers its periods without gaps.
+//! it numbers its periods without gaps. On hardware the origin is when its thread began: controllers that boot late are waited
+//! for before, and a clock ahead of the servo would make every picture seem fresher than it is.
 
 use crate::hw::driver::Switches;
 use crate::motion::PERIOD;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -12,6 +13,8 @@ use tokio::time::Instant;
 #[derive(Debug, Clone)]
 pub struct Clock {
     origin: Instant,
+    /// By so much later the servo began [ns].
+    late: Arc<AtomicU64>,
     switches: Arc<Switches>,
 }
 
@@ -19,7 +22,13 @@ impl Clock {
     /// Period 0 begins at `origin`; the servo tells by its switches what it missed.
     #[must_use]
     pub fn new(origin: Instant, switches: Arc<Switches>) -> Self {
-        Self { origin, switches }
+        Self { origin, late: Arc::default(), switches }
+    }
+
+    /// Period 0 begins now, for everybody who has this clock.
+    pub fn begins(&self) {
+        let late = u64::try_from(self.origin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        self.late.store(late, Ordering::Release);
     }
 
     /// When a period begins, as far as is known now.
@@ -50,13 +59,25 @@ impl Clock {
     }
 
     fn missed(&self) -> Duration {
-        Duration::from_nanos(self.switches.punctual.missed_nanos())
+        let late = self.late.load(Ordering::Acquire);
+        Duration::from_nanos(late.saturating_add(self.switches.punctual.missed_nanos()))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn a_servo_that_begins_late_begins_with_its_first_period() {
+        let clock = Clock::new(Instant::now(), Arc::default());
+        let another = clock.clone();
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        clock.begins();
+        assert_eq!(another.period(), 0);
+        another.until(10).await;
+        assert_eq!((clock.period(), clock.origin.elapsed()), (10, Duration::from_millis(320)));
+    }
 
     #[tokio::test(start_paused = true)]
     async fn what_the_servo_missed_is_no_period() {

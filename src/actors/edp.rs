@@ -199,6 +199,10 @@ impl Edp {
                 }
                 Request::Bias { reply } => (self.bias().await, reply),
                 Request::Synchronise { reply } => (self.synchronise().await, reply),
+                // A servo that has died tells no fault: what it told last stays.
+                Request::State { reply } if self.link.is_closed() => {
+                    (Err(self.silent("state")), reply)
+                }
                 Request::State { reply } => (self.check("state"), reply),
             };
             self.tape.message(&self.name, "ecp", &answer);
@@ -276,8 +280,14 @@ impl Edp {
         }
         let ticket = self.send("synchronise", ServoCommand::Synchronise)?;
         self.done("synchronise", ticket, self.clock.period() + 2).await?;
+        let (mut last, mut stood) = (0, 0);
         loop {
             let state = self.check("synchronise")?;
+            stood = if state.period == last { stood + PROGRESS } else { 0 };
+            last = state.period;
+            if stood as f64 * PERIOD > SILENCE {
+                return Err(self.silent("synchronise"));
+            }
             match state.synchronisation {
                 Synchronisation::Yes => return Ok(state),
                 Synchronisation::Under { .. } => {}

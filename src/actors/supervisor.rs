@@ -676,6 +676,7 @@ async fn perform(
             });
             let wall = driver::spawn_wall(core, world, observe, build::wall(scenario, options))
                 .map_err(|e| not_created("servo thread", &e.to_string()))?;
+            clock.begins();
             for warning in &wall.warnings {
                 tracing::warn!("not real time: {warning}; `rubik-robot doctor` says what helps");
             }

@@ -444,7 +444,7 @@ impl ArmServo {
         let by_force = self.running.as_ref().and_then(Path::directions).is_some_and(heeds_force);
         // What is met on the way to a place is known by the force alone: a silent sensor says nothing of a person's hand.
         let goes = self.running.as_ref().is_some_and(Path::leads_to_a_place);
-        let unfit = by_force || (goes && !reading.wrench_on_sensor.is_finite());
+        let unfit = by_force || (goes && self.wrist.fell_silent(&reading.wrench_on_sensor));
         let force = if unfit { self.wrist.fault(&reading.wrench_on_sensor) } else { None };
         // Until it is synchronised its counter may jump with its zero.
         let jaw = self.jaw.watch(reading).filter(|_| self.synchronised);

@@ -23,6 +23,8 @@ pub struct WristForce {
     biasing: Option<(Wrench, u32)>,
     /// Periods since it was begun.
     biasing_for: u32,
+    /// It has told something.
+    heard: bool,
 }
 
 impl WristForce {
@@ -41,6 +43,7 @@ impl WristForce {
             last: [None; 2],
             biasing: None,
             biasing_for: 0,
+            heard: false,
         }
     }
 
@@ -54,6 +57,7 @@ impl WristForce {
     ) -> Wrench {
         let mut sample = *wrench_on_sensor - self.weight_on_sensor(base_from_flange);
         self.biasing_for = self.biasing_for.saturating_add(1);
+        self.heard |= sample.is_finite();
         if is_new || !sample.is_finite() {
             if self.fault(wrench_on_sensor).is_none() {
                 self.count_towards_bias(&sample);
@@ -91,6 +95,13 @@ impl WristForce {
         self.payload = (weight, centre);
         // The last samples were taken with the old belief.
         self.last = [None; 2];
+    }
+
+    /// Whether a sensor that has told something before tells nothing now. One that is still being set up, or none, is missed
+    /// by whoever needs it.
+    #[must_use]
+    pub fn fell_silent(&self, wrench_on_sensor: &Wrench) -> bool {
+        self.heard && !wrench_on_sensor.is_finite()
     }
 
     /// What makes this reading unfit for force control.

@@ -5,7 +5,9 @@ use rubik_robot::hw::driver::{
     spawn_wall,
 };
 use rubik_robot::hw::port::{Port, PortFault};
-use rubik_robot::motion::{ArmFault, Direction, Frame, JointPositions, Motion, MoveCommand};
+use rubik_robot::motion::{
+    ArmFault, Direction, Frame, JointPositions, Motion, MoveCommand, MoveRefused,
+};
 use rubik_robot::servo::io::{ArmDrive, ArmReading};
 use rubik_robot::servo::{ArmServo, ServoCommand};
 use std::hash::{DefaultHasher, Hasher};
@@ -98,6 +100,32 @@ fn a_virtual_run_reaches_its_goal_and_repeats_to_the_bit() {
     for _ in 0..3 {
         assert_eq!(virtual_run().0, first);
     }
+}
+
+#[test]
+fn a_command_that_was_on_its_way_moves_no_arm_that_is_being_stopped() {
+    let mut port = Motors::new(2);
+    let (mut core, mut links, _) = core(&mut port, Box::new(NoRecords));
+    links[0].send(go(swing(0.3), 500)).unwrap();
+    for period in 1..=100 {
+        core.period(period, &mut port).unwrap();
+    }
+    core.stop(100, 20);
+    links[0].send(go(swing(0.3), 400)).unwrap();
+
+    let mut ways = Vec::new();
+    for period in 101..=250 {
+        let before = links[0].state().desired_joints.0[1];
+        core.period(period, &mut port).unwrap();
+        ways.push((links[0].state().desired_joints.0[1] - before).abs());
+        if period > 102 && links[0].state().fault.is_none() {
+            let told = links[0].state().refused;
+            assert_eq!(told, Some(MoveRefused::Stopping { periods: 20 }), "{period}");
+        }
+    }
+    assert_eq!(links[0].state().fault, Some(ArmFault::Missed { periods: 20 }));
+    // The power goes after 100 periods, and the arm stands by then.
+    assert!(ways[60..].iter().all(|way| *way < 1e-5), "{:?}", &ways[60..]);
 }
 
 #[test]

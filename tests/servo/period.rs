@@ -412,6 +412,13 @@ fn a_silent_sensor_stops_whatever_leads_to_a_place_and_a_saturated_one_does_not(
         assert_eq!(with(f64::NAN, motion), (silent, !silent));
         assert_eq!(with(200.0, motion), (false, true), "what is felt is judged by whoever moves");
     }
+
+    // One that has not told anything yet is missed by whoever zeroes it, not by whoever moves a joint.
+    let mut arm = Ideal::new();
+    arm.reading.wrench_on_sensor = Wrench::from_directions([f64::NAN; 6]);
+    let begun = arm.step(None);
+    let moved = arm.run(joints(&begun), 10)[9];
+    assert_eq!((moved.fault, arm.drive.enabled), (None, true));
 }
 
 #[test]

@@ -248,6 +248,8 @@ impl BridgePort {
             // One that is always a period behind has news in each, and they are carried on.
             if !new {
                 reading.unheard = u8::MAX;
+                // Once is once: neither a mean nor a zero is made of what was told before.
+                reading.wrench_is_old = true;
             }
         }
         // A bridge that is always a period behind is late, but not silent.

@@ -227,11 +227,16 @@ impl Core {
         if pressed {
             self.trip(ArmFault::EmergencyStop);
         }
-        if let Some((at, fault)) = self.stopping
-            && period >= at
-        {
-            self.stopping = None;
-            self.trip(fault);
+        match self.stopping {
+            Some((at, fault)) if period >= at => {
+                self.stopping = None;
+                self.trip(fault);
+            }
+            // A command that was on its way already must not move an arm whose power is about to go.
+            Some((_, ArmFault::Missed { periods })) => {
+                self.outside.brake.get_or_insert(MoveRefused::Stopping { periods });
+            }
+            _ => {}
         }
         let beat = self.switches.beats.load(Ordering::Relaxed);
         if beat != self.last_beat || beat == 0 {
