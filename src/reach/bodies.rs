@@ -27,6 +27,13 @@ impl Capsule {
     fn moved(&self, by: Vector3<f64>) -> Self {
         Self { ends: self.ends.map(|p| p + by), middle: self.middle + by, ..*self }
     }
+
+    /// Its lowest point, as of a cylinder: no part of an arm ends in a ball [m].
+    fn lowest(&self) -> f64 {
+        let along = (self.ends[1] - self.ends[0]).try_normalize(1e-9).map_or(0.0, |axis| axis.z);
+        let low = self.ends[0].z.min(self.ends[1].z);
+        low - self.radius * (1.0 - along * along).max(0.0).sqrt()
+    }
 }
 
 /// Radii of column, lower arm, upper arm, wrist [m]: assumed, since no drawing of the arm is public.
@@ -37,6 +44,8 @@ const GRIPPER_RADIUS: f64 = 0.075;
 const PLATE: f64 = 0.006;
 /// Least gap between the grippers' parts in the nominal grasps: corrections are smaller [m].
 const FINGER_GAP: f64 = 0.003;
+/// Half of what counts of a cube that may stand on a table [m].
+const STANDS: f64 = 0.015;
 /// Radius that the closed fingers sweep [m].
 const FINGERS_RADIUS: f64 = 0.040;
 
@@ -93,10 +102,18 @@ impl Bodies {
         [a, b, c, d, e, f, (self.cube.middle, self.cube.radius)]
     }
 
-    /// Lowest point of wrist and gripper above the floor [m].
-    pub(super) fn lowest(&self) -> f64 {
+    /// Lowest place on the axes of wrist and gripper, and of the cube's centre, above the floor [m].
+    pub(super) fn lowest_axis(&self) -> f64 {
         let ends = self.links[3..].iter().flat_map(|c| c.ends).chain(self.cube.ends);
         ends.map(|p| p.z).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Lowest point above the floor [m]: of upper arm, wrist, gripper, palm and fingers; and of the cube, which is to come down
+    /// to a table by its own height, so that not much more than its middle counts.
+    pub(super) fn lowest(&self) -> f64 {
+        let parts = self.links[2..].iter().chain(&self.plate).chain([&self.fingers]);
+        let lowest = parts.map(Capsule::lowest).fold(f64::INFINITY, f64::min);
+        self.cube.ends.iter().map(|end| end.z - STANDS).fold(lowest, f64::min)
     }
 
     /// Distance from a box: of column and both arms, or of everything [m].
@@ -318,9 +335,22 @@ mod tests {
             assert!(near.off(&zone, true) < FAR, "{i}");
             assert_eq!(near.off(&zone, false) < FAR, i < 3, "{i}: the hand takes the cube");
             let lowered = of_balls(|part| Point3::new(0.0, 0.0, if part == i { 0.5 } else { 1.0 }));
-            let counts = [3, GRIPPER, CUBE].contains(&i);
-            assert_eq!(lowered.lowest(), if counts { 0.5 } else { 1.0 }, "{i}");
+            let lowest = match i {
+                // Column and lower arm stand on the floor.
+                0 | 1 => 0.99,
+                // It may stand on the table.
+                CUBE => 0.5 - STANDS,
+                _ => 0.49,
+            };
+            assert!((lowered.lowest() - lowest).abs() < 1e-12, "{i}: {}", lowered.lowest());
         }
+        // A cylinder on its side is as low as its radius, one that stands as low as its end.
+        let capsule = |to: Vector3<f64>| {
+            let from = Point3::new(0.0, 0.0, 1.0);
+            Capsule::new([from, from + to], 0.1).lowest()
+        };
+        assert!((capsule(Vector3::new(0.3, 0.0, 0.0)) - 0.9).abs() < 1e-12);
+        assert!((capsule(Vector3::new(0.0, 0.0, -0.3)) - 0.7).abs() < 1e-12);
     }
 
     proptest! {

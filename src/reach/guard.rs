@@ -17,8 +17,8 @@ use std::sync::Arc;
 
 /// Least distance between the arms, and of a hand from its own arm [m].
 const LEAST: f64 = 0.005;
-/// Least height of wrist, hand and cube above the table [m].
-const ABOVE_TABLE: f64 = 0.02;
+/// Least height of upper arm, wrist, hand and cube above the table [m].
+const ABOVE_TABLE: f64 = 0.005;
 /// Least distance from the box in which the operator's hand may be of what has no business there [m].
 const OFF_ZONE: f64 = 0.005;
 /// The arm that takes the cube out of the operator's hand, and gives it back.
@@ -514,10 +514,10 @@ mod tests {
         assert_eq!(Room::default().or_more(&above(0.05)), Room::default());
         assert_eq!(above(0.01).or_more(&Room::default()), above(0.01));
 
-        assert!(guard.may(&above(0.05), &above(0.015)).is_err());
+        assert!(guard.may(&above(0.05), &above(0.004)).is_err());
         // Watched, a hand may dip when it is turned out of a corner.
-        assert_eq!(guard.may(&above(0.01), &above(0.0085)), Ok(()));
-        assert!(guard.may(&above(0.01), &above(0.0075)).is_err());
+        assert_eq!(guard.may(&above(0.004), &above(0.0025)), Ok(()));
+        assert!(guard.may(&above(0.004), &above(0.0015)).is_err());
     }
 
     #[test]

@@ -336,7 +336,7 @@ impl<'a> Search<'a> {
         let here = [place(0, &at[0]), place(1, &at[1])];
         let half_gone = [place(0, &a.half_back), place(1, &b.half_back)];
         let gone = [place(0, &back[0]), place(1, &back[1])];
-        if here.iter().chain(&gone).any(|body| body.lowest() < floor) {
+        if here.iter().chain(&gone).any(|body| body.lowest_axis() < floor) {
             return None;
         }
         let mut least = match wanted {
