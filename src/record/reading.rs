@@ -246,7 +246,7 @@ impl<R: Read> Reading<R> {
             LinearReadEvent::Record { opcode, .. } if !READ.contains(&opcode) => {}
             LinearReadEvent::Record { opcode, data } => {
                 if !lengths_fit(opcode, data) {
-                    return self.damaged(&"a text is longer than its record");
+                    return self.damaged(&"a record whose lengths do not fit");
                 }
                 match mcap::parse_record(opcode, data).map(Record::into_owned) {
                     Ok(record) => self.take(record),
@@ -373,7 +373,8 @@ fn next(reader: &mut LinearReader) -> Option<mcap::McapResult<LinearReadEvent<'_
 /// Records that say something: schema, channel, message, attachment, metadata.
 const READ: [u8; 5] = [0x03, 0x04, 0x05, 0x09, 0x0c];
 
-/// Whether what a record says of the lengths of its texts is true: the library reserves memory on its word.
+/// Whether what a record says of the lengths of its texts is true, and there is what must follow them: the library reserves
+/// memory on its word, and panics where an attachment ends before its checksum.
 fn lengths_fit(opcode: u8, data: &[u8]) -> bool {
     /// Takes a text, or all of a map, off the front.
     fn text<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
@@ -389,12 +390,13 @@ fn lengths_fit(opcode: u8, data: &[u8]) -> bool {
         }
         Some(())
     }
-    // What stands before the texts, and how many follow; behind those of a channel and of metadata stands a map.
-    let (before, texts, has_map) = match opcode {
-        0x03 => (2, 3, false),
-        0x04 => (4, 2, true),
-        0x09 => (16, 2, false),
-        0x0c => (0, 1, true),
+    // What stands before the texts, how many follow, and what stands behind them at least: behind those of an attachment its
+    // data's length and a checksum, behind those of a channel and of metadata a map.
+    let (before, texts, has_map, behind) = match opcode {
+        0x03 => (2, 3, false, 0),
+        0x04 => (4, 2, true, 0),
+        0x09 => (16, 2, false, 8 + 4),
+        0x0c => (0, 1, true, 0),
         _ => return true,
     };
     let walk = || {
@@ -402,7 +404,10 @@ fn lengths_fit(opcode: u8, data: &[u8]) -> bool {
         for _ in 0..texts {
             text(&mut rest)?;
         }
-        if has_map { map(&mut rest) } else { Some(()) }
+        if has_map {
+            map(&mut rest)?;
+        }
+        (rest.len() >= behind).then_some(())
     };
     walk().is_some()
 }
@@ -458,5 +463,33 @@ impl Label {
             }
             Piece::Attachment(..) | Piece::Message(_) => {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A record as it stands in a file.
+    fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
+        [&[opcode][..], &(body.len() as u64).to_le_bytes(), body].concat()
+    }
+
+    /// What a file of these records comes to: its pieces, and how it ends.
+    fn read(records: &[Vec<u8>]) -> (Vec<Piece>, End) {
+        let file = [mcap::MAGIC, &records.concat()[..]].concat();
+        let mut reading = Reading::new(file.as_slice());
+        (reading.by_ref().collect(), reading.end().unwrap().clone())
+    }
+
+    #[test]
+    fn an_attachment_that_ends_before_its_checksum_is_damage() {
+        // Times, two empty texts, and no bytes of data: then up to four of a checksum.
+        for behind in 0..4 {
+            let (pieces, end) = read(&[record(0x09, &vec![0; 32 + behind])]);
+            assert!(pieces.is_empty() && matches!(end, End::Damaged(_)), "{behind}: {end:?}");
+        }
+        let (pieces, _) = read(&[record(0x09, &[0; 36])]);
+        assert_eq!(pieces, [Piece::Attachment(String::new(), String::new(), Vec::new())]);
     }
 }
