@@ -323,7 +323,9 @@ fn plain(recording: &[u8]) -> Vec<u8> {
             Piece::Message(message) => {
                 let c = &message.channel;
                 let id = *channels.entry(c.topic.clone()).or_insert_with(|| {
-                    let schema = writer.add_schema(&c.kind, &c.encoding, &c.schema).unwrap();
+                    let own = &c.schema;
+                    let schema =
+                        writer.add_schema(&own.kind, &own.encoding, &own.definition).unwrap();
                     writer.add_channel(schema, &c.topic, &c.message_encoding, &c.metadata).unwrap()
                 });
                 let head = mcap::records::MessageHeader {
@@ -373,6 +375,28 @@ fn recordings() {
             assert!(!report::page(&story).contains("<script"));
         }
         let _ = recover::recover(bytes, std::io::Cursor::new(Vec::new()));
+    });
+}
+
+#[test]
+fn a_long_schema_of_many_channels_is_kept_once() {
+    let text = |bytes: &[u8]| [&(bytes.len() as u32).to_le_bytes(), bytes].concat();
+    let record = |opcode: u8, parts: &[&[u8]]| {
+        let body = parts.concat();
+        [&[opcode][..], &(body.len() as u64).to_le_bytes(), &body].concat()
+    };
+    let definition = vec![b' '; 4 << 20];
+    let mut file = mcap::MAGIC.to_vec();
+    file.extend(record(0x03, &[&[1, 0], &text(b"Type"), &text(b"ros2msg"), &text(&definition)]));
+    for id in 0..200_u16 {
+        let texts = [text(b"/topic"), text(b"cdr"), text(b"")].concat();
+        file.extend(record(0x04, &[&id.to_le_bytes(), &[1, 0], &texts]));
+        file.extend(record(0x05, &[&id.to_le_bytes(), &[0; 20]]));
+    }
+    give("mcap/channels", &file, &|bytes| {
+        assert_eq!(Reading::new(bytes).count(), 200);
+        let saved = recover::recover(bytes, std::io::Cursor::new(Vec::new())).unwrap();
+        assert_eq!(saved.messages, 200);
     });
 }
 
