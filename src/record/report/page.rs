@@ -9,6 +9,9 @@ use std::fmt::Write;
 
 /// The look, for light, dark and paper.
 pub(crate) const STYLE: &str = include_str!("style.css");
+/// What a page begins with, up to its title. It says of itself that it runs no scripts and loads nothing: what a recording
+/// says may be anybody's.
+pub(crate) const HEAD: &str = "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta http-equiv=Content-Security-Policy content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'\"><meta name=viewport content=\"width=device-width, initial-scale=1\">\n";
 
 /// Writes it.
 pub(super) fn page(story: &Story) -> String {
@@ -16,7 +19,7 @@ pub(super) fn page(story: &Story) -> String {
     let mut html = String::with_capacity(1 << 20);
     let _ = write!(
         html,
-        "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta name=viewport content=\"width=device-width, initial-scale=1\">\n<title>{}</title>\n<style>\n{STYLE}</style></head>\n<body><main>\n",
+        "{HEAD}<title>{}</title>\n<style>\n{STYLE}</style></head>\n<body><main>\n",
         escaped(&title)
     );
     head(&mut html, story, &title);
@@ -308,9 +311,9 @@ fn timing(html: &mut String, story: &Story) {
         let _ = write!(
             html,
             "<p>Missed: {} periods, {} in a row; late readings: {}.</p>",
-            label.of("timing", "missed"),
-            label.of("timing", "missed_in_a_row"),
-            label.of("timing", "late_readings")
+            escaped(label.of("timing", "missed")),
+            escaped(label.of("timing", "missed_in_a_row")),
+            escaped(label.of("timing", "late_readings"))
         );
     }
     html.push_str("</section>\n");
@@ -559,10 +562,25 @@ mod tests {
         let mut story = Story::default();
         story.messages.push((1.0, Class::NonFatal, "<script>".into(), "a < b & c".into()));
         story.label.scenario = "</pre><script>alert(1)</script>".into();
+        let evil = "\"><script>alert(1)</script>";
+        let letters = format!("{evil:U<54}");
+        story.letters = [letters.clone(), letters.clone(), letters.clone()];
+        let told =
+            |names: &[&str]| names.iter().map(|n| ((*n).to_owned(), evil.to_owned())).collect();
+        let timing = ["missed", "missed_in_a_row", "late_readings", "wake_up_ns", "jitter_ns"];
+        story.label.metadata.insert("timing".into(), told(&timing));
+        story.label.metadata.insert("recording".into(), told(&["lost"]));
+        let facts = ["version", "scenario", "seed", "arms", "force_limit_n", "standalone_xyz"];
+        story.label.metadata.insert("rubik_robot".into(), told(&facts));
+        if let Some(facts) = story.label.metadata.get_mut("rubik_robot") {
+            facts.insert("pace".into(), "real-time".into());
+            facts.insert("cube_start".into(), letters);
+        }
 
         let html = page(&story);
 
-        assert!(!html.contains("<script"));
+        assert!(!html.contains("<script") && html.contains("<p>Missed: &quot;&gt;"), "{html}");
+        assert_eq!(html.matches("aria-label=\"cube &quot;&gt;").count(), 3, "{html}");
         assert!(html.contains("a &lt; b &amp; c"));
         assert!(html.contains("<td>non-fatal error<td>&lt;script&gt;"), "{html}");
     }

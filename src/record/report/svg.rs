@@ -254,15 +254,16 @@ pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
     svg
 }
 
-/// The net of a cube from 54 letters URFDLB.
+/// The net of a cube from 54 letters URFDLB; others are grey.
 pub(super) fn net(letters: &str) -> String {
     let size = 15.0;
     // Column and row of each face in the net, in the order URFDLB.
     let places = [(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (3, 1)];
     let mut svg = format!(
-        "<svg class=net viewBox=\"0 0 {:.0} {:.0}\" role=img aria-label=\"cube {letters}\">",
+        "<svg class=net viewBox=\"0 0 {:.0} {:.0}\" role=img aria-label=\"cube {}\">",
         12.0 * size + 10.0,
-        9.0 * size + 8.0
+        9.0 * size + 8.0,
+        super::escaped(letters)
     );
     for (index, letter) in letters.chars().take(54).enumerate() {
         let (column, row) = places[index / 9];
