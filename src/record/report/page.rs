@@ -130,7 +130,8 @@ fn incomplete(story: &Story) -> Vec<String> {
         ));
     }
     for arm in story.arms.iter().filter(|arm| arm.missing > 0) {
-        let (name, missing, all) = (&arm.name, arm.missing, arm.ticks + arm.missing);
+        let (name, missing) = (&arm.name, arm.missing);
+        let all = arm.ticks.saturating_add(missing);
         whys.push(format!("{missing} of {all} servo periods of {name} are not here."));
     }
     whys
@@ -275,6 +276,11 @@ pub(super) fn classes(text: &str) -> Vec<(u64, u64)> {
     text.split_whitespace().filter_map(pair).collect()
 }
 
+/// How many are in all classes.
+pub(super) fn count(classes: &[(u64, u64)]) -> u64 {
+    classes.iter().fold(0, |sum, (_, count)| sum.saturating_add(*count))
+}
+
 fn timing(html: &mut String, story: &Story) {
     html.push_str("<section><h2>Timing of the servo</h2>");
     let label = &story.label;
@@ -299,7 +305,7 @@ fn timing(html: &mut String, story: &Story) {
         ] {
             let classes = classes(label.of("timing", name));
             let us = |q: f64| quantile(&classes, q) as f64 * 1e-3;
-            let total: u64 = classes.iter().map(|c| c.1).sum();
+            let total = count(&classes);
             let title = format!(
                 "{words}: median {:.1} us, 99 % {:.1} us, longest {:.1} us, {total} periods",
                 us(0.5),
@@ -622,6 +628,24 @@ mod tests {
 
         assert!(html.contains("17 messages of this run are not here"), "{html}");
         assert!(html.contains("10 of 100 servo periods of track are not here"), "{html}");
+    }
+
+    #[test]
+    fn numbers_at_their_ends_are_added_up_as_far_as_they_go() {
+        let (most, last) = (u64::MAX, u64::MAX);
+        let arm = ArmStory { ticks: 3, missing: most, last, ..ArmStory::default() };
+        let mut story = Story { arms: vec![arm], looks: vec![0, most], ..Story::default() };
+        let classes = format!("{most}:{most} 100:{most} 5:1");
+        let timing =
+            ["wake_up_ns", "jitter_ns", "work_ns"].map(|n| (n.to_owned(), classes.clone()));
+        story.label.metadata.insert("timing".into(), timing.into());
+        let pace = [("pace".to_owned(), "real-time".to_owned())];
+        story.label.metadata.insert("rubik_robot".into(), pace.into());
+
+        let html = page(&story);
+
+        assert!(html.contains(&format!("{most} of {most} servo periods")), "{html}");
+        assert!(html.contains(&format!("{most} periods</text>")), "{html}");
     }
 
     #[test]

@@ -197,7 +197,8 @@ pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
     for (nanos, count) in classes {
         let share = ((*nanos).max(1) as f64).log10() - low;
         let at = (share / (high - low) * BARS as f64) as usize;
-        bars[at.min(BARS - 1)] += count;
+        let bar = &mut bars[at.min(BARS - 1)];
+        *bar = bar.saturating_add(*count);
     }
     let (top, panel) = (22.0, 120.0);
     let most = bars.iter().copied().max().unwrap_or(1).max(1) as f64;
