@@ -147,7 +147,7 @@ impl Tally {
         phases
     }
 
-    /// Runs that ended without a verdict of the plant: they died, or were killed after their time.
+    /// Runs that ended without a verdict of the plant: they never began, died, or were killed after their time.
     #[must_use]
     pub fn without_verdict(&self) -> u64 {
         self.results.iter().filter(|r| r.figures.is_none()).count() as u64
