@@ -10,7 +10,9 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
 use proptest::prelude::*;
+use rubik_robot::campaign::page;
 use rubik_robot::campaign::state::State;
+use rubik_robot::campaign::tally::Tally;
 use rubik_robot::campaign::vary::Vary;
 use rubik_robot::cli::cubes::measured_squares;
 use rubik_robot::cli::evaluate::evaluate;
@@ -409,6 +411,15 @@ fn state_files_of_campaigns() {
             // What was read whole is read again the same.
             let again = State::read(&bytes[..state.whole as usize]).unwrap();
             assert_eq!(again.results.len(), state.results.len());
+            // What `merge` tells of it.
+            let (mut whole, shards) = (state.clone(), [state.header.shard]);
+            let lacking = whole.whole_of(&shards);
+            for tally in [Tally::of(&state), Tally::of(&whole)] {
+                assert!(tally.is_complete() || tally.runs() < tally.asked);
+                assert!(tally.json().is_object() && !tally.table().is_empty());
+                assert!(!page::page(&tally, Some(0.9)).contains("<script"));
+            }
+            assert!(lacking.to_string().len() < 2000);
         }
     });
 }

@@ -63,7 +63,7 @@ impl Tally {
         }
         Self {
             header: state.header.clone(),
-            asked: state.header.seeds().take(state.header.runs as usize).count() as u64,
+            asked: state.header.asked(),
             interval: wilson(solved, results.len() as u64),
             results,
             solved,

@@ -8,7 +8,7 @@ use crate::campaign::page;
 use crate::campaign::result::{RunResult, Verdict};
 use crate::campaign::runner::{Job, Runner};
 use crate::campaign::soak::soak;
-use crate::campaign::state::{self, Header, Shard, State, Unusable};
+use crate::campaign::state::{self, Header, MOST_RUNS, Shard, State, Unusable};
 use crate::campaign::tally::Tally;
 use crate::campaign::vary::{Drawn, Vary};
 use crate::hw::text;
@@ -27,12 +27,8 @@ use std::time::{Duration, Instant};
 
 /// Exit code of an interrupted campaign.
 const INTERRUPTED: u8 = 130;
-/// Missing shards that are named.
-const NAMED: usize = 20;
-/// The most runs: seeds are numbers, and a list of them is kept.
-const MOST: u64 = 10_000_000;
 /// The last seed that a first run may have: a scenario's seed is an integer of TOML, and so is that of the last run.
-pub(super) const LAST_SEED: u64 = i64::MAX as u64 - MOST;
+pub(super) const LAST_SEED: u64 = i64::MAX as u64 - MOST_RUNS;
 
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
@@ -65,7 +61,7 @@ pub(super) struct CampaignArgs {
     set: Vec<String>,
     /// Number of runs, of all shards together
     #[arg(long, value_name = "N", required_unless_present = "soak",
-          value_parser = clap::value_parser!(u64).range(1..=MOST))]
+          value_parser = clap::value_parser!(u64).range(1..=MOST_RUNS))]
     runs: Option<u64>,
     /// Seed of the first run; the others have those that follow
     #[arg(long, value_name = "S", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=LAST_SEED))]
@@ -223,13 +219,8 @@ fn merge(files: &[PathBuf], how: &ToldArgs, output: &mut Output) -> anyhow::Resu
     }
     let Some(mut whole) = whole else { return Ok(WRONG) };
     let lacking = whole.whole_of(&shards);
-    if !lacking.is_empty() {
-        let more = match lacking.len().saturating_sub(NAMED) {
-            0 => String::new(),
-            more => format!(" and {more} more"),
-        };
-        let named = lacking.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ");
-        complain(&format!("missing of the campaign: shards {named}{more}"));
+    if lacking.count > 0 {
+        complain(&format!("missing of the campaign: shards {lacking}"));
     }
     if whole.header.build == "several" {
         complain("the shards were performed by different builds of one version");
