@@ -100,7 +100,8 @@ impl Runner {
 
     fn command(&self, job: &Job) -> Command {
         let mut command = Command::new(&self.program);
-        command.arg("run").arg(&self.scenario);
+        // What a list of processes shows, whatever path leads to the program.
+        command.arg0("rubik-robot").arg("run").arg(&self.scenario);
         command
             .args(["--json", "--ui", "none", "--seed"])
             .arg(job.seed.to_string())

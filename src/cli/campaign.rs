@@ -313,6 +313,13 @@ pub(super) struct Shape {
     pub jobs: Option<u16>,
 }
 
+/// The way to this very program for a process that is to become it. Under Linux that is the file that runs here, whatever has
+/// been built to its path meanwhile: the link is followed in the new process, which until then is a copy of this one.
+fn this_program() -> std::io::Result<PathBuf> {
+    let running = Path::new(record::RUNNING);
+    if running.exists() { Ok(running.to_owned()) } else { std::env::current_exe() }
+}
+
 /// A campaign that can be performed.
 pub(super) struct Campaign {
     pub state: State,
@@ -360,7 +367,7 @@ impl Campaign {
         }
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let runner = Runner {
-            program: std::env::current_exe().map_err(|e| format!("this program: {e}"))?,
+            program: this_program().map_err(|e| format!("this program: {e}"))?,
             scenario: path.clone(),
             set: args.set.clone(),
             jobs: shape.jobs.map_or(cores, usize::from),

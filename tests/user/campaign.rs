@@ -480,6 +480,45 @@ fn a_tier_is_performed_anywhere_and_tells_what_the_plant_did() {
     }
 }
 
+/// Starts a campaign of short runs, one at a time, and waits for the first result in its state file.
+fn under_way(mut program: Command, scenario: &str, state: &Place) -> std::process::Child {
+    let mut campaign = program
+        .args(["campaign", scenario, "--runs", "4", "--jobs", "1", "--state", state.path()])
+        .args(["--set", "pace=real-time", "--set", "idle.time_s=0.5", "--json"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    while results(state) == 0 {
+        assert_eq!(campaign.try_wait().unwrap(), None, "it ended by itself");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    campaign
+}
+
+/// Results in a state file.
+fn results(state: &Place) -> usize {
+    let kept = std::fs::read_to_string(state.path()).unwrap_or_default();
+    kept.lines().count().saturating_sub(1)
+}
+
+#[test]
+fn what_is_built_meanwhile_does_not_get_into_a_campaign() {
+    let (own, other) = (Place::new("own-program"), Place::with("other", "#!/bin/sh\nexit 9\n"));
+    std::fs::copy(env!("CARGO_BIN_EXE_rubik-robot"), own.path()).unwrap();
+    let executable = std::fs::metadata(own.path()).unwrap().permissions();
+    std::fs::set_permissions(other.path(), executable).unwrap();
+    let state = Place::new("rebuilt.jsonl");
+    let mut program = Command::new(own.path());
+    program.current_dir(env!("CARGO_MANIFEST_DIR")).stdin(Stdio::null());
+
+    let campaign = under_way(program, "scenarios/idle.toml", &state);
+    std::fs::rename(other.path(), own.path()).unwrap();
+
+    let done = object(&campaign.wait_with_output().unwrap(), 0);
+    assert_eq!((&done["runs"], &done["solved"]), (&4.into(), &4.into()), "{done}");
+}
+
 /// The processes that one has started.
 fn children(of: u32) -> Vec<u32> {
     let threads = std::fs::read_dir(format!("/proc/{of}/task")).unwrap();
