@@ -28,7 +28,7 @@ pub struct Header {
     pub build: String,
     /// Path of the scenario, as given.
     pub scenario: String,
-    /// Sum over its text.
+    /// Sum over its text, and over what came of it with the files that it names.
     pub scenario_sum: String,
     /// What overrules it in all runs, as behind `--set`.
     pub set: Vec<String>,

@@ -14,7 +14,7 @@ use crate::campaign::vary::{Drawn, Vary};
 use crate::hw::text;
 use crate::record::journal;
 use crate::record::place::Place;
-use crate::scenario::{self, Override, Scenario};
+use crate::scenario::{self, CameraSource, Override, Scenario};
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
 use std::collections::BTreeMap;
@@ -169,7 +169,11 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     {
         return Ok(told(&format!("{}: {why}", path.display())));
     }
-    let interrupted = campaign.perform("campaign")?;
+    let performed = campaign.perform("campaign")?;
+    if performed == Performed::Changed {
+        return Ok(WRONG);
+    }
+    let interrupted = performed == Performed::Interrupted;
     if interrupted && args.state.is_none() {
         complain("interrupted; with --state FILE a campaign can go on where it was");
     }
@@ -313,6 +317,61 @@ pub(super) struct Shape {
     pub jobs: Option<u16>,
 }
 
+/// How the performance of a campaign ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Performed {
+    /// All runs have a result.
+    Whole,
+    /// A signal ended it.
+    Interrupted,
+    /// The scenario is no longer what it was, and that was told.
+    Changed,
+}
+
+/// What was to be performed is no longer what it was.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{0}, or a file that it names, has changed since the campaign began: runs of two scenarios are no measurement"
+)]
+struct Changed(String);
+
+/// The scenario of all runs as it was when the campaign began. Each run reads it anew.
+struct Given {
+    from: ScenarioArgs,
+    sum: String,
+}
+
+impl Given {
+    fn still(&self) -> std::io::Result<()> {
+        // What cannot be read any more has changed as well.
+        let now = self.from.load(&[]).ok().and_then(|now| sum(&self.from.scenario, &now).ok());
+        if now.as_ref() == Some(&self.sum) {
+            return Ok(());
+        }
+        Err(std::io::Error::other(Changed(self.from.scenario.display().to_string())))
+    }
+}
+
+/// Sum over a scenario's text, and over what came of it: with the files that it names, wherever it stands.
+fn sum(path: &Path, read: &Scenario) -> std::io::Result<String> {
+    let mut sum = crc32fast::Hasher::new();
+    sum.update(scenario::text(path)?.as_bytes());
+    let mut read = Scenario { path: PathBuf::new(), ..read.clone() };
+    for camera in &mut read.controller.cameras {
+        let CameraSource::Folder(folder) = camera else { continue };
+        let files: std::io::Result<Vec<_>> = folder.read_dir()?.map(|e| Ok(e?.path())).collect();
+        let mut files: Vec<_> = files?.into_iter().filter(|path| path.is_file()).collect();
+        files.sort();
+        for file in files {
+            sum.update(file.file_name().unwrap_or_default().as_encoded_bytes());
+            sum.update(&std::fs::read(&file)?);
+        }
+        *folder = PathBuf::new();
+    }
+    sum.update(format!("{read:?}").as_bytes());
+    Ok(format!("{:08x}", sum.finalize()))
+}
+
 /// The way to this very program for a process that is to become it. Under Linux that is the file that runs here, whatever has
 /// been built to its path meanwhile: the link is followed in the new process, which until then is a copy of this one.
 fn this_program() -> std::io::Result<PathBuf> {
@@ -323,6 +382,7 @@ fn this_program() -> std::io::Result<PathBuf> {
 /// A campaign that can be performed.
 pub(super) struct Campaign {
     pub state: State,
+    given: Given,
     runner: Runner,
     jobs: Vec<Job>,
     kept: Option<File>,
@@ -343,12 +403,14 @@ impl Campaign {
             );
         }
         let path = &args.scenario;
-        let text = scenario::text(path).map_err(|e| format!("{}: {e}", path.display()))?;
+        let unread = |e| format!("{}: {e}", path.display());
+        let text = scenario::text(path).map_err(unread)?;
+        let sum = sum(path, &scenario).map_err(unread)?;
         let header = Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             build: record::build(),
             scenario: path.display().to_string(),
-            scenario_sum: format!("{:08x}", crc32fast::hash(text.as_bytes())),
+            scenario_sum: sum.clone(),
             set: args.set.clone(),
             vary,
             seed: shape.seed,
@@ -374,7 +436,8 @@ impl Campaign {
             limit: Duration::from_secs(shape.limit_s),
         };
         let state = State { header, results: BTreeMap::new(), whole: 0, torn: false };
-        Ok(Self { state, runner, jobs, kept: None })
+        let from = ScenarioArgs { scenario: path.clone(), set: args.set.clone() };
+        Ok(Self { state, given: Given { from, sum }, runner, jobs, kept: None })
     }
 
     /// Takes up what a file holds already, and appends to it from here on.
@@ -442,40 +505,47 @@ impl Campaign {
         Ok(())
     }
 
-    /// Performs what is not done yet; returns whether it was interrupted.
-    pub(super) fn perform(&mut self, title: &str) -> anyhow::Result<bool> {
+    /// Performs what is not done yet.
+    pub(super) fn perform(&mut self, title: &str) -> anyhow::Result<Performed> {
         let stop = stop_flag()?;
         let (bar, begun) = (Bar::new(title), Instant::now());
         let all = self.jobs.len() + self.state.results.len();
         let (mut done, mut failed) = (0, 0);
         let (state, kept) = (&mut self.state, &mut self.kept);
-        self.runner
-            .perform(&self.jobs, &stop, |result| {
-                if let Some(file) = kept.as_mut() {
-                    // One write and one wait for the disk: a run takes seconds.
-                    file.write_all(state::line(&result).as_bytes())?;
-                    file.sync_data()?;
-                }
-                done += 1;
-                if result.verdict != Verdict::Solved {
-                    failed += 1;
-                    bar.say(&sentence(&result));
-                }
-                state.results.insert(result.seed, result);
-                let left = begun.elapsed().as_secs_f64() / f64::from(done)
-                    * (all - state.results.len()) as f64;
-                let words = format!(
-                    "  {} of {all}, {failed} failed, about {} left",
-                    state.results.len(),
-                    duration(left)
-                );
-                bar.show_with(state.results.len() as f64 / all.max(1) as f64, &words);
-                Ok(())
-            })
-            .context("the campaign's results")?;
+        let given = &self.given;
+        let performed = self.runner.perform(&self.jobs, &stop, &|| given.still(), |result| {
+            if let Some(file) = kept.as_mut() {
+                // One write and one wait for the disk: a run takes seconds.
+                file.write_all(state::line(&result).as_bytes())?;
+                file.sync_data()?;
+            }
+            done += 1;
+            if result.verdict != Verdict::Solved {
+                failed += 1;
+                bar.say(&sentence(&result));
+            }
+            state.results.insert(result.seed, result);
+            let left = begun.elapsed().as_secs_f64() / f64::from(done)
+                * (all - state.results.len()) as f64;
+            let words = format!(
+                "  {} of {all}, {failed} failed, about {} left",
+                state.results.len(),
+                duration(left)
+            );
+            bar.show_with(state.results.len() as f64 / all.max(1) as f64, &words);
+            Ok(())
+        });
+        match performed {
+            Err(why) if why.get_ref().and_then(|why| why.downcast_ref::<Changed>()).is_some() => {
+                bar.end(&format!("{done} runs, broken off,"));
+                complain(&why.to_string());
+                return Ok(Performed::Changed);
+            }
+            performed => performed.context("the campaign's results")?,
+        }
         let interrupted = stop.load(Ordering::SeqCst);
         bar.end(&format!("{done} runs{}", if interrupted { ", interrupted," } else { "" }));
-        Ok(interrupted)
+        Ok(if interrupted { Performed::Interrupted } else { Performed::Whole })
     }
 }
 

@@ -14,6 +14,11 @@ fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap()
 }
 
+/// What it told beside its results.
+fn told_by(out: &Output) -> &str {
+    text(&out.stderr)
+}
+
 /// The object at the end of stdout, after a look at the exit code.
 fn object(out: &Output, code: i32) -> Value {
     assert_eq!(out.status.code(), Some(code), "{}\n{}", text(&out.stderr), text(&out.stdout));
@@ -517,6 +522,33 @@ fn what_is_built_meanwhile_does_not_get_into_a_campaign() {
 
     let done = object(&campaign.wait_with_output().unwrap(), 0);
     assert_eq!((&done["runs"], &done["solved"]), (&4.into(), &4.into()), "{done}");
+}
+
+#[test]
+fn a_scenario_that_changes_meanwhile_or_a_file_that_it_names_ends_the_campaign() {
+    let profile = include_str!("../../scenarios/arms/irp6_servo.toml");
+    let gains = Place::with("gains.toml", profile);
+    let name = gains.0.file_name().unwrap().to_str().unwrap();
+    let text = include_str!("../../scenarios/idle.toml").to_owned();
+    let scenario = Place::with("given.toml", &format!("{text}servo_profile = \"{name}\"\n"));
+    let state = Place::new("changed.jsonl");
+
+    let campaign = under_way(program(), scenario.path(), &state);
+    let changed = profile.replacen("pwm_limit = 190.0", "pwm_limit = 189.0", 1);
+    assert_ne!(changed, profile);
+    std::fs::write(gains.path(), changed).unwrap();
+
+    let out = campaign.wait_with_output().unwrap();
+    let told = told_by(&out);
+    assert_eq!(out.status.code(), Some(2), "{told}");
+    assert!(told.contains("given.toml, or a file that it names, has changed since"), "{told}");
+    assert!((1..4).contains(&results(&state)), "{told}");
+    // Nor does it go on later, as if nothing had been.
+    let run = ["campaign", scenario.path(), "--runs", "4", "--jobs", "1", "--state", state.path()];
+    let later =
+        robot(&[&run[..], &["--set", "pace=real-time", "--set", "idle.time_s=0.5"]].concat());
+    assert_eq!(later.status.code(), Some(2));
+    assert!(told_by(&later).contains("whose contents differ"), "{}", told_by(&later));
 }
 
 /// The processes that one has started.
