@@ -15,6 +15,8 @@ use std::io::{BufRead, Read};
 const LONGEST: u64 = 1 << 20;
 /// The most runs of a campaign, and the most shards: seeds are numbers, and a list of them is kept.
 pub const MOST_RUNS: u64 = 10_000_000;
+/// The build of a campaign whose shards were performed by different builds of one version.
+pub const SEVERAL: &str = "several";
 /// Missing shards that are named.
 const NAMED: usize = 20;
 
@@ -24,7 +26,7 @@ const NAMED: usize = 20;
 pub struct Header {
     /// Version of the program.
     pub version: String,
-    /// Sum over the program: two builds of one version may differ.
+    /// Sum over the program: two builds of one version may differ. [`SEVERAL`] of shards that had not the same.
     pub build: String,
     /// Path of the scenario, as given.
     pub scenario: String,
@@ -332,7 +334,7 @@ impl State {
         }
         self.header.shard = Shard::default();
         if self.header.build != other.header.build {
-            "several".clone_into(&mut self.header.build);
+            SEVERAL.clone_into(&mut self.header.build);
         }
         other.results.into_values().try_for_each(|result| self.take(result))
     }

@@ -226,10 +226,11 @@ fn merge(files: &[PathBuf], how: &ToldArgs, output: &mut Output) -> anyhow::Resu
     if lacking.count > 0 {
         complain(&format!("missing of the campaign: shards {lacking}"));
     }
-    if whole.header.build == "several" {
+    let tally = Tally::of(&whole);
+    if !tally.is_of_one_build() {
         complain("the shards were performed by different builds of one version");
     }
-    how.tell(&Tally::of(&whole), output)
+    how.tell(&tally, output)
 }
 
 impl ToldArgs {
@@ -266,6 +267,8 @@ impl ToldArgs {
         let (runs, solved) = (tally.runs(), tally.solved);
         let reason = if !tally.is_complete() || runs == 0 {
             format!("{runs} of {} runs are no campaign to judge by", tally.asked)
+        } else if !tally.is_of_one_build() {
+            "the runs of different builds are no measurement of one".to_owned()
         } else if tally.success() < share {
             format!("{solved} of {runs} solved")
         } else {

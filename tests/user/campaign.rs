@@ -551,6 +551,28 @@ fn a_scenario_that_changes_meanwhile_or_a_file_that_it_names_ends_the_campaign()
     assert!(told_by(&later).contains("whose contents differ"), "{}", told_by(&later));
 }
 
+#[test]
+fn the_shards_of_two_builds_are_no_measurement_of_one() {
+    let parts = ["1/2", "2/2"].map(|shard| {
+        let place = Place::new(&format!("build{}.jsonl", &shard[..1]));
+        let part = ["--runs", "2", "--shard", shard, "--state", place.path()];
+        assert_eq!(idle(&part).status.code(), Some(0));
+        place
+    });
+    let merge = ["campaign", "merge", parts[0].path(), parts[1].path(), "--json"];
+    let judged = [&merge[..], &["--at-least", "1"]].concat();
+    let one = object(&robot(&judged), 0);
+    let build = one["build"].as_str().unwrap();
+    let kept = std::fs::read_to_string(parts[1].path()).unwrap();
+    std::fs::write(parts[1].path(), kept.replacen(build, "another", 1)).unwrap();
+
+    assert_eq!(object(&robot(&merge), 0)["build"], "several");
+    let several = robot(&judged);
+    assert_eq!(object(&several, 1)["solved"], 2);
+    let told = told_by(&several);
+    assert!(told.contains("is not reached: the runs of different builds are no"), "{told}");
+}
+
 /// The processes that one has started.
 fn children(of: u32) -> Vec<u32> {
     let threads = std::fs::read_dir(format!("/proc/{of}/task")).unwrap();
