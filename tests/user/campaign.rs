@@ -406,17 +406,24 @@ fn a_soak_tells_memory_and_drift_at_each_tenth() {
 }
 
 #[test]
-fn a_soak_with_a_mission_that_is_not_solved_does_not_pass_silently() {
-    let soak =
+fn a_soak_with_a_mission_that_is_not_solved_or_with_none_to_compare_does_not_pass_silently() {
+    let scenario =
         ["campaign", "scenarios/face_turn.toml", "--set", "control.compliance=none", "--seed", "5"];
-    let soak = [&soak[..], &["--soak", "0.0001", "--soak-seeds", "1"]].concat();
+    // A mission of 4 s, twice; and once.
+    let soak = |hours, more: &[&str]| {
+        let soak = [&["--soak", hours, "--soak-seeds", "1"], more].concat();
+        let out = robot(&[&scenario[..], &soak].concat());
+        (out.status.code(), told_by(&out).to_owned())
+    };
 
-    let short = robot(&soak);
-    assert_eq!(short.status.code(), Some(1), "{}", text(&short.stderr));
-    let told = text(&short.stderr);
-    assert!(told.contains("1 of 1 missions were not solved; --at-least 1"), "{told}");
-    let content = robot(&[&soak[..], &["--at-least", "0"]].concat());
-    assert_eq!(content.status.code(), Some(0), "{}", text(&content.stderr));
+    let (code, told) = soak("0.002", &[]);
+    assert_eq!(code, Some(1), "{told}");
+    assert!(told.contains("2 of 2 missions were not solved; --at-least 1"), "{told}");
+    let (code, told) = soak("0.002", &["--at-least", "0"]);
+    assert_eq!(code, Some(0), "{told}");
+    let (code, told) = soak("0.001", &["--at-least", "0"]);
+    assert_eq!(code, Some(1), "{told}");
+    assert!(told.contains("not steady: no mission was repeated"), "{told}");
 }
 
 #[test]
