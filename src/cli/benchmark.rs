@@ -185,6 +185,7 @@ fn setup(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs, scenario: &Scena
             args.within_s
         ),
         scrambles,
+        state: scenario.plant.cube_state,
     }
 }
 
