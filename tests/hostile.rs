@@ -10,12 +10,15 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
 use proptest::prelude::*;
+use rubik_robot::campaign::page;
 use rubik_robot::campaign::state::State;
+use rubik_robot::campaign::tally::Tally;
 use rubik_robot::campaign::vary::Vary;
 use rubik_robot::cli::cubes::measured_squares;
 use rubik_robot::cli::evaluate::evaluate;
 use rubik_robot::cube::{Cube, Facelets, after_moves, parse_moves, parse_turns};
 use rubik_robot::desk::desk;
+use rubik_robot::generators::Behaviour;
 use rubik_robot::hw::devices::Devices;
 use rubik_robot::hw::force::{
     FT_RECORD, RDT_RECORD, RdtRecord, Sequence, decode_record, start_request,
@@ -25,18 +28,21 @@ use rubik_robot::hw::plant::{Plant, PlantConfig};
 use rubik_robot::hw::port::Port as _;
 use rubik_robot::hw::serial::axis::{Axis, AxisDrive, Rules};
 use rubik_robot::hw::serial::frame::{ORDER, Order, STATUS, Status};
-use rubik_robot::operator::Command;
+use rubik_robot::motion::{ArmState, JointPositions};
+use rubik_robot::operator::{Answer, Command, Manual, Step};
 use rubik_robot::record::journal::Journal;
 use rubik_robot::record::reading::{Piece, Reading};
 use rubik_robot::record::{recover, report};
 use rubik_robot::scenario::{self, Override};
 use rubik_robot::servo::io::{ArmDrive, ArmReading};
+use rubik_robot::tasks::panel::{Bench, Panel};
+use rubik_robot::tasks::{Action, Event, Forces, Readings, Task as _, Until};
 use rubik_robot::vision::colours::decide_cube;
 use rubik_robot::web;
+use search::Input;
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 mod memory;
 mod search;
@@ -46,43 +52,19 @@ const MEMORY: usize = 256 << 20;
 /// Time that an input may take.
 const TIME: Duration = Duration::from_secs(10);
 
-/// When the present input must be done, in milliseconds since the first; 0 while there is none.
-static DUE: AtomicU64 = AtomicU64::new(0);
-static NOW: Mutex<Option<(String, Vec<u8>)>> = Mutex::new(None);
-
-/// Ends the process with the input's name when it hangs: a test cannot be ended otherwise.
-fn watch() -> Instant {
-    static BEGUN: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
-    *BEGUN.get_or_init(|| {
-        std::thread::spawn(|| {
-            loop {
-                std::thread::sleep(Duration::from_millis(200));
-                let (due, now) = (DUE.load(Ordering::SeqCst), watch().elapsed().as_millis() as u64);
-                if due > 0 && now > due {
-                    let input = NOW.lock().unwrap_or_else(PoisonError::into_inner);
-                    if let Some((name, bytes)) = input.as_ref() {
-                        eprintln!("HANGS: {name}: {}", String::from_utf8_lossy(bytes));
-                        // Those of the corpus are there already.
-                        if !name.contains('/') {
-                            eprintln!("{}", search::keep(name, bytes).display());
-                        }
-                    }
-                    std::process::abort();
-                }
-            }
-        });
-        Instant::now()
-    })
+/// Gives an input of a file to a reader under all limits.
+fn give(name: &str, input: &[u8], read: &dyn Fn(&[u8])) {
+    limited(Input::named(name), name, input, read);
 }
 
-/// Gives an input to a reader under all limits.
-fn give(name: &str, input: &[u8], read: &dyn Fn(&[u8])) {
-    let _alone = memory::alone();
-    let begun = watch();
-    *NOW.lock().unwrap_or_else(PoisonError::into_inner) = Some((name.to_owned(), input.to_vec()));
-    DUE.store((begun.elapsed() + TIME).as_millis() as u64, Ordering::SeqCst);
-    let taken = memory::most_held(|| read(input));
-    DUE.store(0, Ordering::SeqCst);
+/// Gives an input that was made up to a reader under all limits.
+fn give_found(kind: &'static str, input: &[u8], read: &dyn Fn(&[u8])) {
+    let bytes = input.to_vec();
+    limited(Input::found(kind, move || bytes.clone()), kind, input, read);
+}
+
+fn limited(told: Input, name: &str, input: &[u8], read: &dyn Fn(&[u8])) {
+    let (taken, _) = search::watched(told, TIME, || read(input));
     assert!(taken < MEMORY, "{name}: {taken} bytes of memory for {} bytes", input.len());
 }
 
@@ -200,13 +182,13 @@ fn spoilt(bytes: &[u8], spoils: &[Spoil]) -> Vec<u8> {
 }
 
 /// The corpus, then random bytes, spoilt files and text of an alphabet.
-fn hostile(kind: &str, alphabet: &str, cases: u32, read: &dyn Fn(&[u8])) {
+fn hostile(kind: &'static str, alphabet: &str, cases: u32, read: &dyn Fn(&[u8])) {
     hostile_to(kind, alphabet, cases, Vec::new(), |bytes| bytes, read);
 }
 
 /// With more files that are spoilt; half of what is spoilt is mended then, so that it gets past the checksums.
 fn hostile_to(
-    kind: &str,
+    kind: &'static str,
     alphabet: &str,
     cases: u32,
     more: Vec<Vec<u8>>,
@@ -228,7 +210,7 @@ fn hostile_to(
             if mends { mend(bytes) } else { bytes }
         });
     let inputs = prop_oneof![1 => words, 1 => random, 3 => of_corpus];
-    search::search(kind, cases, &inputs, Clone::clone, |input| give(kind, &input, read));
+    search::search(kind, cases, &inputs, Clone::clone, |input| give_found(kind, &input, read));
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -323,7 +305,9 @@ fn plain(recording: &[u8]) -> Vec<u8> {
             Piece::Message(message) => {
                 let c = &message.channel;
                 let id = *channels.entry(c.topic.clone()).or_insert_with(|| {
-                    let schema = writer.add_schema(&c.kind, &c.encoding, &c.schema).unwrap();
+                    let own = &c.schema;
+                    let schema =
+                        writer.add_schema(&own.kind, &own.encoding, &own.definition).unwrap();
                     writer.add_channel(schema, &c.topic, &c.message_encoding, &c.metadata).unwrap()
                 });
                 let head = mcap::records::MessageHeader {
@@ -377,6 +361,28 @@ fn recordings() {
 }
 
 #[test]
+fn a_long_schema_of_many_channels_is_kept_once() {
+    let text = |bytes: &[u8]| [&(bytes.len() as u32).to_le_bytes(), bytes].concat();
+    let record = |opcode: u8, parts: &[&[u8]]| {
+        let body = parts.concat();
+        [&[opcode][..], &(body.len() as u64).to_le_bytes(), &body].concat()
+    };
+    let definition = vec![b' '; 4 << 20];
+    let mut file = mcap::MAGIC.to_vec();
+    file.extend(record(0x03, &[&[1, 0], &text(b"Type"), &text(b"ros2msg"), &text(&definition)]));
+    for id in 0..200_u16 {
+        let texts = [text(b"/topic"), text(b"cdr"), text(b"")].concat();
+        file.extend(record(0x04, &[&id.to_le_bytes(), &[1, 0], &texts]));
+        file.extend(record(0x05, &[&id.to_le_bytes(), &[0; 20]]));
+    }
+    give("mcap/channels", &file, &|bytes| {
+        assert_eq!(Reading::new(bytes).count(), 200);
+        let saved = recover::recover(bytes, std::io::Cursor::new(Vec::new())).unwrap();
+        assert_eq!(saved.messages, 200);
+    });
+}
+
+#[test]
 fn state_files_of_campaigns() {
     hostile("state", "{}[]\":,\n seedvrictphaonu0123456789.", 1500, &|bytes| {
         if let Ok(state) = State::read(bytes) {
@@ -385,6 +391,15 @@ fn state_files_of_campaigns() {
             // What was read whole is read again the same.
             let again = State::read(&bytes[..state.whole as usize]).unwrap();
             assert_eq!(again.results.len(), state.results.len());
+            // What `merge` tells of it.
+            let (mut whole, shards) = (state.clone(), [state.header.shard]);
+            let lacking = whole.whole_of(&shards);
+            for tally in [Tally::of(&state), Tally::of(&whole)] {
+                assert!(tally.is_complete() || tally.runs() < tally.asked);
+                assert!(tally.json().is_object() && !tally.table().is_empty());
+                assert!(!page::page(&tally, Some(0.9)).contains("<script"));
+            }
+            assert!(lacking.to_string().len() < 2000);
         }
     });
 }
@@ -464,16 +479,111 @@ fn datagrams() {
 fn messages_of_pages() {
     let page = "{}[]\":,commandseatxirsuwgphy0123456789.-e";
     let (desk, behind) = desk();
-    let mut commands = behind.take_commands().unwrap();
+    let commands = RefCell::new(behind.take_commands().unwrap());
+    let panel = RefCell::new(panel());
     hostile("websocket", page, 3000, &|bytes| {
-        if let Ok(command) = serde_json::from_slice::<Command>(bytes) {
-            assert!(!command.words().is_empty());
+        let text = text(bytes);
+        let command = serde_json::from_str::<Command>(&text).ok();
+        if let Some(command) = &command {
+            ordered(&mut panel.borrow_mut(), command);
         }
         // What a socket does with a text, of a page that commands.
-        let refused = web::heard(&text(bytes), &desk);
+        let refused = web::heard(&text, &desk);
         assert!(refused.is_none_or(|why| why.len() < 200));
+        // The next one finds room again, and what is taken is what was said. (A socket also takes a command's number for it.)
+        while let Ok(taken) = commands.borrow_mut().try_recv() {
+            assert!(command.as_ref().is_none_or(|command| *command == taken), "{taken:?}");
+        }
     });
-    while commands.try_recv().is_ok() {}
+}
+
+/// The arms by hand: one with an axis 0, one without.
+fn panel() -> Panel {
+    let bench = |has_track| Bench {
+        has_track,
+        poses: vec![("front".to_owned(), JointPositions([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))],
+        opening: (0.04, 0.09),
+        grip: 40.0,
+    };
+    Panel::new(vec![bench(true), bench(false)])
+}
+
+/// What comes of a command to the arms: whatever it says, nothing moves that is no arm, to no place that is none, or farther
+/// than one order goes; what is refused is so in words.
+fn ordered(panel: &mut Panel, command: &Command) {
+    assert!(!command.words().is_empty());
+    let Command::Manual { effector, order } = command else { return };
+    let arms = [ArmState::default(); 2];
+    let readings = Readings { arms: &arms, forces: Forces::default() };
+    let action = panel.next(Event::Ordered(*effector, order.clone()), &readings);
+    let notes = panel.notes();
+    if action == Action::Await {
+        assert_eq!(notes.len(), 1, "{notes:?}");
+        return;
+    }
+    assert!(*effector < arms.len() && notes.is_empty(), "{notes:?}");
+    match action {
+        Action::Behave { orders, until } => {
+            assert_eq!(until, Until::Effector(*effector));
+            assert!(orders[1 - *effector].is_none());
+            match orders[*effector].as_ref().unwrap() {
+                Behaviour::Joints { target, .. } => {
+                    assert!(target.0.iter().all(|joint| joint.abs() <= 0.6), "{target:?}");
+                }
+                Behaviour::Line { target, .. } => {
+                    let (way, angle) = (target.translation.vector.norm(), target.rotation.angle());
+                    assert!(way <= 0.2 + 1e-9 && angle <= 0.6 + 1e-9, "{target:?}");
+                }
+                Behaviour::Jaw { jaw, .. } => assert!((0.04..=0.09).contains(&jaw.opening)),
+                other => panic!("{other:?}"),
+            }
+        }
+        Action::Bias(of) => assert_eq!(of, [*effector == 0, *effector == 1]),
+        Action::Manual { order: Manual::Motor(step), .. } => {
+            assert!(step.axis < 7 && step.by.abs() <= 60.0, "{step:?}");
+        }
+        Action::Manual { order: Manual::Synchronise, .. } => {}
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn orders_to_the_arms() {
+    let number = || prop_oneof![-1.0..1.0, -100.0..100.0, proptest::num::f64::ANY];
+    let index = || prop_oneof![4 => 0..8usize, 1 => any::<usize>()];
+    let step = move || (index(), number()).prop_map(|(axis, by)| Step { axis, by });
+    let name = proptest::sample::select(&["front", "", "moon", "front\0"][..]);
+    let order = prop_oneof![
+        Just(Manual::Synchronise),
+        step().prop_map(Manual::Motor),
+        step().prop_map(Manual::Joint),
+        step().prop_map(Manual::Tool),
+        prop_oneof![0.0..0.2, number()].prop_map(|opening| Manual::Jaw { opening }),
+        name.prop_map(|name| Manual::Pose { name: name.to_owned() }),
+        Just(Manual::Bias),
+    ];
+    let effector = prop_oneof![4 => 0..3usize, 1 => any::<usize>()];
+    let choice = index().prop_map(|option| Answer::Choice { option });
+    let answer = (any::<u64>(), prop_oneof![choice, Just(Answer::Declined)]);
+    let commands = prop_oneof![
+        6 => (effector, order).prop_map(|(effector, order)| Command::Manual { effector, order }),
+        1 => number().prop_map(|factor| Command::Speed { factor }),
+        1 => number().prop_map(|time| Command::Seek { time }),
+        1 => answer.prop_map(|(question, answer)| Command::Answer { question, answer }),
+    ];
+    let (desk, behind) = desk();
+    let taken = RefCell::new(behind.take_commands().unwrap());
+    let panel = RefCell::new(panel());
+    // A number that is none cannot be written: what is found is kept as near as can be.
+    let written = |command: &Command| serde_json::to_vec(command).unwrap();
+    search::search("websocket", 3000, &commands, written, |command| {
+        give_found("websocket", &written(&command), &|bytes| {
+            ordered(&mut panel.borrow_mut(), &command);
+            let refused = web::heard(&text(bytes), &desk);
+            let heard = taken.borrow_mut().try_recv().ok();
+            assert!(refused.is_some() || heard.is_some_and(|heard| heard == command));
+        });
+    });
 }
 
 /// A folder of its own, which is removed.

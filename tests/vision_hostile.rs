@@ -13,8 +13,9 @@ use rubik_robot::cli::vision::decode;
 use rubik_robot::vision::homography::apply;
 use rubik_robot::vision::paper::{Filters, Stages};
 use rubik_robot::vision::{DetectorSettings, Lens, Method, Rect, detect, locate_in};
+use search::Input;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 mod memory;
 mod search;
@@ -25,13 +26,16 @@ const SMALL: usize = 64 << 20;
 const LARGE: usize = 700 << 20;
 /// Time that a picture of less than a million pixels may take, on a machine with other work.
 const TIME: Duration = Duration::from_secs(5);
+/// Time after which one has no end: what is slow only is made smaller first, and told then.
+const HANGS: Duration = Duration::from_secs(60);
 
 /// Runs a reader under its limits.
 fn limited(what: &str, memory: usize, read: impl FnOnce()) {
-    let _alone = memory::alone();
-    let begun = Instant::now();
-    let taken = memory::most_held(read);
-    let time = begun.elapsed();
+    limited_to(Input::named(what), what, memory, read);
+}
+
+fn limited_to(told: Input, what: &str, memory: usize, read: impl FnOnce()) {
+    let (taken, time) = search::watched(told, HANGS, read);
     assert!(taken < memory, "{what}: {taken} bytes of memory");
     assert!(time < TIME, "{what}: {time:?}");
 }
@@ -68,7 +72,11 @@ fn look(image: &RgbImage) {
 
 /// Bytes to the decoder, and on when they are a picture.
 fn give(what: &str, bytes: &[u8], memory: usize) {
-    limited(what, memory, || {
+    give_to(Input::named(what), what, bytes, memory);
+}
+
+fn give_to(told: Input, what: &str, bytes: &[u8], memory: usize) {
+    limited_to(told, what, memory, || {
         if let Ok(image) = decode(bytes) {
             assert!(image.width() > 0 && image.height() > 0);
             if image.len() < 3_000_000 {
@@ -261,7 +269,10 @@ fn no_bytes_panic() {
         if mend && bytes.starts_with(b"\x89PNG") { mended(bytes) } else { bytes }
     });
     let inputs = prop_oneof![1 => random, 9 => of_picture];
-    search::search("image", 400, &inputs, Clone::clone, |bytes| give("spoilt", &bytes, LARGE));
+    search::search("image", 400, &inputs, Clone::clone, |bytes| {
+        let own = bytes.clone();
+        give_to(Input::found("image", move || own.clone()), "spoilt", &bytes, LARGE);
+    });
 }
 
 /// A picture with as much in it that looks like tiles as there is room for: lattices in any perspective, also beyond
@@ -316,7 +327,9 @@ fn no_picture_panics_or_hangs() {
     // What is found is kept as a picture.
     let written = |hard: &Hard| file(&hard.draw().into(), ImageFormat::Png);
     search::search("image", 150, &hard, written, |hard| {
-        limited(&format!("{hard:?}"), SMALL, || look(&hard.draw()));
+        let own = hard.clone();
+        let told = Input::found("image", move || file(&own.draw().into(), ImageFormat::Png));
+        limited_to(told, &format!("{hard:?}"), SMALL, || look(&hard.draw()));
     });
 }
 

@@ -116,8 +116,11 @@ pub fn score(tally: &Tally, limit: f64) -> Score {
             && run.figures.as_ref().is_some_and(|f| f.sim_time_s <= limit)
     };
     let (mut longest_row, mut row) = (0, 0);
-    for run in &tally.results {
-        row = if passed(run) { row + 1 } else { 0 };
+    // A trial that is missing ends a row as one that failed.
+    let mut results = tally.results.iter().peekable();
+    for seed in tally.header.seeds() {
+        let run = results.next_if(|run| run.seed == seed);
+        row = if run.is_some_and(passed) { row + 1 } else { 0 };
         longest_row = longest_row.max(row);
     }
     let good = || tally.results.iter().filter(|r| passed(r)).filter_map(|r| r.figures.as_ref());
@@ -214,6 +217,9 @@ mod tests {
         let failed = score(&Tally::of(&state), 1000.0);
         assert_eq!((failed.passed, failed.longest_row), (4, 3));
         state.results.remove(&8);
-        assert!(!score(&Tally::of(&state), 1000.0).is_whole(), "a trial that is missing");
+        let missing = score(&Tally::of(&state), 1000.0);
+        assert!(!missing.is_whole(), "a trial that is missing");
+        // 5, 7 and 9 are left, none beside another one.
+        assert_eq!((missing.passed, missing.longest_row), (3, 1));
     }
 }

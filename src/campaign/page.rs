@@ -6,7 +6,7 @@
 use super::result::{Figures, RunResult, Verdict};
 use super::tally::{QUANTITIES, Tally, figure, phase};
 use super::vary::{Choice, Vary, Way};
-use crate::record::report::{STYLE, escaped, number, step};
+use crate::record::report::{HEAD, STYLE, escaped, number, step};
 use std::fmt::Write;
 
 /// The look beyond that of a run's report.
@@ -31,7 +31,7 @@ pub fn page(tally: &Tally, aim: Option<f64>) -> String {
     let mut html = String::with_capacity(1 << 18);
     let _ = write!(
         html,
-        "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta name=viewport content=\"width=device-width, initial-scale=1\">\n<title>{}</title>\n<style>\n{STYLE}{MORE}</style></head>\n<body><main>\n",
+        "{HEAD}<title>{}</title>\n<style>\n{STYLE}{MORE}</style></head>\n<body><main>\n",
         escaped(&title)
     );
     head(&mut html, tally, &title, aim);

@@ -7,7 +7,7 @@
 use super::benchmark::{Kind, Score, clearances};
 use super::statistics::Spread;
 use super::tally::{QUANTITIES, Tally, figure};
-use crate::cube::Keeper;
+use crate::cube::{Facelets, Keeper};
 use std::fmt::Write;
 
 /// What a protocol tells of the setup.
@@ -36,6 +36,8 @@ pub struct Setup {
     pub command: String,
     /// Scrambles by seed; none for missions.
     pub scrambles: Vec<(u64, String)>,
+    /// The cube of all missions; `None` where each draws its own.
+    pub state: Option<Facelets>,
 }
 
 impl Setup {
@@ -82,7 +84,11 @@ pub fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
             "{trials} consecutive trials. In each the robot takes a cube that {moves} seeded moves have scrambled, reads its faces,\nundoes them and {returns}. It is not told the moves: it plans by itself, and may find a shorter way."
         ),
         Kind::Mission { trials } => format!(
-            "{trials} whole missions. In each the robot takes a cube drawn from all 4.3e19 states, reads its faces, solves it and\n{returns}."
+            "{trials} whole missions. In each the robot takes {}, reads its faces, solves it and\n{returns}.",
+            match setup.state {
+                None => "a cube drawn from all 4.3e19 states".to_owned(),
+                Some(state) => format!("the same cube, `{state}`"),
+            }
         ),
     });
     line("\n## Setup\n");
@@ -192,6 +198,7 @@ fn results(t: &mut String, tally: &Tally, score: &Score) {
 
 fn trials(t: &mut String, setup: &Setup, tally: &Tally) {
     t.push_str("\n| seed | scramble | result | turns | grasps | time [s] | peak force [N] | peak contact [N] | clearance [mm] | why |\n|---|---|---|---|---|---|---|---|---|---|\n");
+    let otherwise = if setup.state.is_some() { "the cube of all" } else { "drawn from all" };
     for run in &tally.results {
         let scramble = setup.scrambles.iter().find(|(seed, _)| *seed == run.seed);
         let figures = run.figures.as_ref().map_or_else(
@@ -209,7 +216,7 @@ fn trials(t: &mut String, setup: &Setup, tally: &Tally) {
             t,
             "| {} | {} | {} | {figures} | {} |",
             run.seed,
-            scramble.map_or("drawn from all", |(_, moves)| moves.as_str()),
+            scramble.map_or(otherwise, |(_, moves)| moves.as_str()),
             run.verdict.word(),
             run.reason.replace('|', "/")
         );
@@ -242,7 +249,18 @@ mod tests {
             limit: 1800.0,
             command: "rubik-robot benchmark --tier 2-20".into(),
             scrambles: vec![(5, "R U2".into())],
+            state: None,
         };
+        let missions =
+            Setup { kind: Kind::Mission { trials: 2 }, scrambles: vec![], ..setup.clone() };
+        let given = Setup { state: Some(Facelets::solved()), ..missions.clone() };
+        let [drawn, given] =
+            [missions, given].map(|setup| protocol(&setup, &tally, &score(&tally, setup.limit)));
+        assert!(drawn.contains("takes a cube drawn from all 4.3e19 states, reads"), "{drawn}");
+        assert!(drawn.contains("| 5 | drawn from all |") && !given.contains("drawn from"));
+        let cube = Facelets::solved();
+        assert!(given.contains(&format!("takes the same cube, `{cube}`, reads")), "{given}");
+        assert!(given.contains("| 5 | the cube of all | solved"), "{given}");
 
         let table = Setup { keeper: Keeper::Table, ..setup.clone() };
         let text = protocol(&setup, &tally, &score(&tally, setup.limit));

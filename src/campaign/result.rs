@@ -54,7 +54,7 @@ pub struct RunResult {
     pub reason: String,
     /// What was drawn for it, as behind `--set`.
     pub set: Vec<String>,
-    /// Its figures; `None` of a run without a summary.
+    /// Its figures; `None` of a run without a summary, or that never began.
     pub figures: Option<Figures>,
     /// Time by the wall clock [s].
     pub wall_time_s: f64,
@@ -185,7 +185,7 @@ impl RunResult {
             phase: summary.phases.last().map(|p| p.name.clone()).unwrap_or_default(),
             reason: short(&reason),
             set,
-            figures: Some(Figures {
+            figures: summary.has_begun().then(|| Figures {
                 peak_force_n: number(summary.peak_force_n),
                 peak_torque_nm: number(summary.peak_torque_nm),
                 peak_contact_n: contacts.reduce(f64::max),
@@ -319,6 +319,7 @@ pub(super) mod tests {
     fn summary(seed: u64) -> Summary {
         let mut s = Summary::not_started("solve", seed, Some(&"U".repeat(54)), "", EndedBy::Task);
         s.outcome = Outcome::Solved;
+        s.hash = "ab".into();
         s.cube_end = Some(Facelets::solved().to_string());
         s
     }
@@ -368,6 +369,16 @@ pub(super) mod tests {
         assert_eq!(quiet.reason, "ended by signal 9");
         let hung = process(&summary(3).json(), log, Ended::TimedOut(600.0));
         assert_eq!((hung.verdict, hung.figures), (Verdict::TimedOut, None));
+    }
+
+    #[test]
+    fn a_run_that_never_began_has_no_figures() {
+        let told = Summary::not_started("solve", 3, Some("U"), "no camera", EndedBy::System);
+
+        let result = process(&told.json(), "", Ended::Code(4));
+
+        assert_eq!((result.verdict, &result.figures), (Verdict::Aborted, &None));
+        assert_eq!(result.reason, "no camera");
     }
 
     #[test]

@@ -48,14 +48,17 @@ pub struct Runner {
 }
 
 impl Runner {
-    /// Performs all; each result goes to `done` on this thread, which may fail and thereby stop the rest.
+    /// Performs all; each result goes to `done` on this thread, which may fail and thereby stop the rest. So may `still`,
+    /// which says before and after each run whether what is run is what it was: a run in whose time it changed leaves no
+    /// result.
     ///
     /// # Errors
-    /// What `done` returns, or what the operating system says to a new process.
+    /// What `done` or `still` returns, or what the operating system says to a new process.
     pub fn perform(
         &self,
         jobs: &[Job],
         stop: &AtomicBool,
+        still: &(dyn Fn() -> Result<()> + Sync),
         mut done: impl FnMut(RunResult) -> Result<()>,
     ) -> Result<()> {
         let (results, ended) = mpsc::channel();
@@ -70,7 +73,8 @@ impl Runner {
                         if stopped() {
                             return;
                         }
-                        match self.one(job, &stopped) {
+                        let one = still().and_then(|()| self.one(job, &stopped));
+                        match one.and_then(|one| still().map(|()| one)) {
                             Ok(None) => return,
                             Ok(Some(result)) => {
                                 if results.send(Ok(result)).is_err() {
@@ -100,7 +104,8 @@ impl Runner {
 
     fn command(&self, job: &Job) -> Command {
         let mut command = Command::new(&self.program);
-        command.arg("run").arg(&self.scenario);
+        // What a list of processes shows, whatever path leads to the program.
+        command.arg0("rubik-robot").arg("run").arg(&self.scenario);
         command
             .args(["--json", "--ui", "none", "--seed"])
             .arg(job.seed.to_string())
@@ -210,7 +215,7 @@ mod tests {
     fn all(runner: &Runner, jobs: &[Job], stop: &AtomicBool) -> Vec<RunResult> {
         let mut results = Vec::new();
         runner
-            .perform(jobs, stop, |result| {
+            .perform(jobs, stop, &|| Ok(()), |result| {
                 results.push(result);
                 Ok(())
             })
@@ -257,10 +262,31 @@ mod tests {
     fn a_full_disk_ends_the_campaign_and_is_told() {
         let runner = runner("full", "exit 1");
 
-        let told = runner.perform(&jobs(0..50), &AtomicBool::new(false), |_| {
+        let told = runner.perform(&jobs(0..50), &AtomicBool::new(false), &|| Ok(()), |_| {
             Err(std::io::ErrorKind::StorageFull.into())
         });
 
         assert_eq!(told.unwrap_err().kind(), std::io::ErrorKind::StorageFull);
+    }
+
+    #[test]
+    fn what_changes_in_the_middle_ends_the_campaign_and_the_run_that_it_changed_in_leaves_no_result()
+     {
+        let runner = Runner { jobs: 1, ..runner("changes", "exit 1") };
+        let looks = AtomicUsize::new(0);
+        // Before and after each of two runs all is well, and before the third; no longer after it.
+        let still = || match looks.fetch_add(1, Ordering::SeqCst) {
+            0..5 => Ok(()),
+            _ => Err(std::io::Error::other("it has changed")),
+        };
+        let mut seeds = Vec::new();
+
+        let told = runner.perform(&jobs(0..50), &AtomicBool::new(false), &still, |result| {
+            seeds.push(result.seed);
+            Ok(())
+        });
+
+        assert_eq!(told.unwrap_err().to_string(), "it has changed");
+        assert_eq!(seeds, [0, 1]);
     }
 }

@@ -45,7 +45,7 @@ pub struct Soak {
     pub tenths: Vec<Tenth>,
     /// All missions, in their order.
     pub results: Vec<RunResult>,
-    /// Missions that were repeated, and how many of them differed.
+    /// Missions that were repeated, and how many of them differed, or have no figures to compare.
     pub repeated: (u64, u64),
 }
 
@@ -70,8 +70,8 @@ impl Soak {
         self.results.iter().filter(|r| r.verdict == Verdict::Solved).count() as u64
     }
 
-    /// Whether it is as it should be: ten tenths, memory flat, no mission different from itself. Memory that is not known
-    /// counts as not flat.
+    /// Whether it is as it should be: ten tenths, memory flat, missions repeated and none different from itself. Memory that is
+    /// not known counts as not flat.
     #[must_use]
     pub fn is_steady(&self) -> bool {
         self.unsteady().is_none()
@@ -83,12 +83,13 @@ impl Soak {
         if self.tenths.len() < PARTS {
             return Some("it did not come to its end".to_owned());
         }
-        match (self.is_flat(), self.repeated.1) {
+        match (self.is_flat(), self.repeated) {
             (None, _) => Some("nobody knows its memory, which may have grown".to_owned()),
             (Some(false), _) => Some("its memory grew".to_owned()),
-            (_, differently @ 1..) => {
+            (_, (_, differently @ 1..)) => {
                 Some(format!("{differently} missions differ from themselves"))
             }
+            (_, (0, _)) => Some("no mission was repeated, so none was compared".to_owned()),
             _ => None,
         }
     }
@@ -116,16 +117,15 @@ impl Soak {
         })
     }
 
-    fn take(&mut self, result: RunResult, firsts: &mut BTreeMap<u64, Figures>) -> f64 {
+    fn take(&mut self, result: RunResult, firsts: &mut BTreeMap<u64, Option<Figures>>) -> f64 {
         let mut drift = 0.0;
-        if let Some(figures) = &result.figures {
-            if let Some(first) = firsts.get(&result.seed) {
-                drift = (figures.sim_time_s - first.sim_time_s).abs();
-                self.repeated.0 += 1;
-                self.repeated.1 += u64::from(figures != first);
-            } else {
-                firsts.insert(result.seed, figures.clone());
-            }
+        if let Some(first) = firsts.get(&result.seed) {
+            let both = result.figures.as_ref().zip(first.as_ref());
+            drift = both.map_or(0.0, |(again, first)| (again.sim_time_s - first.sim_time_s).abs());
+            self.repeated.0 += 1;
+            self.repeated.1 += u64::from(both.is_none_or(|(again, first)| again != first));
+        } else {
+            firsts.insert(result.seed, result.figures.clone());
         }
         self.results.push(result);
         drift
@@ -235,11 +235,11 @@ mod tests {
     fn memory_that_grows_after_the_second_tenth_is_not_flat() {
         let of = |last: f64| {
             let tenths = [50.0, 100.0].into_iter().chain([104.0; 7]).chain([last]).map(tenth);
-            Soak { tenths: tenths.collect(), ..Soak::default() }
+            Soak { tenths: tenths.collect(), repeated: (1, 0), ..Soak::default() }
         };
         assert_eq!(of(107.0).is_flat(), Some(true));
         assert_eq!(of(109.0).is_flat(), Some(false));
-        assert!(!of(109.0).is_steady());
+        assert!(of(107.0).is_steady() && !of(109.0).is_steady());
         assert_eq!(Soak::default().is_flat(), None);
         let mut short = of(107.0);
         short.tenths.pop();
@@ -248,7 +248,8 @@ mod tests {
 
     #[test]
     fn memory_that_nobody_knows_is_not_steady() {
-        let mut soak = Soak { tenths: [50.0; PARTS].map(tenth).into(), ..Soak::default() };
+        let tenths = [50.0; PARTS].map(tenth).into();
+        let mut soak = Soak { tenths, repeated: (1, 0), ..Soak::default() };
         assert!(soak.is_steady());
         soak.tenths[1].resident_mib = None;
         assert_eq!((soak.is_flat(), soak.is_steady()), (None, false));
@@ -273,6 +274,25 @@ mod tests {
         }
         assert_eq!(soak.take(other, &mut firsts), 0.0);
         assert_eq!(soak.repeated, (3, 2));
+        // It died: nobody knows whether it would have been the same.
+        let died = RunResult { figures: None, ..result(1, Verdict::Died, 0.0) };
+        assert_eq!(soak.take(died.clone(), &mut firsts), 0.0);
+        assert_eq!(soak.repeated, (4, 3));
+        let died = RunResult { seed: 2, ..died };
+        soak.take(died.clone(), &mut firsts);
+        assert_eq!(soak.repeated, (4, 3));
+        soak.take(died, &mut firsts);
+        assert_eq!(soak.repeated, (5, 4));
+    }
+
+    #[test]
+    fn a_soak_that_compared_nothing_is_not_steady() {
+        let mut soak = Soak { tenths: [50.0; PARTS].map(tenth).into(), ..Soak::default() };
+        assert!(soak.unsteady().unwrap().contains("none was compared"));
+        soak.repeated = (1, 0);
+        assert_eq!(soak.unsteady(), None);
+        soak.repeated = (1, 1);
+        assert!(soak.unsteady().unwrap().contains("1 missions differ"));
     }
 
     #[test]

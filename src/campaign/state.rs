@@ -13,6 +13,12 @@ use std::io::{BufRead, Read};
 
 /// The longest line [bytes]: a header with a large scenario, a result with a thousand drawn keys.
 const LONGEST: u64 = 1 << 20;
+/// The most runs of a campaign, and the most shards: seeds are numbers, and a list of them is kept.
+pub const MOST_RUNS: u64 = 10_000_000;
+/// The build of a campaign whose shards were performed by different builds of one version.
+pub const SEVERAL: &str = "several";
+/// Missing shards that are named.
+const NAMED: usize = 20;
 
 /// What a campaign is; two files belong together when theirs agree but for the shard and the build.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -20,11 +26,11 @@ const LONGEST: u64 = 1 << 20;
 pub struct Header {
     /// Version of the program.
     pub version: String,
-    /// Sum over the program: two builds of one version may differ.
+    /// Sum over the program: two builds of one version may differ. [`SEVERAL`] of shards that had not the same.
     pub build: String,
     /// Path of the scenario, as given.
     pub scenario: String,
-    /// Sum over its text.
+    /// Sum over its text, and over what came of it with the files that it names.
     pub scenario_sum: String,
     /// What overrules it in all runs, as behind `--set`.
     pub set: Vec<String>,
@@ -94,6 +100,23 @@ impl Header {
         let (seed, runs) = (self.seed, self.runs);
         let index = move |k: u64| first.checked_add(k.checked_mul(step)?).filter(|i| *i < runs);
         (0..).map_while(index).map_while(move |i| seed.checked_add(i))
+    }
+
+    /// How many seeds this shard has.
+    #[must_use]
+    pub fn asked(&self) -> u64 {
+        let (first, step) = (self.shard.number - 1, self.shard.of);
+        // Behind the last number there are no seeds.
+        let runs = self.runs.min((u64::MAX - self.seed).saturating_add(1));
+        runs.checked_sub(first + 1).map_or(0, |others| others / step + 1)
+    }
+
+    /// Whether it is beyond what any campaign can be, and how.
+    fn excess(&self) -> Option<String> {
+        let most = |what: &str, count| {
+            (count > MOST_RUNS).then(|| format!("{count} {what} are more than {MOST_RUNS}"))
+        };
+        most("runs", self.runs).or_else(|| most("shards", self.shard.of))
     }
 
     /// Whether a seed is one of this shard's.
@@ -214,6 +237,9 @@ impl State {
         if !first {
             return Err(Unusable::Empty);
         }
+        if let Some(why) = header.excess() {
+            return Err(wrong(1, why));
+        }
         let mut whole = bytes.len() as u64;
         let mut state = Self { header, results: BTreeMap::new(), whole, torn: false };
         let mut number = 1;
@@ -243,30 +269,33 @@ impl State {
     /// Takes up a line that says that the same campaign has more runs; whether it was one.
     fn is_extended(&mut self, line: &[u8]) -> bool {
         let Ok(First { campaign: later }) = serde_json::from_slice(line) else { return false };
-        let is = self.header.begins(&later);
+        let is = self.header.begins(&later) && later.excess().is_none();
         if is {
             self.header.runs = later.runs;
         }
         is
     }
 
-    /// Looks at the results as at those of the whole campaign. Returns what it lacks of these shards' fellows, in words:
-    /// those that no result is of, and those that miss some; nothing where the campaign was shared out in several ways.
+    /// Looks at the results as at those of the whole campaign. Returns what it lacks of these shards' fellows: those that no
+    /// result is of, and those that miss some; nothing where the campaign was shared out in several ways.
     #[must_use]
-    pub fn whole_of(&mut self, shards: &[Shard]) -> Vec<String> {
+    pub fn whole_of(&mut self, shards: &[Shard]) -> Lacking {
         self.header.shard = Shard::default();
         let of = shards.first().map_or(1, |shard| shard.of);
         if shards.iter().any(|shard| shard.of != of) {
-            return Vec::new();
+            return Lacking::default();
         }
         let mut there: BTreeMap<u64, u64> = BTreeMap::new();
         for seed in self.results.keys() {
             *there.entry((seed - self.header.seed) % of + 1).or_default() += 1;
         }
-        let runs = self.header.runs;
         // The last shards of a small campaign have no runs.
-        let lacking = (1..=of.min(runs)).filter_map(|number| {
-            let asked = (runs - number) / of + 1;
+        let of_each =
+            |number| Header { shard: Shard { number, of }, ..self.header.clone() }.asked();
+        let some = there.iter().filter(|(number, some)| **some < of_each(**number)).count();
+        let all = of.min(self.header.runs);
+        let lacks = |number: u64| {
+            let asked = of_each(number);
             match there.get(&number) {
                 None => Some(format!("{number}/{of}")),
                 Some(some) if *some < asked => {
@@ -274,8 +303,11 @@ impl State {
                 }
                 Some(_) => None,
             }
-        });
-        lacking.collect()
+        };
+        Lacking {
+            named: (1..=all).filter_map(lacks).take(NAMED).collect(),
+            count: all - there.len() as u64 + some as u64,
+        }
     }
 
     fn take(&mut self, result: RunResult) -> Result<(), String> {
@@ -302,9 +334,28 @@ impl State {
         }
         self.header.shard = Shard::default();
         if self.header.build != other.header.build {
-            "several".clone_into(&mut self.header.build);
+            SEVERAL.clone_into(&mut self.header.build);
         }
         other.results.into_values().try_for_each(|result| self.take(result))
+    }
+}
+
+/// The shards that a campaign lacks.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Lacking {
+    /// The first of them, in words.
+    pub named: Vec<String>,
+    /// How many there are.
+    pub count: u64,
+}
+
+impl std::fmt::Display for Lacking {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.named.join(", "))?;
+        match self.count - self.named.len() as u64 {
+            0 => Ok(()),
+            more => write!(f, " and {more} more"),
+        }
     }
 }
 
@@ -361,6 +412,16 @@ pub(super) mod tests {
             let own = header(10, "2/3");
             assert_eq!(own.holds(seed), own.seeds().any(|s| s == seed));
         }
+        for (runs, shard, seed) in [
+            (10, "1/3", 5),
+            (10, "2/3", 5),
+            (2, "3/3", 5),
+            (9, "2/4", u64::MAX - 5),
+            (1, "1/1", u64::MAX),
+        ] {
+            let own = Header { seed, ..header(runs, shard) };
+            assert_eq!(own.asked(), own.seeds().count() as u64, "{own:?}");
+        }
         for wrong in ["0/3", "4/3", "3", "a/b", "1/0", ""] {
             assert!(wrong.parse::<Shard>().is_err(), "{wrong}");
         }
@@ -411,7 +472,9 @@ pub(super) mod tests {
         };
         let lacking = |mut state: State| {
             let shards = [state.header.shard];
-            state.whole_of(&shards)
+            let lacking = state.whole_of(&shards);
+            assert_eq!(lacking.count, lacking.named.len() as u64);
+            lacking.named
         };
         // Seeds are 5 to 14; the first of three shards has four of them.
         assert_eq!(lacking(shard("1/3", &[5, 8, 11, 14])), ["2/3", "3/3"]);
@@ -420,7 +483,29 @@ pub(super) mod tests {
         // The shards behind the tenth of twenty have none.
         assert_eq!(lacking(shard("1/20", &(5..14).collect::<Vec<_>>())), ["10/20"]);
         let several = ["1/2".parse().unwrap(), "1/3".parse().unwrap()];
-        assert_eq!(shard("1/2", &[5]).whole_of(&several), [""; 0]);
+        assert_eq!(shard("1/2", &[5]).whole_of(&several), Lacking::default());
+    }
+
+    #[test]
+    fn a_campaign_of_more_runs_or_shards_than_there_can_be_is_refused_and_the_largest_is_looked_at_at_once()
+     {
+        for (runs, shard, told) in
+            [(MOST_RUNS + 1, "1/1", "runs are more"), (3, "1/10000001", "shards are more")]
+        {
+            let why = State::read(first_line(&header(runs, shard)).as_bytes()).unwrap_err();
+            assert!(why.to_string().contains(told), "{why}");
+        }
+        let text = file(&[5]) + &first_line(&header(MOST_RUNS + 1, "1/1"));
+        let kept = State::read(text.as_bytes()).unwrap();
+        assert_eq!((kept.header.runs, kept.torn), (10, true));
+
+        let text = first_line(&header(MOST_RUNS, "1/10000000"));
+        let mut state = State::read(text.as_bytes()).unwrap();
+        let shards = [state.header.shard];
+        assert_eq!(state.header.asked(), 1);
+        let lacking = state.whole_of(&shards);
+        assert_eq!((lacking.count, lacking.named.len()), (MOST_RUNS, NAMED));
+        assert!(lacking.to_string().ends_with("20/10000000 and 9999980 more"), "{lacking}");
     }
 
     #[test]

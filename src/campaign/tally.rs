@@ -4,7 +4,7 @@
 //! - out: one JSON object for machines, a table for people; neither depends on the order or the place of the runs
 
 use super::result::{Figures, Mishaps, RunResult, Verdict};
-use super::state::{Header, State};
+use super::state::{Header, SEVERAL, State};
 use super::statistics::{Spread, wilson};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -63,7 +63,7 @@ impl Tally {
         }
         Self {
             header: state.header.clone(),
-            asked: state.header.seeds().take(state.header.runs as usize).count() as u64,
+            asked: state.header.asked(),
             interval: wilson(solved, results.len() as u64),
             results,
             solved,
@@ -83,6 +83,12 @@ impl Tally {
     #[must_use]
     pub fn is_complete(&self) -> bool {
         self.runs() == self.asked
+    }
+
+    /// Whether one build of the program performed all runs.
+    #[must_use]
+    pub fn is_of_one_build(&self) -> bool {
+        self.header.build != SEVERAL
     }
 
     /// Share of solved runs; 0 when nothing ran.
@@ -147,7 +153,7 @@ impl Tally {
         phases
     }
 
-    /// Runs that ended without a verdict of the plant: they died, or were killed after their time.
+    /// Runs that ended without a verdict of the plant: they never began, died, or were killed after their time.
     #[must_use]
     pub fn without_verdict(&self) -> u64 {
         self.results.iter().filter(|r| r.figures.is_none()).count() as u64
@@ -181,7 +187,7 @@ impl Tally {
         let phases: BTreeMap<_, _> =
             self.by_phase().into_iter().map(|(name, runs)| (name, runs.len())).collect();
         let mut object = json!({
-            "scenario": self.header.scenario, "seed": self.header.seed,
+            "build": self.header.build, "scenario": self.header.scenario, "seed": self.header.seed,
             "asked": self.asked, "runs": self.runs(), "solved": self.solved,
             "success": self.success(), "interval": self.interval,
             "failures": failures, "phases": phases, "without_verdict": self.without_verdict(),
@@ -350,10 +356,30 @@ mod tests {
     }
 
     #[test]
+    fn shards_of_different_builds_are_told_as_such_in_any_order() {
+        let built = |k: &str, build: &str| {
+            let mut shard = state(20, k);
+            build.clone_into(&mut shard.header.build);
+            shard
+        };
+        let parts = [built("1/3", "b"), built("2/3", "c"), built("3/3", "b")];
+        for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2]] {
+            let mut merged = parts[order[0]].clone();
+            merged.merge(parts[order[1]].clone()).unwrap();
+            merged.merge(parts[order[2]].clone()).unwrap();
+
+            let tally = Tally::of(&merged);
+            assert!(tally.is_complete() && !tally.is_of_one_build());
+            assert_eq!(tally.json()["build"], "several");
+        }
+    }
+
+    #[test]
     fn the_object_has_what_was_promised() {
         let tally = Tally::of(&state(20, "1/1"));
         let object = tally.json();
 
+        assert_eq!((&object["build"], tally.is_of_one_build()), (&json!("b"), true));
         assert_eq!((&object["runs"], &object["solved"]), (&json!(20), &json!(18)));
         assert_eq!(object["interval"], json!(wilson(18, 20)));
         assert_eq!(object["failures"][0]["seed"], 9);

@@ -1,6 +1,6 @@
 //! `rubik-robot benchmark`: accuracy and speed in trials, and their protocol.
 
-use super::campaign::{Campaign, LAST_SEED, Shape, seedless, writable};
+use super::campaign::{Campaign, LAST_SEED, Performed, Shape, seedless, writable};
 use super::output::{Output, clash, save};
 use super::{ScenarioArgs, WRONG, complain, not_negative};
 use crate::campaign::benchmark::{Kind, clearances, score, scramble, scrambled, tier};
@@ -120,7 +120,10 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
         Ok(campaign) => campaign,
         Err(faults) => return told(&faults),
     };
-    let interrupted = campaign.perform(&kind.name())?;
+    let performed = campaign.perform(&kind.name())?;
+    if performed == Performed::Changed {
+        return Ok(WRONG);
+    }
     let tally = Tally::of(&campaign.state);
     let score = score(&tally, args.within_s);
     let text = protocol(&setup, &tally, &score);
@@ -145,6 +148,7 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
     } else if args.output.is_none() {
         output.text(&text)?;
     }
+    let interrupted = performed == Performed::Interrupted;
     Ok(if interrupted { 130 } else { u8::from(!score.is_whole()) })
 }
 
@@ -181,6 +185,7 @@ fn setup(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs, scenario: &Scena
             args.within_s
         ),
         scrambles,
+        state: scenario.plant.cube_state,
     }
 }
 

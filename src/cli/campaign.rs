@@ -8,13 +8,13 @@ use crate::campaign::page;
 use crate::campaign::result::{RunResult, Verdict};
 use crate::campaign::runner::{Job, Runner};
 use crate::campaign::soak::soak;
-use crate::campaign::state::{self, Header, Shard, State, Unusable};
+use crate::campaign::state::{self, Header, MOST_RUNS, Shard, State, Unusable};
 use crate::campaign::tally::Tally;
 use crate::campaign::vary::{Drawn, Vary};
 use crate::hw::text;
 use crate::record::journal;
 use crate::record::place::Place;
-use crate::scenario::{self, Override, Scenario};
+use crate::scenario::{self, CameraSource, Override, Scenario};
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
 use std::collections::BTreeMap;
@@ -27,12 +27,8 @@ use std::time::{Duration, Instant};
 
 /// Exit code of an interrupted campaign.
 const INTERRUPTED: u8 = 130;
-/// Missing shards that are named.
-const NAMED: usize = 20;
-/// The most runs: seeds are numbers, and a list of them is kept.
-const MOST: u64 = 10_000_000;
 /// The last seed that a first run may have: a scenario's seed is an integer of TOML, and so is that of the last run.
-pub(super) const LAST_SEED: u64 = i64::MAX as u64 - MOST;
+pub(super) const LAST_SEED: u64 = i64::MAX as u64 - MOST_RUNS;
 
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
@@ -65,7 +61,7 @@ pub(super) struct CampaignArgs {
     set: Vec<String>,
     /// Number of runs, of all shards together
     #[arg(long, value_name = "N", required_unless_present = "soak",
-          value_parser = clap::value_parser!(u64).range(1..=MOST))]
+          value_parser = clap::value_parser!(u64).range(1..=MOST_RUNS))]
     runs: Option<u64>,
     /// Seed of the first run; the others have those that follow
     #[arg(long, value_name = "S", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=LAST_SEED))]
@@ -173,7 +169,11 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     {
         return Ok(told(&format!("{}: {why}", path.display())));
     }
-    let interrupted = campaign.perform("campaign")?;
+    let performed = campaign.perform("campaign")?;
+    if performed == Performed::Changed {
+        return Ok(WRONG);
+    }
+    let interrupted = performed == Performed::Interrupted;
     if interrupted && args.state.is_none() {
         complain("interrupted; with --state FILE a campaign can go on where it was");
     }
@@ -223,18 +223,14 @@ fn merge(files: &[PathBuf], how: &ToldArgs, output: &mut Output) -> anyhow::Resu
     }
     let Some(mut whole) = whole else { return Ok(WRONG) };
     let lacking = whole.whole_of(&shards);
-    if !lacking.is_empty() {
-        let more = match lacking.len().saturating_sub(NAMED) {
-            0 => String::new(),
-            more => format!(" and {more} more"),
-        };
-        let named = lacking.iter().take(NAMED).cloned().collect::<Vec<_>>().join(", ");
-        complain(&format!("missing of the campaign: shards {named}{more}"));
+    if lacking.count > 0 {
+        complain(&format!("missing of the campaign: shards {lacking}"));
     }
-    if whole.header.build == "several" {
+    let tally = Tally::of(&whole);
+    if !tally.is_of_one_build() {
         complain("the shards were performed by different builds of one version");
     }
-    how.tell(&Tally::of(&whole), output)
+    how.tell(&tally, output)
 }
 
 impl ToldArgs {
@@ -271,6 +267,8 @@ impl ToldArgs {
         let (runs, solved) = (tally.runs(), tally.solved);
         let reason = if !tally.is_complete() || runs == 0 {
             format!("{runs} of {} runs are no campaign to judge by", tally.asked)
+        } else if !tally.is_of_one_build() {
+            "the runs of different builds are no measurement of one".to_owned()
         } else if tally.success() < share {
             format!("{solved} of {runs} solved")
         } else {
@@ -322,9 +320,72 @@ pub(super) struct Shape {
     pub jobs: Option<u16>,
 }
 
+/// How the performance of a campaign ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Performed {
+    /// All runs have a result.
+    Whole,
+    /// A signal ended it.
+    Interrupted,
+    /// The scenario is no longer what it was, and that was told.
+    Changed,
+}
+
+/// What was to be performed is no longer what it was.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{0}, or a file that it names, has changed since the campaign began: runs of two scenarios are no measurement"
+)]
+struct Changed(String);
+
+/// The scenario of all runs as it was when the campaign began. Each run reads it anew.
+struct Given {
+    from: ScenarioArgs,
+    sum: String,
+}
+
+impl Given {
+    fn still(&self) -> std::io::Result<()> {
+        // What cannot be read any more has changed as well.
+        let now = self.from.load(&[]).ok().and_then(|now| sum(&self.from.scenario, &now).ok());
+        if now.as_ref() == Some(&self.sum) {
+            return Ok(());
+        }
+        Err(std::io::Error::other(Changed(self.from.scenario.display().to_string())))
+    }
+}
+
+/// Sum over a scenario's text, and over what came of it: with the files that it names, wherever it stands.
+fn sum(path: &Path, read: &Scenario) -> std::io::Result<String> {
+    let mut sum = crc32fast::Hasher::new();
+    sum.update(scenario::text(path)?.as_bytes());
+    let mut read = Scenario { path: PathBuf::new(), ..read.clone() };
+    for camera in &mut read.controller.cameras {
+        let CameraSource::Folder(folder) = camera else { continue };
+        let files: std::io::Result<Vec<_>> = folder.read_dir()?.map(|e| Ok(e?.path())).collect();
+        let mut files: Vec<_> = files?.into_iter().filter(|path| path.is_file()).collect();
+        files.sort();
+        for file in files {
+            sum.update(file.file_name().unwrap_or_default().as_encoded_bytes());
+            sum.update(&std::fs::read(&file)?);
+        }
+        *folder = PathBuf::new();
+    }
+    sum.update(format!("{read:?}").as_bytes());
+    Ok(format!("{:08x}", sum.finalize()))
+}
+
+/// The way to this very program for a process that is to become it. Under Linux that is the file that runs here, whatever has
+/// been built to its path meanwhile: the link is followed in the new process, which until then is a copy of this one.
+fn this_program() -> std::io::Result<PathBuf> {
+    let running = Path::new(record::RUNNING);
+    if running.exists() { Ok(running.to_owned()) } else { std::env::current_exe() }
+}
+
 /// A campaign that can be performed.
 pub(super) struct Campaign {
     pub state: State,
+    given: Given,
     runner: Runner,
     jobs: Vec<Job>,
     kept: Option<File>,
@@ -345,12 +406,14 @@ impl Campaign {
             );
         }
         let path = &args.scenario;
-        let text = scenario::text(path).map_err(|e| format!("{}: {e}", path.display()))?;
+        let unread = |e| format!("{}: {e}", path.display());
+        let text = scenario::text(path).map_err(unread)?;
+        let sum = sum(path, &scenario).map_err(unread)?;
         let header = Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             build: record::build(),
             scenario: path.display().to_string(),
-            scenario_sum: format!("{:08x}", crc32fast::hash(text.as_bytes())),
+            scenario_sum: sum.clone(),
             set: args.set.clone(),
             vary,
             seed: shape.seed,
@@ -369,14 +432,15 @@ impl Campaign {
         }
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let runner = Runner {
-            program: std::env::current_exe().map_err(|e| format!("this program: {e}"))?,
+            program: this_program().map_err(|e| format!("this program: {e}"))?,
             scenario: path.clone(),
             set: args.set.clone(),
             jobs: shape.jobs.map_or(cores, usize::from),
             limit: Duration::from_secs(shape.limit_s),
         };
         let state = State { header, results: BTreeMap::new(), whole: 0, torn: false };
-        Ok(Self { state, runner, jobs, kept: None })
+        let from = ScenarioArgs { scenario: path.clone(), set: args.set.clone() };
+        Ok(Self { state, given: Given { from, sum }, runner, jobs, kept: None })
     }
 
     /// Takes up what a file holds already, and appends to it from here on.
@@ -444,40 +508,47 @@ impl Campaign {
         Ok(())
     }
 
-    /// Performs what is not done yet; returns whether it was interrupted.
-    pub(super) fn perform(&mut self, title: &str) -> anyhow::Result<bool> {
+    /// Performs what is not done yet.
+    pub(super) fn perform(&mut self, title: &str) -> anyhow::Result<Performed> {
         let stop = stop_flag()?;
         let (bar, begun) = (Bar::new(title), Instant::now());
         let all = self.jobs.len() + self.state.results.len();
         let (mut done, mut failed) = (0, 0);
         let (state, kept) = (&mut self.state, &mut self.kept);
-        self.runner
-            .perform(&self.jobs, &stop, |result| {
-                if let Some(file) = kept.as_mut() {
-                    // One write and one wait for the disk: a run takes seconds.
-                    file.write_all(state::line(&result).as_bytes())?;
-                    file.sync_data()?;
-                }
-                done += 1;
-                if result.verdict != Verdict::Solved {
-                    failed += 1;
-                    bar.say(&sentence(&result));
-                }
-                state.results.insert(result.seed, result);
-                let left = begun.elapsed().as_secs_f64() / f64::from(done)
-                    * (all - state.results.len()) as f64;
-                let words = format!(
-                    "  {} of {all}, {failed} failed, about {} left",
-                    state.results.len(),
-                    duration(left)
-                );
-                bar.show_with(state.results.len() as f64 / all.max(1) as f64, &words);
-                Ok(())
-            })
-            .context("the campaign's results")?;
+        let given = &self.given;
+        let performed = self.runner.perform(&self.jobs, &stop, &|| given.still(), |result| {
+            if let Some(file) = kept.as_mut() {
+                // One write and one wait for the disk: a run takes seconds.
+                file.write_all(state::line(&result).as_bytes())?;
+                file.sync_data()?;
+            }
+            done += 1;
+            if result.verdict != Verdict::Solved {
+                failed += 1;
+                bar.say(&sentence(&result));
+            }
+            state.results.insert(result.seed, result);
+            let left = begun.elapsed().as_secs_f64() / f64::from(done)
+                * (all - state.results.len()) as f64;
+            let words = format!(
+                "  {} of {all}, {failed} failed, about {} left",
+                state.results.len(),
+                duration(left)
+            );
+            bar.show_with(state.results.len() as f64 / all.max(1) as f64, &words);
+            Ok(())
+        });
+        match performed {
+            Err(why) if why.get_ref().and_then(|why| why.downcast_ref::<Changed>()).is_some() => {
+                bar.end(&format!("{done} runs, broken off,"));
+                complain(&why.to_string());
+                return Ok(Performed::Changed);
+            }
+            performed => performed.context("the campaign's results")?,
+        }
         let interrupted = stop.load(Ordering::SeqCst);
         bar.end(&format!("{done} runs{}", if interrupted { ", interrupted," } else { "" }));
-        Ok(interrupted)
+        Ok(if interrupted { Performed::Interrupted } else { Performed::Whole })
     }
 }
 

@@ -48,6 +48,9 @@ pub fn decode(bytes: &[u8]) -> Result<RgbImage> {
     limits.max_alloc = Some(8 * MOST_PIXELS + (64 << 20));
     reader.limits(limits);
     let damaged = "damaged picture";
+    if format == ImageFormat::Png && !has_whole_palette(bytes) {
+        bail!("{damaged}: its palette ends within a colour");
+    }
     let mut decoder = reader.into_decoder().context(damaged)?;
     let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
@@ -71,6 +74,20 @@ pub fn decode(bytes: &[u8]) -> Result<RgbImage> {
         let [r, g, b, a] = transparent.get_pixel(x, y).0;
         Rgb([r, g, b].map(|v| (u16::from(v) * u16::from(a) / 255) as u8))
     }))
+}
+
+/// Whether the palette of a PNG file, if it has one, is of whole colours, three bytes each: on another the decoder panics.
+fn has_whole_palette(bytes: &[u8]) -> bool {
+    // Behind the signature: length, type, data, checksum of each chunk.
+    let mut rest = bytes.get(8..).unwrap_or_default();
+    while let Some((length, behind)) = rest.split_first_chunk::<4>() {
+        let length = u32::from_be_bytes(*length) as usize;
+        if behind.starts_with(b"PLTE") && !length.is_multiple_of(3) {
+            return false;
+        }
+        rest = behind.get(length.saturating_add(8)..).unwrap_or_default();
+    }
+    true
 }
 
 /// Whether a JPEG stream comes to its end marker: decoders fill what is missing with grey.
@@ -188,6 +205,15 @@ mod tests {
         assert!(!all);
         assert_eq!(lines.len(), 2);
         assert!(lines.iter().all(|l| l["reason"].is_string()), "{text}");
+    }
+
+    #[test]
+    fn a_palette_that_ends_within_a_colour_is_damage() {
+        let bytes = include_bytes!("../../tests/corpus/image/palette-of-four-bytes.png");
+
+        let why = format!("{:#}", decode(bytes).unwrap_err());
+
+        assert_eq!(why, "damaged picture: its palette ends within a colour");
     }
 
     /// A file that goes away with the test.

@@ -24,20 +24,31 @@ use std::sync::Arc;
 const LONGEST: usize = 64 << 20;
 /// What waits for the check of its chunk at most [bytes]; a chunk of our own has a tenth of it.
 const HELD: usize = 8 << 20;
-/// What a message costs beside its bytes, about.
+/// The most bytes of all schemas and channels, which are kept to the end; our own files have some ten thousand.
+const DESCRIBED: usize = 16 << 20;
+/// What a message, a schema, a channel or a pair of texts costs beside its bytes, about.
 const COST: usize = 128;
+/// The most pairs of texts in a record: each costs ten times what it takes in the file.
+const PAIRS: usize = 1 << 16;
+
+/// What messages are like.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Schema {
+    /// Type: `package/msg/Type`.
+    pub kind: String,
+    /// How its definition is written.
+    pub encoding: String,
+    /// Definition of the type.
+    pub definition: Vec<u8>,
+}
 
 /// Where a message stands.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Channel {
     /// Topic.
     pub topic: String,
-    /// Type: `package/msg/Type`.
-    pub kind: String,
-    /// Definition of the type.
-    pub schema: Vec<u8>,
-    /// How the schema is written.
-    pub encoding: String,
+    /// Its type, which it may share with others.
+    pub schema: Arc<Schema>,
     /// How messages are written.
     pub message_encoding: String,
     /// Other facts.
@@ -92,8 +103,10 @@ pub enum Unreadable {
 pub struct Reading<R> {
     from: R,
     reader: LinearReader,
-    schemas: BTreeMap<u16, (String, String, Vec<u8>)>,
+    schemas: BTreeMap<u16, Arc<Schema>>,
     channels: BTreeMap<u16, Arc<Channel>>,
+    /// Bytes of all schemas and channels so far.
+    described: usize,
     /// Of a chunk whose checksum has not been seen yet, and how many bytes that is.
     held: (Vec<Piece>, usize),
     /// To be handed on.
@@ -184,6 +197,7 @@ impl<R: Read> Reading<R> {
             reader: LinearReader::new_with_options(options),
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
+            described: 0,
             held: (Vec::new(), 0),
             ready: VecDeque::new(),
             at: 0,
@@ -239,6 +253,9 @@ impl<R: Read> Reading<R> {
                         self.frame.pass(&into[..read]);
                         self.at += read as u64;
                         self.reader.notify_read(read);
+                        if self.frame.chunk_length().is_some_and(|length| length > LONGEST as u64) {
+                            self.damaged(&"a chunk that is too long");
+                        }
                     }
                     Err(why) => self.cut(&why),
                 }
@@ -246,7 +263,7 @@ impl<R: Read> Reading<R> {
             LinearReadEvent::Record { opcode, .. } if !READ.contains(&opcode) => {}
             LinearReadEvent::Record { opcode, data } => {
                 if !lengths_fit(opcode, data) {
-                    return self.damaged(&"a text is longer than its record");
+                    return self.damaged(&"a record whose lengths do not fit");
                 }
                 match mcap::parse_record(opcode, data).map(Record::into_owned) {
                     Ok(record) => self.take(record),
@@ -257,7 +274,11 @@ impl<R: Read> Reading<R> {
     }
 
     fn take(&mut self, record: Record<'static>) {
-        match self.record(record) {
+        let piece = self.record(record);
+        if self.described > DESCRIBED {
+            return self.damaged(&"too many schemas and channels");
+        }
+        match piece {
             Some(Piece::Message(_)) if self.frame.is_stray() => {
                 self.damaged(&"a message in no chunk");
             }
@@ -269,7 +290,10 @@ impl<R: Read> Reading<R> {
                     self.release();
                 }
             }
-            // Even these may be what a damaged chunk seems to hold.
+            // The format has none there: a damaged chunk seems to hold it, or one that is made to fill the memory.
+            Some(_) if self.frame.is_chunk() => {
+                self.damaged(&"metadata or an attachment in a chunk");
+            }
             Some(piece) => self.held.0.push(piece),
             None => {}
         }
@@ -278,21 +302,30 @@ impl<R: Read> Reading<R> {
     fn record(&mut self, record: Record<'static>) -> Option<Piece> {
         match record {
             Record::Schema { header, data } => {
-                let schema = (header.name, header.encoding, data.into_owned());
-                self.schemas.insert(header.id, schema);
+                let schema = Schema {
+                    kind: header.name,
+                    encoding: header.encoding,
+                    definition: data.into_owned(),
+                };
+                // Other programs repeat them in each chunk.
+                if self.schemas.get(&header.id).is_none_or(|known| **known != schema) {
+                    let texts = schema.kind.len() + schema.encoding.len();
+                    self.described += texts + schema.definition.len() + COST;
+                    self.schemas.insert(header.id, Arc::new(schema));
+                }
             }
-            Record::Channel(channel) => {
-                let (kind, encoding, schema) =
-                    self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
+            Record::Channel(channel) if !self.channels.contains_key(&channel.id) => {
+                let pairs =
+                    channel.metadata.iter().map(|(name, text)| name.len() + text.len() + COST);
+                let texts = channel.topic.len() + channel.message_encoding.len();
+                self.described += texts + pairs.sum::<usize>() + COST;
                 let known = Channel {
                     topic: channel.topic,
-                    kind,
-                    schema,
-                    encoding,
+                    schema: self.schemas.get(&channel.schema_id).cloned().unwrap_or_default(),
                     message_encoding: channel.message_encoding,
                     metadata: channel.metadata,
                 };
-                self.channels.entry(channel.id).or_insert_with(|| Arc::new(known));
+                self.channels.insert(channel.id, Arc::new(known));
             }
             Record::Message { header, data } => {
                 let channel = Arc::clone(self.channels.get(&header.channel_id)?);
@@ -313,12 +346,15 @@ impl<R: Read> Reading<R> {
 
 /// What holds messages, compressed, with a check.
 const CHUNK: u8 = 0x06;
+/// Opcode and length of a record [bytes].
+const PLAIN: usize = 9;
 
 /// Where in a file its records begin and end, chunks as a whole: what a damaged chunk seems to hold says nothing of that.
 #[derive(Debug)]
 struct Frame {
-    /// Opcode and length of the next one, as far as they have come.
-    head: [u8; 9],
+    /// Opcode and length of the next one, and of a chunk its times and its length before compression; as far as they have
+    /// come.
+    head: [u8; 33],
     come: usize,
     /// Bytes of this one that are still to come.
     left: u64,
@@ -328,11 +364,24 @@ struct Frame {
 
 impl Frame {
     /// A file begins with eight bytes that are no record.
-    const BEGIN: Self = Self { head: [0; 9], come: 0, left: 8, chunked: false };
+    const BEGIN: Self = Self { head: [0; 33], come: 0, left: 8, chunked: false };
 
     /// Whether this is no chunk in a file that has its messages in chunks.
     fn is_stray(&self) -> bool {
-        self.chunked && self.head[0] != CHUNK
+        self.chunked && !self.is_chunk()
+    }
+
+    fn is_chunk(&self) -> bool {
+        self.head[0] == CHUNK
+    }
+
+    /// The longer one of a chunk's lengths, in the file and before compression; `None` of what is none, or has not begun.
+    fn chunk_length(&self) -> Option<u64> {
+        let (_, lengths) = self.head.split_first_chunk::<1>()?;
+        let (within, behind) = lengths.split_first_chunk()?;
+        let before = behind.last_chunk()?;
+        let longer = u64::from_le_bytes(*within).max(u64::from_le_bytes(*before));
+        (self.is_chunk() && self.come == 0).then_some(longer)
     }
 
     fn is_between(&self) -> bool {
@@ -341,7 +390,12 @@ impl Frame {
 
     /// How many bytes there are at most up to its next boundary.
     fn room(&self) -> u64 {
-        if self.left > 0 { self.left } else { (self.head.len() - self.come) as u64 }
+        if self.left > 0 { self.left } else { (self.wanted() - self.come) as u64 }
+    }
+
+    /// How much of a head is looked at.
+    fn wanted(&self) -> usize {
+        if self.come >= PLAIN && self.is_chunk() { self.head.len() } else { PLAIN }
     }
 
     /// These have come, no more than there was room for.
@@ -352,9 +406,12 @@ impl Frame {
         }
         self.head[self.come..][..bytes.len()].copy_from_slice(bytes);
         self.come += bytes.len();
-        if let (9, [_, length @ ..]) = (self.come, self.head) {
-            (self.come, self.left) = (0, u64::from_le_bytes(length));
-            self.chunked |= self.head[0] == CHUNK;
+        if self.come == self.wanted()
+            && let Some((length, _)) = self.head[1..].split_first_chunk()
+        {
+            let more = (self.come - PLAIN) as u64;
+            (self.come, self.left) = (0, u64::from_le_bytes(*length).saturating_sub(more));
+            self.chunked |= self.is_chunk();
         }
     }
 }
@@ -373,7 +430,8 @@ fn next(reader: &mut LinearReader) -> Option<mcap::McapResult<LinearReadEvent<'_
 /// Records that say something: schema, channel, message, attachment, metadata.
 const READ: [u8; 5] = [0x03, 0x04, 0x05, 0x09, 0x0c];
 
-/// Whether what a record says of the lengths of its texts is true: the library reserves memory on its word.
+/// Whether what a record says of the lengths of its texts is true, and there is what must follow them: the library reserves
+/// memory on its word, and panics where an attachment ends before its checksum.
 fn lengths_fit(opcode: u8, data: &[u8]) -> bool {
     /// Takes a text, or all of a map, off the front.
     fn text<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
@@ -384,17 +442,21 @@ fn lengths_fit(opcode: u8, data: &[u8]) -> bool {
     }
     fn map(rest: &mut &[u8]) -> Option<()> {
         let mut pairs = text(rest)?;
-        while !pairs.is_empty() {
+        for _ in 0..=2 * PAIRS {
+            if pairs.is_empty() {
+                return Some(());
+            }
             text(&mut pairs)?;
         }
-        Some(())
+        None
     }
-    // What stands before the texts, and how many follow; behind those of a channel and of metadata stands a map.
-    let (before, texts, has_map) = match opcode {
-        0x03 => (2, 3, false),
-        0x04 => (4, 2, true),
-        0x09 => (16, 2, false),
-        0x0c => (0, 1, true),
+    // What stands before the texts, how many follow, and what stands behind them at least: behind those of an attachment its
+    // data's length and a checksum, behind those of a channel and of metadata a map.
+    let (before, texts, has_map, behind) = match opcode {
+        0x03 => (2, 3, false, 0),
+        0x04 => (4, 2, true, 0),
+        0x09 => (16, 2, false, 8 + 4),
+        0x0c => (0, 1, true, 0),
         _ => return true,
     };
     let walk = || {
@@ -402,7 +464,10 @@ fn lengths_fit(opcode: u8, data: &[u8]) -> bool {
         for _ in 0..texts {
             text(&mut rest)?;
         }
-        if has_map { map(&mut rest) } else { Some(()) }
+        if has_map {
+            map(&mut rest)?;
+        }
+        (rest.len() >= behind).then_some(())
     };
     walk().is_some()
 }
@@ -458,5 +523,120 @@ impl Label {
             }
             Piece::Attachment(..) | Piece::Message(_) => {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A record as it stands in a file.
+    fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
+        [&[opcode][..], &(body.len() as u64).to_le_bytes(), body].concat()
+    }
+
+    fn text(text: &[u8]) -> Vec<u8> {
+        [&(text.len() as u32).to_le_bytes(), text].concat()
+    }
+
+    /// What a file of these records comes to: its pieces, and how it ends.
+    fn read(records: &[Vec<u8>]) -> (Vec<Piece>, End) {
+        let file = [mcap::MAGIC, &records.concat()[..]].concat();
+        let mut reading = Reading::new(file.as_slice());
+        (reading.by_ref().collect(), reading.end().unwrap().clone())
+    }
+
+    /// A chunk without compression that says of itself that it has `length` bytes.
+    fn chunk(length: u64, records: &[u8]) -> Vec<u8> {
+        let (times, no_sum) = ([0; 16], [0; 4]);
+        let own = (records.len() as u64).to_le_bytes();
+        let parts = [&times[..], &length.to_le_bytes(), &no_sum, &text(b""), &own, records];
+        record(CHUNK, &parts.concat())
+    }
+
+    fn metadata(bytes: usize) -> Vec<u8> {
+        let map = [text(b"name"), text(&vec![b'x'; bytes])].concat();
+        record(0x0c, &[text(b"note"), text(&map)].concat())
+    }
+
+    fn schema(id: u16, bytes: usize) -> Vec<u8> {
+        let texts = [text(b"p/msg/Type"), text(b"ros2msg"), text(&vec![b' '; bytes])].concat();
+        record(0x03, &[&id.to_le_bytes()[..], &texts].concat())
+    }
+
+    fn channel(id: u16, schema: u16) -> Vec<u8> {
+        let texts = [text(b"/topic"), text(b"cdr"), text(b"")].concat();
+        record(0x04, &[&id.to_le_bytes()[..], &schema.to_le_bytes(), &texts].concat())
+    }
+
+    fn message(channel: u16) -> Vec<u8> {
+        record(0x05, &[&channel.to_le_bytes()[..], &[0; 20], b"data"].concat())
+    }
+
+    #[test]
+    fn an_attachment_that_ends_before_its_checksum_is_damage() {
+        // Times, two empty texts, and no bytes of data: then up to four of a checksum.
+        for behind in 0..4 {
+            let (pieces, end) = read(&[record(0x09, &vec![0; 32 + behind])]);
+            assert!(pieces.is_empty() && matches!(end, End::Damaged(_)), "{behind}: {end:?}");
+        }
+        let (pieces, _) = read(&[record(0x09, &[0; 36])]);
+        assert_eq!(pieces, [Piece::Attachment(String::new(), String::new(), Vec::new())]);
+    }
+
+    #[test]
+    fn channels_share_a_schema_and_none_beyond_a_limit_is_taken() {
+        let records = [schema(1, 1000), channel(1, 1), channel(2, 1), message(1), message(2)];
+        let (pieces, _) = read(&records);
+        let [Piece::Message(one), Piece::Message(other)] = pieces.as_slice() else {
+            panic!("{pieces:?}")
+        };
+        assert!(Arc::ptr_eq(&one.channel.schema, &other.channel.schema));
+        assert_eq!(one.channel.schema.definition.len(), 1000);
+
+        let many = |different| -> Vec<_> {
+            (0..40).map(|id: u16| schema(if different { id } else { 1 }, DESCRIBED / 20)).collect()
+        };
+        let (_, end) = read(&many(true));
+        assert!(matches!(&end, End::Damaged(why) if why.contains("too many schemas")), "{end:?}");
+        // What is repeated costs nothing.
+        assert!(matches!(read(&many(false)).1, End::Cut(_)));
+    }
+
+    #[test]
+    fn a_chunk_that_is_longer_than_any_of_ours_is_refused_at_its_head() {
+        let long = LONGEST as u64 + 1;
+        let (_, end) = read(&[chunk(long, b"")]);
+        assert!(matches!(&end, End::Damaged(why) if why.contains("too long")), "{end:?}");
+        // By its length in the file, which is not there.
+        let mut head = chunk(0, b"");
+        head[1..9].copy_from_slice(&long.to_le_bytes());
+        let (_, end) = read(&[head]);
+        assert!(matches!(&end, End::Damaged(why) if why.contains("too long")), "{end:?}");
+        let held = [schema(1, 9), channel(1, 1), message(1)].concat();
+        let (pieces, end) = read(&[chunk(held.len() as u64, &held)]);
+        assert!(pieces.len() == 1 && matches!(end, End::Cut(_)), "{pieces:?}, {end:?}");
+    }
+
+    #[test]
+    fn metadata_stand_between_chunks_and_in_none() {
+        let (pieces, end) = read(&[metadata(9), metadata(9)]);
+        assert!(pieces.len() == 2 && matches!(end, End::Cut(_)), "{pieces:?}, {end:?}");
+
+        let inside = metadata(9);
+        let (pieces, end) = read(&[chunk(inside.len() as u64, &inside)]);
+        assert!(pieces.is_empty() && matches!(end, End::Damaged(_)), "{pieces:?}, {end:?}");
+    }
+
+    #[test]
+    fn a_record_has_no_endless_list_of_texts() {
+        let list = |pairs: usize| {
+            let pair = |i: usize| [text(i.to_string().as_bytes()), text(b"")].concat();
+            let map = (0..pairs).flat_map(pair).collect::<Vec<u8>>();
+            read(&[record(0x0c, &[text(b"note"), text(&map)].concat())])
+        };
+        assert_eq!(list(PAIRS).0.len(), 1);
+        let (pieces, end) = list(PAIRS + 1);
+        assert!(pieces.is_empty() && matches!(end, End::Damaged(_)), "{end:?}");
     }
 }

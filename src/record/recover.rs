@@ -32,7 +32,7 @@ pub fn recover<R: Read, W: Write + Seek>(from: R, to: W) -> Result<Saved, Unwrit
         .compression(Some(mcap::Compression::Lz4))
         .create(to)?;
     let mut reading = Reading::new(from);
-    let mut channels = BTreeMap::new();
+    let (mut channels, mut schemas) = (BTreeMap::new(), BTreeMap::new());
     let (mut messages, mut first, mut last) = (0, u64::MAX, 0);
     for piece in reading.by_ref() {
         match piece {
@@ -54,8 +54,16 @@ pub fn recover<R: Read, W: Write + Seek>(from: R, to: W) -> Result<Saved, Unwrit
                 let known = match channels.entry(key) {
                     Entry::Occupied(known) => known.into_mut(),
                     Entry::Vacant(place) => {
-                        let schema =
-                            writer.add_schema(&channel.kind, &channel.encoding, &channel.schema)?;
+                        // The writer compares texts, of which a file may have long ones for many channels.
+                        let own = &channel.schema;
+                        let schema = match schemas.entry(Arc::as_ptr(own) as usize) {
+                            Entry::Occupied(known) => *known.get(),
+                            Entry::Vacant(place) => *place.insert(writer.add_schema(
+                                &own.kind,
+                                &own.encoding,
+                                &own.definition,
+                            )?),
+                        };
                         let id = writer.add_channel(
                             schema,
                             &channel.topic,

@@ -198,6 +198,12 @@ impl Summary {
         }
     }
 
+    /// Whether there was a run: one that was broken off before anything moved has no hash, and zeros that nobody measured.
+    #[must_use]
+    pub fn has_begun(&self) -> bool {
+        !self.hash.is_empty()
+    }
+
     /// 0 done, 1 the task failed or was aborted, 3 fatal, 4 system, 130 interrupted.
     #[must_use]
     pub fn exit_code(&self) -> u8 {

@@ -14,6 +14,11 @@ fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap()
 }
 
+/// What it told beside its results.
+fn told_by(out: &Output) -> &str {
+    text(&out.stderr)
+}
+
 /// The object at the end of stdout, after a look at the exit code.
 fn object(out: &Output, code: i32) -> Value {
     assert_eq!(out.status.code(), Some(code), "{}\n{}", text(&out.stderr), text(&out.stdout));
@@ -401,17 +406,24 @@ fn a_soak_tells_memory_and_drift_at_each_tenth() {
 }
 
 #[test]
-fn a_soak_with_a_mission_that_is_not_solved_does_not_pass_silently() {
-    let soak =
+fn a_soak_with_a_mission_that_is_not_solved_or_with_none_to_compare_does_not_pass_silently() {
+    let scenario =
         ["campaign", "scenarios/face_turn.toml", "--set", "control.compliance=none", "--seed", "5"];
-    let soak = [&soak[..], &["--soak", "0.0001", "--soak-seeds", "1"]].concat();
+    // A mission of 4 s, twice; and once.
+    let soak = |hours, more: &[&str]| {
+        let soak = [&["--soak", hours, "--soak-seeds", "1"], more].concat();
+        let out = robot(&[&scenario[..], &soak].concat());
+        (out.status.code(), told_by(&out).to_owned())
+    };
 
-    let short = robot(&soak);
-    assert_eq!(short.status.code(), Some(1), "{}", text(&short.stderr));
-    let told = text(&short.stderr);
-    assert!(told.contains("1 of 1 missions were not solved; --at-least 1"), "{told}");
-    let content = robot(&[&soak[..], &["--at-least", "0"]].concat());
-    assert_eq!(content.status.code(), Some(0), "{}", text(&content.stderr));
+    let (code, told) = soak("0.002", &[]);
+    assert_eq!(code, Some(1), "{told}");
+    assert!(told.contains("2 of 2 missions were not solved; --at-least 1"), "{told}");
+    let (code, told) = soak("0.002", &["--at-least", "0"]);
+    assert_eq!(code, Some(0), "{told}");
+    let (code, told) = soak("0.001", &["--at-least", "0"]);
+    assert_eq!(code, Some(1), "{told}");
+    assert!(told.contains("not steady: no mission was repeated"), "{told}");
 }
 
 #[test]
@@ -478,6 +490,94 @@ fn a_tier_is_performed_anywhere_and_tells_what_the_plant_did() {
     ] {
         assert!(told.contains(part), "no `{part}` in\n{told}");
     }
+}
+
+/// Starts a campaign of short runs, one at a time, and waits for the first result in its state file.
+fn under_way(mut program: Command, scenario: &str, state: &Place) -> std::process::Child {
+    let mut campaign = program
+        .args(["campaign", scenario, "--runs", "4", "--jobs", "1", "--state", state.path()])
+        .args(["--set", "pace=real-time", "--set", "idle.time_s=0.5", "--json"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    while results(state) == 0 {
+        assert_eq!(campaign.try_wait().unwrap(), None, "it ended by itself");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    campaign
+}
+
+/// Results in a state file.
+fn results(state: &Place) -> usize {
+    let kept = std::fs::read_to_string(state.path()).unwrap_or_default();
+    kept.lines().count().saturating_sub(1)
+}
+
+#[test]
+fn what_is_built_meanwhile_does_not_get_into_a_campaign() {
+    let (own, other) = (Place::new("own-program"), Place::with("other", "#!/bin/sh\nexit 9\n"));
+    std::fs::copy(env!("CARGO_BIN_EXE_rubik-robot"), own.path()).unwrap();
+    let executable = std::fs::metadata(own.path()).unwrap().permissions();
+    std::fs::set_permissions(other.path(), executable).unwrap();
+    let state = Place::new("rebuilt.jsonl");
+    let mut program = Command::new(own.path());
+    program.current_dir(env!("CARGO_MANIFEST_DIR")).stdin(Stdio::null());
+
+    let campaign = under_way(program, "scenarios/idle.toml", &state);
+    std::fs::rename(other.path(), own.path()).unwrap();
+
+    let done = object(&campaign.wait_with_output().unwrap(), 0);
+    assert_eq!((&done["runs"], &done["solved"]), (&4.into(), &4.into()), "{done}");
+}
+
+#[test]
+fn a_scenario_that_changes_meanwhile_or_a_file_that_it_names_ends_the_campaign() {
+    let profile = include_str!("../../scenarios/arms/irp6_servo.toml");
+    let gains = Place::with("gains.toml", profile);
+    let name = gains.0.file_name().unwrap().to_str().unwrap();
+    let text = include_str!("../../scenarios/idle.toml").to_owned();
+    let scenario = Place::with("given.toml", &format!("{text}servo_profile = \"{name}\"\n"));
+    let state = Place::new("changed.jsonl");
+
+    let campaign = under_way(program(), scenario.path(), &state);
+    let changed = profile.replacen("pwm_limit = 190.0", "pwm_limit = 189.0", 1);
+    assert_ne!(changed, profile);
+    std::fs::write(gains.path(), changed).unwrap();
+
+    let out = campaign.wait_with_output().unwrap();
+    let told = told_by(&out);
+    assert_eq!(out.status.code(), Some(2), "{told}");
+    assert!(told.contains("given.toml, or a file that it names, has changed since"), "{told}");
+    assert!((1..4).contains(&results(&state)), "{told}");
+    // Nor does it go on later, as if nothing had been.
+    let run = ["campaign", scenario.path(), "--runs", "4", "--jobs", "1", "--state", state.path()];
+    let later =
+        robot(&[&run[..], &["--set", "pace=real-time", "--set", "idle.time_s=0.5"]].concat());
+    assert_eq!(later.status.code(), Some(2));
+    assert!(told_by(&later).contains("whose contents differ"), "{}", told_by(&later));
+}
+
+#[test]
+fn the_shards_of_two_builds_are_no_measurement_of_one() {
+    let parts = ["1/2", "2/2"].map(|shard| {
+        let place = Place::new(&format!("build{}.jsonl", &shard[..1]));
+        let part = ["--runs", "2", "--shard", shard, "--state", place.path()];
+        assert_eq!(idle(&part).status.code(), Some(0));
+        place
+    });
+    let merge = ["campaign", "merge", parts[0].path(), parts[1].path(), "--json"];
+    let judged = [&merge[..], &["--at-least", "1"]].concat();
+    let one = object(&robot(&judged), 0);
+    let build = one["build"].as_str().unwrap();
+    let kept = std::fs::read_to_string(parts[1].path()).unwrap();
+    std::fs::write(parts[1].path(), kept.replacen(build, "another", 1)).unwrap();
+
+    assert_eq!(object(&robot(&merge), 0)["build"], "several");
+    let several = robot(&judged);
+    assert_eq!(object(&several, 1)["solved"], 2);
+    let told = told_by(&several);
+    assert!(told.contains("is not reached: the runs of different builds are no"), "{told}");
 }
 
 /// The processes that one has started.

@@ -91,7 +91,8 @@ fn rewritten(from: &Path, to: &Path, mut keeps: impl FnMut(&mut Message) -> bool
                     continue;
                 }
                 let c = &message.channel;
-                let schema = writer.add_schema(&c.kind, &c.encoding, &c.schema).unwrap();
+                let own = &c.schema;
+                let schema = writer.add_schema(&own.kind, &own.encoding, &own.definition).unwrap();
                 let id = writer.add_channel(schema, &c.topic, "cdr", &c.metadata).unwrap();
                 let (log_time, publish_time) = (message.time, message.time);
                 let header = mcap::records::MessageHeader {

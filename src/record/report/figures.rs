@@ -45,7 +45,7 @@ pub(super) fn figures(story: &Story) -> Vec<Figure> {
         all.push(Figure {
             what: "visual servo period",
             paper: "40 ms",
-            here: format!("{} ms", 2 * step),
+            here: format!("{} ms", step.saturating_mul(2)),
             remark: format!("median of {} looks of the stand-alone camera", story.looks.len()),
         });
     }
@@ -121,10 +121,10 @@ fn number(text: &str) -> f64 {
 
 /// The time that a share of all counts does not exceed [ns].
 pub(super) fn quantile(classes: &[(u64, u64)], share: f64) -> u64 {
-    let total: u64 = classes.iter().map(|c| c.1).sum();
-    let mut seen = 0;
+    let total = super::page::count(classes);
+    let mut seen: u64 = 0;
     for (nanos, count) in classes {
-        seen += count;
+        seen = seen.saturating_add(*count);
         if seen as f64 >= share * total as f64 {
             return *nanos;
         }

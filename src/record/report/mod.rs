@@ -8,7 +8,7 @@ mod page;
 mod story;
 mod svg;
 
-pub(crate) use page::{STYLE, escaped};
+pub(crate) use page::{HEAD, STYLE, escaped};
 pub use story::{Story, gather};
 pub(crate) use svg::{number, step};
 

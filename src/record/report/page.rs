@@ -9,6 +9,9 @@ use std::fmt::Write;
 
 /// The look, for light, dark and paper.
 pub(crate) const STYLE: &str = include_str!("style.css");
+/// What a page begins with, up to its title. It says of itself that it runs no scripts and loads nothing: what a recording
+/// says may be anybody's.
+pub(crate) const HEAD: &str = "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta http-equiv=Content-Security-Policy content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'\"><meta name=viewport content=\"width=device-width, initial-scale=1\">\n";
 
 /// Writes it.
 pub(super) fn page(story: &Story) -> String {
@@ -16,7 +19,7 @@ pub(super) fn page(story: &Story) -> String {
     let mut html = String::with_capacity(1 << 20);
     let _ = write!(
         html,
-        "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta name=viewport content=\"width=device-width, initial-scale=1\">\n<title>{}</title>\n<style>\n{STYLE}</style></head>\n<body><main>\n",
+        "{HEAD}<title>{}</title>\n<style>\n{STYLE}</style></head>\n<body><main>\n",
         escaped(&title)
     );
     head(&mut html, story, &title);
@@ -127,7 +130,8 @@ fn incomplete(story: &Story) -> Vec<String> {
         ));
     }
     for arm in story.arms.iter().filter(|arm| arm.missing > 0) {
-        let (name, missing, all) = (&arm.name, arm.missing, arm.ticks + arm.missing);
+        let (name, missing) = (&arm.name, arm.missing);
+        let all = arm.ticks.saturating_add(missing);
         whys.push(format!("{missing} of {all} servo periods of {name} are not here."));
     }
     whys
@@ -272,6 +276,11 @@ pub(super) fn classes(text: &str) -> Vec<(u64, u64)> {
     text.split_whitespace().filter_map(pair).collect()
 }
 
+/// How many are in all classes.
+pub(super) fn count(classes: &[(u64, u64)]) -> u64 {
+    classes.iter().fold(0, |sum, (_, count)| sum.saturating_add(*count))
+}
+
 fn timing(html: &mut String, story: &Story) {
     html.push_str("<section><h2>Timing of the servo</h2>");
     let label = &story.label;
@@ -296,7 +305,7 @@ fn timing(html: &mut String, story: &Story) {
         ] {
             let classes = classes(label.of("timing", name));
             let us = |q: f64| quantile(&classes, q) as f64 * 1e-3;
-            let total: u64 = classes.iter().map(|c| c.1).sum();
+            let total = count(&classes);
             let title = format!(
                 "{words}: median {:.1} us, 99 % {:.1} us, longest {:.1} us, {total} periods",
                 us(0.5),
@@ -308,9 +317,9 @@ fn timing(html: &mut String, story: &Story) {
         let _ = write!(
             html,
             "<p>Missed: {} periods, {} in a row; late readings: {}.</p>",
-            label.of("timing", "missed"),
-            label.of("timing", "missed_in_a_row"),
-            label.of("timing", "late_readings")
+            escaped(label.of("timing", "missed")),
+            escaped(label.of("timing", "missed_in_a_row")),
+            escaped(label.of("timing", "late_readings"))
         );
     }
     html.push_str("</section>\n");
@@ -559,10 +568,25 @@ mod tests {
         let mut story = Story::default();
         story.messages.push((1.0, Class::NonFatal, "<script>".into(), "a < b & c".into()));
         story.label.scenario = "</pre><script>alert(1)</script>".into();
+        let evil = "\"><script>alert(1)</script>";
+        let letters = format!("{evil:U<54}");
+        story.letters = [letters.clone(), letters.clone(), letters.clone()];
+        let told =
+            |names: &[&str]| names.iter().map(|n| ((*n).to_owned(), evil.to_owned())).collect();
+        let timing = ["missed", "missed_in_a_row", "late_readings", "wake_up_ns", "jitter_ns"];
+        story.label.metadata.insert("timing".into(), told(&timing));
+        story.label.metadata.insert("recording".into(), told(&["lost"]));
+        let facts = ["version", "scenario", "seed", "arms", "force_limit_n", "standalone_xyz"];
+        story.label.metadata.insert("rubik_robot".into(), told(&facts));
+        if let Some(facts) = story.label.metadata.get_mut("rubik_robot") {
+            facts.insert("pace".into(), "real-time".into());
+            facts.insert("cube_start".into(), letters);
+        }
 
         let html = page(&story);
 
-        assert!(!html.contains("<script"));
+        assert!(!html.contains("<script") && html.contains("<p>Missed: &quot;&gt;"), "{html}");
+        assert_eq!(html.matches("aria-label=\"cube &quot;&gt;").count(), 3, "{html}");
         assert!(html.contains("a &lt; b &amp; c"));
         assert!(html.contains("<td>non-fatal error<td>&lt;script&gt;"), "{html}");
     }
@@ -604,6 +628,24 @@ mod tests {
 
         assert!(html.contains("17 messages of this run are not here"), "{html}");
         assert!(html.contains("10 of 100 servo periods of track are not here"), "{html}");
+    }
+
+    #[test]
+    fn numbers_at_their_ends_are_added_up_as_far_as_they_go() {
+        let (most, last) = (u64::MAX, u64::MAX);
+        let arm = ArmStory { ticks: 3, missing: most, last, ..ArmStory::default() };
+        let mut story = Story { arms: vec![arm], looks: vec![0, most], ..Story::default() };
+        let classes = format!("{most}:{most} 100:{most} 5:1");
+        let timing =
+            ["wake_up_ns", "jitter_ns", "work_ns"].map(|n| (n.to_owned(), classes.clone()));
+        story.label.metadata.insert("timing".into(), timing.into());
+        let pace = [("pace".to_owned(), "real-time".to_owned())];
+        story.label.metadata.insert("rubik_robot".into(), pace.into());
+
+        let html = page(&story);
+
+        assert!(html.contains(&format!("{most} of {most} servo periods")), "{html}");
+        assert!(html.contains(&format!("{most} periods</text>")), "{html}");
     }
 
     #[test]

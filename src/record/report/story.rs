@@ -203,7 +203,9 @@ impl Story {
     fn tick(&mut self, time: f64, tick: &Tick) {
         let Some(arm) = self.arms.get_mut(usize::from(tick.arm)) else { return };
         arm.ticks += 1;
-        arm.missing += tick.period.saturating_sub(arm.last + 1);
+        // A file may say that a period has any number.
+        let between = tick.period.saturating_sub(arm.last.saturating_add(1));
+        arm.missing = arm.missing.saturating_add(between);
         arm.last = tick.period;
         // What comes later than any run is drawn at the curves' end.
         let bin = ((time / BIN) as usize).min(LONGEST);

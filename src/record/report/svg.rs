@@ -197,7 +197,8 @@ pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
     for (nanos, count) in classes {
         let share = ((*nanos).max(1) as f64).log10() - low;
         let at = (share / (high - low) * BARS as f64) as usize;
-        bars[at.min(BARS - 1)] += count;
+        let bar = &mut bars[at.min(BARS - 1)];
+        *bar = bar.saturating_add(*count);
     }
     let (top, panel) = (22.0, 120.0);
     let most = bars.iter().copied().max().unwrap_or(1).max(1) as f64;
@@ -254,15 +255,16 @@ pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
     svg
 }
 
-/// The net of a cube from 54 letters URFDLB.
+/// The net of a cube from 54 letters URFDLB; others are grey.
 pub(super) fn net(letters: &str) -> String {
     let size = 15.0;
     // Column and row of each face in the net, in the order URFDLB.
     let places = [(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (3, 1)];
     let mut svg = format!(
-        "<svg class=net viewBox=\"0 0 {:.0} {:.0}\" role=img aria-label=\"cube {letters}\">",
+        "<svg class=net viewBox=\"0 0 {:.0} {:.0}\" role=img aria-label=\"cube {}\">",
         12.0 * size + 10.0,
-        9.0 * size + 8.0
+        9.0 * size + 8.0,
+        super::escaped(letters)
     );
     for (index, letter) in letters.chars().take(54).enumerate() {
         let (column, row) = places[index / 9];
