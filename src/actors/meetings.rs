@@ -70,7 +70,9 @@ fn path(folder: &Path, made_of: &str) -> PathBuf {
 /// A search that was changed must not find the old one's results.
 fn build_of_this_program() -> String {
     let about = || {
-        let about = fs::metadata(std::env::current_exe().ok()?).ok()?;
+        // The file that runs, even when another one has taken its name meanwhile.
+        let own = || fs::metadata(std::env::current_exe().ok()?).ok();
+        let about = fs::metadata("/proc/self/exe").ok().or_else(own)?;
         let changed = about.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
         Some(format!("{} of {} bytes", changed.as_nanos(), about.len()))
     };

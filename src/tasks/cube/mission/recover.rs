@@ -949,12 +949,13 @@ mod tests {
             event = match mission.next(event, &readings) {
                 Action::Behave { orders, .. } => Event::Behaved(orders.map(|order| {
                     order.map(|order| match order {
-                        Behaviour::VisualServo(_) => Outcome::Touched(0.001),
+                        Behaviour::VisualServo(_) | Behaviour::Withdraw { .. } => {
+                            Outcome::Touched(0.001)
+                        }
                         Behaviour::Grasp { .. } => {
                             gap = 0.057;
                             Outcome::Grasped(0.057)
                         }
-                        Behaviour::Withdraw { .. } => Outcome::Touched(0.001),
                         Behaviour::Jaw { .. } => {
                             gap = 0.09;
                             Outcome::Reached
