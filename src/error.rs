@@ -77,8 +77,8 @@ pub enum NonFatal {
     Interrupted,
     /// An arm of a mission that was broken off does not know any more where it is, and may hold the cube.
     #[error(
-        "{effector} does not know where it is, and its jaws may hold the cube: nothing moves. Take the cube out, let the jaws \
-         synchronise by hand (run scenarios/idle.toml), then resume, or start a new run"
+        "{effector} does not know where it is, and its jaws may hold the cube: nothing moves. Take the cube out, \
+         synchronise the arm by hand (this scenario with --set task=idle and a face), then resume, or start a new run"
     )]
     Lost {
         /// Name of the effector.

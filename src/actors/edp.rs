@@ -199,11 +199,12 @@ impl Edp {
                 }
                 Request::Bias { reply } => (self.bias().await, reply),
                 Request::Synchronise { reply } => (self.synchronise().await, reply),
-                // A servo that has died tells no fault: what it told last stays.
-                Request::State { reply } if self.link.is_closed() => {
-                    (Err(self.silent("state")), reply)
+                Request::State { reply } => {
+                    // One that died without a word would be seen as it was last.
+                    let told = self.check("state");
+                    let is_gone = told.is_ok() && self.link.is_closed();
+                    (if is_gone { Err(self.silent("state")) } else { told }, reply)
                 }
-                Request::State { reply } => (self.check("state"), reply),
             };
             self.tape.message(&self.name, "ecp", &answer);
             // The asker may have gone; that is its affair.

@@ -142,12 +142,13 @@ impl Header {
         if self.version != other.version {
             return told("versions of the program", &self.version, &other.version);
         }
+        // First, since it is part of what the scenario's sum is over.
+        if self.set != other.set {
+            return told("--set", &self.set.join(" "), &other.set.join(" "));
+        }
         if self.scenario_sum != other.scenario_sum {
             return told("scenarios", &self.scenario, &other.scenario)
                 .map(|t| format!("{t}, whose contents differ"));
-        }
-        if self.set != other.set {
-            return told("--set", &self.set.join(" "), &other.set.join(" "));
         }
         if self.vary != other.vary {
             return Some("what is drawn (--vary)".to_owned());

@@ -170,15 +170,17 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
         return Ok(told(&format!("{}: {why}", path.display())));
     }
     let performed = campaign.perform("campaign")?;
-    if performed == Performed::Changed {
-        return Ok(WRONG);
-    }
     let interrupted = performed == Performed::Interrupted;
     if interrupted && args.state.is_none() {
         complain("interrupted; with --state FILE a campaign can go on where it was");
     }
     let code = args.told.tell(&Tally::of(&campaign.state), output)?;
-    Ok(if interrupted { INTERRUPTED } else { code })
+    // What was done until then is told all the same.
+    Ok(match performed {
+        Performed::Interrupted => INTERRUPTED,
+        Performed::Changed => WRONG,
+        Performed::Whole => code,
+    })
 }
 
 fn told(why: &str) -> u8 {

@@ -336,8 +336,8 @@ mod tests {
             assert_eq!(near.off(&zone, false) < FAR, i < 3, "{i}: the hand takes the cube");
             let lowered = of_balls(|part| Point3::new(0.0, 0.0, if part == i { 0.5 } else { 1.0 }));
             let lowest = match i {
-                // Column and lower arm stand on the floor.
-                0 | 1 => 0.99,
+                // Column and lower arm stand on the floor: the cube is the lowest then.
+                0 | 1 => 1.0 - STANDS,
                 // It may stand on the table.
                 CUBE => 0.5 - STANDS,
                 _ => 0.49,

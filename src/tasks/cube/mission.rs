@@ -601,8 +601,12 @@ impl Mission {
                         self.somebody_has_hold(&why);
                         Ok(())
                     }
-                    Job::DrawIn => {
-                        self.somebody_has_hold(&why);
+                    // What holds on to it is felt by the pull alone: a bump is no hand that has it.
+                    Job::DrawIn if self.meets(job) => {
+                        self.going.1 += 1;
+                        self.log.notes.push(format!("{why}: it gives way"));
+                        let gives_way = Job::Wait(Hand::Track, hand_over::GIVES_WAY);
+                        self.push_front(&[gives_way, Job::Feel, Job::DrawIn]);
                         Ok(())
                     }
                     // Somebody may have taken hold of the cube, or be in its way: a small pull tells, once it does not press

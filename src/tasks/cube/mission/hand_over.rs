@@ -297,10 +297,12 @@ mod tests {
         let presents = |order: &Behaviour| matches!(order, Behaviour::Present { .. });
         let (_, between) = until(&mut mission, ended(Outcome::Reached), presents);
         assert_eq!(between, ["bias"]);
-        // On the way back something holds on to it.
+        // Met once more on the way back: another pull tells.
         let (mut mission, _) = met_on_its_way();
         until(&mut mission, ended(Outcome::NotTouched), along);
-        until(&mut mission, met(), jaws);
+        let (_, between) = until(&mut mission, met(), tugs);
+        assert_eq!(between, ["gives way"]);
+        until(&mut mission, ended(Outcome::Touched(0.003)), jaws);
 
         // What stays in the way: the cube stays in the hand.
         let (mut mission, _) = met_on_its_way();

@@ -138,6 +138,7 @@ impl Mission {
         self.log.recoveries += 1;
         self.sight = super::sight::Sight::default();
         (self.given, self.given_back) = (None, false);
+        self.offered = None;
         self.rounds = 1;
         // What goes back unsolved may yet be solved.
         self.failure = None;
@@ -335,6 +336,10 @@ impl Mission {
                 continue;
             }
             let lost = format!("the cube has slipped out of the {} hand", name(hand));
+            if hand == Hand::Track && self.offered.is_some() {
+                self.left_to_whoever_has_it(&lost);
+                return Ok(());
+            }
             if self.belief.held[hand.other().index()].is_some() && self.lost_layer(hand, arms) {
                 self.belief.released(hand);
                 self.log.notes.push(format!("{lost}: the layer is taken anew"));
@@ -426,7 +431,8 @@ impl Mission {
                 self.queue.push_back(Job::Close { hand, hold: usual(hand) });
                 if track && self.settings.keeper == Keeper::Person {
                     let is_out = last.hand_over.is_some() && self.left(arms) > Some(NEARLY);
-                    let opening = arms[Hand::Track.index()].jaw_opening > edge - CLOSER;
+                    let gap = arms[Hand::Track.index()].jaw_opening;
+                    let opening = last.handing_back && gap > edge - CLOSER;
                     self.offered = (last.handing_back || is_out).then_some(Offered { opening });
                 }
                 self.clear(hand.other(), arms);
