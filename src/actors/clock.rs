@@ -35,13 +35,13 @@ impl Clock {
     #[must_use]
     pub fn instant(&self, period: u64) -> Instant {
         let periods = u32::try_from(period).unwrap_or(u32::MAX);
-        self.origin + self.missed() + Duration::from_secs_f64(PERIOD).saturating_mul(periods)
+        self.origin + self.behind() + Duration::from_secs_f64(PERIOD).saturating_mul(periods)
     }
 
     /// The period that it is now.
     #[must_use]
     pub fn period(&self) -> u64 {
-        let served = self.origin.elapsed().saturating_sub(self.missed());
+        let served = self.origin.elapsed().saturating_sub(self.behind());
         (served.as_micros() / Duration::from_secs_f64(PERIOD).as_micros()) as u64
     }
 
@@ -58,7 +58,8 @@ impl Clock {
         self.switches.hold.store(holds, Ordering::Release);
     }
 
-    fn missed(&self) -> Duration {
+    /// By how much later than from the origin the periods lie.
+    fn behind(&self) -> Duration {
         let late = self.late.load(Ordering::Acquire);
         Duration::from_nanos(late.saturating_add(self.switches.punctual.missed_nanos()))
     }

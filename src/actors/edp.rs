@@ -202,8 +202,11 @@ impl Edp {
                 Request::State { reply } => {
                     // One that died without a word would be seen as it was last.
                     let told = self.check("state");
-                    let is_gone = told.is_ok() && self.link.is_closed();
-                    (if is_gone { Err(self.silent("state")) } else { told }, reply)
+                    let is_gone = self.link.is_closed();
+                    (
+                        told.and_then(|s| if is_gone { Err(self.silent("state")) } else { Ok(s) }),
+                        reply,
+                    )
                 }
             };
             self.tape.message(&self.name, "ecp", &answer);
@@ -367,6 +370,22 @@ fn far_off(by: &[f64; 6]) -> Option<(usize, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hw::driver;
+    use tokio::time::Instant;
+
+    #[tokio::test(start_paused = true)]
+    async fn a_servo_that_is_gone_is_told_by_whoever_only_asks_for_the_state() {
+        let (link, mut end) = driver::link();
+        end.publish(&ArmState { period: 1, ..ArmState::default() });
+        let clock = Clock::new(Instant::now(), Arc::default());
+        let edp = spawn("track", link, clock, Tape::default());
+        assert!(edp.state().await.is_ok());
+
+        drop(end);
+
+        let told = edp.state().await.unwrap_err().to_string();
+        assert_eq!(told, "system, edp track, state: no answer from the servo in 0.5 s");
+    }
 
     #[test]
     fn a_zero_that_has_moved_far_is_told_in_its_direction_and_drift_is_not() {

@@ -6,6 +6,7 @@
 
 use crate::cell::Cell;
 use crate::reach::{Meeting, MeetingTable, ReachSettings};
+use crate::record::running_program;
 use crate::tables::Store;
 use serde::{Deserialize, Serialize};
 use std::fs;
@@ -70,9 +71,7 @@ fn path(folder: &Path, made_of: &str) -> PathBuf {
 /// A search that was changed must not find the old one's results.
 fn build_of_this_program() -> String {
     let about = || {
-        // The file that runs, even when another one has taken its name meanwhile.
-        let own = || fs::metadata(std::env::current_exe().ok()?).ok();
-        let about = fs::metadata("/proc/self/exe").ok().or_else(own)?;
+        let about = fs::metadata(running_program().ok()?).ok()?;
         let changed = about.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
         Some(format!("{} of {} bytes", changed.as_nanos(), about.len()))
     };

@@ -14,6 +14,7 @@ use crate::campaign::vary::{Drawn, Vary};
 use crate::hw::text;
 use crate::record::journal;
 use crate::record::place::Place;
+use crate::record::running_program;
 use crate::scenario::{self, CameraSource, Override, Scenario};
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
@@ -377,13 +378,6 @@ fn sum(path: &Path, read: &Scenario) -> std::io::Result<String> {
     Ok(format!("{:08x}", sum.finalize()))
 }
 
-/// The way to this very program for a process that is to become it. Under Linux that is the file that runs here, whatever has
-/// been built to its path meanwhile: the link is followed in the new process, which until then is a copy of this one.
-fn this_program() -> std::io::Result<PathBuf> {
-    let running = Path::new(record::RUNNING);
-    if running.exists() { Ok(running.to_owned()) } else { std::env::current_exe() }
-}
-
 /// A campaign that can be performed.
 pub(super) struct Campaign {
     pub state: State,
@@ -434,7 +428,7 @@ impl Campaign {
         }
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let runner = Runner {
-            program: this_program().map_err(|e| format!("this program: {e}"))?,
+            program: running_program().map_err(|e| format!("this program: {e}"))?,
             scenario: path.clone(),
             set: args.set.clone(),
             jobs: shape.jobs.map_or(cores, usize::from),

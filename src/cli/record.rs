@@ -86,13 +86,9 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
     })
 }
 
-/// Where Linux has the program of each process for itself, also when another one stands at its path by now.
-pub(super) const RUNNING: &str = "/proc/self/exe";
-
 /// The sum of this very program: two builds of one version may differ.
 pub(super) fn build() -> String {
-    let program =
-        std::fs::read(RUNNING).or_else(|_| std::env::current_exe().and_then(std::fs::read));
+    let program = crate::record::running_program().and_then(std::fs::read);
     program
         .map_or_else(|_| "unknown".to_owned(), |bytes| format!("{:08x}", crc32fast::hash(&bytes)))
 }

@@ -25,3 +25,13 @@ pub mod summary;
 pub mod tape;
 pub mod tick;
 pub mod urdf;
+
+/// The file of the program that runs here. Under Linux that is itself, whatever stands at its path by now; a process that is to
+/// become it follows the link while it is still a copy of this one.
+///
+/// # Errors
+/// What the operating system says.
+pub fn running_program() -> std::io::Result<std::path::PathBuf> {
+    let own = std::path::Path::new("/proc/self/exe");
+    if own.exists() { Ok(own.to_owned()) } else { std::env::current_exe() }
+}

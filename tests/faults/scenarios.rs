@@ -665,7 +665,7 @@ fn every_scenario_of_a_fault_is_tested_here() {
     let files = std::fs::read_dir(folder.parent().unwrap()).unwrap();
     let mut names: Vec<String> = files
         .map(|file| file.unwrap().path().file_stem().unwrap().to_str().unwrap().to_owned())
-        // Whole missions: tests/mission_faults.rs.
+        // Whole missions: missions.rs.
         .filter(|name: &String| !name.starts_with("solve_"))
         .collect();
     names.sort();

@@ -341,6 +341,7 @@ mod tests {
             bridge.write(read(period, 90 * period as i64, u8::MAX));
             let reading = fetched(&mut servo, period + 1).unwrap();
             assert_eq!((reading.guessed, reading.unheard), (0, 0));
+            assert!(!reading.wrench_is_old);
         }
 
         let guesses: Vec<_> = (42..62).map(|p| fetched(&mut servo, p).unwrap()).collect();
@@ -349,6 +350,7 @@ mod tests {
         assert!(steps[..9].iter().all(|step| (80..=90).contains(step)), "{steps:?}");
         assert!(steps[9..].iter().all(|step| *step == 0), "{steps:?}");
         assert!(guesses.iter().all(|g| g.guessed == u8::MAX && g.unheard == u8::MAX));
+        assert!(guesses.iter().all(|g| g.wrench_is_old), "what was told once is no new sample");
     }
 
     #[test]

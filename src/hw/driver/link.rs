@@ -137,7 +137,7 @@ impl ServoEnd {
         None
     }
 
-    pub(super) fn publish(&mut self, state: &ArmState) {
+    pub(crate) fn publish(&mut self, state: &ArmState) {
         let left = state.command_end.saturating_sub(state.period);
         let state = ArmState {
             period: self.length.tick(state.period),

@@ -503,6 +503,11 @@ impl Mission {
         self.folds(Hand::Track, way, least, arms)
     }
 
+    /// How far the track draws back with the cube from where it closed on it, as far as its arm folds [m].
+    fn way_back(&self) -> f64 {
+        self.settings.back - self.short
+    }
+
     /// How far the track's tool is from where it closed on the cube [m].
     fn gone(&self, arms: &[ArmState]) -> Option<f64> {
         let from = nalgebra::Vector3::from(self.taken_at?);
@@ -601,25 +606,14 @@ impl Mission {
                         self.somebody_has_hold(&why);
                         Ok(())
                     }
-                    // What holds on to it is felt by the pull alone: a bump is no hand that has it.
                     Job::DrawIn if self.meets(job) => {
-                        self.going.1 += 1;
                         self.log.notes.push(format!("{why}: it gives way"));
-                        let gives_way = Job::Wait(Hand::Track, hand_over::GIVES_WAY);
-                        self.push_front(&[gives_way, Job::Feel, Job::DrawIn]);
+                        self.feel(&[Job::DrawIn]);
                         Ok(())
                     }
-                    // Somebody may have taken hold of the cube, or be in its way: a small pull tells, once it does not press
-                    // any more.
                     Job::HoldOut if self.meets(job) => {
-                        self.going.1 += 1;
                         self.log.notes.push(format!("{why}: it goes no farther"));
-                        self.push_front(&[
-                            Job::Wait(Hand::Track, hand_over::GIVES_WAY),
-                            Job::Feel,
-                            Job::DrawIn,
-                            Job::HoldOut,
-                        ]);
+                        self.feel(&[Job::DrawIn, Job::HoldOut]);
                         Ok(())
                     }
                     Job::Joints(..)
@@ -692,8 +686,7 @@ impl Mission {
                     Ok(())
                 }
                 Some(Outcome::OverForce(..)) if self.meets(job) => {
-                    self.going.1 += 1;
-                    self.push_front(&[Job::Wait(Hand::Track, hand_over::GIVES_WAY), Job::Feel]);
+                    self.feel(&[]);
                     Ok(())
                 }
                 other => Err(format!(
@@ -846,7 +839,7 @@ impl Mission {
                 // Jaws that were opening when the other run ended looked like jaws on a cube.
                 Some(Outcome::Empty(_))
                     if hand == Hand::Track
-                        && self.offered.as_ref().is_some_and(|offered| offered.opening) =>
+                        && self.offered.is_some_and(|offered| offered.opening) =>
                 {
                     self.left_to_whoever_has_it("the jaws close on nothing");
                     Ok(())
@@ -979,15 +972,6 @@ impl Mission {
         let holder = self.holder()?;
         let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
         Ok((holder, Grip { hold: held.hold, half_roll: held.half_roll }))
-    }
-
-    /// Somebody has hold of a cube on its way: who has it is to have it.
-    fn somebody_has_hold(&mut self, why: &str) {
-        self.log.notes.push(format!("{why}: the jaws let go"));
-        self.given_back = true;
-        while self.queue.front().is_some_and(|job| !matches!(job, Job::LetGo(_))) {
-            self.queue.pop_front();
-        }
     }
 
     /// What becomes of a cube that goes back.
@@ -1273,7 +1257,7 @@ impl Mission {
                 behave(hand, order)
             }
             Job::HoldOut => {
-                let way = s.back - self.short;
+                let way = self.way_back();
                 let now = arms[Hand::Track.index()].desired_base_from_tool;
                 let (_, out) =
                     *self.way_out.get_or_insert((now, now * Pose::translation(0.0, 0.0, way)));
@@ -1615,11 +1599,14 @@ impl Mission {
 
     fn unfold_hand_back(&mut self) -> Result<(), String> {
         let target = self.hand_over.ok_or("the place of the hand-over is not known")?;
-        let (speed, back) = (self.settings.speed, self.settings.back - self.short);
-        let lowers = Job::Along(Hand::Track, back - self.settings.pre_grasp);
-        let (phase, way, end) = match self.settings.keeper {
+        let s = &self.settings;
+        let speed = s.speed;
+        let (phase, way, end) = match s.keeper {
             Keeper::Person => ("hand back", Job::HoldOut, Job::Present { tries: 1 }),
-            Keeper::Table => ("lay down", lowers, Job::LayDown),
+            Keeper::Table => {
+                let lowers = Job::Along(Hand::Track, self.way_back() - s.pre_grasp);
+                ("lay down", lowers, Job::LayDown)
+            }
         };
         self.way_out = None;
         self.push_front(&[

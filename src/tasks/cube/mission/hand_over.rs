@@ -12,7 +12,7 @@ use crate::tasks::cube::hold::Hand;
 /// How often one way is gone on with.
 const MOST_MET: u32 = 3;
 /// For so long a hand gives way to what it has met [s].
-pub(super) const GIVES_WAY: f64 = 1.0;
+const GIVES_WAY: f64 = 1.0;
 /// The first possibility of both questions ...
 const AGAIN: &str = "look again";
 /// ... and its index.
@@ -35,6 +35,23 @@ impl Mission {
             // What follows is waiting already.
             Job::Wait(..) => self.push_front(&[rest]),
             _ => self.push_front(&[rest, Job::GoOn]),
+        }
+    }
+
+    /// Somebody may have taken hold of a cube that met something on its way, or be in that way: a small pull tells, once it does
+    /// not press any more. The force of a bump does not.
+    pub(super) fn feel(&mut self, then: &[Job]) {
+        self.going.1 += 1;
+        self.push_front(then);
+        self.push_front(&[Job::Wait(Hand::Track, GIVES_WAY), Job::Feel]);
+    }
+
+    /// Somebody has hold of a cube on its way: who has it is to have it.
+    pub(super) fn somebody_has_hold(&mut self, why: &str) {
+        self.log.notes.push(format!("{why}: the jaws let go"));
+        self.given_back = true;
+        while self.queue.front().is_some_and(|job| !matches!(job, Job::LetGo(_))) {
+            self.queue.pop_front();
         }
     }
 

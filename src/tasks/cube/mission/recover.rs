@@ -506,8 +506,7 @@ impl Mission {
 
     /// What is left of the way back from where the track took the cube: a part may have been gone already [m].
     fn left(&self, arms: &[ArmState]) -> Option<f64> {
-        let back = self.settings.back - self.short;
-        self.gone(arms).map(|gone| (back - gone).max(0.0))
+        self.gone(arms).map(|gone| (self.way_back() - gone).max(0.0))
     }
 
     /// What follows when one hand is known to hold the cube: without a place to hand it back, the operator may still
@@ -515,7 +514,7 @@ impl Mission {
     fn settle(&mut self, holder: Hand, arms: &[ArmState]) {
         let left = self.left(arms);
         if self.hand_over.is_none() && holder == Hand::Track {
-            self.draw_back_with(left.unwrap_or(self.settings.back - self.short));
+            self.draw_back_with(left.unwrap_or(self.way_back()));
         } else if let (Some(hand_over), true) = (self.hand_over, self.offered.is_some()) {
             self.queue.extend([Job::Wait(Hand::Track, RELEASE_WAIT), Job::Release { tries: 1 }]);
             if left > Some(NEARLY) {
@@ -619,7 +618,7 @@ mod tests {
     use crate::spatial::Pose;
     use crate::tasks::cube::settings::CubeSettings;
     use crate::tasks::cube::think::{Conclusion, Thought};
-    use crate::tasks::{Action, Event, Forces, Readings, Task};
+    use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
 
     const PALETTE: Palette = [
         [220.0, 220.0, 215.0],
@@ -890,41 +889,53 @@ mod tests {
         assert!(!ends(true), "it had left it");
     }
 
+    /// How a mission ends that goes on from an entry, with the track's jaws so far apart, whose behaviours end so. Nobody looks.
+    fn played(last: Entry, mut gap: f64, mut ends: impl FnMut(&Behaviour) -> Outcome) -> Finish {
+        let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(last));
+        let mut event = Event::Start;
+        for _ in 0..200 {
+            let mut track = ArmState { jaw_opening: gap, ..ArmState::default() };
+            track.desired_base_from_tool = Pose::translation(0.5, 0.1, 0.7);
+            let arms = [track, ArmState { jaw_opening: 0.09, ..ArmState::default() }];
+            event = match mission.next(event, &Readings { arms: &arms, forces: Forces::default() })
+            {
+                Action::Behave { orders, .. } => {
+                    let outcomes = orders.map(|order| order.as_ref().map(&mut ends));
+                    match (orders[0], outcomes[0]) {
+                        (Some(Behaviour::Jaw { .. }), _) => gap = 0.09,
+                        (_, Some(Outcome::Grasped(width))) => gap = width,
+                        _ => {}
+                    }
+                    Event::Behaved(outcomes)
+                }
+                Action::Finish(end) => return end,
+                Action::Look { .. } => panic!("looked at, though somebody has it"),
+                _ => Event::Done,
+            };
+        }
+        panic!("it never ends: {:?}", mission.log.notes);
+    }
+
     #[test]
     fn who_has_hold_of_what_another_run_was_handing_back_is_left_it() {
         // The jaws end so at first, and then a small pull each time.
         let ends = |gap: f64, closed: Outcome, pulled: Outcome| {
+            let (mut pulls, mut opened) = (0, false);
             let last = Entry { doing: "handing back".to_owned(), ..lowering() };
-            let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(last));
-            let mut track = ArmState { jaw_opening: gap, ..ArmState::default() };
-            track.desired_base_from_tool = Pose::translation(0.5, 0.1, 0.7);
-            let (mut event, mut pulls, mut opened) = (Event::Start, 0, false);
-            for _ in 0..100 {
-                let arms = [track, ArmState { jaw_opening: 0.09, ..ArmState::default() }];
-                let readings = Readings { arms: &arms, forces: Forces::default() };
-                event = match mission.next(event, &readings) {
-                    Action::Behave { orders, .. } => Event::Behaved(orders.map(|order| {
-                        order.map(|order| match order {
-                            Behaviour::Grasp { .. } => closed,
-                            Behaviour::Withdraw { .. } => {
-                                pulls += 1;
-                                pulled
-                            }
-                            Behaviour::Jaw { .. } => {
-                                track.jaw_opening = 0.09;
-                                opened = true;
-                                Outcome::Reached
-                            }
-                            Behaviour::VisualServo(_) => Outcome::LostSight(5.0),
-                            _ => Outcome::Reached,
-                        })
-                    })),
-                    Action::Finish(end) => return (end, pulls, opened),
-                    Action::Look { .. } => panic!("looked at, though somebody has it"),
-                    _ => Event::Done,
-                };
-            }
-            panic!("it never ends: {:?}", mission.log.notes);
+            let end = played(last, gap, |order| match order {
+                Behaviour::Grasp { .. } => closed,
+                Behaviour::Withdraw { .. } => {
+                    pulls += 1;
+                    pulled
+                }
+                Behaviour::Jaw { .. } => {
+                    opened = true;
+                    Outcome::Reached
+                }
+                Behaviour::VisualServo(_) => Outcome::LostSight(5.0),
+                _ => Outcome::Reached,
+            });
+            (end, pulls, opened)
         };
 
         // Jaws that were opening, and close on nothing.
@@ -940,47 +951,42 @@ mod tests {
         let (end, pulls, opened) = ends(0.057, Outcome::Grasped(0.057), Outcome::Touched(0.001));
         assert!(end.achieved && end.reason == UNSEEN && opened, "{}", end.reason);
         assert!(pulls > super::super::RELEASE_TRIES, "{pulls}");
+        // On its way out, which the journal does not tell as handing back, closed jaws were not opening.
+        let last = Entry { handing_back: false, ..lowering() };
+        let end = played(last, 0.0565, |order| match order {
+            Behaviour::Grasp { .. } => Outcome::Empty(0.053),
+            _ => Outcome::Reached,
+        });
+        assert!(!end.achieved && end.reason.contains("do not hold"), "{}", end.reason);
+    }
+
+    #[test]
+    fn a_cube_that_is_pulled_out_of_a_hand_that_asks_whether_somebody_has_it_did_not_fall() {
+        let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(lowering()));
+        mission.offered = Some(Offered { opening: false });
+        let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+        mission.belief.taken(Hand::Track, hold, false);
+        mission.widths = [Some(0.0565); 2];
+        let arms = [ArmState { jaw_opening: 0.053, ..ArmState::default() }; 2];
+
+        mission.look_after(&arms).unwrap();
+
+        assert_eq!((mission.log.drops, mission.given_back), (0, true));
+        assert_eq!(mission.queue.front(), Some(&Job::LetGo(Hand::Track)));
+        assert!(mission.seeks.is_some() && mission.fell.is_none());
     }
 
     #[test]
     fn who_does_not_let_go_of_what_was_taken_anew_is_not_said_to_have_been_handed_it_back() {
         let last = Entry { held: [None; 2], ..lowering() };
-        let mut mission = Mission::new(settings(), Goal::Solve, None).resumed(Some(last));
-        let mut gap = 0.09;
-        let mut event = Event::Start;
-        for _ in 0..200 {
-            let track = ArmState { jaw_opening: gap, ..ArmState::default() };
-            let arms = [track, ArmState { jaw_opening: 0.09, ..ArmState::default() }];
-            let readings = Readings { arms: &arms, forces: Forces::default() };
-            event = match mission.next(event, &readings) {
-                Action::Behave { orders, .. } => Event::Behaved(orders.map(|order| {
-                    order.map(|order| match order {
-                        Behaviour::VisualServo(_) | Behaviour::Withdraw { .. } => {
-                            Outcome::Touched(0.001)
-                        }
-                        Behaviour::Grasp { .. } => {
-                            gap = 0.057;
-                            Outcome::Grasped(0.057)
-                        }
-                        Behaviour::Jaw { .. } => {
-                            gap = 0.09;
-                            Outcome::Reached
-                        }
-                        _ => Outcome::Reached,
-                    })
-                })),
-                Action::Finish(end) => {
-                    assert!(
-                        !end.achieved && end.reason.contains("does not let go"),
-                        "{}",
-                        end.reason
-                    );
-                    return;
-                }
-                _ => Event::Done,
-            };
-        }
-        panic!("it never ends: {:?}", mission.log.notes);
+
+        let end = played(last, 0.09, |order| match order {
+            Behaviour::VisualServo(_) | Behaviour::Withdraw { .. } => Outcome::Touched(0.001),
+            Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
+            _ => Outcome::Reached,
+        });
+
+        assert!(!end.achieved && end.reason.contains("does not let go"), "{}", end.reason);
     }
 
     #[test]
