@@ -597,7 +597,7 @@ const TOLD: &[(&str, i32, &[&str])] = &[
     ("late_message", 0, &["solved"]),
     ("duplicated_message", 0, &["came twice: obeyed once", "edp track", "period=5"]),
     ("disk_full", 0, &["the recording stops: no storage space", "lost: no storage space"]),
-    ("push", 1, &["over-force", "while turning"]),
+    ("push", 1, &["over-force", "hand while turning"]),
     ("under_constrained", 0, &["solved"]),
     ("jaw_calibration", 0, &["solved"]),
     ("base_calibration", 0, &["solved"]),

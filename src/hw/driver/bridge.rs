@@ -66,8 +66,8 @@ pub struct BridgePort {
     /// Periods in which no new reading was there.
     late: u64,
     late_in_a_row: u64,
-    /// Periods in a row in which the latest reading was of an earlier period than the one before.
-    behind_for: u64,
+    /// New readings in a row that all were late, by a few periods only.
+    steadily_late: u64,
     /// The latest readings, and how far each counter goes in a period, the jaw's last.
     seen: Readings,
     steps: [[i64; AXES + 1]; MOST],
@@ -169,7 +169,7 @@ impl<P: Port + 'static> Bridge<P> {
             bridge,
             late: 0,
             late_in_a_row: 0,
-            behind_for: 0,
+            steadily_late: 0,
             seen: start,
             steps: [[0; AXES + 1]; MOST],
             length,
@@ -209,6 +209,9 @@ impl BridgePort {
     /// for a period and then goes twice as far would make its regulator brake fully in between, which trips a power
     /// stage at speed.
     const GOES_ON: u64 = 10;
+    /// Periods by which readings may be late, and for which none may come, where a bridge is late steadily: what is carried on
+    /// farther, or comes after more, is off by more than watch-dogs allow for.
+    const CLOSE: u64 = 3;
     /// Steps over which their mean is taken, about: what was read late and then early tells nothing of the speed.
     const STEPS: i64 = 3;
 
@@ -233,22 +236,32 @@ impl BridgePort {
                         continue;
                     }
                     let step = (counter(now, i) - counter(before, i)) / periods;
-                    *mean += (step - *mean) / Self::STEPS;
+                    let change = step - *mean;
+                    // By one at least: a counter that stands has no mean of two that is left over.
+                    *mean += if change / Self::STEPS == 0 {
+                        change.signum()
+                    } else {
+                        change / Self::STEPS
+                    };
                 }
             }
             self.seen = latest;
         }
         readings.copy_from_slice(&latest.readings[..readings.len()]);
-        let behind = period.saturating_sub(latest.period + 1).min(Self::GOES_ON) as i64;
-        self.behind_for = if behind > 0 { self.behind_for + 1 } else { 0 };
+        // A bridge that is always a period behind is late, but not silent.
+        self.late_in_a_row = if new || fresh { 0 } else { self.late_in_a_row + 1 };
+        let late_by = period.saturating_sub(latest.period + 1);
+        let (late, close) = (late_by > 0, late_by.max(self.late_in_a_row) <= Self::CLOSE);
+        self.steadily_late = if late && close { self.steadily_late + u64::from(new) } else { 0 };
+        let behind = late_by.min(Self::GOES_ON) as i64;
         for (reading, steps) in readings.iter_mut().zip(&self.steps) {
             for (count, step) in reading.counts.iter_mut().zip(steps) {
                 *count += behind * step;
             }
             reading.jaw_count += behind * steps[AXES];
-            // Beside ones that were read in time it may come too early or too late. Where all of them are late it is what
-            // there is to judge: watch-dogs that looked away then would do so for ever.
-            if behind > 0 && !(new && self.behind_for > Self::GOES_ON) {
+            // After ones that were read in time it is carried on for a while and judged when it is read again. Where all of
+            // them are late they are what there is to judge: watch-dogs that looked away would do so for ever.
+            if late && !(new && self.steadily_late > Self::GOES_ON) {
                 reading.guessed = u8::MAX;
             }
             // One that is always a period behind has news in each, and they are carried on.
@@ -258,8 +271,6 @@ impl BridgePort {
                 reading.wrench_is_old = true;
             }
         }
-        // A bridge that is always a period behind is late, but not silent.
-        self.late_in_a_row = if new || fresh { 0 } else { self.late_in_a_row + 1 };
         self.late += u64::from(!fresh);
         if self.broken.load(Ordering::Acquire) || self.late_in_a_row * self.length > Self::LOST {
             return Err(BridgeLost { periods: self.late_in_a_row });
@@ -321,7 +332,7 @@ mod tests {
             bridge: std::thread::current(),
             late: 0,
             late_in_a_row: 0,
-            behind_for: 0,
+            steadily_late: 0,
             seen: start,
             steps: [[0; AXES + 1]; MOST],
             length: 2_000_000,
@@ -386,8 +397,44 @@ mod tests {
         assert!(counts.windows(2).all(|c| (80..=100).contains(&(c[1] - c[0]))), "{counts:?}");
 
         // What is late by chance is not judged.
-        let reading = fetched(&mut servo, 64).unwrap();
-        assert_eq!((reading.guessed, reading.unheard), (u8::MAX, u8::MAX));
+        bridge.write(read(63, 90 * 63, u8::MAX));
+        let reading = fetched(&mut servo, 65).unwrap();
+        assert_eq!((reading.guessed, reading.unheard), (u8::MAX, 0));
+    }
+
+    #[test]
+    fn the_first_reading_after_a_stall_is_not_judged_however_late_the_ones_before_it_were() {
+        for late in [0, 1] {
+            for stall in [4, 11, 20, 40] {
+                for left in [1, 2, 15] {
+                    let (mut bridge, mut servo) = port();
+                    for period in 1..=40 {
+                        bridge.write(read(period, 90 * period as i64, u8::MAX));
+                        fetched(&mut servo, period + 1 + late).unwrap();
+                    }
+                    let from = 42 + late;
+                    for period in from..from + stall {
+                        fetched(&mut servo, period).unwrap();
+                    }
+                    // Caught up with but for some.
+                    let period = from + stall - 1 - left.min(stall - 2);
+                    bridge.write(read(period, 90 * period as i64, u8::MAX));
+                    let reading = fetched(&mut servo, from + stall).unwrap();
+                    let case = format!("{late} before, {stall} periods, {left} left");
+                    assert_eq!((reading.guessed, reading.unheard), (u8::MAX, 0), "{case}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_counter_that_stands_is_carried_on_nowhere() {
+        let (mut bridge, mut servo) = port();
+        for period in 1..=60 {
+            bridge.write(read(period, 90 * period.min(30) as i64, u8::MAX));
+            fetched(&mut servo, period + 2).unwrap();
+        }
+        assert_eq!(fetched(&mut servo, 66).unwrap().counts[3], 90 * 30);
     }
 
     #[test]
