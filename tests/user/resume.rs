@@ -342,7 +342,7 @@ fn a_world_that_cannot_be_kept_any_more_is_removed_and_the_run_goes_on() {
 
 #[test]
 fn a_hand_that_may_hold_the_cube_and_lost_its_counters_is_not_driven_to_its_switches() {
-    let world = place("lost");
+    let world = place("unsynchronised");
     let scenario = ["scenarios/solve.toml"];
     killed_after(&scenario, &world, "turning", 2);
     let mut state = kept(&world);
@@ -357,7 +357,14 @@ fn a_hand_that_may_hold_the_cube_and_lost_its_counters_is_not_driven_to_its_swit
     assert_eq!(code, 1, "{told}");
     assert!(told.contains("postument does not know where it is, and its jaws may hold"), "{told}");
     let after = kept(&world);
-    assert_eq!((&after["state"], &after["angles"]), (&state["state"], &state["angles"]));
+    assert_eq!(after["state"], state["state"]);
+    // A layer between two hands settles when their drives go off.
+    for (axis, at) in state["angles"].as_array().unwrap().iter().enumerate() {
+        for (layer, at) in at.as_array().unwrap().iter().enumerate() {
+            let on = after["angles"][axis][layer].as_f64().unwrap() - at.as_f64().unwrap();
+            assert!(on.abs() < 1e-2, "layer {layer} of axis {axis} has turned by {on}");
+        }
+    }
     for arm in 0..2 {
         for axis in 0..7 {
             let at =
