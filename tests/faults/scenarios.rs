@@ -527,7 +527,7 @@ fn an_operator_who_draws_back_is_not_followed_into_the_cell_and_gets_rid_of_the_
         let away = (4300..comes.unwrap_or(5700)).map(gap).fold(f64::INFINITY, f64::min);
         assert!(away > 0.07, "followed to within {away} m");
         // Whoever comes at a hand faster than it may go may touch its fingers; then it stands where it waits, at 12 cm.
-        let stands = (6000..6900).filter(|period| gap(*period) > 0.08).count();
+        let stands = (6000..7200).filter(|period| gap(*period) > 0.08).count();
         assert!(stands > 250, "so far off for {stands} periods only when it comes again");
         let felt = seen.summary.sensors[0].force_n.unwrap();
         assert!(felt < 20.0, "{felt} N");
