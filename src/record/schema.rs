@@ -188,7 +188,7 @@ uint8 power_faults
 uint8 sync_switches
 uint8 encoder_zeros
 uint8 synchronised
-# Axes of which nothing was read: their counters are carried on.
+# Axes of which nothing was read that is to be judged: their counters are carried on.
 uint8 guessed
 # Axes of which nothing new came since the last period.
 uint8 unheard

@@ -59,8 +59,9 @@ enum Gap {
     None,
     /// Just before this one.
     Passed,
-    /// And the motion that went on in them is given up: set values are to begin anew from what is measured.
-    GivenUp,
+    /// And the motion that went on in them is given up: set values begin anew from what is measured, for so many periods
+    /// more, since the first readings may be of before the gap.
+    GivenUp(u8),
 }
 
 /// What was measured in a period.
@@ -138,7 +139,7 @@ impl ArmServo {
             // A sensor that is slower than the servo takes longer for its zero.
             self.command_end = self.command_end.max(period + u64::from(wants));
         }
-        if self.gap == Gap::GivenUp && self.fault.is_none() {
+        if matches!(self.gap, Gap::GivenUp(_)) && self.fault.is_none() {
             let (model, tool) = (&self.config.model, &self.flange_from_tool);
             self.set = self.set.moved_to(model, tool, measured.motors);
             self.strides.iter_mut().for_each(Stride::forgive);
@@ -188,7 +189,7 @@ impl ArmServo {
         self.hold(period);
         self.braking = Some(self.steps);
         if self.gap == Gap::Passed {
-            self.gap = Gap::GivenUp;
+            self.gap = Gap::GivenUp(2);
         }
         self.refused = Some(why);
     }
@@ -532,7 +533,10 @@ impl ArmServo {
             drive.pwm[axis] = self.regulators[axis].step(wanted, measured, current);
         }
         self.last_counts = reading.counts;
-        self.gap = Gap::None;
+        self.gap = match self.gap {
+            Gap::GivenUp(left @ 1..) if self.braking.is_some() => Gap::GivenUp(left - 1),
+            _ => Gap::None,
+        };
         self.jaw.drive(reading, &mut drive);
         drive
     }

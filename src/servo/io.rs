@@ -69,7 +69,8 @@ pub struct ArmReading {
     /// Bit i: the counter of axis i is zero at the synchronisation position.
     pub synchronised: u8,
     /// Bit i: nothing was read of axis i in time; its counter is carried on as it went before, the rest is what it last showed.
-    /// Not set where a bridge is late steadily: its counters are carried on, and are all that there is to judge.
+    /// Not set where a bridge is late steadily, or has been late for long: its counters are carried on, and are all that there
+    /// is to judge.
     pub guessed: u8,
     /// Bit i: nothing new came of axis i since the last period; its power stage stands at the width that it took last.
     pub unheard: u8,

@@ -30,7 +30,7 @@ pub struct Watch {
     strained: [u32; AXES],
     /// Since the counter was last read.
     spans: [Span; AXES],
-    /// What a motor can have gone in gaps and is worked off [rad], and how much of it in a period.
+    /// What a motor can have gone in gaps and may still be owed [rad], and how much of it is paid between two readings.
     excused: [f64; AXES],
     pay: f64,
     /// Periods since the beginning or the last reset, up to [`Watch::SETTLES`].
@@ -180,24 +180,25 @@ impl Watch {
             let span = &mut self.spans[axis];
             let (since, possible) = (span.since().max(1.0), within(span.room()));
             let gap = (since - 1.0) * self.seconds;
-            let doubtful = gap > 0.0 || span.older() > 0.0;
+            let doubt = gap + span.older() * self.seconds;
             // A reading that shows half of what a gap hid, or what no period explains, is one of now.
             let shows = gap > 0.0 && by.abs() > 0.5 * gap * self.speed[axis];
             span.read(shows || by.abs() > within(1.0));
-            // How far a motor went on while nobody was there is no error and is worked off: by what it can have gone, and
-            // by the side on which it is, as soon as that is known.
+            // How far a motor went on while nobody was there is no error and is worked off: by what it can have gone while it
+            // is not known, and by the side on which it is as soon as that is known. Gaps that follow each other excuse what
+            // is owed by all of them, but beyond it no more than the last of them hides.
             let excused = (self.excused[axis] - self.pay).max(0.0) + fast * gap;
             self.excused[axis] = excused;
             let error = set.0[axis] - measured.0[axis];
             let left = error + owed[axis].max(-excused).min(excused);
             let allowed = self.following_error
                 + self.following_lag * self.speed[axis]
-                + if doubtful { excused } else { 0.0 };
+                + excused.min(fast * doubt);
             let wanted = self.wanted[axis];
             // Not within also catches what is not a number. The cause is told before its effect.
             if by.abs() > possible {
                 fault = Some(ArmFault::EncoderJump { axis, by });
-            } else if self.frozen[axis] > Self::FROZEN || wanted.abs() > Self::WANTED {
+            } else if self.frozen[axis] > Self::FROZEN || wanted.abs() > Self::WANTED + fast * gap {
                 fault = Some(ArmFault::EncoderFrozen { axis, wanted });
             } else if !(-allowed..=allowed).contains(&left) {
                 fault = Some(ArmFault::Following { axis, error });

@@ -68,6 +68,12 @@ pub struct BridgePort {
     late_in_a_row: u64,
     /// New readings in a row that all were late, by a few periods only.
     steadily_late: u64,
+    /// Periods since readings were last there to be judged.
+    unjudged: u64,
+    /// New readings of which it is not known in how many periods their steps were made, and how many more of these, which were
+    /// missed, it may have been.
+    unsure: u32,
+    missed: u64,
     /// The latest readings, and how far each counter goes in a period, the jaw's last.
     seen: Readings,
     steps: [[i64; AXES + 1]; MOST],
@@ -170,6 +176,9 @@ impl<P: Port + 'static> Bridge<P> {
             late: 0,
             late_in_a_row: 0,
             steadily_late: 0,
+            unjudged: 0,
+            unsure: 0,
+            missed: 0,
             seen: start,
             steps: [[0; AXES + 1]; MOST],
             length,
@@ -209,11 +218,23 @@ impl BridgePort {
     /// for a period and then goes twice as far would make its regulator brake fully in between, which trips a power
     /// stage at speed.
     const GOES_ON: u64 = 10;
-    /// Periods by which readings may be late, and for which none may come, where a bridge is late steadily: what is carried on
-    /// farther, or comes after more, is off by more than watch-dogs allow for.
+    /// Periods by which readings may be late where a bridge is late steadily: what is carried on farther is off by more than
+    /// watch-dogs allow for.
     const CLOSE: u64 = 3;
     /// Steps over which their mean is taken, about: what was read late and then early tells nothing of the speed.
     const STEPS: i64 = 3;
+    /// New readings after missed periods that may show what the axes went in these: one that was not fetched yet, one of an
+    /// exchange that had begun, and the one behind it.
+    const UNSURE: u32 = 3;
+
+    /// So many periods were missed before the next one. Readings are numbered by periods, and these have no numbers.
+    pub fn skipped(&mut self, missed: u64) {
+        self.unjudged += missed;
+        self.missed = self.missed.max(missed);
+        self.unsure = Self::UNSURE;
+        // The first ones may be off. Judged they are again soon: points may be missed again and again.
+        self.steadily_late = self.steadily_late.min(Self::GOES_ON - u64::from(Self::UNSURE));
+    }
 
     /// At the beginning of period `period`: copies the latest readings, those of the period before; late ones are
     /// carried on by the counters' last steps.
@@ -221,47 +242,35 @@ impl BridgePort {
     /// # Errors
     /// The bridge has failed or been silent for 0.1 s.
     pub fn fetch(&mut self, period: u64, readings: &mut [ArmReading]) -> Result<(), BridgeLost> {
-        let latest = *self.readings.read();
+        let mut latest = *self.readings.read();
         let fresh = latest.period + 1 == period;
         let new = latest.period > self.seen.period;
         if new {
-            let periods = (latest.period - self.seen.period) as i64;
-            let pairs = latest.readings.iter().zip(&self.seen.readings);
-            for (steps, (now, before)) in self.steps.iter_mut().zip(pairs) {
-                let zeroed = now.synchronised & !before.synchronised;
-                for (i, mean) in steps.iter_mut().enumerate() {
-                    if zeroed & (1 << i) != 0 {
-                        // The counter was set, the axis has gone nowhere.
-                        *mean = 0;
-                        continue;
-                    }
-                    let step = (counter(now, i) - counter(before, i)) / periods;
-                    let change = step - *mean;
-                    // By one at least: a counter that stands has no mean of two that is left over.
-                    *mean += if change / Self::STEPS == 0 {
-                        change.signum()
-                    } else {
-                        change / Self::STEPS
-                    };
-                }
-            }
-            self.seen = latest;
+            self.learn(&mut latest);
         }
-        readings.copy_from_slice(&latest.readings[..readings.len()]);
+        readings.copy_from_slice(&self.seen.readings[..readings.len()]);
         // A bridge that is always a period behind is late, but not silent.
         self.late_in_a_row = if new || fresh { 0 } else { self.late_in_a_row + 1 };
-        let late_by = period.saturating_sub(latest.period + 1);
-        let (late, close) = (late_by > 0, late_by.max(self.late_in_a_row) <= Self::CLOSE);
-        self.steadily_late = if late && close { self.steadily_late + u64::from(new) } else { 0 };
+        let late_by = period.saturating_sub(self.seen.period + 1);
+        let late = late_by > 0;
+        self.steadily_late =
+            if late && late_by <= Self::CLOSE { self.steadily_late + u64::from(new) } else { 0 };
+        // After ones that were read in time it is carried on for a while and judged when it is read again. Where all of them
+        // are late, or have been late for long, they are what there is to judge: watch-dogs that looked away would do so for
+        // ever.
+        self.unjudged += 1;
+        let waits = self.unjudged * self.length <= Self::LOST;
+        let judged = !late || new && (self.steadily_late > Self::GOES_ON || !waits);
+        if judged {
+            self.unjudged = 0;
+        }
         let behind = late_by.min(Self::GOES_ON) as i64;
         for (reading, steps) in readings.iter_mut().zip(&self.steps) {
             for (count, step) in reading.counts.iter_mut().zip(steps) {
                 *count += behind * step;
             }
             reading.jaw_count += behind * steps[AXES];
-            // After ones that were read in time it is carried on for a while and judged when it is read again. Where all of
-            // them are late they are what there is to judge: watch-dogs that looked away would do so for ever.
-            if late && !(new && self.steadily_late > Self::GOES_ON) {
+            if !judged {
                 reading.guessed = u8::MAX;
             }
             // One that is always a period behind has news in each, and they are carried on.
@@ -276,6 +285,42 @@ impl BridgePort {
             return Err(BridgeLost { periods: self.late_in_a_row });
         }
         Ok(())
+    }
+
+    /// How fast each counter goes, by the readings that have come.
+    fn learn(&mut self, latest: &mut Readings) {
+        // What nobody fetched in time may have begun when nothing came.
+        let numbers = latest.period - self.seen.period;
+        let periods = numbers.max(self.late_in_a_row + 1) as i64;
+        if self.unsure == 0 {
+            self.missed = 0;
+        }
+        self.unsure = self.unsure.saturating_sub(1);
+        let most = periods + self.missed as i64;
+        let pairs = latest.readings.iter_mut().zip(&self.seen.readings);
+        for (steps, (now, before)) in self.steps.iter_mut().zip(pairs) {
+            // One that came between two fetches is not lost.
+            if now.wrench_on_sensor.is_finite() && now.wrench_on_sensor != before.wrench_on_sensor {
+                now.wrench_is_old = false;
+            }
+            let zeroed = now.synchronised & !before.synchronised;
+            for (i, mean) in steps.iter_mut().enumerate() {
+                if zeroed & (1 << i) != 0 {
+                    // The counter was set, the axis has gone nowhere.
+                    *mean = 0;
+                    continue;
+                }
+                let gone = counter(now, i) - counter(before, i);
+                // Where missed periods may have been a part of it, what agrees with the mean of before changes nothing.
+                let (fast, slow) = (gone / periods, gone / most);
+                let step = (*mean).clamp(fast.min(slow), fast.max(slow));
+                let change = step - *mean;
+                // By one at least: a counter that stands has no mean of two that is left over.
+                *mean +=
+                    if change / Self::STEPS == 0 { change.signum() } else { change / Self::STEPS };
+            }
+        }
+        self.seen = *latest;
     }
 
     /// Hands over the drives of period `period`; what the bridge has no room for is left out.
@@ -318,6 +363,11 @@ pub struct BridgeLost {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::{ArmFault, MotorPositions};
+    use crate::servo::period::Length;
+    use crate::servo::regulator::{IRP6, ServoGains};
+    use crate::servo::watch::{Wanted, Watch};
+    use crate::spatial::Wrench;
     use std::sync::Mutex;
 
     /// The servo's side alone, and where a bridge would put its readings.
@@ -333,6 +383,9 @@ mod tests {
             late: 0,
             late_in_a_row: 0,
             steadily_late: 0,
+            unjudged: 0,
+            unsure: 0,
+            missed: 0,
             seen: start,
             steps: [[0; AXES + 1]; MOST],
             length: 2_000_000,
@@ -403,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_reading_after_a_stall_is_not_judged_however_late_the_ones_before_it_were() {
+    fn the_first_reading_after_a_silence_is_not_judged_however_late_the_ones_before_it_were() {
         for late in [0, 1] {
             for stall in [4, 11, 20, 40] {
                 for left in [1, 2, 15] {
@@ -425,6 +478,184 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// A servo and a bridge whose exchanges take their time, with a machine that stands still; times in periods.
+    struct Machine<E> {
+        /// How long an exchange takes, by the period in which it begins, and at which share of that time counters are read.
+        exchange: E,
+        sampled: f64,
+        /// When both threads stand still, for how long, and how often: every so many periods.
+        stands: (f64, f64, f64),
+        /// Speed of a motor [rad/s], and from when on it is another one than its set value's.
+        speed: f64,
+        runaway: (f64, f64),
+    }
+
+    impl<E: Fn(u64) -> f64> Machine<E> {
+        const INCREMENTS: f64 = 4000.0;
+        const PERIODS: u64 = 600;
+
+        /// How far the motor has gone [rad].
+        fn motor(&self, time: f64) -> f64 {
+            let (from, speed) = self.runaway;
+            (self.speed * time.min(from) + speed * (time - from).max(0.0)) * 0.002
+        }
+
+        /// The first fault of a watch-dog and when it comes, and the longest time in which nothing is judged.
+        fn runs(&self) -> (Option<(f64, ArmFault)>, f64) {
+            let (mut bridge, mut servo) = port();
+            let gains = ServoGains::parse(IRP6).unwrap();
+            let mut watch = Watch::new(&gains, [0; AXES], Length::default());
+            let radian = Self::INCREMENTS / std::f64::consts::TAU;
+            let (first, stands, every) = self.stands;
+            let frozen = |begun: f64, end: f64| {
+                let stand = first + every * ((begun - first) / every).ceil().max(0.0);
+                if begun <= stand && stand < end { end + stands } else { end }
+            };
+            // The exchange that goes on: its number, when its counters are read, when it ends.
+            let mut going: Option<(u64, f64, f64)> = None;
+            let (mut next, mut last, mut set) = (1.0, 0.0, 0.0);
+            let (mut judged, mut unjudged) = (0.0, 0.0_f64);
+            for period in 1..=Self::PERIODS {
+                let now = frozen(last, next);
+                last = now;
+                let begin = |number: u64, at: f64| {
+                    let takes = (self.exchange)(number);
+                    (number, frozen(at, at + self.sampled * takes), frozen(at, at + takes))
+                };
+                while let Some((number, sampled, end)) = going.filter(|(.., end)| *end <= now) {
+                    let count = (self.motor(sampled) * radian).floor() as i64;
+                    bridge.write(read(number, count, u8::MAX));
+                    // It goes on with the newest order that was there then.
+                    going = (number + 1 < period).then(|| begin(period - 1, end));
+                }
+                next += 1.0;
+                let missed = if now < next { 0.0 } else { (now - next).floor() + 1.0 };
+                if missed > 0.0 {
+                    next += missed;
+                    servo.skipped(missed as u64);
+                    watch.skipped(missed as u64);
+                }
+                let reading = fetched(&mut servo, period).unwrap();
+                if reading.guessed == 0 {
+                    judged = now;
+                }
+                unjudged = unjudged.max(now - judged);
+                let told = if now <= self.runaway.0 { self.speed * 0.002 } else { 0.0 };
+                let (mut measured, mut wanted) =
+                    (MotorPositions::default(), MotorPositions::default());
+                let (mut steps, mut owed) = ([0.0; AXES], [0.0; AXES]);
+                measured.0[3] = reading.counts[3] as f64 / radian;
+                // What was gone in missed periods is owed.
+                let behind = now.min(self.runaway.0).floor() - period as f64;
+                (owed[3], steps[3]) = (behind.max(0.0) * self.speed * 0.002, told);
+                wanted.0[3] = set;
+                set += told;
+                let wanted = Wanted { set: &wanted, steps: &steps, owed: &owed };
+                let fault = watch.check(&reading, &measured, &wanted, 1, &[Self::INCREMENTS; AXES]);
+                if let Some(fault) = fault {
+                    return (Some((now, fault)), unjudged);
+                }
+                if going.is_none() {
+                    going = Some(begin(period, now));
+                }
+            }
+            (None, unjudged)
+        }
+    }
+
+    /// Lengths of exchanges, and of a long one among them [periods].
+    const LENGTHS: [(f64, f64); 9] = [
+        (0.6, 0.6),
+        (0.6, 3.4),
+        (1.1, 1.1),
+        (1.2, 3.4),
+        (1.3, 1.3),
+        (1.9, 2.6),
+        (2.0, 2.0),
+        (2.5, 2.5),
+        (4.6, 9.0),
+    ];
+
+    /// How long the machine stands still, and how often [periods].
+    const STALLS: [(f64, f64); 6] =
+        [(0.0, 1e9), (1.5, 1e9), (4.5, 1e9), (9.5, 1e9), (18.5, 1e9), (1.5, 9.25)];
+
+    #[test]
+    fn late_exchanges_and_stalls_are_no_fault_of_an_axis_and_do_not_hide_it_for_long() {
+        for (usual, long) in LENGTHS {
+            for sampled in [0.05, 0.5, 0.95] {
+                for speed in [60.0, 150.0, 250.0] {
+                    for (stands, every) in STALLS {
+                        for phase in 0..8 {
+                            let machine = Machine {
+                                exchange: |number| if number % 37 == 0 { long } else { usual },
+                                sampled,
+                                stands: (120.0 + f64::from(phase) / 8.0, stands, every),
+                                speed,
+                                runaway: (f64::INFINITY, 0.0),
+                            };
+                            let (fault, unjudged) = machine.runs();
+                            let case = format!(
+                                "{usual} or {long}, read at {sampled}, {speed} rad/s, {stands} of stall every {every}, phase {phase}"
+                            );
+                            assert_eq!(fault, None, "{case}");
+                            assert!(
+                                unjudged <= 65.0 + stands,
+                                "{unjudged} periods unjudged: {case}"
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_axis_that_runs_away_is_found_however_late_exchanges_are() {
+        for (usual, long) in LENGTHS {
+            for (runaway, (stands, every)) in
+                [60.0, 240.0].into_iter().flat_map(|runaway| STALLS.map(|stall| (runaway, stall)))
+            {
+                let from = 250.0;
+                let machine = Machine {
+                    exchange: |number| if number % 37 == 0 { long } else { usual },
+                    sampled: 0.5,
+                    stands: (120.0, stands, every),
+                    speed: 100.0,
+                    runaway: (from, runaway),
+                };
+                let (fault, _) = machine.runs();
+                let case = format!(
+                    "{usual} or {long}, {stands} of stall every {every}, {runaway} rad/s: {fault:?}"
+                );
+                let (found, _) = fault.expect(&case);
+                let gone = runaway * 0.002 * (found - from);
+                // Where it is judged every tenth of a second only, it may have gone on for two of these as it was told.
+                let unjudged = if usual > 2.0 { 26.0 + 51.0 * 0.002 * runaway } else { 0.0 };
+                assert!(found > from && gone < 16.0 + unjudged, "{gone} rad: {case}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_wrench_that_comes_between_two_fetches_is_not_lost() {
+        let (mut bridge, mut servo) = port();
+        let told = |period, newtons, wrench_is_old| {
+            let mut readings = read(period, 0, 0);
+            readings.readings[0].wrench_on_sensor =
+                Wrench::from_directions([newtons, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            readings.readings[0].wrench_is_old = wrench_is_old;
+            readings
+        };
+        bridge.write(told(1, 1.0, false));
+        assert!(!fetched(&mut servo, 2).unwrap().wrench_is_old);
+        bridge.write(told(2, 2.0, false));
+        bridge.write(told(3, 2.0, true));
+        assert!(!fetched(&mut servo, 4).unwrap().wrench_is_old);
+        bridge.write(told(4, 2.0, true));
+        assert!(fetched(&mut servo, 5).unwrap().wrench_is_old);
     }
 
     #[test]

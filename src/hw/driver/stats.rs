@@ -101,6 +101,14 @@ pub struct Timing {
     pub late_readings: u64,
 }
 
+impl Timing {
+    /// So many grid points passed between two periods.
+    pub fn miss(&mut self, points: u64) {
+        self.missed += points;
+        self.missed_in_a_row = self.missed_in_a_row.max(points);
+    }
+}
+
 impl std::fmt::Display for Timing {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let line = |f: &mut std::fmt::Formatter<'_>, name: &str, h: &Histogram| {

@@ -140,14 +140,30 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
     let mut period = 0;
     // When the last period began, if it was the grid point before.
     let mut last: Option<u64> = None;
+    // Grid points that passed since then.
+    let mut missed = 0;
     while !core.switches().stop.load(Ordering::Acquire) {
         clock.wait_until(next, spin);
         let begun = clock.now();
-        timing.wake_up.record(begun.saturating_sub(next));
+        let late = begun.saturating_sub(next);
+        timing.wake_up.record(late);
         if let Some(last) = last {
             timing.jitter.record((begun - last).abs_diff(length));
         }
-        last = Some(begun);
+        next += length;
+        let passed = pass(&mut next, length, begun);
+        last = (passed == 0).then_some(begun);
+        missed += passed;
+        // Before the readings are fetched: what an exchange that had begun has read shows all that the axes went meanwhile.
+        if missed > 0 {
+            timing.miss(missed);
+            core.skipped(missed);
+            port.skipped(missed);
+            core.switches().punctual.miss(missed, length);
+            if missed >= options.missed_limit {
+                core.stop(period, missed);
+            }
+        }
         period += 1;
         let lost = port.fetch(period, core.readings_mut());
         if let Err(lost) = lost {
@@ -156,23 +172,16 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
         port.send(period, core.compute(period));
         let done = clock.now();
         timing.work.record(done - begun);
-        core.switches().punctual.note(begun.saturating_sub(next), done - begun);
-        next += length;
-        let missed = pass(&mut next, length, done);
+        core.switches().punctual.note(late, done - begun);
+        missed = pass(&mut next, length, done);
         if missed > 0 {
-            timing.missed += missed;
-            core.skipped(missed);
-            core.switches().punctual.miss(missed, length);
-            timing.missed_in_a_row = timing.missed_in_a_row.max(missed);
             last = None;
-            if missed >= options.missed_limit {
-                core.stop(period, missed);
-            }
         }
         if lost.is_err() {
             break;
         }
     }
+    timing.miss(missed);
     timing.late_readings = port.late();
     timing
 }
