@@ -75,6 +75,8 @@ pub struct Core {
     ends: Vec<ServoEnd>,
     readings: Vec<ArmReading>,
     drives: Vec<ArmDrive>,
+    /// What each arm is told in this period.
+    commands: Vec<Option<ServoCommand>>,
     switches: Arc<Switches>,
     records: Box<dyn RecordSink>,
     last_beat: u64,
@@ -113,6 +115,7 @@ impl Core {
         let drives = vec![ArmDrive::OFF; configs.len()];
         let mut readings = vec![ArmReading::default(); configs.len()];
         port.exchange(0, &drives, &mut readings)?;
+        let commands = vec![None; configs.len()];
         let servos = configs
             .into_iter()
             .zip(&readings)
@@ -123,6 +126,7 @@ impl Core {
             ends,
             readings,
             drives,
+            commands,
             switches,
             records,
             last_beat: 0,
@@ -145,6 +149,10 @@ impl Core {
 
     /// Commands and readings to drives. Allocates nothing and never waits.
     pub fn compute(&mut self, period: u64) -> &[ArmDrive] {
+        // Before the switches: a reset that was sent when the button was free again would find it pressed.
+        for (command, end) in self.commands.iter_mut().zip(&mut self.ends) {
+            *command = end.take();
+        }
         let pressed = self.heed_switches(period);
         let held = self.switches.hold.load(Ordering::Acquire);
         let outside = std::mem::take(&mut self.outside);
@@ -157,9 +165,8 @@ impl Core {
             let servo = &mut self.servos[arm];
             servo.heed(period, &outside);
             let reading = self.readings[arm];
-            let command = self.ends[arm].take();
             // A reset must not undo the stop while the button is still pressed.
-            let command = command.filter(|c| !(pressed && *c == ServoCommand::Reset));
+            let command = self.commands[arm].filter(|c| !(pressed && *c == ServoCommand::Reset));
             let (drive, state) = servo.step(period, &reading, command.as_ref());
             self.drives[arm] = drive;
             self.ends[arm].publish(&state);
