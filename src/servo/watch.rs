@@ -194,13 +194,15 @@ impl Watch {
             let allowed = self.following_error
                 + self.following_lag * self.speed[axis]
                 + excused.min(fast * doubt);
+            // An axis that is where it is to be follows, whatever is owed to its regulator.
+            let off = |error: f64| !(-allowed..=allowed).contains(&error);
             let wanted = self.wanted[axis];
             // Not within also catches what is not a number. The cause is told before its effect.
             if by.abs() > possible {
                 fault = Some(ArmFault::EncoderJump { axis, by });
             } else if self.frozen[axis] > Self::FROZEN || wanted.abs() > Self::WANTED + fast * gap {
                 fault = Some(ArmFault::EncoderFrozen { axis, wanted });
-            } else if !(-allowed..=allowed).contains(&left) {
+            } else if off(error) && off(left) {
                 fault = Some(ArmFault::Following { axis, error });
             }
         }
