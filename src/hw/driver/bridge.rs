@@ -168,21 +168,7 @@ impl<P: Port + 'static> Bridge<P> {
         };
         let thread = std::thread::Builder::new().name("bridge".into()).spawn(work)?;
         let bridge = thread.thread().clone();
-        let port = BridgePort {
-            drives,
-            readings,
-            broken,
-            bridge,
-            late: 0,
-            late_in_a_row: 0,
-            steadily_late: 0,
-            unjudged: 0,
-            unsure: 0,
-            missed: 0,
-            seen: start,
-            steps: [[0; AXES + 1]; MOST],
-            length,
-        };
+        let port = BridgePort::new(drives, readings, broken, bridge, start, length);
         Ok((Self { thread: Some(thread), over }, port))
     }
 }
@@ -226,6 +212,31 @@ impl BridgePort {
     /// New readings after missed periods that may show what the axes went in these: one that was not fetched yet, one of an
     /// exchange that had begun, and the one behind it.
     const UNSURE: u32 = 3;
+
+    fn new(
+        drives: rtrb::Producer<Drives>,
+        readings: triple_buffer::Output<Readings>,
+        broken: Arc<AtomicBool>,
+        bridge: Thread,
+        start: Readings,
+        length: u64,
+    ) -> Self {
+        Self {
+            drives,
+            readings,
+            broken,
+            bridge,
+            late: 0,
+            late_in_a_row: 0,
+            steadily_late: 0,
+            unjudged: 0,
+            unsure: 0,
+            missed: 0,
+            seen: start,
+            steps: [[0; AXES + 1]; MOST],
+            length,
+        }
+    }
 
     /// So many periods were missed before the next one. Readings are numbered by periods, and these have no numbers.
     pub fn skipped(&mut self, missed: u64) {
@@ -375,21 +386,8 @@ mod tests {
         let (drives, _) = rtrb::RingBuffer::<Drives>::new(64);
         let start = Readings::default();
         let (outgoing, readings) = triple_buffer::triple_buffer(&start);
-        let port = BridgePort {
-            drives,
-            readings,
-            broken: Arc::default(),
-            bridge: std::thread::current(),
-            late: 0,
-            late_in_a_row: 0,
-            steadily_late: 0,
-            unjudged: 0,
-            unsure: 0,
-            missed: 0,
-            seen: start,
-            steps: [[0; AXES + 1]; MOST],
-            length: 2_000_000,
-        };
+        let bridge = std::thread::current();
+        let port = BridgePort::new(drives, readings, Arc::default(), bridge, start, 2_000_000);
         (outgoing, port)
     }
 
