@@ -385,6 +385,7 @@ pub(super) fn outcome(summary: &Summary) -> OutcomeView {
         ));
     }
     figures.push(("hash".to_owned(), summary.hash.clone()));
+    figures.push(("servo hash".to_owned(), summary.servo_hash.clone()));
     OutcomeView {
         verdict: verdict.to_owned(),
         good: summary.outcome == Outcome::Solved,
@@ -490,6 +491,7 @@ struct Done {
     /// The operator moved the arms by hand: only the operator ends that.
     by_hand: bool,
     hash: String,
+    servo_hash: String,
 }
 
 /// What a plant knows at the end.
@@ -950,7 +952,16 @@ async fn perform(
     let clearance = clearance.unwrap_or(f64::INFINITY);
     let truth =
         start.zip(verdict).map(|(start, verdict)| Truth { start, clearance, verdict, jams });
-    Ok(Done { ending, task: log, truth, ended, whereabouts, by_hand, hash: tape.hash() })
+    Ok(Done {
+        ending,
+        task: log,
+        truth,
+        ended,
+        whereabouts,
+        by_hand,
+        hash: tape.hash(),
+        servo_hash: tape.servo_hash(),
+    })
 }
 
 /// Synchronises an arm: the operator may pause it, and terminate the run before it is done.
@@ -1101,6 +1112,7 @@ fn summary(scenario: &Scenario, goal: Option<Goal>, done: &Done, wall_time_s: f6
         turned_deg,
         phases,
         hash: done.hash.clone(),
+        servo_hash: done.servo_hash.clone(),
     }
 }
 

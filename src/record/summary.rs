@@ -148,6 +148,9 @@ pub struct Summary {
     pub phases: Vec<Phase>,
     /// Over every servo record and message of the run, hexadecimal.
     pub hash: String,
+    /// Over the servo records alone, hexadecimal: equal where two builds move alike. Empty in summaries of older builds.
+    #[serde(default)]
+    pub servo_hash: String,
 }
 
 impl Summary {
@@ -195,6 +198,7 @@ impl Summary {
             turned_deg: None,
             phases: Vec::new(),
             hash: String::new(),
+            servo_hash: String::new(),
         }
     }
 
@@ -297,6 +301,7 @@ impl Summary {
         row(&mut t, "executed", &self.executed);
         row(&mut t, "cube at end", self.cube_end.as_deref().unwrap_or(UNKNOWN));
         row(&mut t, "hash", &self.hash);
+        row(&mut t, "servo hash", &self.servo_hash);
         t.push('\n');
         let verdict = match (self.outcome, self.task.as_str()) {
             (Outcome::Solved, "solve") => "SOLVED",
@@ -370,6 +375,7 @@ mod tests {
             turned_deg: None,
             phases: vec![Phase { name: "acquire".into(), sim_time_s: 10.0, wall_time_s: 0.5 }],
             hash: "ab".into(),
+            servo_hash: "cd".into(),
         }
     }
 

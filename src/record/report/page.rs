@@ -498,6 +498,9 @@ fn origin(html: &mut String, story: &Story) {
     row("begun", &utc(label.fact("started_unix_s").parse().unwrap_or(0)));
     if let Some(summary) = &story.summary {
         row("hash of the run", &summary.hash);
+        if !summary.servo_hash.is_empty() {
+            row("hash of its motion", &summary.servo_hash);
+        }
     }
     row("recording", &format!("{} messages over {:.1} s", story.count, story.end));
     html.push_str("</tbody></table><h3>The scenario</h3><pre>");
