@@ -53,7 +53,7 @@ const MAY_USE_THE_PLANT: &[&str] = &[
     "actors/emulate.rs",
     "actors/kept.rs",
     "actors/world.rs",
-    "cli/look.rs",
+    "cli/picture.rs",
     "cli/frames.rs",
 ];
 

@@ -2,7 +2,7 @@
 //!
 //! Facelets are named by face and number in reading order: U1..U9, R1.., F, D, L, B.
 
-use super::vision::load;
+use super::image_file::load;
 use crate::hw::text;
 use crate::vision::colours::{Decision, LETTERS, Undecided, decide_cube, face_letter};
 use crate::vision::{DetectorSettings, FaceSighting, detect};

@@ -5,7 +5,8 @@
 //! A face is *found* when all nine reported centres lie within a quarter of its smallest tile pitch, in any of
 //! the four reading orders (a roll of 45 deg has no upright), and *read* when its nine colours are right too.
 
-use super::vision::{letters, load};
+use super::faces::letters;
+use super::image_file::load;
 use crate::hw::text;
 use crate::vision::homography::{distance, smallest_pitch};
 use crate::vision::{DetectorSettings, FaceSighting, detect};

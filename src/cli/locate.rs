@@ -4,7 +4,7 @@
 //! - out: one line of JSON or text a picture; or a table of errors
 
 use super::frames::{FrameTruth, Optics, rows};
-use super::vision::load;
+use super::image_file::load;
 use crate::spatial::Pose;
 use crate::vision::colours::LETTERS;
 use crate::vision::pose::nearest_of_24;

@@ -11,12 +11,13 @@ mod doctor;
 mod emulate;
 mod engine;
 pub mod evaluate;
-mod face;
+mod faces;
 mod frames;
+pub mod image_file;
 pub mod kinematics;
 mod locate;
-mod look;
 pub mod output;
+mod picture;
 mod plan;
 mod progress;
 mod record;
@@ -30,8 +31,9 @@ mod shell;
 mod solve;
 mod stages;
 mod tables;
+mod ui;
 mod urdf;
-pub mod vision;
+mod vision;
 mod weigh;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -148,7 +150,7 @@ Examples:
   RUBIK_ROBOT_TABLES=/data/tables rubik-robot tables build")]
     Tables(tables::TablesArgs),
     /// Run the vision on pictures and on measured colours
-    Vision(look::VisionArgs),
+    Vision(vision::VisionArgs),
     /// Say what this machine can give a real-time servo, and what helps where it falls short
     Doctor(doctor::DoctorArgs),
     /// Calibrate the cameras of a scenario in the simulated cell
@@ -188,7 +190,7 @@ Examples:
         command: Option<String>,
     },
     /// Draw the cell of a scenario, or what one of its cameras sees
-    Picture(look::PictureArgs),
+    Picture(picture::PictureArgs),
 }
 
 /// A scenario and what overrules it.
@@ -281,10 +283,10 @@ pub fn main() -> ExitCode {
         Command::Plan(args) => plan::run(&args, &mut output),
         Command::Scramble(args) => solve::scramble(&args, &mut output),
         Command::Tables(args) => tables::run(&args, &mut output),
-        Command::Vision(args) => look::look_at(&args, &mut output),
+        Command::Vision(args) => vision::vision(&args, &mut output),
         Command::Doctor(args) => doctor::run(&args, &mut output),
         Command::Calibrate(args) => calibrate::calibrate(&args, &mut output),
-        Command::Picture(args) => look::picture(&args, &mut output),
+        Command::Picture(args) => picture::picture(&args, &mut output),
         Command::Replay(args) => replay::run(&args, &mut output),
         Command::Report(args) => report::run(&args),
         Command::Recover(args) => recover::run(&args),

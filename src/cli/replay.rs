@@ -1,7 +1,7 @@
 //! `rubik-robot replay`: a recording shown again; or its inputs to the same controller, and whether it does the same.
 
-use super::face::{Face, FaceArgs, FaceWord};
 use super::output::Output;
+use super::ui::{Face, FaceArgs, FaceWord};
 use super::{WRONG, complain, record};
 use crate::actors::SIGNALS;
 use crate::actors::control::is_speed;

@@ -1,7 +1,7 @@
 //! `rubik-robot report`: one page that tells a recorded run.
 
 use super::output::{clash, save};
-use super::{WRONG, complain, look, replay};
+use super::{WRONG, complain, picture, replay};
 use crate::actors::show::Show;
 use crate::operator::Snapshot;
 use crate::record::reading::{End, Label};
@@ -81,8 +81,8 @@ fn drawn(recording: &Path, label: &Label) -> Result<Vec<Drawing>, String> {
     let file = BufReader::with_capacity(1 << 20, file);
     let show = Show::read(file, &scenario, "").map_err(|why| told(&why))?;
     let drawing = |(time, words, snapshot): (f64, String, Arc<Snapshot>)| {
-        let scene = look::during(&snapshot, &scenario.controller)?;
-        let image = look::outside(&scene, &scenario.controller, SIZE);
+        let scene = picture::during(&snapshot, &scenario.controller)?;
+        let image = picture::outside(&scene, &scenario.controller, SIZE);
         let mut jpeg = Vec::new();
         let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
         image.write_with_encoder(encoder).ok()?;

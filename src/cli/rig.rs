@@ -4,7 +4,7 @@
 //! `x y width height` [px] in which that facelet shows. Boxes of one facelet are pooled.
 
 use super::cubes::{Refused, report};
-use super::vision::load;
+use super::image_file::load;
 use crate::cube::Cube;
 use crate::hw::text;
 use crate::vision::colours::{Decision, decide_cube, face_letter};

@@ -1,7 +1,7 @@
 //! `rubik-robot run`: perform a scenario, then say what it came to.
 
-use super::face::{Face, FaceArgs};
 use super::output::{Output, clash};
+use super::ui::{Face, FaceArgs};
 use super::{ScenarioArgs, WRONG, complain, record};
 use crate::actors::control::is_speed;
 use crate::actors::{self, Around, Keep, RunOptions};

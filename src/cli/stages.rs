@@ -4,8 +4,8 @@
 //! picture, and one with the result: the paper's square, and the faces that the default detector reports. With the
 //! camera's optics, the pose that the paper takes of the square's four corner tiles.
 
+use super::image_file::load;
 use super::locate::positive;
-use super::vision::load;
 use crate::spatial::Pose;
 use crate::vision::homography::Point;
 use crate::vision::paper::{Filters, Square, Stages, classes};

@@ -1,0 +1,167 @@
+//! `rubik-robot vision face`: picture files in, faces as text or JSON lines out.
+
+use super::image_file::load;
+use crate::vision::colours::{LETTERS, is_colourless};
+use crate::vision::{DetectorSettings, FaceSighting, detect};
+use anyhow::anyhow;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Two decimals are finer than any detector.
+fn rounded(points: &[(f64, f64)]) -> Value {
+    let two = |v: f64| (v * 100.0).round() / 100.0;
+    points.iter().map(|p| json!([two(p.0), two(p.1)])).collect()
+}
+
+/// Nine letters in reading order.
+pub(super) fn letters(face: &FaceSighting) -> String {
+    face.colours.iter().map(|&c| LETTERS[usize::from(c)]).collect()
+}
+
+/// Why the colours of faces that were found mean nothing, if so.
+fn no_colour(faces: &[FaceSighting]) -> Option<&'static str> {
+    let colourless = !faces.is_empty() && faces.iter().all(|face| is_colourless(&face.rgb));
+    colourless.then_some("no colour: the picture is in black and white")
+}
+
+fn face_json(face: &FaceSighting) -> Value {
+    let share = |v: f64| (v * 1000.0).round() / 1000.0;
+    let c = &face.centres;
+    json!({
+        "corners": rounded(&[c[0], c[2], c[8], c[6]]),
+        "centres": rounded(c),
+        "outline": rounded(&face.corners),
+        "colours": letters(face),
+        "confidence": share(face.confidence),
+        "tile_confidence": face.confidences.map(share),
+    })
+}
+
+/// `vision face IMAGE...`: the faces of each picture, or why there are none; one line a picture with `json`.
+/// A file that is no picture gets its line too; the flag is false when any picture showed no face. A picture in black and
+/// white has faces and a reason, why their colours mean nothing.
+#[must_use]
+pub(super) fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
+    let (mut text, mut all) = (String::new(), true);
+    for path in images {
+        let name = path.as_ref().display().to_string();
+        let found = load(path.as_ref()).and_then(|image| {
+            detect(&image, None, &DetectorSettings::default()).map_err(|refusal| anyhow!(refusal))
+        });
+        all &= found.is_ok();
+        // Writing to a string cannot fail.
+        let _ = match (&found, json) {
+            (Ok(faces), true) => {
+                let found: Vec<Value> = faces.iter().map(face_json).collect();
+                let mut line = json!({ "image": name, "faces": found });
+                if let Some(reason) = no_colour(faces) {
+                    line["reason"] = reason.into();
+                }
+                writeln!(text, "{line}")
+            }
+            (Err(reason), true) => {
+                let reason = format!("{reason:#}");
+                writeln!(text, "{}", json!({ "image": name, "faces": [], "reason": reason }))
+            }
+            (Err(reason), false) => writeln!(text, "{name}: {reason:#}"),
+            (Ok(faces), false) => faces.iter().enumerate().try_for_each(|(i, f)| {
+                let c = letters(f);
+                let weakest = f.confidences.iter().copied().fold(1.0, f64::min);
+                let at = f.centres[4];
+                let doubt = no_colour(faces).map(|reason| format!("; {reason}"));
+                writeln!(
+                    text,
+                    "{name}: face {} of {}: {} / {} / {}  centre {:.0},{:.0} px, width {:.0} px, confidence {:.2}, least certain tile {weakest:.2}{}",
+                    i + 1,
+                    faces.len(),
+                    &c[0..3],
+                    &c[3..6],
+                    &c[6..9],
+                    at.0,
+                    at.1,
+                    f.width_px(),
+                    f.confidence,
+                    doubt.unwrap_or_default(),
+                )
+            }),
+        };
+    }
+    (text, all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::image_file::tests::{Written, bytes};
+    use super::*;
+    use crate::vision::testing::Drawing;
+    use image::{DynamicImage, ImageFormat, Rgb, RgbImage};
+
+    #[test]
+    fn a_file_that_is_no_picture_gets_a_line_with_the_reason() {
+        let (text, all) = face(&["Cargo.toml", "no/such.png"], true);
+
+        let lines: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+        assert!(!all);
+        assert_eq!(lines.len(), 2);
+        assert!(lines.iter().all(|l| l["reason"].is_string()), "{text}");
+    }
+
+    #[test]
+    fn a_picture_of_one_pixel_is_too_small() {
+        let pixel = bytes(&DynamicImage::new_rgb8(1, 1), ImageFormat::Png);
+
+        let (line, found) = face(&[&Written::new("one.png", &pixel).0], true);
+
+        assert!(!found && line.contains("only 1x1 px"), "{line}");
+    }
+
+    #[test]
+    fn of_a_picture_in_black_and_white_it_is_said_that_it_has_no_colour() {
+        let optics = crate::cell::Intrinsics {
+            width: 320,
+            height: 240,
+            focal: (400.0, 400.0),
+            centre: (159.5, 119.5),
+            distortion: (0.0, 0.0),
+        };
+        let pose = crate::spatial::Pose::translation(0.0, 0.0, 0.2);
+        let drawing = Drawing::new(optics, vec![(pose, [0, 1, 2, 3, 4, 5, 4, 1, 0])]);
+        let coloured = DynamicImage::from(drawing.render());
+        let grey = DynamicImage::from(coloured.to_luma8());
+        let line = |name: &str, picture: &DynamicImage| {
+            let file = Written::new(name, &bytes(picture, ImageFormat::Png));
+            let (line, found) = face(&[&file.0], true);
+            assert!(found, "{line}");
+            (serde_json::from_str::<Value>(&line).unwrap(), face(&[&file.0], false).0)
+        };
+
+        let (json, text) = line("grey.png", &grey);
+        assert!(json["reason"].as_str().unwrap().starts_with("no colour"), "{json}");
+        assert_eq!(json["faces"][0]["tile_confidence"], json!(vec![0.0; 9]));
+        assert!(text.contains("no colour"), "{text}");
+        let (json, text) = line("coloured.png", &coloured);
+        assert!(json["reason"].is_null() && !text.contains("no colour"), "{json}");
+    }
+
+    proptest::proptest! {
+        #![proptest_config(proptest::prelude::ProptestConfig::with_cases(48))]
+        #[test]
+        fn no_bytes_make_it_panic(
+            noise in proptest::collection::vec(proptest::prelude::any::<u8>(), 0..200),
+            at in 0usize..400, keep in 0usize..800, jpeg in proptest::prelude::any::<bool>(),
+        ) {
+            let picture = RgbImage::from_fn(24, 20, |x, y| Rgb([(x * 9) as u8, (y * 11) as u8, 90]));
+            let format = if jpeg { ImageFormat::Jpeg } else { ImageFormat::Png };
+            let mut bytes = bytes(&picture.into(), format);
+            let at = at.min(bytes.len());
+            let end = (at + noise.len()).min(bytes.len());
+            bytes[at..end].copy_from_slice(&noise[..end - at]);
+            bytes.truncate(keep);
+
+            let (line, _) = face(&[&Written::new("noise", &bytes).0], true);
+
+            proptest::prop_assert_eq!(line.lines().count(), 1);
+        }
+    }
+}

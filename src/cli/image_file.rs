@@ -1,0 +1,232 @@
+//! Picture files: reads one, within bounds of size and memory, as it is meant to be seen.
+
+use anyhow::{Context, Result, bail};
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Rgb, RgbImage};
+use std::fs::File;
+use std::io::{Cursor, Read};
+use std::path::Path;
+
+/// Largest picture that is taken [px]: more than a still camera has, less than fills a small machine's memory.
+const MOST_PIXELS: u64 = 50_000_000;
+
+/// Largest file that is read [bytes].
+const MOST_BYTES: u64 = 256 << 20;
+
+/// A picture file as RGB; the format is judged by its bytes, not by its name. Sixteen bits become eight, grey becomes
+/// three equal channels, what is transparent is shown on black, and a photograph is turned as its camera says it was
+/// held. Size and memory are bounded before decoding.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn load(path: &Path) -> Result<RgbImage> {
+    let read = || -> Result<RgbImage> {
+        let mut bytes = Vec::new();
+        File::open(path)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+        decode(&bytes)
+    };
+    read().with_context(|| path.display().to_string())
+}
+
+/// The same of a picture file's bytes.
+///
+/// # Errors
+/// What is wrong with them.
+pub fn decode(bytes: &[u8]) -> Result<RgbImage> {
+    if bytes.len() as u64 > MOST_BYTES {
+        bail!("a file of more than {} MB is no picture that is looked at", MOST_BYTES >> 20);
+    }
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
+    let Some(format) = reader.format().filter(ImageFormat::reading_enabled) else {
+        bail!("not a picture: neither PNG nor JPEG by its first bytes");
+    };
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(8 * MOST_PIXELS + (64 << 20));
+    reader.limits(limits);
+    let damaged = "damaged picture";
+    if format == ImageFormat::Png && !has_whole_palette(bytes) {
+        bail!("{damaged}: its palette ends within a colour");
+    }
+    let mut decoder = reader.into_decoder().context(damaged)?;
+    let (width, height) = decoder.dimensions();
+    if width == 0 || height == 0 {
+        bail!("a picture of {width} x {height} px is empty");
+    }
+    if u64::from(width) * u64::from(height) > MOST_PIXELS {
+        bail!("{width} x {height} px is more than {} million", MOST_PIXELS / 1_000_000);
+    }
+    if format == ImageFormat::Jpeg && !jpeg_ends(bytes) {
+        bail!("{damaged}: the file ends before its picture does");
+    }
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let mut picture = DynamicImage::from_decoder(decoder).context(damaged)?;
+    picture.apply_orientation(orientation);
+    if !picture.color().has_alpha() {
+        return Ok(picture.into_rgb8());
+    }
+    let transparent = picture.into_rgba8();
+    let (width, height) = transparent.dimensions();
+    Ok(RgbImage::from_fn(width, height, |x, y| {
+        let [r, g, b, a] = transparent.get_pixel(x, y).0;
+        Rgb([r, g, b].map(|v| (u16::from(v) * u16::from(a) / 255) as u8))
+    }))
+}
+
+/// Whether the palette of a PNG file, if it has one, is of whole colours, three bytes each: on another the decoder panics.
+fn has_whole_palette(bytes: &[u8]) -> bool {
+    // Behind the signature: length, type, data, checksum of each chunk.
+    let mut rest = bytes.get(8..).unwrap_or_default();
+    while let Some((length, behind)) = rest.split_first_chunk::<4>() {
+        let length = u32::from_be_bytes(*length) as usize;
+        if behind.starts_with(b"PLTE") && !length.is_multiple_of(3) {
+            return false;
+        }
+        rest = behind.get(length.saturating_add(8)..).unwrap_or_default();
+    }
+    true
+}
+
+/// Whether a JPEG stream comes to its end marker: decoders fill what is missing with grey.
+fn jpeg_ends(bytes: &[u8]) -> bool {
+    // Behind the marker of the start.
+    let mut at = 2;
+    while let Some(found) = bytes.get(at..).and_then(|rest| rest.iter().position(|&b| b == 0xFF)) {
+        at += found + 1;
+        match bytes.get(at) {
+            Some(0xD9) => return true,
+            // Fill bytes, stuffed zeros, restarts: no segment follows.
+            Some(0xFF | 0x00 | 0x01 | 0xD0..=0xD8) | None => {}
+            // Any other marker has a length, and what it spans may hold a thumbnail with an end of its own.
+            Some(_) => {
+                let Some(length) = bytes.get(at + 1..at + 3) else { return false };
+                at += 1 + usize::from(u16::from_be_bytes([length[0], length[1]]));
+            }
+        }
+    }
+    false
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    #[test]
+    fn a_palette_that_ends_within_a_colour_is_damage() {
+        let bytes = include_bytes!("../../tests/corpus/image/palette-of-four-bytes.png");
+
+        let why = format!("{:#}", decode(bytes).unwrap_err());
+
+        assert_eq!(why, "damaged picture: its palette ends within a colour");
+    }
+
+    /// A file that goes away with the test.
+    pub(in crate::cli) struct Written(pub(in crate::cli) std::path::PathBuf);
+
+    impl Written {
+        pub(in crate::cli) fn new(name: &str, bytes: &[u8]) -> Self {
+            let path = std::env::temp_dir().join(format!("rubik-{}-{name}", std::process::id()));
+            std::fs::write(&path, bytes).unwrap();
+            Self(path)
+        }
+    }
+
+    impl Drop for Written {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_file(&self.0);
+        }
+    }
+
+    pub(in crate::cli) fn bytes(picture: &image::DynamicImage, format: ImageFormat) -> Vec<u8> {
+        let mut out = std::io::Cursor::new(Vec::new());
+        picture.write_to(&mut out, format).unwrap();
+        out.into_inner()
+    }
+
+    fn reason(name: &str, bytes: &[u8]) -> String {
+        format!("{:#}", load(&Written::new(name, bytes).0).unwrap_err())
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_file_is_said() {
+        let good = bytes(&image::DynamicImage::new_rgb8(60, 40), ImageFormat::Png);
+
+        assert!(reason("text.png", b"not a picture at all").contains("not a picture"));
+        assert!(reason("empty.png", b"").contains("not a picture"));
+        assert!(reason("short.png", &good[..good.len() / 2]).contains("damaged"));
+        assert!(reason("head.jpg", &[0xFF, 0xD8, 0xFF, 0xE0]).contains("damaged"));
+        let jpeg = bytes(&image::DynamicImage::new_rgb8(60, 40), ImageFormat::Jpeg);
+        assert!(reason("short.jpg", &jpeg[..jpeg.len() - 2]).contains("ends before its picture"));
+        // A header that promises more than any machine has; the checksum is not what is wrong.
+        let mut vast = good.clone();
+        vast[16..24].copy_from_slice(&[0, 0, 0x4E, 0x20, 0, 0, 0x4E, 0x20]);
+        assert!(!reason("vast.png", &vast).is_empty());
+        let mut none = good;
+        none[16..24].fill(0);
+        assert!(!reason("none.png", &none).is_empty());
+    }
+
+    #[test]
+    fn a_picture_of_400_million_pixels_is_refused_before_it_is_decoded() {
+        // A whole PNG of 20000 x 20000 px in one bit, which packs well.
+        let mut out = Vec::new();
+        let mut chunk = |name: &[u8; 4], data: &[u8]| {
+            out.extend((data.len() as u32).to_be_bytes());
+            let start = out.len();
+            out.extend(name);
+            out.extend(data);
+            let mut crc = u32::MAX;
+            for byte in &out[start..] {
+                crc ^= u32::from(*byte);
+                for _ in 0..8 {
+                    crc = if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 };
+                }
+            }
+            out.extend((!crc).to_be_bytes());
+        };
+        chunk(b"IHDR", &[0, 0, 0x4E, 0x20, 0, 0, 0x4E, 0x20, 1, 0, 0, 0, 0]);
+        chunk(b"IDAT", &[0x78, 0x9C, 3, 0, 0, 0, 0, 1]);
+        chunk(b"IEND", &[]);
+        let mut file = b"\x89PNG\r\n\x1a\n".to_vec();
+        file.extend(out);
+
+        let said = reason("large.png", &file);
+
+        assert!(said.contains("20000 x 20000 px is more than 50 million"), "{said}");
+    }
+
+    #[test]
+    fn a_photograph_is_turned_as_it_was_held() {
+        let picture = RgbImage::from_fn(24, 8, |x, _| Rgb([if x < 12 { 250 } else { 5 }; 3]));
+        let mut file = bytes(&picture.into(), ImageFormat::Jpeg);
+        // Exif with one entry: orientation 6, to be turned clockwise; and a thumbnail's end marker in a comment.
+        let exif = b"\xFF\xE1\x00\x22Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
+        let comment = b"\xFF\xFE\x00\x04\xFF\xD9";
+        file.splice(2..2, exif.iter().chain(comment).copied());
+
+        let turned = decode(&file).unwrap();
+
+        assert_eq!(turned.dimensions(), (8, 24));
+        assert!(turned.get_pixel(4, 2).0[0] > 200 && turned.get_pixel(4, 20).0[0] < 50);
+    }
+
+    #[test]
+    fn grey_sixteen_bits_and_alpha_are_taken() {
+        use image::DynamicImage as D;
+        for (i, picture) in [
+            D::new_luma8(9, 7),
+            D::new_luma16(9, 7),
+            D::new_luma_a8(9, 7),
+            D::new_rgba8(9, 7),
+            D::new_rgb16(9, 7),
+            D::new_rgba16(9, 7),
+            D::new_rgb8(1, 1),
+        ]
+        .iter()
+        .enumerate()
+        {
+            let file = Written::new(&format!("kind-{i}.png"), &bytes(picture, ImageFormat::Png));
+
+            assert_eq!(load(&file.0).unwrap().width(), picture.width());
+        }
+    }
+}
