@@ -1,0 +1,239 @@
+//! Circles between files: files that lead to each other by the paths in their code.
+//!
+//! - in: the files of the crate, by path and text
+//! - out: an arrow for each path that leads to an item of another file; the groups of files in
+//!   which every file leads to every other one
+//!
+//! A re-export is no arrow of its own: a path through it leads to the file that declares the item.
+//! So a parent that only declares and re-exports its children is in no circle with them.
+
+use crate::source::{File, expand, tokens, without_comments_and_strings, without_tests};
+use std::collections::{BTreeMap, BTreeSet};
+
+type Path = Vec<String>;
+
+/// The arrows between files: file -> files that its code names.
+pub(crate) type Arrows = BTreeMap<String, BTreeSet<String>>;
+
+/// A file's names: what it declares, and which names stand for something that lies elsewhere.
+#[derive(Default)]
+struct Module {
+    file: String,
+    tokens: Vec<String>,
+    /// Items and child modules that it declares.
+    declared: BTreeSet<String>,
+    /// Names that `use` brings in, with their paths from the crate's root.
+    imported: BTreeMap<String, Path>,
+    /// Modules of which `use` brings in everything.
+    globs: Vec<Path>,
+    /// Paths of a `use` whose name the code beside it does not mention: re-exports.
+    passed_on: BTreeSet<Path>,
+}
+
+/// Returns the groups of files that lead to each other, in alphabetical order.
+pub(crate) fn circles(files: &[File]) -> Vec<Vec<String>> {
+    let arrows = arrows(files);
+    let reached: BTreeMap<&String, BTreeSet<String>> =
+        arrows.keys().map(|file| (file, reach(file, &arrows))).collect();
+    let mut found = BTreeSet::new();
+    for (file, there) in &reached {
+        let back = |other: &&String| reached.get(other).is_some_and(|r| r.contains(*file));
+        let circle: Vec<String> = there.iter().filter(back).cloned().collect();
+        if circle.len() > 1 {
+            found.insert(circle);
+        }
+    }
+    found.into_iter().collect()
+}
+
+/// Returns every file that the arrows lead to from one.
+fn reach(from: &str, arrows: &Arrows) -> BTreeSet<String> {
+    let (mut seen, mut next) = (BTreeSet::new(), vec![from.to_owned()]);
+    while let Some(file) = next.pop() {
+        for other in arrows.get(&file).into_iter().flatten() {
+            if seen.insert(other.clone()) {
+                next.push(other.clone());
+            }
+        }
+    }
+    seen
+}
+
+/// Returns the arrows between all files but those of tests.
+pub(crate) fn arrows(files: &[File]) -> Arrows {
+    let modules = modules(files);
+    let mut arrows = Arrows::new();
+    for (here, module) in &modules {
+        let leads_to = arrows.entry(module.file.clone()).or_default();
+        for path in mentions(here, module) {
+            let target = resolve(&path, &modules, 0);
+            leads_to.extend(target.filter(|file| *file != module.file));
+        }
+    }
+    arrows
+}
+
+/// Reads all files, leaves out those that a parent declares for tests alone.
+fn modules(files: &[File]) -> BTreeMap<Path, Module> {
+    let mut modules = BTreeMap::new();
+    let mut tests = BTreeSet::new();
+    for (file, text) in files {
+        let here = module_path(file);
+        let bare = without_comments_and_strings(text);
+        tests.extend(test_modules(&bare).into_iter().map(|name| child(&here, &name)));
+        modules.insert(here.clone(), read(&here, file, &without_tests(&bare)));
+    }
+    modules.retain(|path, _| !tests.iter().any(|test| path.starts_with(test)));
+    modules
+}
+
+/// Returns the path of a file's module: `a/b.rs` and `a/b/mod.rs` are `a::b`.
+fn module_path(file: &str) -> Path {
+    let name = file.trim_end_matches(".rs").trim_end_matches("/mod");
+    let path = name.split('/').map(str::to_owned).collect();
+    if matches!(name, "lib" | "main" | "mod") { Vec::new() } else { path }
+}
+
+fn child(here: &[String], name: &str) -> Path {
+    here.iter().cloned().chain([name.to_owned()]).collect()
+}
+
+/// Returns the names of the files that are declared as `#[cfg(test)] mod NAME;`.
+fn test_modules(code: &str) -> Vec<String> {
+    let behind = code.split("#[cfg(test)]").skip(1);
+    let item = behind.filter_map(|rest| rest.split_once(';').map(|(item, _)| tokens(item)));
+    item.filter(|t| !t.iter().any(|t| t == "{"))
+        .filter_map(|t| t.iter().position(|t| t == "mod").and_then(|at| t.get(at + 1).cloned()))
+        .collect()
+}
+
+/// Reads the names of a file.
+fn read(here: &[String], file: &str, code: &str) -> Module {
+    let mut module = Module { file: file.to_owned(), tokens: tokens(code), ..Module::default() };
+    let all = module.tokens.clone();
+    let (mut uses, mut names) = (Vec::new(), Vec::new());
+    let mut outside: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut i = 0;
+    while i < all.len() {
+        let next = all.get(i + 1).cloned().unwrap_or_default();
+        match all[i].as_str() {
+            "use" => {
+                let public = i > 0 && matches!(all[i - 1].as_str(), "pub" | ")");
+                i += 1;
+                let mut paths = Vec::new();
+                let end = i + all[i..].iter().position(|t| t == ";").unwrap_or(0);
+                expand(&all[i..end], &mut 0, &mut Vec::new(), &mut paths);
+                let renamed = all[i..end].windows(3).filter(|w| w[1] == "as");
+                for (old, new) in renamed.map(|w| (&w[0], &w[2])) {
+                    let of = paths.iter().find(|path| path.last() == Some(old));
+                    names.extend(of.map(|path| (new.clone(), path.clone())));
+                }
+                uses.extend(paths.into_iter().map(|path| (path, public)));
+                i = end;
+            }
+            "mod" | "fn" | "struct" | "enum" | "trait" | "type" | "const" | "static" | "union" => {
+                module.declared.insert(next);
+                i += 1;
+            }
+            word => {
+                *outside.entry(word).or_default() += 1;
+                i += 1;
+            }
+        }
+    }
+    for (path, public) in uses {
+        let Some(path) = absolute(here, &module, &path) else { continue };
+        let mut path = path;
+        let Some(name) = path.last().cloned() else { continue };
+        match name.as_str() {
+            "*" => {
+                path.pop();
+                module.globs.push(path);
+            }
+            "self" => {
+                path.pop();
+                module.imported.extend(path.last().cloned().map(|name| (name, path.clone())));
+            }
+            _ => {
+                // What the file mentions besides is an arrow of its own.
+                if public && !outside.contains_key(name.as_str()) {
+                    module.passed_on.insert(path.clone());
+                }
+                module.imported.insert(name, path);
+            }
+        }
+    }
+    for (name, path) in names {
+        let path = absolute(here, &module, &path);
+        module.imported.extend(path.map(|path| (name, path)));
+    }
+    module
+}
+
+/// Returns a path from the crate's root; `None` for one that leads to another crate.
+fn absolute(here: &[String], module: &Module, path: &[String]) -> Option<Path> {
+    let mut base = here.to_vec();
+    let mut rest = path;
+    match path.first()?.as_str() {
+        "crate" => (base, rest) = (Vec::new(), &path[1..]),
+        "self" => rest = &path[1..],
+        "super" => {
+            while rest.first().is_some_and(|word| word == "super") {
+                base.pop();
+                rest = &rest[1..];
+            }
+        }
+        name if module.declared.contains(name) => {}
+        name => {
+            base = module.imported.get(name)?.clone();
+            rest = &path[1..];
+        }
+    }
+    Some(base.into_iter().chain(rest.iter().cloned()).collect())
+}
+
+/// Returns every path of a file's code that leads into the crate, from the crate's root.
+fn mentions(here: &[String], module: &Module) -> Vec<Path> {
+    let all = &module.tokens;
+    let mut found = Vec::new();
+    let mut i = 0;
+    while i < all.len() {
+        let inside = i > 0 && matches!(all[i - 1].as_str(), "::" | ".");
+        let leads = all.get(i + 1).is_some_and(|next| next == "::");
+        if inside || !leads || !all[i].starts_with(|c: char| c.is_alphabetic()) {
+            i += 1;
+            continue;
+        }
+        let mut paths = Vec::new();
+        expand(all, &mut i, &mut Vec::new(), &mut paths);
+        found.extend(paths.iter().filter_map(|path| absolute(here, module, path)));
+    }
+    found.retain(|path| !module.passed_on.contains(path));
+    // A module alone is no arrow: its items are, where the code names them.
+    found
+}
+
+/// Returns the file that declares what a path from the crate's root leads to.
+fn resolve(path: &[String], modules: &BTreeMap<Path, Module>, depth: usize) -> Option<String> {
+    let length = (1..=path.len()).rev().find(|&n| modules.contains_key(&path[..n]))?;
+    let module = &modules[&path[..length]];
+    let item = path.get(length)?;
+    if depth > 8 || module.declared.contains(item) {
+        return Some(module.file.clone());
+    }
+    let further = |start: &Path, rest: &[String]| {
+        let path: Path = start.iter().chain(rest).cloned().collect();
+        resolve(&path, modules, depth + 1)
+    };
+    if let Some(elsewhere) = module.imported.get(item) {
+        return further(elsewhere, &path[length + 1..]);
+    }
+    let declares = |start: &&Path| {
+        let there = modules.get(*start);
+        there.is_some_and(|m| m.declared.contains(item) || m.imported.contains_key(item))
+    };
+    match module.globs.iter().find(declares) {
+        Some(elsewhere) => further(elsewhere, &path[length..]),
+        None => Some(module.file.clone()),
+    }
+}

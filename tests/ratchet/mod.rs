@@ -1,0 +1,31 @@
+//! Counts that may only fall: `counts.txt` beside this file has one a line, as `NAME = COUNT`.
+
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+/// Tests of one binary write the file one after the other.
+static FILE: Mutex<()> = Mutex::new(());
+
+/// Checks a count against the one in the file.
+///
+/// A larger count fails. A smaller one fails, too, until the file has it; `RATCHET=write` writes it
+/// there.
+pub(crate) fn holds(name: &str, count: usize) {
+    let _guard = FILE.lock().unwrap_or_else(PoisonError::into_inner);
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/ratchet/counts.txt");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let known = |line: &&str| line.split_once(" = ").is_some_and(|(key, _)| key == name);
+    let line = text.lines().find(known).unwrap_or_else(|| panic!("no line for `{name}`"));
+    let most: usize = line.rsplit(' ').next().unwrap().parse().unwrap();
+    assert!(count <= most, "{name}: {count}, and {most} is the most: --nocapture lists them");
+    if count < most && std::env::var_os("RATCHET").is_some_and(|word| word == "write") {
+        std::fs::write(file, text.replace(line, &format!("{name} = {count}"))).unwrap();
+        return;
+    }
+    assert!(
+        count == most,
+        "{name}: {count}, {most} before. Lower the number in {} to {count}, or run with \
+         RATCHET=write",
+        file.display()
+    );
+}

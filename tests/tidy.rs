@@ -1,0 +1,147 @@
+//! Counts what the English rules of the project forbid (CONTRIBUTING.md); each count may only fall,
+//! see `ratchet/counts.txt`.
+//!
+//! - sentences in comments that begin with a word that names no subject: Who, Whoever, What,
+//!   Whatever, Nobody, Somebody, Of
+//! - lines of more than 100 columns, comments too: `rustfmt` breaks neither comments nor strings
+//! - names of tests of more than eight words: the story of a test stands in its doc comment
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+mod ratchet;
+mod source;
+
+use source::{File, collect, tokens, without_comments_and_strings};
+use std::path::Path;
+
+const HEADLESS: &[&str] = &["Who", "Whoever", "What", "Whatever", "Nobody", "Somebody", "Of"];
+const COLUMNS: usize = 100;
+const WORDS: usize = 8;
+
+fn files() -> Vec<File> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut files = Vec::new();
+    for folder in ["src", "tests", "benches", "examples"] {
+        collect(&root.join(folder), &format!("{folder}/"), &mut files);
+    }
+    files
+}
+
+/// Prints each place that breaks a rule, and checks their number.
+fn count(rule: &str, of_file: impl Fn(&str) -> Vec<(usize, String)>) {
+    let files = files();
+    assert!(files.len() > 20, "only {} files were found", files.len());
+    let mut count = 0;
+    for (file, text) in &files {
+        for (line, what) in of_file(text) {
+            println!("{file}:{}: {what}", line + 1);
+            count += 1;
+        }
+    }
+    ratchet::holds(rule, count);
+}
+
+#[test]
+fn comments_name_their_subject() {
+    count("headless sentences in comments", headless);
+}
+
+#[test]
+fn lines_end_at_100_columns() {
+    count("lines of more than 100 columns", long_lines);
+}
+
+#[test]
+fn test_names_have_eight_words() {
+    count("test names of more than eight words", long_test_names);
+}
+
+/// Returns the sentences of a file's comments that begin with one of [`HEADLESS`], by the last line
+/// of their block.
+fn headless(text: &str) -> Vec<(usize, String)> {
+    let mut found = Vec::new();
+    let mut block = String::new();
+    // One more line, so that the last block ends, too.
+    for (number, line) in text.lines().chain([""]).enumerate() {
+        let comment = line.trim_start().strip_prefix("//");
+        match comment.map(|c| c.trim_start_matches(['/', '!']).trim()).filter(|c| !c.is_empty()) {
+            Some(more) => {
+                // An item of a list and a heading begin a sentence of their own.
+                let apart = if more.starts_with(['-', '#', '|']) { ". " } else { " " };
+                block.push_str(apart);
+                block.push_str(more.trim_start_matches(['-', '#', '|', ' ']));
+            }
+            None => {
+                let headless = sentences(&block).into_iter().filter(|s| {
+                    let first = s.split(|c: char| !c.is_alphabetic()).next();
+                    first.is_some_and(|word| HEADLESS.contains(&word))
+                });
+                found.extend(headless.map(|s| (number.saturating_sub(1), s.to_owned())));
+                block.clear();
+            }
+        }
+    }
+    found
+}
+
+/// Cuts a text behind each full stop, question or exclamation mark with a blank behind it.
+fn sentences(text: &str) -> Vec<&str> {
+    let ends = text.match_indices(['.', '?', '!']).map(|(at, _)| at + 1);
+    let ends = ends.filter(|&at| text[at..].starts_with(' ')).chain([text.len()]);
+    let mut begin = 0;
+    ends.map(|end| {
+        let sentence = text[begin..end].trim();
+        begin = end;
+        sentence
+    })
+    .collect()
+}
+
+fn long_lines(text: &str) -> Vec<(usize, String)> {
+    let long = |line: &&str| line.chars().count() > COLUMNS;
+    let lines = text.lines().enumerate().filter(|(_, line)| long(line));
+    lines.map(|(number, line)| (number, line.trim().to_owned())).collect()
+}
+
+fn long_test_names(text: &str) -> Vec<(usize, String)> {
+    let bare = without_comments_and_strings(text);
+    let mut found = Vec::new();
+    let mut test = false;
+    for (number, line) in bare.lines().enumerate() {
+        test |= line.trim_start().starts_with("#[test]");
+        let words = tokens(line);
+        let name = words.iter().position(|t| t == "fn").and_then(|at| words.get(at + 1));
+        if let Some(name) = name.filter(|_| std::mem::take(&mut test))
+            && name.split('_').count() > WORDS
+        {
+            found.push((number, name.clone()));
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod the_counter_counts {
+    use super::*;
+
+    #[test]
+    fn sentences_that_name_no_subject() {
+        let text = "/// Returns it. What is left\n/// stays. Of two, one. Often so.\nfn f() {}\n\
+                    //! - Whoever asks\n//! - the asker: what it asks\n// So: Nobody? Who knows\n";
+        let found: Vec<String> = headless(text).into_iter().map(|(_, s)| s).collect();
+        assert_eq!(found, ["What is left stays.", "Of two, one.", "Whoever asks.", "Who knows"]);
+    }
+
+    #[test]
+    fn lines_by_their_characters() {
+        let text = format!("{}\n{}\n", "\u{e4}".repeat(100), "b".repeat(101));
+        assert_eq!(long_lines(&text), [(1, "b".repeat(101))]);
+    }
+
+    #[test]
+    fn names_of_tests_alone() {
+        let text = "#[test]\nfn a_b_c_d_e_f_g_h() {}\nfn a_b_c_d_e_f_g_h_i() {}\n\
+                    #[test]\n#[ignore]\nfn a_b_c_d_e_f_g_h_j() {}\n";
+        assert_eq!(long_test_names(text), [(5, "a_b_c_d_e_f_g_h_j".to_owned())]);
+    }
+}
