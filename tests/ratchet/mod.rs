@@ -8,8 +8,8 @@ static FILE: Mutex<()> = Mutex::new(());
 
 /// Checks a count against the one in the file.
 ///
-/// A larger count fails. A smaller one fails, too, until the file has it; `RATCHET=write` writes it
-/// there.
+/// A larger count fails. A smaller one asks to be written down, and fails where it is smaller by more
+/// than a tenth; `RATCHET=write` writes it.
 pub(crate) fn holds(name: &str, count: usize) {
     let _guard = FILE.lock().unwrap_or_else(PoisonError::into_inner);
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/ratchet/counts.txt");
@@ -17,15 +17,14 @@ pub(crate) fn holds(name: &str, count: usize) {
     let known = |line: &&str| line.split_once(" = ").is_some_and(|(key, _)| key == name);
     let line = text.lines().find(known).unwrap_or_else(|| panic!("no line for `{name}`"));
     let most: usize = line.rsplit(' ').next().unwrap().parse().unwrap();
-    assert!(count <= most, "{name}: {count}, and {most} is the most: --nocapture lists them");
-    if count < most && std::env::var_os("RATCHET").is_some_and(|word| word == "write") {
-        std::fs::write(file, text.replace(line, &format!("{name} = {count}"))).unwrap();
-        return;
+    assert!(count <= most, "{name}: {count}, {most} is the most: --nocapture lists them");
+    if count < most {
+        let shown = file.display();
+        eprintln!("{name}: {count}, {most} before. Lower the number in {shown} to {count}.");
+        if std::env::var_os("RATCHET").is_some_and(|word| word == "write") {
+            std::fs::write(file, text.replace(line, &format!("{name} = {count}"))).unwrap();
+        } else {
+            assert!(10 * count >= 9 * most, "{name}: {count}, {most} before: run RATCHET=write");
+        }
     }
-    assert!(
-        count == most,
-        "{name}: {count}, {most} before. Lower the number in {} to {count}, or run with \
-         RATCHET=write",
-        file.display()
-    );
 }
