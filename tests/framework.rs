@@ -22,7 +22,7 @@ use rubik_robot::motion::{
     ArmFault, ArmState, Direction, Frame, JointPositions, Motion, MoveCommand, MoveRefused,
 };
 use rubik_robot::record::journal::{Durable, Journal};
-use rubik_robot::record::tape::Tape;
+use rubik_robot::record::run_hash::RunHash;
 use rubik_robot::scenario::{self, keys::Pace};
 use rubik_robot::servo::ServoConfig;
 use rubik_robot::spatial::Pose;
@@ -91,7 +91,7 @@ fn rig_that_notes(
     assert!(config.vsps.is_empty() && config.cell.arms.len() == 1);
     let arm = config.cell.arms[0].clone();
     let mut plant = Plant::new(PlantConfig::new(config.cell), 1).unwrap();
-    let tape = Tape::default();
+    let tape = RunHash::default();
     let switches = Arc::new(Switches::default());
     let (link, end) = driver::link();
     let servo = ServoConfig::new(&arm, config.effectors[0].gains.clone());
@@ -458,7 +458,8 @@ async fn a_slow_disk_stops_nobody_but_who_waits_for_it_and_a_full_one_nobody_at_
         let (control, will) = watch::channel(Control::Running);
         let (ui, mut notices) = ui::mailbox();
         let clock = Clock::new(tokio::time::Instant::now(), Arc::new(Switches::default()));
-        let parts = Parts::bare(vec![], vec![example_manner()], will, ui, clock, Tape::default());
+        let parts =
+            Parts::bare(vec![], vec![example_manner()], will, ui, clock, RunHash::default());
         let journal = Journal::kept_by(Path::new("/nowhere/j"), Box::new(Slow { takes, full }));
         let mp = Mp::new(Parts { work: Work(Pace::RealTime), journal: Some(journal), ..parts });
         let longest = Arc::new(Mutex::new(Duration::ZERO));

@@ -32,7 +32,7 @@ use rubik_robot::motion::{ArmState, JointPositions};
 use rubik_robot::operator::{Answer, Command, Manual, Step};
 use rubik_robot::record::journal::Journal;
 use rubik_robot::record::reading::{Piece, Reading};
-use rubik_robot::record::{recover, report};
+use rubik_robot::record::{recover_file, report};
 use rubik_robot::scenario::{self, Override};
 use rubik_robot::servo::io::{ArmDrive, ArmReading};
 use rubik_robot::tasks::panel::{Bench, Panel};
@@ -356,7 +356,7 @@ fn recordings() {
         if let Ok(story) = report::gather(bytes) {
             assert!(!report::page(&story).contains("<script"));
         }
-        let _ = recover::recover(bytes, std::io::Cursor::new(Vec::new()));
+        let _ = recover_file::recover_file(bytes, std::io::Cursor::new(Vec::new()));
     });
 }
 
@@ -377,7 +377,7 @@ fn a_long_schema_of_many_channels_is_kept_once() {
     }
     give("mcap/channels", &file, &|bytes| {
         assert_eq!(Reading::new(bytes).count(), 200);
-        let saved = recover::recover(bytes, std::io::Cursor::new(Vec::new())).unwrap();
+        let saved = recover_file::recover_file(bytes, std::io::Cursor::new(Vec::new())).unwrap();
         assert_eq!(saved.messages, 200);
     });
 }

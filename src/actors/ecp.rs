@@ -12,7 +12,7 @@ use super::vsp::VspHandle;
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::{ArmState, MoveCommand, PERIOD};
-use crate::record::tape::Tape;
+use crate::record::run_hash::RunHash;
 use crate::tasks::View;
 use crate::vision::sensor::FaceReading;
 use std::sync::Arc;
@@ -156,7 +156,7 @@ pub struct Parts {
     /// The operator's will.
     pub control: watch::Receiver<Control>,
     /// Where messages are noted.
-    pub tape: Tape,
+    pub tape: RunHash,
 }
 
 struct Ecp {

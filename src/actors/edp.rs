@@ -10,7 +10,7 @@ use super::disturbance::Mishap;
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::hw::driver::{HEART, ServoLink};
 use crate::motion::{ArmFault, ArmState, MoveCommand, MoveRefused, PERIOD, Synchronisation};
-use crate::record::tape::Tape;
+use crate::record::run_hash::RunHash;
 use crate::servo::ServoCommand;
 use crate::spatial::Pose;
 use std::sync::Arc;
@@ -131,7 +131,7 @@ struct Edp {
     clock: Clock,
     mailbox: mpsc::Receiver<Request>,
     state: watch::Sender<ArmState>,
-    tape: Tape,
+    tape: RunHash,
     /// First period after the last command.
     free: u64,
     mishap: Arc<Mishap>,
@@ -144,7 +144,7 @@ struct Edp {
 
 /// Creates an EDP around one arm's servo.
 #[must_use]
-pub fn spawn(name: &str, link: ServoLink, clock: Clock, tape: Tape) -> EdpHandle {
+pub fn spawn(name: &str, link: ServoLink, clock: Clock, tape: RunHash) -> EdpHandle {
     spawn_under(name, link, clock, tape, &Care::default())
 }
 
@@ -153,7 +153,7 @@ pub(super) fn spawn_under(
     name: &str,
     mut link: ServoLink,
     clock: Clock,
-    tape: Tape,
+    tape: RunHash,
     care: &Care,
 ) -> EdpHandle {
     let (mailbox, requests) = mpsc::channel(MAILBOX);
@@ -378,7 +378,7 @@ mod tests {
         let (link, mut end) = driver::link();
         end.publish(&ArmState { period: 1, ..ArmState::default() });
         let clock = Clock::new(Instant::now(), Arc::default());
-        let edp = spawn("track", link, clock, Tape::default());
+        let edp = spawn("track", link, clock, RunHash::default());
         assert!(edp.state().await.is_ok());
 
         drop(end);

@@ -26,7 +26,7 @@ use crate::operator::{Answer, Manual, Question};
 use crate::reach::guard::{Guard, Near, Way as Asked};
 use crate::record::journal::Journal;
 use crate::record::recorder::Entry;
-use crate::record::tape::Tape;
+use crate::record::run_hash::RunHash;
 use crate::scenario::keys::Pace;
 use crate::spatial::Pose;
 use crate::tasks::{self, Action, Event, Finish, Forces, Readings, Task, Until};
@@ -74,7 +74,7 @@ pub struct Parts {
     /// The door for long work.
     pub work: Work,
     /// Where messages are noted.
-    pub tape: Tape,
+    pub tape: RunHash,
     /// What another run must know to go on.
     pub journal: Option<Journal>,
     /// Refuses ways on which the arms would come too near to something; an MP without a cell has none.
@@ -92,7 +92,7 @@ impl Parts {
         control: watch::Receiver<Control>,
         ui: UiHandle,
         clock: Clock,
-        tape: Tape,
+        tape: RunHash,
     ) -> Self {
         Self {
             turning: Turning::default(),
@@ -807,7 +807,7 @@ mod tests {
     /// An MP whose arms stand so. The first has an ECP and an EDP, whose servo does nothing.
     fn standing(guard: Guard, arms: [ArmState; 2]) -> Mp {
         let clock = Clock::new(tokio::time::Instant::now(), Arc::new(Switches::default()));
-        let (control, tape) = (watch::channel(Control::Running).1, Tape::default());
+        let (control, tape) = (watch::channel(Control::Running).1, RunHash::default());
         let (link, end) = driver::link();
         drop(end);
         let edp = edp::spawn("track", link, clock.clone(), tape.clone());

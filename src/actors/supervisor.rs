@@ -39,8 +39,8 @@ use crate::record::calibration;
 use crate::record::journal::Journal;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Entry, Recorder};
+use crate::record::run_hash::RunHash;
 use crate::record::summary::{Accident, EndedBy, Outcome, Phase, SensorPeak, Summary};
-use crate::record::tape::Tape;
 use crate::scenario::keys::{self, Pace};
 use crate::scenario::lists::VspKind;
 use crate::scenario::{ControllerConfig, Owner, Scenario};
@@ -162,7 +162,7 @@ pub fn run_with(
     let control = Arc::new(watch::channel(initial).0);
     let attended = behind.is_some() || playback.as_ref().is_some_and(|(_, attended)| *attended);
     let playback = playback.map(|(playback, _)| playback);
-    let tape = Tape::default();
+    let tape = RunHash::default();
     let keep = (recorder.clone(), tape.clone());
     let (said, words) = mpsc::channel(4);
     let helm = ui::Helm { control: Arc::clone(&control), words: said, tempo: tempo.clone() };
@@ -296,7 +296,7 @@ struct Attendance {
     tempo: Tempo,
     recorder: Recorder,
     playback: Option<Playback>,
-    tape: Tape,
+    tape: RunHash,
     journal: Logbook,
     judge: Option<Judge>,
     troubles: Troubles,
@@ -330,7 +330,7 @@ fn create_ui(
     options: RunOptions,
     helm: ui::Helm,
     behind: Option<Behind>,
-    (recorder, tape): (Recorder, Tape),
+    (recorder, tape): (Recorder, RunHash),
 ) -> Result<ui::Ui, Error> {
     helm.tempo.set(options.speed);
     let board = behind.as_ref().map(|_| Board::default());

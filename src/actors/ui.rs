@@ -13,7 +13,7 @@ use crate::desk::{Behind, Desk, desk};
 use crate::error::Error;
 use crate::operator::{Class, Command, OutcomeView};
 use crate::record::recorder::Recorder;
-use crate::record::tape::Tape;
+use crate::record::run_hash::RunHash;
 use std::io::{BufRead, Write};
 use std::sync::Arc;
 use std::time::Duration;
@@ -104,7 +104,7 @@ pub struct Parts {
     /// What keeps the run.
     pub recorder: Recorder,
     /// Where commands that were obeyed are noted.
-    pub tape: Tape,
+    pub tape: RunHash,
 }
 
 /// The running UI.

@@ -18,8 +18,8 @@ use crate::hw::camera::{Frame, FrameSource};
 use crate::motion::{ArmState, PERIOD};
 use crate::record::playback::{Playback, Played};
 use crate::record::recorder::{Entry, Recorder};
+use crate::record::run_hash::RunHash;
 use crate::record::sensed::{self as kept, Sensed};
-use crate::record::tape::Tape;
 use crate::spatial::Pose;
 use crate::tasks::{Effort, Forces, View};
 use crate::vision::sensor::{self, FaceReading};
@@ -116,7 +116,7 @@ pub struct Parts {
     /// The door for image processing.
     pub work: Work,
     /// Where messages are noted.
-    pub tape: Tape,
+    pub tape: RunHash,
     /// Where what was seen is shown, and the camera's index; `None` when nobody looks.
     pub show: Option<(Board, usize)>,
     /// What keeps the run, and the camera's index.
@@ -137,7 +137,7 @@ struct Vsp {
     frame_periods: u64,
     clock: Clock,
     work: Work,
-    tape: Tape,
+    tape: RunHash,
     show: Option<(Board, usize)>,
     recorder: (Recorder, usize),
     playback: Option<Playback>,

@@ -1,8 +1,8 @@
 //! `rubik-robot benchmark`: accuracy and speed in trials, and their protocol.
 
+use super::arguments::{ScenarioArgs, not_negative};
 use super::campaign::{Campaign, LAST_SEED, Performed, Shape, seedless, writable};
-use super::output::{Output, clash, save};
-use super::{ScenarioArgs, WRONG, complain, not_negative};
+use super::output::{Output, WRONG, clash, complain, save};
 use crate::campaign::benchmark::{Kind, clearances, score, scramble, scrambled, tier};
 use crate::campaign::protocol::{Setup, protocol};
 use crate::campaign::tally::Tally;

@@ -3,8 +3,8 @@
 //! - in: a scenario, which camera, how many views
 //! - out: a table of what was found and of the error that it leaves; the camera section as TOML
 
-use super::output::{Output, clash, save};
-use super::{ScenarioArgs, WRONG, complain};
+use super::arguments::ScenarioArgs;
+use super::output::{Output, WRONG, clash, complain, save};
 use crate::actors::calibrate::{self, Errors, Report};
 use crate::cell::{Camera, Mount};
 use crate::scenario::{CameraSource, Scenario};

@@ -1,8 +1,9 @@
 //! `rubik-robot campaign`: a scenario many times, each in a process of its own, and what they come to together.
 
-use super::output::{Output, clash, save};
+use super::arguments::ScenarioArgs;
+use super::output::{Output, WRONG, clash, complain, save};
 use super::progress::Bar;
-use super::{ScenarioArgs, WRONG, complain, record};
+use super::record;
 use crate::actors;
 use crate::campaign::page;
 use crate::campaign::result::{RunResult, Verdict};

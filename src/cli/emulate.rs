@@ -1,7 +1,7 @@
 //! `rubik-robot emulate`: the cell of a scenario behind serial lines and sockets, as a robot would stand there.
 
-use super::output::Output;
-use super::{ScenarioArgs, WRONG, complain};
+use super::arguments::ScenarioArgs;
+use super::output::{Output, WRONG, complain};
 use crate::actors::emulate::{Emulated, emulate};
 use crate::cell::Arm;
 use crate::error::Error;

@@ -1,6 +1,6 @@
 //! The solver's modes as the command line offers them: a cube in, an answer out.
 
-use super::complain;
+use super::output::complain;
 use super::progress::{Bar, tell};
 use crate::cube::{Cube, Turn};
 use crate::solver::korf::{self, Korf};

@@ -4,8 +4,9 @@
 //! - out: a folder of PNG files, `frames.jsonl` (a line a frame: optics, pose, faces) and `manifest.jsonl` (a line
 //!   a face, in the form that `vision eval` reads)
 
+use super::arguments::ScenarioArgs;
 use super::locate::positive;
-use super::{ScenarioArgs, WRONG, complain};
+use super::output::{WRONG, complain};
 use crate::cell::{Camera, Intrinsics, Mount};
 use crate::hw::plant::render::{Look, Renderer, Setting, cube_alone};
 use crate::hw::text;

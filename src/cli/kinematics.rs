@@ -1,26 +1,70 @@
 //! `rubik-robot kinematics`: one row of numbers in, one line of JSON out.
 //!
 //! - in: CSV rows of rad and m; joints are q1..q6, before them d0 for an arm on a track
-//! - out: `fk` `base_from_flange` and `base_from_tool` as three rows of four; `ik` `joints`; `motors`
-//!   `motors`; each with `limits`, the list of what is exceeded; or `error` in place of the answer
+//! - out: `fk` `base_from_flange` and `base_from_tool` as three rows of four; `ik` `joints`;
+//!   `motors` `motors`; each with `limits`, the list of what is exceeded; or `error` in place of
+//!   the answer
 
-use super::output::next_line;
+use super::output::{Output, WRONG, complain, next_line};
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions, MoveRefused};
+use crate::scenario;
 use crate::spatial::Pose;
+use clap::{Args, ValueEnum};
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
 use serde::Serialize;
 use std::io::{self, BufRead, Write};
+use std::path::{Path, PathBuf};
 
-/// What is asked of a row.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Args)]
+pub(super) struct KinematicsArgs {
+    /// What is asked of each row
+    question: Question,
+    /// Effector of the scenario: track or postument in the built-in cell
+    #[arg(long)]
+    arm: String,
+    /// Take arms and tools from this scenario instead of the built-in cell
+    #[arg(long)]
+    scenario: Option<PathBuf>,
+    /// Answers are lines of JSON anyway; the option is accepted for the sake of habit
+    #[arg(long)]
+    json: bool,
+}
+
+/// A question about each row.
+#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Question {
-    /// Joints -> `base_from_flange`, `base_from_tool`.
+    /// Joints -> base_from_flange, base_from_tool
     Fk,
-    /// `base_from_tool` (12 numbers by rows) and the current joints -> the nearest `joints`.
+    /// base_from_tool and the current joints -> joints
     Ik,
-    /// Joints -> `motors`.
+    /// Joints -> motors
     Motors,
+}
+
+/// Answers the rows of stdin; returns the exit code.
+pub(super) fn run(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<u8> {
+    let loaded = match &args.scenario {
+        Some(path) => scenario::load(path, &[]),
+        None => scenario::read(Path::new("the built-in cell"), "", &[]),
+    };
+    let scenario = match loaded {
+        Ok(scenario) => scenario,
+        Err(faults) => {
+            complain(&faults.to_string());
+            return Ok(WRONG);
+        }
+    };
+    let arms = &scenario.controller.cell.arms;
+    let Some(arm) = arms.iter().find(|a| a.name == args.arm) else {
+        let names: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
+        complain(&format!("--arm {}: there are {}", args.arm, names.join(" and ")));
+        return Ok(WRONG);
+    };
+    let rows = std::io::stdin().lock();
+    output.write(|to| stream(args.question, &arm.model, &arm.flange_from_tool, rows, to))?;
+    Ok(0)
 }
 
 /// How far the rotation of a row may be from an orthonormal one: rows with six decimals pass.
@@ -53,7 +97,8 @@ struct Refusal {
     error: String,
 }
 
-/// Answers all rows, one line of JSON each, in their order. Bytes that are no text make a bad row, not an end.
+/// Answers all rows, one line of JSON each, in their order. Bytes that are no text make a bad row,
+/// not an end.
 ///
 /// # Errors
 /// Those of reading and writing; a closed pipe is one of the latter.
@@ -79,8 +124,9 @@ pub fn stream(
     answers.flush()
 }
 
-/// The line of JSON that answers a row, without its end of line; `None` for an empty line and for a comment
-/// (`#`), which are not rows. A header row is answered as any other row that holds no numbers: by its error.
+/// The line of JSON that answers a row, without its end of line; `None` for an empty line and for a
+/// comment (`#`), which are not rows. A header row is answered as any other row that holds no
+/// numbers: by its error.
 #[must_use]
 pub fn answer(
     question: Question,
@@ -181,7 +227,8 @@ fn limits(model: &ArmModel, joints: &JointPositions) -> Vec<String> {
 }
 
 fn json(answer: &impl Serialize) -> String {
-    // Only finite numbers and strings come here, so this cannot fail; if it did, the row still gets a line.
+    // Only finite numbers and strings come here, so this cannot fail; if it did, the row still gets
+    // a line.
     serde_json::to_string(answer).unwrap_or_else(|error| format!("{{\"error\":\"{error}\"}}"))
 }
 

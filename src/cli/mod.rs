@@ -3,9 +3,11 @@
 //! Exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
 //! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
 
+mod arguments;
 mod benchmark;
 mod calibrate;
 mod campaign;
+mod check;
 pub mod cubes;
 mod doctor;
 mod emulate;
@@ -14,6 +16,7 @@ pub mod evaluate;
 mod faces;
 mod frames;
 pub mod image_file;
+mod keys;
 pub mod kinematics;
 mod locate;
 pub mod output;
@@ -36,13 +39,11 @@ mod urdf;
 mod vision;
 mod weigh;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
-use std::io::{IsTerminal as _, Write};
-use std::path::{Path, PathBuf};
+use arguments::ScenarioArgs;
+use clap::{CommandFactory, Parser, Subcommand};
+use output::{Output, complain};
+use std::io::IsTerminal as _;
 use std::process::ExitCode;
-
-use crate::scenario::{self, Override};
-use output::Output;
 
 const HELP: &str = "\
 Try these, in this order:
@@ -111,7 +112,7 @@ Examples:
   echo 0.2,0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics motors --arm track
   rubik-robot kinematics ik --arm postument < rows.csv
       each row: 12 numbers of base_from_tool by rows (3 x 4), then the current joints")]
-    Kinematics(KinematicsArgs),
+    Kinematics(kinematics::KinematicsArgs),
     /// Solve cubes: the fewest turns of faces
     #[command(after_help = "\
 Answers come on stdout in the order of the cubes, what is refused says why. Exit code 2 if any cube was refused.
@@ -193,70 +194,6 @@ Examples:
     Picture(picture::PictureArgs),
 }
 
-/// A scenario and what overrules it.
-#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
-#[derive(Debug, Args)]
-struct ScenarioArgs {
-    /// Scenario file (TOML)
-    scenario: PathBuf,
-    /// Overrule a key, as in control.grip_n=30 or effector.track.tool_xyz_mm=[0,0,260]; repeatable
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    set: Vec<String>,
-}
-
-impl ScenarioArgs {
-    /// Those of `--set` that can be read.
-    fn overrides(&self) -> Vec<Override> {
-        self.set.iter().filter_map(|text| Override::parse(text).ok()).collect()
-    }
-
-    fn load(&self, more: &[Override]) -> Result<scenario::Scenario, String> {
-        let mut overrides = Vec::new();
-        let mut wrong = Vec::new();
-        for text in &self.set {
-            match Override::parse(text) {
-                Ok(over) => overrides.push(over),
-                Err(reason) => wrong.push(format!("--set: {reason}")),
-            }
-        }
-        overrides.extend_from_slice(more);
-        let loaded = scenario::load(&self.scenario, &overrides).map_err(|f| f.to_string());
-        match (loaded, wrong.is_empty()) {
-            (Ok(scenario), true) => Ok(scenario),
-            (Ok(_), false) => Err(wrong.join("\n")),
-            (Err(faults), _) => {
-                Err(wrong.into_iter().chain([faults]).collect::<Vec<_>>().join("\n"))
-            }
-        }
-    }
-}
-
-#[derive(Debug, Args)]
-struct KinematicsArgs {
-    /// What is asked of each row
-    question: QuestionWord,
-    /// Effector of the scenario: track or postument in the built-in cell
-    #[arg(long)]
-    arm: String,
-    /// Take arms and tools from this scenario instead of the built-in cell
-    #[arg(long)]
-    scenario: Option<PathBuf>,
-    /// Answers are lines of JSON anyway; the option is accepted for the sake of habit
-    #[arg(long)]
-    json: bool,
-}
-
-#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum QuestionWord {
-    /// Joints -> base_from_flange, base_from_tool
-    Fk,
-    /// base_from_tool and the current joints -> joints
-    Ik,
-    /// Joints -> motors
-    Motors,
-}
-
 /// The program's entry.
 #[must_use]
 pub fn main() -> ExitCode {
@@ -276,9 +213,9 @@ pub fn main() -> ExitCode {
         Command::Benchmark(args) => benchmark::run(&args, &mut output),
         Command::Emulate(args) => emulate::run(&args, &mut output),
         Command::Weigh(args) => weigh::run(&args, &mut output),
-        Command::Check(args) => check(&args, &mut output),
-        Command::Keys { word } => keys(word.as_deref(), &mut output),
-        Command::Kinematics(args) => rows(&args, &mut output),
+        Command::Check(args) => check::run(&args, &mut output),
+        Command::Keys { word } => keys::run(word.as_deref(), &mut output),
+        Command::Kinematics(args) => kinematics::run(&args, &mut output),
         Command::Solve(args) => solve::run(&args, &mut output),
         Command::Plan(args) => plan::run(&args, &mut output),
         Command::Scramble(args) => solve::scramble(&args, &mut output),
@@ -292,8 +229,10 @@ pub fn main() -> ExitCode {
         Command::Recover(args) => recover::run(&args),
         Command::Urdf(args) => urdf::run(&args, &mut output),
         Command::Schema => schema::run(&mut output),
-        Command::Completions { shell } => shell::completions(shell, &mut output),
-        Command::Man { command } => shell::manual(command.as_deref(), &mut output),
+        Command::Completions { shell } => {
+            shell::completions(shell, &mut Cli::command(), &mut output)
+        }
+        Command::Man { command } => shell::manual(command.as_deref(), Cli::command(), &mut output),
     };
     let code = done.and_then(|code| output.flush().map(|()| code));
     match code {
@@ -305,99 +244,9 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Says what is wrong on stderr; there is nowhere to report that stderr is closed.
-fn complain(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
-}
-
-/// The exit code of a wrong call or scenario.
-const WRONG: u8 = 2;
-
-fn check(args: &ScenarioArgs, output: &mut Output) -> anyhow::Result<u8> {
-    match args.load(&[]) {
-        Err(faults) => {
-            complain(&faults);
-            Ok(WRONG)
-        }
-        Ok(scenario) => {
-            let controller = &scenario.controller;
-            let names: Vec<&str> = controller.cell.arms.iter().map(|a| a.name.as_str()).collect();
-            output.line(&format!(
-                "{}: right: task {}, coordination {}, effectors {}, {} cameras, {} sensors, seed {}",
-                args.scenario.display(),
-                controller.task.word(),
-                controller.coordination.word(),
-                names.join(" and "),
-                controller.cell.cameras.len(),
-                controller.vsps.len(),
-                scenario.seed,
-            ))?;
-            Ok(0)
-        }
-    }
-}
-
-fn keys(word: Option<&str>, output: &mut Output) -> anyhow::Result<u8> {
-    let keys = scenario::all_keys();
-    let mut found = false;
-    for key in keys.iter().filter(|k| word.is_none_or(|w| k.path.contains(w))) {
-        found = true;
-        let range = key
-            .range
-            .as_ref()
-            .filter(|r| r.end().is_finite())
-            .map_or_else(String::new, |range| format!(", {}..{}", range.start(), range.end()));
-        output.line(&format!("{} = {}", key.path, key.default))?;
-        output.line(&format!("    {} ({}{range})", key.meaning, key.kind))?;
-    }
-    if !found {
-        complain(&format!("no key contains `{}`", word.unwrap_or_default()));
-        return Ok(WRONG);
-    }
-    Ok(0)
-}
-
-fn rows(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<u8> {
-    let loaded = match &args.scenario {
-        Some(path) => scenario::load(path, &[]),
-        None => scenario::read(Path::new("the built-in cell"), "", &[]),
-    };
-    let scenario = match loaded {
-        Ok(scenario) => scenario,
-        Err(faults) => {
-            complain(&faults.to_string());
-            return Ok(WRONG);
-        }
-    };
-    let arms = &scenario.controller.cell.arms;
-    let Some(arm) = arms.iter().find(|a| a.name == args.arm) else {
-        let names: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
-        complain(&format!("--arm {}: there are {}", args.arm, names.join(" and ")));
-        return Ok(WRONG);
-    };
-    let question = match args.question {
-        QuestionWord::Fk => kinematics::Question::Fk,
-        QuestionWord::Ik => kinematics::Question::Ik,
-        QuestionWord::Motors => kinematics::Question::Motors,
-    };
-    let rows = std::io::stdin().lock();
-    output.write(|to| kinematics::stream(question, &arm.model, &arm.flange_from_tool, rows, to))?;
-    Ok(0)
-}
-
-/// A number of an option that is a size: no less than nothing, and one at all.
-fn not_negative(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
-        Ok(_) => Err("not a number from 0 on".to_owned()),
-        Err(why) => Err(why.to_string()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_command_line_is_consistent() {

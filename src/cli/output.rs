@@ -9,6 +9,14 @@ use anyhow::Context as _;
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
+/// The exit code of a wrong call or scenario.
+pub(super) const WRONG: u8 = 2;
+
+/// Prints what is wrong on stderr. A stderr that is closed is ignored: no place is left to report it.
+pub(super) fn complain(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
 /// Writes a file in the place of what has its name, once it is whole.
 ///
 /// # Errors

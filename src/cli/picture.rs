@@ -1,7 +1,7 @@
 //! `rubik-robot picture`: draws the cell of a scenario, and of a moment of a run for `report`.
 
-use super::output::{Output, clash, save};
-use super::{ScenarioArgs, WRONG, complain};
+use super::arguments::ScenarioArgs;
+use super::output::{Output, WRONG, clash, complain, save};
 use crate::cube::{Axis, Face, Facelets, Keeper};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
 use crate::hw::scene::{Scene, SceneArm, SceneCube};

@@ -1,9 +1,8 @@
 //! `rubik-robot plan`: what two arms do with a cube, without moving them.
 
 use super::engine::{best_within, default_tables};
-use super::output::Output;
+use super::output::{Output, WRONG, complain};
 use super::solve::{Refusal, read};
-use super::{WRONG, complain};
 use crate::cube::{Cube, format_turns};
 use crate::solver::{self, Budget, Tables};
 use crate::tables::{Store, Threads};

@@ -1,5 +1,6 @@
 //! How far long work has come: a bar on a terminal, a line every few seconds elsewhere. All on stderr.
 
+use super::output::complain;
 use crate::solver::table::TableSpec;
 use crate::tables::News;
 use std::io::{IsTerminal, Write};
@@ -70,7 +71,7 @@ impl Bar {
 /// Says what a store does, on stderr.
 pub(super) fn tell(spec: &TableSpec, news: &News<'_>) {
     let size = megabytes(spec.bytes);
-    super::complain(&match news {
+    complain(&match news {
         News::Building(reason) => format!("table {} ({size}): {reason}; building it", spec.name),
         News::Waiting => format!("table {}: another process is building it; waiting", spec.name),
         News::NotKept(error) => {

@@ -1,9 +1,8 @@
 //! `rubik-robot recover`: a whole recording of one that was cut off.
 
-use super::output::clash;
-use super::{WRONG, complain};
+use super::output::{WRONG, clash, complain};
 use crate::record::place::Place;
-use crate::record::recover::recover;
+use crate::record::recover_file::recover_file;
 use clap::Args;
 use std::fs::File;
 use std::io::{BufReader, BufWriter};
@@ -43,7 +42,7 @@ pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
             return Ok(WRONG);
         }
     };
-    let saved = match recover(from, BufWriter::new(to)) {
+    let saved = match recover_file(from, BufWriter::new(to)) {
         Ok(saved) => saved,
         Err(error) => {
             place.discard()?;

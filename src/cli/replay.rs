@@ -1,8 +1,8 @@
 //! `rubik-robot replay`: a recording shown again; or its inputs to the same controller, and whether it does the same.
 
-use super::output::Output;
+use super::output::{Output, WRONG, complain};
+use super::record;
 use super::ui::{Face, FaceArgs, FaceWord};
-use super::{WRONG, complain, record};
 use crate::actors::SIGNALS;
 use crate::actors::control::is_speed;
 use crate::actors::show::Show;

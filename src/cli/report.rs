@@ -1,7 +1,7 @@
 //! `rubik-robot report`: one page that tells a recorded run.
 
-use super::output::{clash, save};
-use super::{WRONG, complain, picture, replay};
+use super::output::{WRONG, clash, complain, save};
+use super::{picture, replay};
 use crate::actors::show::Show;
 use crate::operator::Snapshot;
 use crate::record::reading::{End, Label};

@@ -1,8 +1,9 @@
 //! `rubik-robot run`: perform a scenario, then say what it came to.
 
-use super::output::{Output, clash};
+use super::arguments::ScenarioArgs;
+use super::output::{Output, WRONG, clash, complain};
+use super::record;
 use super::ui::{Face, FaceArgs};
-use super::{ScenarioArgs, WRONG, complain, record};
 use crate::actors::control::is_speed;
 use crate::actors::{self, Around, Keep, RunOptions};
 use crate::desk::desk;

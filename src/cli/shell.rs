@@ -1,18 +1,25 @@
 //! `rubik-robot completions` and `rubik-robot man`: what a shell and a reader of manuals want.
 
-use super::output::Output;
-use super::{Cli, WRONG, complain};
-use clap::CommandFactory;
+use super::output::{Output, WRONG, complain};
 
-pub(super) fn completions(shell: clap_complete::Shell, output: &mut Output) -> anyhow::Result<u8> {
+/// Prints the completions of `program` for a shell.
+pub(super) fn completions(
+    shell: clap_complete::Shell,
+    program: &mut clap::Command,
+    output: &mut Output,
+) -> anyhow::Result<u8> {
     let mut text = Vec::new();
-    clap_complete::generate(shell, &mut Cli::command(), "rubik-robot", &mut text);
+    clap_complete::generate(shell, program, "rubik-robot", &mut text);
     output.text(&String::from_utf8_lossy(&text))?;
     Ok(0)
 }
 
-pub(super) fn manual(command: Option<&str>, output: &mut Output) -> anyhow::Result<u8> {
-    let mut program = Cli::command();
+/// Prints the manual page of a command, or without one of `program`.
+pub(super) fn manual(
+    command: Option<&str>,
+    mut program: clap::Command,
+    output: &mut Output,
+) -> anyhow::Result<u8> {
     program.build();
     let title = command.map_or_else(|| "rubik-robot".to_owned(), |c| format!("rubik-robot-{c}"));
     let page = match command {

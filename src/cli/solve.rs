@@ -1,9 +1,8 @@
 //! `rubik-robot solve` and `rubik-robot scramble`: cubes in, turns out.
 
 use super::engine::{Answer, Engine, Limits, Mode, Unsolved, two_phase_tables};
-use super::output::{Output, next_line};
+use super::output::{Output, WRONG, complain, next_line};
 use super::tables::Folder;
-use super::{WRONG, complain};
 use crate::cube::{
     Cube, Facelets, ImpossibleCube, ParseFacelets, ParseMoves, Repair, after_moves, format_turns,
     parse_moves,

@@ -1,8 +1,7 @@
 //! `rubik-robot tables`: the solver's tables in the user's cache folder.
 
-use super::output::Output;
+use super::output::{Output, WRONG, complain};
 use super::progress::{Bar, megabytes, tell};
-use super::{WRONG, complain};
 use crate::solver;
 use crate::solver::table::TableSpec;
 use crate::tables::{Store, Threads, Unusable};

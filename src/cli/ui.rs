@@ -1,5 +1,6 @@
 //! Which face the operator has: the page, the terminal, or none.
 
+use super::output::complain;
 use crate::actors::SIGNALS;
 use crate::desk::{Behind, Desk};
 use crate::operator::Command;
@@ -61,12 +62,12 @@ impl FaceArgs {
                 let served = self.serve(&desk);
                 let server = match served {
                     Err(error) if self.ui.is_none() && self.listen.is_none() => {
-                        super::complain(&format!("no page: {error:#}"));
+                        complain(&format!("no page: {error:#}"));
                         return Ok(Face::None);
                     }
                     other => other?,
                 };
-                super::complain(&format!("the operator's page: {}", server.url));
+                complain(&format!("the operator's page: {}", server.url));
                 Ok(Face::Web(server))
             }
         }
@@ -168,7 +169,7 @@ impl Terminal {
             let shown = tui::show(screen, &desk, &leaves);
             if let Err(error) = &shown {
                 // Nobody sees any more what goes on. A replay is left; a run goes on, and is told how to end it.
-                super::complain(&format!("the terminal: {error}; a signal ends the run"));
+                complain(&format!("the terminal: {error}; a signal ends the run"));
                 let _ = desk.command(Command::Quit);
             }
             shown

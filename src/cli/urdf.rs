@@ -1,7 +1,6 @@
 //! `rubik-robot urdf`: the cell, or one arm, as URDF.
 
-use super::output::Output;
-use super::{WRONG, complain};
+use super::output::{Output, WRONG, complain};
 use crate::record::urdf::{Model, xml};
 use crate::scenario;
 use clap::Args;

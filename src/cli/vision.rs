@@ -1,7 +1,7 @@
 //! `rubik-robot vision`: dispatches its subcommands.
 
-use super::output::Output;
-use super::{WRONG, complain, cubes, evaluate, faces, frames, locate, rig, stages};
+use super::output::{Output, WRONG, complain};
+use super::{cubes, evaluate, faces, frames, locate, rig, stages};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
 //! `rubik-robot weigh`: the tool's weight, its centre and the sensor's bias, from several orientations of the wrist.
 
-use super::output::Output;
-use super::{ScenarioArgs, WRONG, complain};
+use super::arguments::ScenarioArgs;
+use super::output::{Output, WRONG, complain};
 use crate::actors::weigh::weigh_tool;
 use crate::error::Error;
 use crate::servo::weigh::Weighed;

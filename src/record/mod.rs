@@ -1,9 +1,10 @@
-//! What leaves a run: the tape (a hash over every servo record and message), the summary, and the recording.
+//! What leaves a run: its hashes ([`run_hash`]), the summary, the journal, and the recording.
 //!
-//! - written: [`recorder`] (the thread), [`place`] (the file and its name), [`sheet`] (what goes where),
-//!   [`file`](mod@file) (MCAP), made of [`cdr`], [`schema`], [`standard`], [`tick`], [`sensed`], [`belief`],
-//!   [`calibration`], [`urdf`]
-//! - read: [`reading`] (whole, cut off or damaged), [`recover`], [`playback`] (as a port and as sensors), [`report`]
+//! - written: [`recorder`] (the thread), [`place`] (the file and its name), [`sheet`] (what goes
+//!   where), [`file`](mod@file) (MCAP), made of [`cdr`], [`schema`], [`standard`], [`tick`],
+//!   [`sensed`], [`belief`], [`calibration`], [`urdf`]
+//! - read: [`reading`] (whole, cut off or damaged), [`recover_file`], [`playback`] (as a port and
+//!   as sensors), [`report`]
 
 pub mod belief;
 pub mod calibration;
@@ -14,20 +15,19 @@ pub mod place;
 pub mod playback;
 pub mod reading;
 pub mod recorder;
-pub mod recover;
+pub mod recover_file;
 pub mod report;
-
+pub mod run_hash;
 pub mod schema;
 pub mod sensed;
 pub mod sheet;
 pub mod standard;
 pub mod summary;
-pub mod tape;
 pub mod tick;
 pub mod urdf;
 
-/// The file of the program that runs here. Under Linux that is itself, whatever stands at its path by now; a process that is to
-/// become it follows the link while it is still a copy of this one.
+/// The file of the program that runs here. Under Linux that is itself, whatever stands at its path
+/// by now; a process that is to become it follows the link while it is still a copy of this one.
 ///
 /// # Errors
 /// What the operating system says.

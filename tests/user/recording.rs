@@ -3,7 +3,7 @@
 use crate::program::program;
 use rubik_robot::motion::ArmFault;
 use rubik_robot::record::reading::{End, Label, Message, Piece, Reading, open};
-use rubik_robot::record::recover::recover;
+use rubik_robot::record::recover_file::recover_file;
 use rubik_robot::record::tick::Tick;
 use rubik_robot::servo::io::Outside;
 use std::collections::BTreeMap;
@@ -406,7 +406,7 @@ fn a_file_cut_anywhere_is_read_to_the_cut_and_recovered() {
         most = read.len();
 
         let mut recovered = Cursor::new(Vec::new());
-        let saved = recover(&bytes[..cut], &mut recovered).unwrap();
+        let saved = recover_file(&bytes[..cut], &mut recovered).unwrap();
         assert_eq!(saved.messages as usize, read.len());
         let recovered = recovered.into_inner();
         let mut again = Reading::new(&recovered[..]);

@@ -1,17 +1,19 @@
-//! The tape: two running hashes of a run, one over every servo record and message, one over servo records alone.
+//! Two running hashes of a run: one over every servo record and message, one over servo records
+//! alone.
 //!
-//! Two runs of one seed must give the same two hashes. A hash is `SipHash` with fixed keys, as `std` ships it: equal for
-//! the same binary on the same machine. The text of a message is its `Debug` form, so a renamed type changes the
-//! run's hash although nothing moves differently; the servo hash changes with the motion only.
+//! Two runs of one seed must give the same two hashes. A hash is `SipHash` with fixed keys, as
+//! `std` ships it: equal for the same binary on the same machine. The text of a message is its
+//! `Debug` form, so a renamed type changes the run's hash although nothing moves differently; the
+//! servo hash changes with the motion only.
 
 use crate::hw::driver::{RecordSink, ServoRecord};
 use std::fmt::{Debug, Write};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A handle on the tape of a run; clones write to the same one.
+/// A handle on the hashes of a run; clones feed the same ones.
 #[derive(Debug, Clone, Default)]
-pub struct Tape(Arc<Mutex<State>>);
+pub struct RunHash(Arc<Mutex<State>>);
 
 #[derive(Debug, Default)]
 struct State {
@@ -20,15 +22,15 @@ struct State {
     text: String,
 }
 
-/// For the virtual driver, which calls it inline; the real-time thread writes to a ring instead.
-impl RecordSink for Tape {
+/// The virtual driver calls it inline; the real-time thread writes to a ring instead.
+impl RecordSink for RunHash {
     fn record(&mut self, record: &ServoRecord) {
-        Tape::record(self, record);
+        RunHash::record(self, record);
     }
 }
 
-impl Tape {
-    /// Notes a message from one actor to another.
+impl RunHash {
+    /// Adds a message from one actor to another.
     pub fn message(&self, from: &str, to: &str, message: &impl Debug) {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let state = &mut *state;
@@ -36,10 +38,10 @@ impl Tape {
         // Writing to a string cannot fail.
         let _ = write!(state.text, "{from}>{to}:{message:?}");
         state.hasher.write(state.text.as_bytes());
-        tracing::trace!(target: "rubik_robot::tape", "{}", state.text);
+        tracing::trace!(target: "rubik_robot::run_hash", "{}", state.text);
     }
 
-    /// Notes a servo record.
+    /// Adds a servo record.
     pub fn record(&self, record: &ServoRecord) {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let State { hasher, servo, .. } = &mut *state;
@@ -49,7 +51,7 @@ impl Tape {
         });
     }
 
-    /// The hash so far, as 16 hexadecimal digits.
+    /// Returns the hash over servo records and messages so far, as 16 hexadecimal digits.
     #[must_use]
     pub fn hash(&self) -> String {
         let state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -72,7 +74,7 @@ mod tests {
 
     #[test]
     fn one_increment_of_one_record_changes_both_hashes() {
-        let (a, b) = (Tape::default(), Tape::default());
+        let (a, b) = (RunHash::default(), RunHash::default());
         a.message("mp", "ecp", &1.0_f64);
         b.message("mp", "ecp", &1.0_f64);
         assert_eq!(a.hash(), b.hash());
@@ -96,7 +98,7 @@ mod tests {
 
     #[test]
     fn a_message_changes_the_run_hash_alone() {
-        let (a, b) = (Tape::default(), Tape::default());
+        let (a, b) = (RunHash::default(), RunHash::default());
         let before = b.servo_hash();
 
         a.message("mp", "ecp", &1.0_f64);

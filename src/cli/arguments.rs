@@ -1,0 +1,56 @@
+//! Arguments that several commands take.
+
+use crate::scenario::{self, Override, Scenario};
+use clap::Args;
+use std::path::PathBuf;
+
+/// A scenario and what overrules it.
+#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
+#[derive(Debug, Args)]
+pub(super) struct ScenarioArgs {
+    /// Scenario file (TOML)
+    pub(super) scenario: PathBuf,
+    /// Overrule a key, as in control.grip_n=30 or effector.track.tool_xyz_mm=[0,0,260]; repeatable
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(super) set: Vec<String>,
+}
+
+impl ScenarioArgs {
+    /// Returns those of `--set` that can be read.
+    pub(super) fn overrides(&self) -> Vec<Override> {
+        self.set.iter().filter_map(|text| Override::parse(text).ok()).collect()
+    }
+
+    /// Loads the scenario under `--set` and the overrides in `more`.
+    ///
+    /// # Errors
+    /// Every fault of the file and of the overrides, one a line.
+    pub(super) fn load(&self, more: &[Override]) -> Result<Scenario, String> {
+        let mut overrides = Vec::new();
+        let mut wrong = Vec::new();
+        for text in &self.set {
+            match Override::parse(text) {
+                Ok(over) => overrides.push(over),
+                Err(reason) => wrong.push(format!("--set: {reason}")),
+            }
+        }
+        overrides.extend_from_slice(more);
+        let loaded = scenario::load(&self.scenario, &overrides).map_err(|f| f.to_string());
+        match (loaded, wrong.is_empty()) {
+            (Ok(scenario), true) => Ok(scenario),
+            (Ok(_), false) => Err(wrong.join("\n")),
+            (Err(faults), _) => {
+                Err(wrong.into_iter().chain([faults]).collect::<Vec<_>>().join("\n"))
+            }
+        }
+    }
+}
+
+/// Parses the value of an option that is a size: a finite number from 0 on.
+pub(super) fn not_negative(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
+        Ok(_) => Err("not a number from 0 on".to_owned()),
+        Err(why) => Err(why.to_string()),
+    }
+}

@@ -1,0 +1,143 @@
+//! Devices of this machine that a bridge may need. The simulated plant needs none.
+
+use super::finding::{Finding, Weight};
+use super::fix::{raw_io, trigger};
+use crate::hw::devices::ask_ports;
+use rustix::fs::{Access, access};
+use rustix::io::Errno;
+use std::fs;
+use std::path::Path;
+
+/// Returns what is found of serial lines, ports and adapters.
+pub(super) fn devices() -> Vec<Finding> {
+    let names = serial_lines(Path::new("/dev"), Path::new("/sys/class/tty"));
+    let mut findings = vec![lines(Path::new("/dev"), &names), ports()];
+    findings.extend(slow_adapters(&names));
+    findings
+}
+
+/// Returns the names of the serial lines in a folder of devices; `classes` is the kernel's folder
+/// of their types.
+fn serial_lines(devices: &Path, classes: &Path) -> Vec<String> {
+    // The kernel has more names for a PC's own ports than the PC has ports.
+    let is_there = |name: &String| {
+        let kind = fs::read_to_string(classes.join(name).join("type")).unwrap_or_default();
+        !name.starts_with("ttyS") || kind.trim() != "0"
+    };
+    let mut names: Vec<String> = fs::read_dir(devices)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter_map(|entry| entry.file_name().into_string().ok())
+        .filter(|name| ["ttyUSB", "ttyACM", "ttyM", "ttyS"].iter().any(|p| name.starts_with(p)))
+        .filter(is_there)
+        .collect();
+    names.sort();
+    names
+}
+
+/// Checks whether this user may open a device. The device stays closed: opening a line raises its
+/// DTR, which resets some controllers.
+pub(super) fn may_open(device: &Path) -> Result<(), Errno> {
+    access(device, Access::READ_OK | Access::WRITE_OK)
+}
+
+/// Returns whether this user may open the serial lines.
+fn lines(devices: &Path, names: &[String]) -> Finding {
+    let name = "serial lines";
+    let denied: Vec<Errno> =
+        names.iter().filter_map(|name| may_open(&devices.join(name)).err()).collect();
+    match (names.len(), denied.len()) {
+        (0, _) => Finding {
+            name,
+            weight: Weight::Note,
+            fact: "none: bridge.kind = \"serial\" needs one an axis".to_owned(),
+            fix: None,
+        },
+        (all, 0) => Finding {
+            name,
+            weight: Weight::Good,
+            fact: format!("{all} to be opened: {}", names.join(" ")),
+            fix: None,
+        },
+        (all, count) => Finding {
+            name,
+            weight: Weight::Note,
+            fact: format!("{count} of {all} may not be opened"),
+            fix: denied.contains(&Errno::ACCESS).then(trigger),
+        },
+    }
+}
+
+/// Returns whether the ports of an ISA card at the original's address are granted.
+pub(super) fn ports() -> Finding {
+    let name = "ISA ports";
+    if !cfg!(feature = "isa") {
+        return Finding {
+            name,
+            weight: Weight::Note,
+            fact: "this program was built without port instructions".to_owned(),
+            fix: Some(raw_io()),
+        };
+    }
+    match asked(ask_ports, 0) {
+        Ok(()) => Finding {
+            name,
+            weight: Weight::Good,
+            fact: "port instructions are granted".to_owned(),
+            fix: None,
+        },
+        Err(fact) => Finding { name, weight: Weight::Note, fact, fix: Some(raw_io()) },
+    }
+}
+
+/// Asks for ports in a thread that ends at once: the right belongs to a thread.
+pub(super) fn asked(ask: fn(u16) -> Result<(), String>, ports: u16) -> Result<(), String> {
+    std::thread::spawn(move || ask(ports))
+        .join()
+        .unwrap_or_else(|_| Err("the thread that asked for ports panicked".to_owned()))
+}
+
+/// Returns the FTDI adapters that hold answers back; their driver begins with 16 ms.
+fn slow_adapters(serial: &[String]) -> Option<Finding> {
+    let timer = |name: &&String| {
+        let path = format!("/sys/class/tty/{name}/device/latency_timer");
+        let text = fs::read_to_string(path).ok()?;
+        text.trim().parse::<u32>().ok().filter(|&milliseconds| milliseconds > 1)
+    };
+    let slow: Vec<&String> = serial.iter().filter(|name| timer(name).is_some()).collect();
+    let first = slow.first()?;
+    Some(Finding {
+        name: "serial adapters",
+        weight: Weight::Note,
+        fact: format!("{} of them keep answers back for more than 1 ms", slow.len()),
+        fix: Some(format!(
+            "echo 1 | sudo tee /sys/class/tty/{first}/device/latency_timer   (each; or install packaging/udev)"
+        )),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tables::testing::Folder;
+
+    #[test]
+    fn serial_lines_omit_ports_that_the_pc_lacks() {
+        let folder = Folder::new("doctor-lines");
+        for (name, kind) in
+            [("ttyS0", "4\n"), ("ttyS1", "0\n"), ("ttyUSB0", "0\n"), ("tty3", "4\n")]
+        {
+            folder.write(&format!("dev/{name}"), "");
+            folder.write(&format!("class/{name}/type"), kind);
+        }
+        let devices = folder.0.join("dev");
+
+        let names = serial_lines(&devices, &folder.0.join("class"));
+
+        assert_eq!(names, ["ttyS0", "ttyUSB0"]);
+        assert_eq!(lines(&devices, &names).fact, "2 to be opened: ttyS0 ttyUSB0");
+        fs::remove_file(devices.join("ttyS0")).unwrap();
+        assert_eq!(lines(&devices, &names).fact, "1 of 2 may not be opened");
+    }
+}

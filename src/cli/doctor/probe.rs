@@ -1,0 +1,70 @@
+//! The probe of jitter: the servo's own thread of 2 ms, without arms.
+
+use crate::hw::driver::{Core, NoRecords, Switches, Timing, WallOptions, spawn_wall};
+use crate::hw::port::{Port, PortFault};
+use crate::servo::io::{ArmDrive, ArmReading};
+use serde_json::json;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A port without arms.
+struct Nothing;
+
+impl Port for Nothing {
+    fn exchange(&mut self, _: u64, _: &[ArmDrive], _: &mut [ArmReading]) -> Result<(), PortFault> {
+        Ok(())
+    }
+}
+
+/// Runs the servo's own thread without arms, and returns how late its periods began.
+pub(super) fn probe(spin: u64, priority: i32, seconds: f64) -> Option<Timing> {
+    let switches = Arc::new(Switches::default());
+    let core =
+        Core::new(Vec::new(), Vec::new(), switches, Box::new(NoRecords), &mut Nothing).ok()?;
+    let options = WallOptions { spin, priority, missed_limit: u64::MAX, ..WallOptions::default() };
+    let wall = spawn_wall(core, Nothing, |_, _| {}, options).ok()?;
+    std::thread::sleep(Duration::from_secs_f64(seconds));
+    Some(wall.stop().timing)
+}
+
+/// Returns the line of a probe in words.
+pub(super) fn words(timing: &Timing) -> String {
+    let us = |q: f64| timing.wake_up.quantile(q) as f64 / 1000.0;
+    format!(
+        "late by p50 {:.1} us, p99 {:.1} us, p99.9 {:.1} us, max {:.1} us; missed {} of {} periods",
+        us(0.5),
+        us(0.99),
+        us(0.999),
+        timing.wake_up.max() as f64 / 1000.0,
+        timing.missed,
+        timing.missed + timing.wake_up.len(),
+    )
+}
+
+/// Returns a probe as JSON.
+pub(super) fn describe(name: &str, timing: Option<&Timing>) -> serde_json::Value {
+    let Some(timing) = timing else { return json!({"name": name}) };
+    let us = |q: f64| timing.wake_up.quantile(q) as f64 / 1000.0;
+    json!({
+        "name": name,
+        "p50_us": us(0.5),
+        "p99_us": us(0.99),
+        "p999_us": us(0.999),
+        "max_us": timing.wake_up.max() as f64 / 1000.0,
+        "missed": timing.missed,
+        "periods": timing.wake_up.len(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_probe_counts_its_periods() {
+        let timing = probe(0, 85, 0.2).unwrap();
+
+        let all = timing.missed + timing.wake_up.len();
+        assert!((50..=200).contains(&all), "{all}");
+    }
+}

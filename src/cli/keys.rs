@@ -1,0 +1,25 @@
+//! `rubik-robot keys`: the keys of scenarios with unit, default, range and meaning.
+
+use super::output::{Output, WRONG, complain};
+use crate::scenario;
+
+/// Lists the keys whose name contains `word`; returns the exit code.
+pub(super) fn run(word: Option<&str>, output: &mut Output) -> anyhow::Result<u8> {
+    let keys = scenario::all_keys();
+    let mut found = false;
+    for key in keys.iter().filter(|k| word.is_none_or(|w| k.path.contains(w))) {
+        found = true;
+        let range = key
+            .range
+            .as_ref()
+            .filter(|r| r.end().is_finite())
+            .map_or_else(String::new, |range| format!(", {}..{}", range.start(), range.end()));
+        output.line(&format!("{} = {}", key.path, key.default))?;
+        output.line(&format!("    {} ({}{range})", key.meaning, key.kind))?;
+    }
+    if !found {
+        complain(&format!("no key contains `{}`", word.unwrap_or_default()));
+        return Ok(WRONG);
+    }
+    Ok(0)
+}
