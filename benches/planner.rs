@@ -7,7 +7,7 @@
 use rubik_robot::cube::Cube;
 use rubik_robot::solver::{Budget, Tables, solve};
 use rubik_robot::tasks::cube::plan::{Effort, Plan, Planner, Rule, taken};
-use rubik_robot::{actors, scenario};
+use rubik_robot::{run, scenario};
 use std::path::Path;
 use std::time::Instant;
 
@@ -25,7 +25,7 @@ fn main() {
         Ok(scenario) => scenario,
         Err(faults) => return eprintln!("{faults}"),
     };
-    let planner = match actors::planner(&scenario.controller) {
+    let planner = match run::planner(&scenario.controller) {
         Ok(planner) => planner,
         Err(reason) => return eprintln!("{reason}"),
     };

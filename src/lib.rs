@@ -6,6 +6,7 @@
 //! |---|---|---|
 //! | edge | [`cli`] | words and units of the workshop (mm, degrees, ms), exit codes |
 //! | many runs | [`campaign`] | success with its interval, what is drawn for each run, processes, reports |
+//! | one run | [`run`] | composition from a scenario: world, servos, actors; verdict and summary |
 //! | shells | [`actors`] | mailboxes, lifecycles, clocks, errors |
 //! | faces | [`web`], [`tui`] | the operator's page and terminal |
 //! | configuration, results | [`scenario`], [`record`], [`tables`], [`desk`] | files in, data to the actors; hash and summary out; the solver's tables kept; snapshots up, commands down |
@@ -35,6 +36,7 @@ pub mod motion;
 pub mod operator;
 pub mod reach;
 pub mod record;
+pub mod run;
 pub mod scenario;
 pub mod servo;
 pub mod solver;

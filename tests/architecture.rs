@@ -16,10 +16,11 @@ use std::path::Path;
 
 /// Modules from the top down; a module may use those of lower layers, and of its own without a cycle.
 ///
-/// `scenario` stands below `actors`, which take their configuration from it as data.
+/// `scenario` stands below `run` and `actors`, which take their configuration from it as data.
 const LAYERS: &[&[&str]] = &[
     &["cli"],
     &["campaign"],
+    &["run"],
     &["actors", "web", "tui"],
     &["record", "scenario", "tables", "desk"],
     &["hw"],
@@ -49,16 +50,16 @@ const IMPURE: &[&str] = &[
 ];
 
 /// The only file of the shells that may hand the plant's half of a scenario on.
-const MAY_NAME_THE_PLANT: &[&str] = &["actors/plant.rs"];
+const MAY_NAME_THE_PLANT: &[&str] = &["run/simulation.rs"];
 
 /// The only files above `hw` that may use the plant itself: whoever makes it, judges by it, or draws it.
 const MAY_USE_THE_PLANT: &[&str] = &[
-    "actors/plant.rs",
-    "actors/supervisor.rs",
-    "actors/calibrate.rs",
-    "actors/emulate.rs",
-    "actors/kept.rs",
-    "actors/world.rs",
+    "run/simulation.rs",
+    "run/supervisor.rs",
+    "run/calibrate.rs",
+    "run/emulate.rs",
+    "run/world_file.rs",
+    "run/world.rs",
     "cli/picture.rs",
     "cli/frames.rs",
 ];
@@ -122,7 +123,7 @@ fn violations(files: &[File]) -> Vec<String> {
             found.extend(wrong.map(|reason| format!("{file}: {reason}")));
         }
         let secret = ["PlantSection", "PlantKeys", ".plant"].iter().find(|s| names(&code, s));
-        if let (Some(secret), "actors" | "record") = (secret, module)
+        if let (Some(secret), "run" | "actors" | "record") = (secret, module)
             && !MAY_NAME_THE_PLANT.contains(&file.as_str())
         {
             found.push(format!("{file}: names `{secret}`, which only the plant may read"));
@@ -345,7 +346,7 @@ mod the_checker_catches {
         );
         for text in ["use crate::hw::plant::{Plant, Verdict};", "use crate::{hw::plant, cube};"] {
             assert!(one("actors/mp.rs", text).contains("makes or judges"), "{text}");
-            assert_eq!(one("actors/supervisor.rs", text), "");
+            assert_eq!(one("run/supervisor.rs", text), "");
         }
     }
 

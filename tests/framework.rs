@@ -10,7 +10,7 @@ use rubik_robot::actors::control::Control;
 use rubik_robot::actors::edp::EdpHandle;
 use rubik_robot::actors::move_instruction::example_manner;
 use rubik_robot::actors::mp::{Coordination, Ending, Mp, Parts};
-use rubik_robot::actors::ui::{self, Notice};
+use rubik_robot::actors::notice::{self, Notice};
 use rubik_robot::actors::work::Work;
 use rubik_robot::actors::{ecp, edp};
 use rubik_robot::error::{Error, Fatal, NonFatal};
@@ -107,7 +107,7 @@ fn rig_that_notes(
     });
 
     let (control, will) = watch::channel(Control::Running);
-    let (ui, notices) = ui::mailbox();
+    let (ui, notices) = notice::mailbox();
     let edp = edp::spawn(&arm.name, link, clock.clone(), tape.clone());
     let parts = ecp::Parts {
         edp: edp.clone(),
@@ -456,7 +456,7 @@ async fn a_slow_disk_stops_nobody_but_who_waits_for_it_and_a_full_one_nobody_at_
     let takes = Duration::from_secs(1);
     for full in [false, true] {
         let (control, will) = watch::channel(Control::Running);
-        let (ui, mut notices) = ui::mailbox();
+        let (ui, mut notices) = notice::mailbox();
         let clock = Clock::new(tokio::time::Instant::now(), Arc::new(Switches::default()));
         let parts =
             Parts::bare(vec![], vec![example_manner()], will, ui, clock, RunHash::default());

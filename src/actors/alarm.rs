@@ -4,7 +4,7 @@
 //! - in: actors' futures, and their pulses
 //! - out: the system error of the first one that panics or is silent
 
-use super::disturbance::Mishap;
+use super::fault::Mishap;
 use crate::error::{Error, System};
 use std::any::Any;
 use std::future::Future;
@@ -18,20 +18,20 @@ use tokio::sync::{oneshot, watch};
 
 /// What a shell is run under.
 #[derive(Debug, Clone)]
-pub(super) struct Care {
+pub(crate) struct Care {
     /// Where its panic is told.
-    pub(super) alarm: Alarm,
+    pub(crate) alarm: Alarm,
     /// What befalls it.
-    pub(super) mishap: Arc<Mishap>,
+    pub(crate) mishap: Arc<Mishap>,
     /// How long an answer may take beyond what it waits for itself.
-    pub(super) patience: Duration,
+    pub(crate) patience: Duration,
 }
 
 impl Care {
     /// Under the wall clock: what it asks may itself wait half a second for a servo.
-    pub(super) const PATIENCE: Duration = Duration::from_millis(600);
+    pub(crate) const PATIENCE: Duration = Duration::from_millis(600);
     /// On the virtual clock, where nobody is late.
-    pub(super) const VIRTUAL: Duration = Duration::from_millis(100);
+    pub(crate) const VIRTUAL: Duration = Duration::from_millis(100);
 }
 
 impl Default for Care {
@@ -45,7 +45,7 @@ impl Default for Care {
 const LAST: Duration = Duration::from_millis(50);
 
 /// The answer, or silence: nothing within `limit`.
-pub(super) async fn answer_of<T>(
+pub(crate) async fn answer_of<T>(
     who: &str,
     place: &'static str,
     limit: Option<Duration>,
@@ -70,23 +70,23 @@ pub(super) async fn answer_of<T>(
 
 /// Whether an actor gets on: odd while it is at its own work, even while it waits for others, who have limits of their own.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Pulse(Arc<AtomicU64>);
+pub(crate) struct Pulse(Arc<AtomicU64>);
 
 impl Pulse {
     /// It begins a piece of its own work.
-    pub(super) fn works(&self) {
+    pub(crate) fn works(&self) {
         self.0.fetch_or(1, Ordering::Relaxed);
     }
 
     /// It waits for somebody.
-    pub(super) fn waits(&self) {
+    pub(crate) fn waits(&self) {
         if self.at_work().is_some() {
             self.0.fetch_add(1, Ordering::Relaxed);
         }
     }
 
     /// Waits for somebody, and goes on.
-    pub(super) async fn away<T>(&self, other: impl Future<Output = T>) -> T {
+    pub(crate) async fn away<T>(&self, other: impl Future<Output = T>) -> T {
         self.waits();
         let answer = other.await;
         self.works();
@@ -107,7 +107,7 @@ const LOOKS: u32 = 8;
 
 /// A handle on the alarm of a run.
 #[derive(Debug, Clone)]
-pub(super) struct Alarm {
+pub(crate) struct Alarm {
     first: Arc<watch::Sender<Option<Error>>>,
     pulses: Arc<Mutex<Vec<(String, Pulse)>>>,
 }
@@ -120,7 +120,7 @@ impl Default for Alarm {
 
 /// A watch from outside; it ends with this.
 #[derive(Debug)]
-pub(super) struct Outside(Arc<AtomicBool>);
+pub(crate) struct Outside(Arc<AtomicBool>);
 
 impl Drop for Outside {
     fn drop(&mut self) {
@@ -155,7 +155,7 @@ fn silent(who: String, time: Duration) -> Error {
 
 impl Alarm {
     /// Runs an actor as a task.
-    pub(super) fn spawn(&self, name: &str, actor: impl Future<Output = ()> + Send + 'static) {
+    pub(crate) fn spawn(&self, name: &str, actor: impl Future<Output = ()> + Send + 'static) {
         let (alarm, name) = (self.clone(), name.to_owned());
         tokio::spawn(async move {
             if let Err(why) = Caught(Box::pin(actor)).await {
@@ -165,7 +165,7 @@ impl Alarm {
     }
 
     /// A new actor's pulse.
-    pub(super) fn pulse(&self, name: &str) -> Pulse {
+    pub(crate) fn pulse(&self, name: &str) -> Pulse {
         let pulse = Pulse::default();
         self.pulses().push((name.to_owned(), pulse.clone()));
         pulse
@@ -176,7 +176,7 @@ impl Alarm {
     }
 
     /// Until somebody panics, is silent, or has stopped the arms.
-    pub(super) async fn raised(&self) -> Error {
+    pub(crate) async fn raised(&self) -> Error {
         let mut listens = self.listen();
         tokio::select! {
             biased;
@@ -200,7 +200,7 @@ impl Alarm {
 
     /// Looks after the actors from a thread of its own, as long as it is kept: one that goes round in circles lets none of
     /// their runtime's watches look. Whoever has been at one piece of its own work for so long is told once.
-    pub(super) fn watched_from_outside(
+    pub(crate) fn watched_from_outside(
         &self,
         patience: Duration,
         told: impl FnOnce(Error) + Send + 'static,
@@ -222,7 +222,7 @@ impl Alarm {
     }
 
     /// The first error wins.
-    pub(super) fn raise(&self, error: Error) {
+    pub(crate) fn raise(&self, error: Error) {
         self.first.send_if_modified(|first| {
             let is_first = first.is_none();
             first.get_or_insert(error);
@@ -231,13 +231,13 @@ impl Alarm {
     }
 
     /// For whoever waits.
-    pub(super) fn listen(&self) -> watch::Receiver<Option<Error>> {
+    pub(crate) fn listen(&self) -> watch::Receiver<Option<Error>> {
         self.first.subscribe()
     }
 }
 
 /// Waits for the alarm; for ever when it cannot come any more.
-pub(super) async fn raised(listens: &mut watch::Receiver<Option<Error>>) -> Error {
+pub(crate) async fn raised(listens: &mut watch::Receiver<Option<Error>>) -> Error {
     if let Ok(error) = listens.wait_for(Option::is_some).await
         && let Some(error) = error.clone()
     {
@@ -247,7 +247,7 @@ pub(super) async fn raised(listens: &mut watch::Receiver<Option<Error>>) -> Erro
 }
 
 /// The error that a panic is.
-pub(super) fn panicked(name: &str, why: &(dyn Any + Send)) -> Error {
+pub(crate) fn panicked(name: &str, why: &(dyn Any + Send)) -> Error {
     let text = why
         .downcast_ref::<&str>()
         .map(|s| (*s).to_owned())
@@ -258,7 +258,7 @@ pub(super) fn panicked(name: &str, why: &(dyn Any + Send)) -> Error {
 }
 
 /// A future whose panic is its output.
-pub(super) struct Caught<F>(pub(super) Pin<Box<F>>);
+pub(crate) struct Caught<F>(pub(crate) Pin<Box<F>>);
 
 impl<F: Future> Future for Caught<F> {
     type Output = Result<F::Output, Box<dyn Any + Send>>;

@@ -54,7 +54,7 @@ impl Clock {
     }
 
     /// Tells all servos to bring their arms to a stand and to hold, or that they need not any more.
-    pub(super) fn hold(&self, holds: bool) {
+    pub(crate) fn hold(&self, holds: bool) {
         self.switches.hold.store(holds, Ordering::Release);
     }
 

@@ -51,7 +51,7 @@ pub async fn permission(control: &mut watch::Receiver<Control>) -> Result<(), Te
 }
 
 /// How often whoever waits for permission looks at its arms: a stop or a fault must not wait for the operator.
-pub(super) const LOOK: Duration = Duration::from_millis(20);
+pub(crate) const LOOK: Duration = Duration::from_millis(20);
 
 /// Waits as [`permission`] does, but not for long: `None` when it is time to look at the arms.
 pub async fn permission_soon(

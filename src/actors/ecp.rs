@@ -5,8 +5,8 @@
 
 use super::alarm::{Care, Pulse};
 use super::control::{Control, permission_soon};
-use super::disturbance::Mishap;
 use super::edp::EdpHandle;
+use super::fault::Mishap;
 use super::move_instruction::{Manner, Motion};
 use super::vsp::VspHandle;
 use crate::error::{Error, NonFatal, System};
@@ -175,7 +175,7 @@ pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
 }
 
 /// The same under somebody's care.
-pub(super) fn spawn_under(name: &str, parts: Parts, care: &Care) -> EcpHandle {
+pub(crate) fn spawn_under(name: &str, parts: Parts, care: &Care) -> EcpHandle {
     let (mailbox, requests) = mpsc::channel(MAILBOX);
     let name = format!("ecp {name}");
     let (mishap, alive) = (Arc::clone(&care.mishap), Arc::default());

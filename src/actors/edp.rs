@@ -6,7 +6,7 @@
 
 use super::alarm::{Care, Pulse, answer_of};
 use super::clock::Clock;
-use super::disturbance::Mishap;
+use super::fault::Mishap;
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::hw::driver::{HEART, ServoLink};
 use crate::motion::{ArmFault, ArmState, MoveCommand, MoveRefused, PERIOD, Synchronisation};
@@ -149,7 +149,7 @@ pub fn spawn(name: &str, link: ServoLink, clock: Clock, tape: RunHash) -> EdpHan
 }
 
 /// The same under somebody's care.
-pub(super) fn spawn_under(
+pub(crate) fn spawn_under(
     name: &str,
     mut link: ServoLink,
     clock: Clock,

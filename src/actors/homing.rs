@@ -13,13 +13,13 @@ use tokio::sync::watch;
 const BRAKES: u64 = 75;
 
 /// What the operator is told of an arm that was brought to a stand.
-pub(super) const STANDS: &str = "the arm stands and is not synchronised yet";
+pub(crate) const STANDS: &str = "the arm stands and is not synchronised yet";
 
 /// Waits for an arm that synchronises; `false` when the operator's will brought it to a stand before it was done.
 ///
 /// # Errors
 /// What the arm's driver says.
-pub(super) async fn homed(
+pub(crate) async fn homed(
     synchronises: impl Future<Output = Result<ArmState, Error>>,
     control: &mut watch::Receiver<Control>,
     clock: &Clock,

@@ -5,7 +5,7 @@
 
 use super::alarm::Alarm;
 use super::clock::Clock;
-use super::ui;
+use super::notice;
 use crate::error::{Error, Fatal};
 use crate::hw::driver::Switches;
 use crate::motion::{ArmState, PERIOD, Synchronisation};
@@ -30,11 +30,11 @@ impl Apart {
 }
 
 /// Stops all arms where one comes too near to something, or too fast to the operator's hand, whatever brings it there.
-pub(super) async fn watch_over(
+pub(crate) async fn watch_over(
     mut guard: Guard,
     states: Vec<watch::Receiver<ArmState>>,
     switches: Arc<Switches>,
-    ui: ui::UiHandle,
+    ui: notice::UiHandle,
     clock: Clock,
     (apart, alarm): (Apart, Alarm),
 ) {
@@ -68,7 +68,7 @@ pub(super) async fn watch_over(
         }
         if let Err(near) = guard.may(&least, &now).and(slow) {
             let now = clock.period() as f64 * PERIOD;
-            ui.tell(ui::Notice::Warning(now, format!("{near}: all arms are stopped")));
+            ui.tell(notice::Notice::Warning(now, format!("{near}: all arms are stopped")));
             switches.emergency.store(true, Ordering::Release);
             // Else the arms would be the first to say that they were stopped, and not why.
             let cause = Fatal::TooNear(near.to_string());
@@ -124,7 +124,7 @@ mod tests {
         let channels = states[0].map(watch::channel);
         let listening = channels.iter().map(|(_, states)| states.clone()).collect();
         let switches = Arc::new(Switches::default());
-        let (ui, mut notices) = ui::mailbox();
+        let (ui, mut notices) = notice::mailbox();
         let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
         let (apart, alarm) = (Apart::default(), Alarm::default());
         apart.tell(keeps_apart);

@@ -7,14 +7,13 @@
 use super::alarm::{Alarm, Care, Pulse};
 use super::clock::Clock;
 use super::control::{Attended, Control, LOOK, Tempo, Terminated, Word, permission_soon};
-use super::disturbance::Mishap;
 use super::ecp::EcpHandle;
+use super::fault::Mishap;
 use super::homing::{self, homed};
 use super::lookout::Apart;
 use super::move_instruction::{Manner, Motion};
-use super::ui::{Notice, UiHandle};
+use super::notice::{Notice, UiHandle};
 use super::vsp::VspHandle;
-use super::witness::Turning;
 use super::work::Work;
 use crate::error::{Error, NonFatal, System};
 use crate::generators::position::min_jerk;
@@ -32,6 +31,7 @@ use crate::spatial::Pose;
 use crate::tasks::{self, Action, Event, Finish, Forces, Readings, Task, Until};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, watch};
 
@@ -116,6 +116,23 @@ impl Parts {
     }
 }
 
+/// MP's word for it: a turn is commanded and unfinished.
+#[derive(Debug, Clone, Default)]
+pub struct Turning(Arc<AtomicBool>);
+
+impl Turning {
+    /// Tells.
+    pub fn tell(&self, turning: bool) {
+        self.0.store(turning, Ordering::Release);
+    }
+
+    /// Returns whether a turn is commanded and unfinished.
+    #[must_use]
+    pub fn is_commanded(&self) -> bool {
+        self.0.load(Ordering::Acquire)
+    }
+}
+
 /// How a run ended, as MP knows it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ending {
@@ -133,7 +150,7 @@ pub struct Ending {
 
 impl Ending {
     /// Of a run that an error broke off, of which nothing else is known.
-    pub(super) fn broken(end: f64, error: Error) -> Self {
+    pub(crate) fn broken(end: f64, error: Error) -> Self {
         let (phases, felt) = (Vec::new(), Forces::default());
         Self { finish: None, error: Some(error), phases, end, felt }
     }
@@ -172,7 +189,7 @@ impl Mp {
     }
 
     /// The same, which heeds an alarm.
-    pub(super) fn heeding(mut self, care: &Care) -> Self {
+    pub(crate) fn heeding(mut self, care: &Care) -> Self {
         self.alarm = care.alarm.clone();
         self.pulse = self.alarm.pulse("mp");
         self.mishap = Arc::clone(&care.mishap);
@@ -791,7 +808,7 @@ fn doing<T>(action: &Action<T>) -> &'static str {
 #[allow(clippy::unwrap_used, reason = "a test")]
 mod tests {
     use super::super::move_instruction::example_manner;
-    use super::super::{ecp, edp, ui};
+    use super::super::{ecp, edp, notice};
     use super::*;
     use crate::hw::driver::{self, Switches};
     use crate::motion::JointPositions;
@@ -820,7 +837,7 @@ mod tests {
             tape: tape.clone(),
         };
         let ecps = vec![ecp::spawn("track", parts)];
-        let parts = Parts::bare(ecps, vec![manner(); 2], control, ui::mailbox().0, clock, tape);
+        let parts = Parts::bare(ecps, vec![manner(); 2], control, notice::mailbox().0, clock, tape);
         Mp { arms: arms.into(), ..Mp::new(Parts { guard: Some(guard), ..parts }) }
     }
 

@@ -2,7 +2,7 @@
 
 use super::board::{ArmLatest, Board, Found, Latest, Sight};
 use super::control::Control;
-use super::ui::{Notice, class};
+use super::notice::{Notice, class};
 use crate::cell::{Cell, Mount};
 use crate::cube::{Face, Keeper};
 use crate::desk::{Behind, Picture as Pixels, Pixels as Kind};
@@ -523,7 +523,7 @@ fn found_in(view: &mut CameraView, cell: &Cell, camera: usize, sight: &Sight) {
 }
 
 /// Names of the poses that an arm can be sent to, with its joints there.
-pub(super) fn poses(arm: &crate::cell::Arm) -> Vec<(String, JointPositions)> {
+pub(crate) fn poses(arm: &crate::cell::Arm) -> Vec<(String, JointPositions)> {
     let mut poses = vec![("start".to_owned(), arm.start)];
     let track = arm.start.0[0];
     let front = [track, 0.0, -1.57, 0.0, 1.57, 1.57, -1.57];

@@ -8,10 +8,10 @@
 
 use super::board::Board;
 use super::control::{Control, Tempo, Word, is_speed};
+use super::notice::{Notice, UiHandle, mailbox};
 use super::present::Presenter;
 use crate::desk::{Behind, Desk, desk};
-use crate::error::Error;
-use crate::operator::{Class, Command, OutcomeView};
+use crate::operator::{Command, OutcomeView};
 use crate::record::recorder::Recorder;
 use crate::record::run_hash::RunHash;
 use std::io::{BufRead, Write};
@@ -19,62 +19,8 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 
-/// Notices that may wait; more would mean that the terminal hangs, and then they are dropped and counted.
-const MAILBOX: usize = 1024;
 /// Time between two snapshots.
 const REFRESH: Duration = Duration::from_millis(50);
-
-/// What the other actors tell the operator.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Notice {
-    /// A phase of the task begins at this simulated or real time [s].
-    Phase(f64, String),
-    /// Something worth knowing.
-    Note(f64, String),
-    /// Something that is not as it was meant to be: what is tried again, given up, or begun anew.
-    Warning(f64, String),
-    /// An error, with its class, actor and place.
-    Error(f64, Error),
-    /// The run is over; nothing comes after it.
-    Over(OutcomeView),
-}
-
-/// The far end of the UI's mailbox, and the board beside it.
-#[derive(Debug, Clone)]
-pub struct UiHandle {
-    mailbox: mpsc::Sender<Notice>,
-    board: Option<Board>,
-    recorder: Recorder,
-}
-
-impl UiHandle {
-    /// Tells the operator; never waits.
-    pub fn tell(&self, notice: Notice) {
-        super::recording::note(&self.recorder, &notice);
-        if self.mailbox.try_send(notice).is_err() {
-            tracing::warn!("the operator's terminal does not keep up: a notice was dropped");
-        }
-    }
-
-    /// What keeps the run.
-    #[must_use]
-    pub fn recorder(&self) -> &Recorder {
-        &self.recorder
-    }
-
-    /// Where the latest values stand; `None` when nobody looks.
-    #[must_use]
-    pub fn board(&self) -> Option<&Board> {
-        self.board.as_ref()
-    }
-}
-
-/// The mailbox alone: whoever takes the receiver is the operator's face.
-#[must_use]
-pub fn mailbox() -> (UiHandle, mpsc::Receiver<Notice>) {
-    let (mailbox, notices) = mpsc::channel(MAILBOX);
-    (UiHandle { mailbox, board: None, recorder: Recorder::default() }, notices)
-}
 
 /// What the operator's commands act on.
 #[derive(Debug, Clone)]
@@ -194,7 +140,7 @@ impl Ui {
     pub fn over(self, outcome: OutcomeView) {
         // With the mailbox full the terminal hangs; the end then comes with the last handle.
         let over = Notice::Over(outcome);
-        super::recording::note(&self.handle.recorder, &over);
+        super::notice::note(&self.handle.recorder, &over);
         let _ = self.handle.mailbox.blocking_send(over);
         drop(self.handle);
         // A panic has told of itself.
@@ -283,15 +229,6 @@ fn obey(command: &Command, helm: &Helm) -> Result<bool, &'static str> {
         Command::Quit | Command::Seek { .. } => return Err("not while a run is on"),
     }
     Ok(true)
-}
-
-/// The class of an error.
-pub(super) fn class(error: &Error) -> (Class, &str) {
-    match error {
-        Error::NonFatal { actor, .. } => (Class::NonFatal, actor),
-        Error::Fatal { actor, .. } => (Class::Fatal, actor),
-        Error::System { actor, .. } => (Class::System, actor),
-    }
 }
 
 /// Listens to the operator's words, a line each, until they end; `alone`: there is no other face.

@@ -8,8 +8,8 @@
 use super::alarm::{Alarm, Care, Pulse, answer_of};
 use super::board::{Board, Found, Sight};
 use super::clock::Clock;
-use super::disturbance::Mishap;
-use super::ui::{Notice, UiHandle};
+use super::fault::Mishap;
+use super::notice::{Notice, UiHandle};
 use super::work::Work;
 use crate::cell::Intrinsics;
 use crate::error::{Error, NonFatal, System};
@@ -160,7 +160,7 @@ struct Vsp {
 
 /// Creates the VSP of a camera.
 #[must_use]
-pub(super) fn spawn(name: &str, parts: Parts, care: &Care) -> VspHandle {
+pub(crate) fn spawn(name: &str, parts: Parts, care: &Care) -> VspHandle {
     let (mailbox, looks) = mpsc::channel(MAILBOX);
     let (tracking, tracked) = watch::channel(false);
     let (sensing, configured) = watch::channel(Sensing::SEEK);
@@ -474,7 +474,7 @@ fn unheard_of<T>() -> Result<T, String> {
 
 /// Creates the VSP that aggregates the wrist forces.
 #[must_use]
-pub(super) fn spawn_forces(
+pub(crate) fn spawn_forces(
     alarm: &Alarm,
     mut states: Vec<watch::Receiver<ArmState>>,
     clock: Clock,

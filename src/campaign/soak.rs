@@ -5,8 +5,8 @@
 //!   has drifted; a repeated seed must take the same simulated time and have the same hash
 
 use super::result::{Figures, RunResult, Verdict};
-use crate::actors::{self, RunOptions};
 use crate::record::summary::EndedBy;
+use crate::run::{self, RunOptions};
 use crate::scenario::Scenario;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -189,7 +189,7 @@ fn perform(scenario: &Scenario) -> Option<RunResult> {
         ..RunOptions::default()
     };
     let begun = Instant::now();
-    let run = std::panic::AssertUnwindSafe(|| actors::run(scenario, options));
+    let run = std::panic::AssertUnwindSafe(|| run::run(scenario, options));
     let failed = |verdict, reason: String| RunResult {
         seed: scenario.seed,
         verdict,

@@ -5,8 +5,8 @@
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, WRONG, clash, complain, save};
-use crate::actors::calibrate::{self, Errors, Report};
 use crate::cell::{Camera, Mount};
+use crate::run::calibrate::{self, Errors, Report};
 use crate::scenario::{CameraSource, Scenario};
 use crate::vision::calibration::Calibrated;
 use clap::Args;

@@ -4,7 +4,6 @@ use super::arguments::ScenarioArgs;
 use super::output::{Output, WRONG, clash, complain, save};
 use super::progress::Bar;
 use super::record;
-use crate::actors;
 use crate::campaign::page;
 use crate::campaign::result::{RunResult, Verdict};
 use crate::campaign::runner::{Job, Runner};
@@ -16,6 +15,7 @@ use crate::hw::text;
 use crate::record::journal;
 use crate::record::place::Place;
 use crate::record::running_program;
+use crate::run;
 use crate::scenario::{self, CameraSource, Override, Scenario};
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
@@ -565,7 +565,7 @@ fn duration(seconds: f64) -> String {
 /// A flag that a signal sets; the second one ends the process.
 fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in actors::heard() {
+    for signal in run::heard() {
         let again = Arc::clone(&stop);
         signal_hook::flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), again)?;
         signal_hook::flag::register(signal, Arc::clone(&stop))?;

@@ -2,11 +2,11 @@
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, WRONG, complain};
-use crate::actors::emulate::{Emulated, emulate};
 use crate::cell::Arm;
 use crate::error::Error;
 use crate::hw::emulator::{At, EmulatorOptions, LineFaults, SensorKind};
 use crate::motion::AXES;
+use crate::run::emulate::{Emulated, emulate};
 use crate::scenario::Override;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;

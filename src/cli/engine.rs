@@ -12,7 +12,7 @@ use crate::solver::{self, Budget, Tables, Watch};
 use crate::tables::{Store, Threads, Unusable};
 use crate::tasks::cube::hold::{Grip, Hand};
 use crate::tasks::cube::plan::{Effort, NoPlan, Plan, Planner, taken};
-use crate::{actors, scenario};
+use crate::{run, scenario};
 use clap::ValueEnum;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -229,7 +229,7 @@ pub(super) fn best_within(
 /// The planner of the built-in cell.
 fn planner() -> Option<Planner> {
     let scenario = scenario::read(Path::new("the built-in cell"), "", &[]).ok()?;
-    actors::planner(&scenario.controller).ok()
+    run::planner(&scenario.controller).ok()
 }
 
 /// Does some work, and sets `stop` when this time is over before it is done.

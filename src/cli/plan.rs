@@ -8,7 +8,7 @@ use crate::solver::{self, Budget, Tables};
 use crate::tables::{Store, Threads};
 use crate::tasks::cube::hold::Step;
 use crate::tasks::cube::plan::{Effort, NoPlan, Plan, Planner, Rule, taken};
-use crate::{actors, scenario};
+use crate::{run, scenario};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -74,7 +74,7 @@ pub(super) fn run(args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
         Ok((cube, _)) => cube,
         Err(refusal) => return refuse(&refusal, args, output),
     };
-    let planner = match actors::planner(&scenario.controller) {
+    let planner = match run::planner(&scenario.controller) {
         Ok(planner) => planner,
         Err(reason) => {
             complain(&reason);

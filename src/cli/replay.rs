@@ -3,12 +3,12 @@
 use super::output::{Output, WRONG, complain};
 use super::record;
 use super::ui::{Face, FaceArgs, FaceWord};
-use crate::actors::SIGNALS;
 use crate::actors::control::is_speed;
-use crate::actors::show::Show;
-use crate::actors::verify::{self, Verified};
 use crate::desk::desk;
 use crate::record::reading::{Label, Piece, open};
+use crate::run::SIGNALS;
+use crate::run::show::Show;
+use crate::run::verify::{self, Verified};
 use crate::scenario::{self, Override, Scenario};
 use clap::Args;
 use std::fs::File;

@@ -2,10 +2,10 @@
 
 use super::output::{WRONG, clash, complain, save};
 use super::{picture, replay};
-use crate::actors::show::Show;
 use crate::operator::Snapshot;
 use crate::record::reading::{End, Label};
 use crate::record::report::{gather, page};
+use crate::run::show::Show;
 use clap::Args;
 use image::codecs::jpeg::JpegEncoder;
 use std::fs::File;

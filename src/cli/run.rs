@@ -5,12 +5,12 @@ use super::output::{Output, WRONG, clash, complain};
 use super::record;
 use super::ui::{Face, FaceArgs};
 use crate::actors::control::is_speed;
-use crate::actors::{self, Around, Keep, RunOptions};
 use crate::desk::desk;
 use crate::error::{Error, NonFatal};
 use crate::record::place::Place;
 use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
+use crate::run::{self, Around, Keep, RunOptions};
 use crate::scenario::keys::{Pace, Task};
 use crate::scenario::{Override, Scenario};
 use crate::tui;
@@ -198,7 +198,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let behind_run = shown.then(|| behind.clone());
     let around =
         Around { behind: behind_run, recorder: recorder.clone(), keep, ..Around::default() };
-    let done = actors::run_with(&scenario, options, around);
+    let done = run::run_with(&scenario, options, around);
     let written = recorder.finish();
     // A terminal is put back as it was before anything is printed on it.
     let (face, shown) =
@@ -306,7 +306,7 @@ fn told(
         }
         Err(error) => {
             complain(&error.to_string());
-            let summary = actors::not_begun(scenario, &error);
+            let summary = run::not_begun(scenario, &error);
             if args.json {
                 output.line(&summary.json())?;
             }

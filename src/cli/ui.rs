@@ -1,9 +1,9 @@
 //! Which face the operator has: the page, the terminal, or none.
 
 use super::output::complain;
-use crate::actors::SIGNALS;
 use crate::desk::{Behind, Desk};
 use crate::operator::Command;
+use crate::run::SIGNALS;
 use crate::tui;
 use crate::web::Server;
 use anyhow::{Context, anyhow};

@@ -2,8 +2,8 @@
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, WRONG, complain};
-use crate::actors::weigh::weigh_tool;
 use crate::error::Error;
+use crate::run::weigh::weigh_tool;
 use crate::servo::weigh::Weighed;
 use clap::Args;
 

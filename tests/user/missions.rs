@@ -3,8 +3,8 @@
 
 use crate::program::program;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
-use rubik_robot::actors::{self, RunOptions};
 use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
+use rubik_robot::run::{self, RunOptions};
 use rubik_robot::scenario::{self, Override};
 use rubik_robot::spatial::pose_from_axes;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -18,7 +18,7 @@ fn run(name: &str, keys: &[&str]) -> Summary {
     let keys: Vec<Override> = keys.iter().map(|key| Override::parse(key).unwrap()).collect();
     let scenario = scenario::load(&path, &keys).unwrap();
     let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
-    let summary = actors::run(&scenario, options).unwrap();
+    let summary = run::run(&scenario, options).unwrap();
     println!("{name} {keys:?}:\n{}", summary.table());
     summary
 }

@@ -3,12 +3,12 @@
 
 use crate::program::program;
 use futures_util::{SinkExt, StreamExt};
-use rubik_robot::actors::{self, RunOptions};
 use rubik_robot::desk::{Behind, Desk, desk};
 use rubik_robot::motion::JointPositions;
 use rubik_robot::operator::{Command, ControlView, Snapshot};
 use rubik_robot::reach::{MeetingTable, ReachSettings};
 use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
+use rubik_robot::run::{self, RunOptions};
 use rubik_robot::scenario::{self, Override, Scenario};
 use rubik_robot::web::Server;
 use serde_json::{Value, json};
@@ -46,8 +46,7 @@ fn begin(scenario: Scenario, options: RunOptions) -> Run {
     let (desk, behind): (Desk, Behind) = desk();
     let server = serve(desk.clone());
     let options = RunOptions { automatic: true, quiet: true, ..options };
-    let thread =
-        std::thread::spawn(move || actors::run_at(&scenario, options, Some(behind)).unwrap());
+    let thread = std::thread::spawn(move || run::run_at(&scenario, options, Some(behind)).unwrap());
     Run { server, desk, thread }
 }
 
@@ -468,7 +467,7 @@ fn an_arm_that_is_synchronised_at_the_start_heeds_pause_and_terminate() {
     let (desk, behind) = desk();
     let server = serve(desk);
     let options = RunOptions { automatic: true, quiet: true, speed: 1.0, ..RunOptions::default() };
-    let run = std::thread::spawn(move || actors::run_at(&scenario, options, Some(behind)));
+    let run = std::thread::spawn(move || run::run_at(&scenario, options, Some(behind)));
     runtime().block_on(async {
         let mut page = Page::open(&server).await;
         homes_as_told(&mut page, index, "postument").await;
@@ -522,7 +521,7 @@ fn the_wait_for_the_start_and_a_limit_of_speed_are_no_work() {
         speed: 1.0,
         ..RunOptions::default()
     };
-    let run = std::thread::spawn(move || actors::run_at(&scenario, options, Some(behind)).unwrap());
+    let run = std::thread::spawn(move || run::run_at(&scenario, options, Some(behind)).unwrap());
     let begun = Instant::now();
     let sees = |what: &dyn Fn(&Snapshot) -> bool| {
         while !what(&desk.snapshots.borrow()) {
@@ -639,7 +638,7 @@ fn who_listens_everywhere_prints_an_address_that_opens() {
 #[test]
 fn a_page_that_only_watches_changes_nothing() {
     let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
-    let alone = actors::run(&load("face_turn.toml", &[]), options).unwrap();
+    let alone = run::run(&load("face_turn.toml", &[]), options).unwrap();
 
     let run = begin(load("face_turn.toml", &[]), RunOptions { wait: false, ..options });
     let snapshots = runtime().block_on(async {

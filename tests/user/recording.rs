@@ -742,9 +742,9 @@ fn the_recording_of_another_version_is_refused_with_its_name() {
 
 #[test]
 fn a_recording_is_shown_paused_and_sought() {
-    use rubik_robot::actors::show::Show;
     use rubik_robot::desk::desk;
     use rubik_robot::operator::{Command, ControlView, State};
+    use rubik_robot::run::show::Show;
     use std::sync::Arc;
     use std::sync::atomic::AtomicBool;
     use std::time::{Duration, Instant};
@@ -809,10 +809,10 @@ fn a_recording_is_shown_paused_and_sought() {
 
 #[test]
 fn what_a_calibration_found_is_in_the_recording_and_in_its_show() {
-    use rubik_robot::actors::show::Show;
     use rubik_robot::cell::Mount;
     use rubik_robot::desk::desk;
     use rubik_robot::operator::Command;
+    use rubik_robot::run::show::Show;
     use rubik_robot::spatial::Pose;
     use std::sync::atomic::AtomicBool;
 
@@ -860,9 +860,9 @@ fn what_a_calibration_found_is_in_the_recording_and_in_its_show() {
 
 #[test]
 fn the_show_of_a_cut_recording_ends_with_why() {
-    use rubik_robot::actors::show::Show;
     use rubik_robot::desk::desk;
     use rubik_robot::operator::{Command, ControlView};
+    use rubik_robot::run::show::Show;
     use std::sync::atomic::AtomicBool;
 
     let (path, _) = recorded("show_cut.mcap", "scenarios/idle.toml", &IDLE);
@@ -884,8 +884,8 @@ fn the_show_of_a_cut_recording_ends_with_why() {
 
 #[test]
 fn a_replay_keeps_the_time_of_a_servo_with_another_period() {
-    use rubik_robot::actors::show::Show;
     use rubik_robot::desk::desk;
+    use rubik_robot::run::show::Show;
     use rubik_robot::scenario::Override;
     use std::sync::atomic::AtomicBool;
 

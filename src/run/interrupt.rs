@@ -4,7 +4,7 @@
 //! A thread waits for the signals; the runtime's paused time knows nothing of it. A second signal switches the drives off
 //! and ends the process, in case the first one cannot be obeyed.
 
-use super::control::Control;
+use crate::actors::control::Control;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::iterator::{Handle, Signals};
 use std::sync::Arc;

@@ -1,13 +1,14 @@
-//! What is made to go wrong outside the plant: at cameras, lines, clocks, actors. The plant tells when; the world of a run
-//! and whoever stands at a port carry it out. No kernel and no actor's own code sees any of it.
+//! Faults that are injected outside the plant: at cameras, lines, clocks, actors. The plant says when;
+//! the world of a run and the ports carry them out. No kernel sees any of them.
 //!
 //! - in: [`Disturbance`]s that begin and end, from the world
 //! - out: flags and numbers that ports look at ([`Troubles`])
 
+use crate::actors::fault::Mishap;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// Somebody who can fail.
+/// An actor that can fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Who {
     /// The coordinator.
@@ -20,7 +21,7 @@ pub(super) enum Who {
     Vsp(usize),
 }
 
-/// What goes wrong; arms and cameras by index, times in seconds.
+/// A fault; arms and cameras by index, times in seconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Disturbance {
     /// The servo misses so many periods in a row.
@@ -51,7 +52,7 @@ pub(super) enum Disturbance {
     HeartBeat,
     /// The recorder's device is full.
     DiskFull,
-    /// Somebody presses the emergency stop.
+    /// The operator presses the emergency stop.
     EmergencyStop,
     /// The power goes.
     PowerCut,
@@ -67,19 +68,7 @@ impl Disturbance {
     }
 }
 
-/// What befalls one actor.
-#[derive(Debug, Default)]
-pub(super) struct Mishap {
-    panics: AtomicBool,
-    hangs: AtomicBool,
-    spins: AtomicBool,
-    /// [ms]
-    late: AtomicU64,
-    lost: AtomicBool,
-    twice: AtomicU32,
-}
-
-/// What befalls a camera.
+/// The faults of a camera.
 #[derive(Debug, Default)]
 pub(super) struct Blinkers {
     dark: AtomicBool,
@@ -103,45 +92,7 @@ impl Blinkers {
     }
 }
 
-impl Mishap {
-    /// At the door of an actor, before it gets the message that has come.
-    ///
-    /// # Panics
-    /// When that is what is to happen.
-    pub(super) async fn at_the_door(&self) {
-        self.befall().await;
-        let late = self.late.swap(0, Ordering::AcqRel);
-        if late > 0 {
-            tokio::time::sleep(std::time::Duration::from_millis(late)).await;
-        }
-    }
-
-    /// Amid the work of an actor.
-    ///
-    /// # Panics
-    /// When that is what is to happen.
-    pub(super) async fn befall(&self) {
-        assert!(!self.panics.load(Ordering::Acquire), "a panic was injected");
-        if self.hangs.load(Ordering::Acquire) {
-            std::future::pending::<()>().await;
-        }
-        while self.spins.load(Ordering::Acquire) {
-            std::thread::sleep(std::time::Duration::from_millis(10));
-        }
-    }
-
-    /// Whether the message that has come is lost.
-    pub(super) fn is_lost(&self) -> bool {
-        self.lost.swap(false, Ordering::AcqRel)
-    }
-
-    /// Whether the next message to the servo is to come twice.
-    pub(super) fn is_doubled(&self) -> bool {
-        self.twice.swap(0, Ordering::AcqRel) > 0
-    }
-}
-
-/// Everything that ports look at, by index of arm and camera.
+/// All flags that the ports look at, by index of arm and camera.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Troubles {
     pub(super) ecps: [Arc<Mishap>; 2],
@@ -176,7 +127,7 @@ impl Troubles {
         }
     }
 
-    /// A disturbance begins, or is over; what the world itself does is not here.
+    /// Sets the flags of a disturbance that begins or ends; the world handles its own disturbances.
     pub(super) fn take(&self, what: &Disturbance, begins: bool) {
         let ms = |seconds: f64| if begins { (seconds * 1e3).round() as u64 } else { 0 };
         match *what {

@@ -3,10 +3,9 @@
 //! - in: whether a turn is commanded and unfinished (MP tells), the layer's true angle (the plant has it)
 //! - out: the number of jams, for the summary
 
-use super::control::Control;
+use crate::actors::control::Control;
+use crate::actors::mp::Turning;
 use crate::motion::PERIOD;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::watch;
 
 /// A layer that moves less than this [rad] ...
@@ -14,20 +13,9 @@ const STILL: f64 = 1.0 / 180.0 * std::f64::consts::PI;
 /// ... in this time [s], while a turn is commanded, is jammed.
 const TIME: f64 = 3.0;
 
-/// MP's word for it: a turn is commanded and unfinished.
-#[derive(Debug, Clone, Default)]
-pub struct Turning(Arc<AtomicBool>);
-
-impl Turning {
-    /// Tells.
-    pub fn tell(&self, turning: bool) {
-        self.0.store(turning, Ordering::Release);
-    }
-}
-
 /// Counts jams.
 #[derive(Debug)]
-pub struct Witness {
+pub(super) struct Witness {
     turning: Turning,
     /// While the operator pauses, nothing is commanded.
     control: watch::Receiver<Control>,
@@ -35,20 +23,19 @@ pub struct Witness {
     moved: Option<(f64, u64)>,
     reported: bool,
     /// Jams so far.
-    pub jams: u32,
+    pub(super) jams: u32,
 }
 
 impl Witness {
     /// Listens to MP.
     #[must_use]
-    pub fn new(turning: Turning, control: watch::Receiver<Control>) -> Self {
+    pub(super) fn new(turning: Turning, control: watch::Receiver<Control>) -> Self {
         Self { turning, control, moved: None, reported: false, jams: 0 }
     }
 
     /// Looks at a period; `angle` is the turning layer's [rad].
-    pub fn look(&mut self, period: u64, angle: f64) {
-        let commanded =
-            self.turning.0.load(Ordering::Acquire) && *self.control.borrow() == Control::Running;
+    pub(super) fn look(&mut self, period: u64, angle: f64) {
+        let commanded = self.turning.is_commanded() && *self.control.borrow() == Control::Running;
         if !commanded {
             (self.moved, self.reported) = (None, false);
             return;

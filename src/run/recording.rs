@@ -1,11 +1,9 @@
 //! What the actors tell a recorder: notices, the operator's will under the wall clock, servo records, timing.
 
-use super::clock::Clock;
-use super::control::{Control, Word};
-use super::ui::{Notice, class};
+use crate::actors::clock::Clock;
+use crate::actors::control::{Control, Word};
 use crate::hw::driver::{Histogram, RecordSink, Timing};
-use crate::motion::PERIOD;
-use crate::operator::{Class, Said};
+use crate::operator::Said;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Both, Entry, Recorder};
 use std::fmt::Write;
@@ -16,27 +14,6 @@ use tokio::sync::{mpsc, watch};
 
 /// Periods of 2 ms between two views of the plant's cube: the rate of `/tf`.
 pub(super) const SCENES: u64 = 20;
-
-/// Keeps a notice.
-pub(super) fn note(recorder: &Recorder, notice: &Notice) {
-    let at = |seconds: f64| (seconds / PERIOD).round() as u64;
-    let log = |seconds: f64, class: Class, who: &str, text: &str| {
-        recorder.note(at(seconds), || Entry::Log(class, who.to_owned(), text.to_owned()));
-    };
-    match notice {
-        Notice::Phase(time, name) => {
-            recorder.note(at(*time), || Entry::Phase(name.clone(), String::new()));
-            log(*time, Class::Info, "mp", &format!("phase: {name}"));
-        }
-        Notice::Note(time, text) => log(*time, Class::Info, "mp", text),
-        Notice::Warning(time, text) => log(*time, Class::Warning, "mp", text),
-        Notice::Error(time, error) => {
-            let (class, actor) = class(error);
-            log(*time, class, actor, &error.to_string());
-        }
-        Notice::Over(_) => {}
-    }
-}
 
 /// Keeps the operator's start, for which a run has waited.
 pub(super) fn started(recorder: &Recorder) {

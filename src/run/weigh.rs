@@ -4,11 +4,11 @@
 //! The servo's period and the exchange run in this thread, by the wall clock or as fast as they compute: nothing else
 //! goes on.
 
-use super::control::Control;
 use super::disturbance::Troubles;
 use super::interrupt::heard;
 use super::supervisor::{Plan, not_created};
 use super::world::World;
+use crate::actors::control::Control;
 use crate::error::{Error, Fatal, NonFatal};
 use crate::hw::driver::{
     self, Clock, Core, NoRecords, PERIOD_NANOS, RealTime, ServoLink, Switches,

@@ -2,8 +2,8 @@
 //!
 //! The only file of the actors that reads a `plant.*` key; what it makes goes behind the port and the cameras.
 
-use super::build::{FaceTurnStart, meeting_place};
 use super::disturbance::{Disturbance, Who};
+use super::settings::{FaceTurnStart, meeting_place};
 use crate::cell::Cell;
 use crate::cube::Keeper;
 use crate::hw::emulator::{LineFaults, Wired};

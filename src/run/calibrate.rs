@@ -7,9 +7,9 @@
 //! - in: a scenario, which of its cameras, how many views
 //! - out: for each camera what was found, and what error it leaves
 
-use super::build;
 use super::calibration_poses::{Plan, in_hand_plan, standing_plan};
-use super::plant as plant_side;
+use super::settings;
+use super::simulation as plant_side;
 use crate::cell::{Camera, Intrinsics, Mount};
 use crate::error::{Error, Fatal, System};
 use crate::generators::position::{Position, Speeds};
@@ -270,7 +270,7 @@ fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Err
         .ok_or_else(|| failed("the plant has no such camera"))?;
     let mut source = PlantCamera::new(renderer, output);
     let mut arms = Arms::new(scenario, plant)?;
-    let manner = build::manner(config, plan.mover);
+    let manner = settings::manner(config, plan.mover);
     let grip = JawCommand {
         opening: (cell.cube.edge - 0.003).max(cell.arms[plan.holder].gripper.opening.0),
         force_limit: config.control.grip,

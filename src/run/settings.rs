@@ -1,7 +1,7 @@
 //! From a scenario's controller section to what the shells and kernels are made of.
 
-use super::move_instruction::{Manner, NearHand};
 use super::supervisor::RunOptions;
+use crate::actors::move_instruction::{Manner, NearHand};
 use crate::cell::{Cell, Gripper, Mount};
 use crate::cube::{Axis, Face, Keeper};
 use crate::generators::{Compliance, position::Speeds, visual_servo};
@@ -210,7 +210,7 @@ fn strategy(config: &ControllerConfig) -> Strategy {
 /// When the cell has no two arms.
 pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
     let reach = ReachSettings::default();
-    let meetings = super::meetings::of(&config.cell, &reach);
+    let meetings = super::meeting_cache::of(&config.cell, &reach);
     cube_settings(config, meetings, reach.back)
         .map(|settings| Planner::new(&settings))
         .ok_or_else(|| "a plan is for two effectors".to_owned())
@@ -260,7 +260,7 @@ pub(super) fn wall(scenario: &Scenario, options: RunOptions) -> WallOptions {
 pub(super) fn panel(config: &ControllerConfig) -> Panel {
     let bench = |arm: &crate::cell::Arm| Bench {
         has_track: arm.model.has_track,
-        poses: super::present::poses(arm),
+        poses: crate::actors::present::poses(arm),
         opening: arm.gripper.opening,
         grip: config.control.grip,
     };
@@ -355,7 +355,7 @@ mod tests {
         let text = "[planner]\nnode_budget = 1000\ncandidates = 1\n";
         let scenario = crate::scenario::read(std::path::Path::new("t.toml"), text, &[]).unwrap();
         let reach = ReachSettings::default();
-        let meetings = super::super::meetings::of(&scenario.controller.cell, &reach);
+        let meetings = super::super::meeting_cache::of(&scenario.controller.cell, &reach);
         let settings = cube_settings(&scenario.controller, meetings, reach.back).unwrap();
         let mut mission = Mission::new(settings, Goal::Solve, None);
         mission.patience = patience;

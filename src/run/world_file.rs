@@ -7,7 +7,7 @@
 //!   might remove what another run has locked meanwhile. The system lets go of it however a run ends
 
 use super::supervisor::not_created;
-use super::ui::{Notice, UiHandle};
+use crate::actors::notice::{Notice, UiHandle};
 use crate::error::Error;
 use crate::hw::plant::Plant;
 use crate::hw::plant::saved::{Saved, Unfit};
@@ -161,8 +161,8 @@ mod tests {
         let path = std::env::temp_dir().join(name);
         let text = "task = \"idle\"\nseed = 5\n";
         let scenario = scenario::read(Path::new("kept.toml"), text, &[]).unwrap();
-        let plant = super::super::plant::create(&scenario, None, None).unwrap();
-        let (ui, mut told) = super::super::ui::mailbox();
+        let plant = super::super::simulation::create(&scenario, None, None).unwrap();
+        let (ui, mut told) = crate::actors::notice::mailbox();
         let mut kept = Kept::claim(&path, Pace::Virtual, ui).unwrap();
         // The first state is there by name, whatever becomes of the machine.
         let lost = kept.begin_in(&plant, |path| {

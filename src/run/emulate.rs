@@ -170,7 +170,7 @@ pub fn emulate(
     let (mut scenes, mut servers, mut cameras) = (Vec::new(), Vec::new(), Vec::new());
     for (index, camera) in scenario.controller.cell.cameras.iter().enumerate() {
         let (input, output) = triple_buffer::triple_buffer(&plant.scene());
-        let renderer = super::plant::renderer(scenario, &plant, index)
+        let renderer = super::simulation::renderer(scenario, &plant, index)
             .ok_or_else(|| failed(format!("the plant has no camera \"{}\"", camera.name)))?;
         let socket = sockets.0.join(format!("{}.sock", camera.name));
         let source = Box::new(PlantCamera::new(renderer, output));

@@ -3,10 +3,10 @@
 //! Two kinds of world: the simulated plant in this process, and hardware behind a bridge, of which nobody here knows
 //! the truth.
 
-use super::control::Control;
 use super::disturbance::{Blinkers, Disturbance, Troubles};
-use super::kept::Kept;
 use super::supervisor::not_created;
+use super::world_file::Kept;
+use crate::actors::control::Control;
 use crate::cell::Cell;
 use crate::error::Error;
 use crate::hw::camera::{Frame, FrameSource, NoFrame};
@@ -159,12 +159,12 @@ impl World {
         control: &Arc<watch::Sender<Control>>,
         troubles: &Troubles,
     ) -> Result<(Self, Cameras), Error> {
-        let disturbances = super::plant::faults(scenario).1;
+        let disturbances = super::simulation::faults(scenario).1;
         let mut scenes = Vec::new();
         let cameras = cameras(&scenario.controller, |index| {
             let (input, output) = triple_buffer::triple_buffer(&plant.scene());
             scenes.push(input);
-            let renderer = super::plant::renderer(scenario, &plant, index)
+            let renderer = super::simulation::renderer(scenario, &plant, index)
                 .ok_or_else(|| not_created("camera", "the plant has no such camera"))?;
             let source: Box<dyn FrameSource> = Box::new(PlantCamera::new(renderer, output));
             if !disturbances.iter().any(|d| d.camera() == Some(index)) {
@@ -178,7 +178,7 @@ impl World {
             }))
         })?;
         let plant = match scenario.bridge.kind {
-            BridgeKind::Wire => Plants::Wired(Box::new(super::plant::wired(scenario, plant))),
+            BridgeKind::Wire => Plants::Wired(Box::new(super::simulation::wired(scenario, plant))),
             _ => Plants::Bare(Box::new(plant)),
         };
         let kind = Kind::Plant { plant, scenes };

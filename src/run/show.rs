@@ -3,11 +3,11 @@
 //! - in: a recording, commands of the operator
 //! - out: snapshots and pictures at a desk, by the presenter that a run has; nothing is computed anew
 
-use super::board::{Board, Found, Peaks, Seen, Sight};
-use super::control::Control;
-use super::present::Presenter;
 use super::supervisor::outcome;
-use super::ui::Notice;
+use crate::actors::board::{Board, Found, Peaks, Seen, Sight};
+use crate::actors::control::Control;
+use crate::actors::notice::Notice;
+use crate::actors::present::Presenter;
 use crate::cell::Cell;
 use crate::desk::{Behind, desk};
 use crate::hw::driver::{NoRecords, RecordSink, ServoRecord};

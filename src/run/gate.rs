@@ -4,7 +4,7 @@
 //! - in: the operator's will, words and emergency stop, whenever they come; or those of a recording
 //! - out: the same, once a period, called by the driver; and a note of each for the recording
 
-use super::control::{Control, Word};
+use crate::actors::control::{Control, Word};
 use crate::operator::Said;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Entry, Recorder};

@@ -3,26 +3,28 @@
 //! It hands the controller's half of a scenario to the actors, and takes the verdict from the `world`,
 //! where that knows one.
 
-use super::alarm::{Alarm, Care, Caught, panicked, raised};
-use super::board::{Board, Seen};
-use super::build;
-use super::clock::Clock;
-use super::control::{Control, Pacer, Tempo, Word, permission_soon};
-use super::disturbance::{Mishap, Troubles};
+use super::disturbance::Troubles;
 use super::gate::{Gate, Inner};
-use super::homing::{self, homed};
 use super::interrupt::{Interrupt, SWITCHES_OFF};
-use super::kept::Kept;
-use super::lookout;
-use super::mp::{self, Coordination, Mp};
-use super::present::Presenter;
 use super::recording;
-use super::ui;
-use super::vsp::{self, VspHandle};
-use super::witness::{Turning, Witness};
-use super::work::Work;
+use super::settings;
+use super::witness::Witness;
 use super::world::{Cameras, World};
-use super::{ecp, edp};
+use super::world_file::Kept;
+use crate::actors::alarm::{Alarm, Care, Caught, panicked, raised};
+use crate::actors::board::{Board, Seen};
+use crate::actors::clock::Clock;
+use crate::actors::control::{Control, Pacer, Tempo, Word, permission_soon};
+use crate::actors::fault::Mishap;
+use crate::actors::homing::{self, homed};
+use crate::actors::lookout;
+use crate::actors::mp::{self, Coordination, Mp, Turning};
+use crate::actors::notice;
+use crate::actors::present::Presenter;
+use crate::actors::ui;
+use crate::actors::vsp::{self, VspHandle};
+use crate::actors::work::Work;
+use crate::actors::{ecp, edp};
 use crate::cube::{Facelets, format_turns};
 use crate::desk::Behind;
 use crate::error::{Error, Fatal, NonFatal, System};
@@ -243,7 +245,7 @@ fn carried_out(
     mut desk: Attendance,
 ) -> Result<(Option<Goal>, Done), Error> {
     let plan = Plan::of(scenario)?;
-    let goal = build::goal(&scenario.controller, plan.angle);
+    let goal = settings::goal(&scenario.controller, plan.angle);
     // First of all: what another run has left, or still writes, is not to be lost.
     let claim = |path: &PathBuf| Kept::claim(path, scenario.pace, desk.ui.clone());
     let kept = files.world.as_ref().map(claim).transpose()?;
@@ -289,7 +291,7 @@ fn carried_out(
 
 /// The operator's side of a run.
 struct Attendance {
-    ui: ui::UiHandle,
+    ui: notice::UiHandle,
     emergency: Arc<AtomicBool>,
     /// What the operator says to MP; `None` when nobody is there to be asked.
     words: Option<mpsc::Receiver<Word>>,
@@ -408,7 +410,7 @@ fn broken_off(error: &Error) -> OutcomeView {
 /// Where the arms can meet, and how a face turn begins: from the belief alone.
 pub(super) struct Plan {
     meetings: Option<MeetingTable>,
-    face_turn: Option<build::FaceTurnStart>,
+    face_turn: Option<settings::FaceTurnStart>,
     angle: f64,
 }
 
@@ -416,11 +418,11 @@ impl Plan {
     pub(super) fn of(scenario: &Scenario) -> Result<Self, Error> {
         let config = &scenario.controller;
         let meetings = (config.cell.arms.len() == 2)
-            .then(|| super::meetings::of(&config.cell, &ReachSettings::default()));
+            .then(|| super::meeting_cache::of(&config.cell, &ReachSettings::default()));
         let face_turn = (config.task == keys::Task::FaceTurn)
             .then(|| {
                 let meetings = meetings.as_ref().ok_or("both arms are needed".to_owned())?;
-                build::face_turn_start(meetings, config.face_turn.angle)
+                settings::face_turn_start(meetings, config.face_turn.angle)
             })
             .transpose()
             .map_err(|why| not_created("task", &why))?;
@@ -431,7 +433,7 @@ impl Plan {
 
     /// The plant that such a run begins in.
     pub(super) fn plant(&self, scenario: &Scenario) -> Result<Plant, Error> {
-        super::plant::create(scenario, self.meetings.as_ref(), self.face_turn.as_ref())
+        super::simulation::create(scenario, self.meetings.as_ref(), self.face_turn.as_ref())
             .map_err(|why| not_created("plant", &why))
     }
 }
@@ -514,10 +516,12 @@ fn cube_kernel(
     config: &ControllerConfig,
     goal: Goal,
     meetings: Option<MeetingTable>,
-    face_turn: Option<build::FaceTurnStart>,
+    face_turn: Option<settings::FaceTurnStart>,
 ) -> Result<Mission, Error> {
     let settings = meetings
-        .and_then(|meetings| build::cube_settings(config, meetings, ReachSettings::default().back))
+        .and_then(|meetings| {
+            settings::cube_settings(config, meetings, ReachSettings::default().back)
+        })
         .ok_or_else(|| not_created("task", "the cube task needs two effectors"))?;
     let held = face_turn.map(|f| (Hand::Postument, f.body, f.half_roll));
     Ok(Mission::new(settings, goal, held))
@@ -608,7 +612,7 @@ async fn perform(
     let witness = Arc::new(Mutex::new(Witness::new(turning.clone(), control.subscribe())));
     let seeing = Arc::clone(&witness);
     let scenes = recorder.clone();
-    let mut tattler = super::plant::Tattler::new(scenario, recorder.clone());
+    let mut tattler = super::simulation::Tattler::new(scenario, recorder.clone());
     let mut observe = move |period: u64, world: &mut World| {
         let Some(turned) = world.show() else { return };
         // Nobody else takes the lock before the end.
@@ -676,7 +680,7 @@ async fn perform(
                     std::thread::sleep(Duration::from_millis(20));
                 }
             });
-            let wall = driver::spawn_wall(core, world, observe, build::wall(scenario, options))
+            let wall = driver::spawn_wall(core, world, observe, settings::wall(scenario, options))
                 .map_err(|e| not_created("servo thread", &e.to_string()))?;
             clock.begins();
             for warning in &wall.warnings {
@@ -760,7 +764,7 @@ async fn perform(
     for &i in &blind {
         let (edp, arm) = (&edps[i], &config.cell.arms[i]);
         let now = clock.period() as f64 * PERIOD;
-        ui.tell(ui::Notice::Phase(now, format!("synchronise {}", arm.name)));
+        ui.tell(notice::Notice::Phase(now, format!("synchronise {}", arm.name)));
         let synchronised = tokio::select! {
             biased;
             error = alarm.raised() => Err(error),
@@ -797,7 +801,7 @@ async fn perform(
                         crate::cell::Mount::Flange { .. } => None,
                     },
                     edge: config.cell.cube.edge,
-                    method: build::method(config),
+                    method: settings::method(config),
                     localisation: Effort(config.vision.localisation),
                     face: Effort(config.vision.face),
                     frame_periods: periods(wanted.period),
@@ -820,7 +824,7 @@ async fn perform(
         }
     }
     let manners: Vec<_> =
-        (0..config.cell.arms.len()).map(|effector| build::manner(config, effector)).collect();
+        (0..config.cell.arms.len()).map(|effector| settings::manner(config, effector)).collect();
     let ecps: Vec<_> = config
         .cell
         .arms
@@ -855,7 +859,7 @@ async fn perform(
         }
     }
     let mut kernel = match goal {
-        None if by_hand => Kernel::Panel(build::panel(config)),
+        None if by_hand => Kernel::Panel(settings::panel(config)),
         None => Kernel::Idle(Idle::new(config.idle.time)),
         Some(goal) => {
             let mut mission = cube_kernel(config, goal, plan.meetings, plan.face_turn)?;
@@ -928,7 +932,7 @@ async fn perform(
             let WallEnd { port, fault, timing } = wall.stop();
             recorder.note((ending.end / PERIOD) as u64, || recording::timing(&timing));
             for line in timing.to_string().lines() {
-                ui.tell(ui::Notice::Note(ending.end, format!("servo: {line}")));
+                ui.tell(notice::Notice::Note(ending.end, format!("servo: {line}")));
             }
             tokio::task::yield_now().await;
             let _ = writer.join();
@@ -941,7 +945,7 @@ async fn perform(
     let (_, _, missed) = switches.punctual.take();
     if missed > 0 && scenario.pace == Pace::Virtual {
         let text = format!("servo: {missed} periods missed; the last set values held meanwhile");
-        ui.tell(ui::Notice::Warning(ending.end, text));
+        ui.tell(notice::Notice::Warning(ending.end, text));
     }
     if let Some(fault) = fault {
         let cause = Fatal::Bridge(fault.to_string());
@@ -969,7 +973,7 @@ async fn home(
     edp: &edp::EdpHandle,
     mut control: watch::Receiver<Control>,
     clock: &Clock,
-    ui: &ui::UiHandle,
+    ui: &notice::UiHandle,
 ) -> Result<(), Error> {
     loop {
         match permission_soon(&mut control).await {
@@ -988,7 +992,7 @@ async fn home(
         if homed(edp.synchronise(), &mut control, clock).await? {
             return Ok(());
         }
-        ui.tell(ui::Notice::Note(clock.period() as f64 * PERIOD, homing::STANDS.to_owned()));
+        ui.tell(notice::Notice::Note(clock.period() as f64 * PERIOD, homing::STANDS.to_owned()));
     }
 }
 
@@ -996,13 +1000,13 @@ async fn home(
 async fn survived(
     work: impl Future<Output = mp::Ending>,
     clock: &Clock,
-    ui: &ui::UiHandle,
+    ui: &notice::UiHandle,
 ) -> mp::Ending {
     match Caught(Box::pin(work)).await {
         Ok(ending) => ending,
         Err(why) => {
             let (end, error) = (clock.period() as f64 * PERIOD, panicked("mp", &*why));
-            ui.tell(ui::Notice::Error(end, error.clone()));
+            ui.tell(notice::Notice::Error(end, error.clone()));
             mp::Ending::broken(end, error)
         }
     }
