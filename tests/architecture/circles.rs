@@ -107,9 +107,52 @@ fn test_modules(code: &str) -> Vec<String> {
         .collect()
 }
 
+/// Returns a file's tokens with the paths of its inline modules as the file itself would write them:
+/// in `mod a { use super::B; }` the name `super` stands for the file.
+fn flat(all: &[String]) -> Vec<String> {
+    let mut flat: Vec<String> = Vec::new();
+    // How deep in braces each inline module began.
+    let (mut inline, mut depth) = (Vec::new(), 0);
+    let mut i = 0;
+    while i < all.len() {
+        match all[i].as_str() {
+            "{" => {
+                if i > 1 && all[i - 2] == "mod" {
+                    inline.push(depth);
+                }
+                depth += 1;
+            }
+            "}" => {
+                depth -= 1;
+                inline.pop_if(|began| *began == depth);
+            }
+            // `pub(in path)` leads nowhere.
+            "in" if i > 0 && all[i - 1] == "(" => {
+                i += all[i..].iter().position(|t| t == ")").unwrap_or(0);
+                continue;
+            }
+            "super" if all.get(i + 1).is_some_and(|next| next == "::") => {
+                let run = all[i..].chunks(2).take_while(|pair| *pair == ["super", "::"]).count();
+                let beyond = run.saturating_sub(inline.len());
+                let word = if beyond == 0 { "self" } else { "super" };
+                for _ in 0..beyond.max(1) {
+                    flat.extend([word.to_owned(), "::".to_owned()]);
+                }
+                i += 2 * run;
+                continue;
+            }
+            _ => {}
+        }
+        flat.push(all[i].clone());
+        i += 1;
+    }
+    flat
+}
+
 /// Reads the names of a file.
 fn read(here: &[String], file: &str, code: &str) -> Module {
-    let mut module = Module { file: file.to_owned(), tokens: tokens(code), ..Module::default() };
+    let mut module =
+        Module { file: file.to_owned(), tokens: flat(&tokens(code)), ..Module::default() };
     let all = module.tokens.clone();
     let (mut uses, mut names) = (Vec::new(), Vec::new());
     let mut outside: BTreeMap<&str, usize> = BTreeMap::new();
@@ -235,5 +278,39 @@ fn resolve(path: &[String], modules: &BTreeMap<Path, Module>, depth: usize) -> O
     match module.globs.iter().find(declares) {
         Some(elsewhere) => further(elsewhere, &path[length..]),
         None => Some(module.file.clone()),
+    }
+}
+
+mod the_finder_finds {
+    use super::circles;
+
+    fn found(files: &[(&str, &str)]) -> Vec<Vec<String>> {
+        let files = files.iter().map(|(file, text)| ((*file).to_owned(), (*text).to_owned()));
+        circles(&files.collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn files_that_use_each_other() {
+        let parent = "mod b; pub struct A; fn f() { b::g() }";
+        let child = "use super::A; pub fn g() {}";
+        assert_eq!(found(&[("a/mod.rs", parent), ("a/b.rs", child)]), [["a/b.rs", "a/mod.rs"]]);
+    }
+
+    #[test]
+    fn a_circle_through_a_reexport() {
+        let parent = "mod b; mod c; pub use b::B; pub use c::C;";
+        let (b, c) = ("use super::C; pub struct B(C);", "use super::B; pub struct C(Vec<B>);");
+        let files = [("a/mod.rs", parent), ("a/b.rs", b), ("a/c.rs", c)];
+        assert_eq!(found(&files), [["a/b.rs", "a/c.rs"]]);
+    }
+
+    #[test]
+    fn nothing_where_a_parent_reexports_or_tests() {
+        let parent = "mod b; mod c; pub use c::C; #[cfg(test)] mod t;";
+        let b = "use super::C; mod inline { use super::B; } pub struct B(C);";
+        let c = "pub(in super::super) struct C; #[cfg(test)] mod tests { use super::super::b::B; }";
+        let files =
+            [("a/mod.rs", parent), ("a/b.rs", b), ("a/c.rs", c), ("a/t.rs", "use super::*;")];
+        assert_eq!(found(&files), [[""; 0]; 0]);
     }
 }
