@@ -1,17 +1,20 @@
-//! The desk between whoever runs and whoever shows: two ends of the same channels.
+//! The operator's desk: the channels at which the operator's UIs and a run meet.
 //!
-//! - a face (page, terminal, keys) has a [`Desk`]: the latest snapshot and pictures, and a way for commands
-//! - who runs (the UI actor, a replay) has the [`Behind`]: what it publishes replaces what was there, so it never waits
-//!   for a slow face
+//! - a UI (page, terminal, keys) has a [`UiEnd`]: the latest snapshot and pictures, and a way for
+//!   inputs
+//! - a run (its UI actor, a replay) has a [`RunEnd`]: each value that it publishes replaces the one
+//!   before, so a run never waits for a slow UI
+//! - the [`Desk`] itself is owned above both: it outlives a run, and the UIs at it show the next one
 
-use crate::operator::{Command, Snapshot, Stage};
+use crate::emergency_stop::{EmergencyStop, StopButton, StopSignal};
+use crate::operator::{Input, Snapshot, Stage};
 use image::RgbImage;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use tokio::sync::mpsc::error::TryRecvError;
 use tokio::sync::{mpsc, watch};
 
-/// Commands that may wait: a person gives one at a time.
-const COMMANDS: usize = 32;
+/// Inputs that may wait: a person gives one at a time.
+const INPUTS: usize = 32;
 
 /// Pixels of a camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,84 +37,162 @@ pub enum Pixels {
 /// The latest picture of each camera, in the scenario's order.
 pub type Pictures = Vec<Option<Arc<Picture>>>;
 
-/// A face's end. Clones are further faces.
-#[derive(Debug, Clone)]
+/// The desk, with the emergency stop that the operator presses at it.
+#[derive(Debug)]
 pub struct Desk {
-    /// What does not change; the default before a run has begun.
+    run_end: RunEnd,
+    stop: EmergencyStop,
+}
+
+impl Default for Desk {
+    fn default() -> Self {
+        let stop = EmergencyStop::default();
+        let (to_run, inputs) = mpsc::channel(INPUTS);
+        let run_end = RunEnd {
+            stage: Arc::new(watch::channel(Arc::default()).0),
+            snapshots: Arc::new(watch::channel(Arc::default()).0),
+            pictures: Arc::new(watch::channel(Vec::new()).0),
+            button: stop.button(),
+            signal: stop.signal(),
+            inputs: Arc::new(Mutex::new(Some(inputs))),
+            to_run,
+        };
+        Self { run_end, stop }
+    }
+}
+
+impl Desk {
+    /// Returns the end for one more UI.
+    #[must_use]
+    pub fn ui_end(&self) -> UiEnd {
+        self.run_end.ui_end()
+    }
+
+    /// Returns the end for a run. One run at a time takes the inputs.
+    #[must_use]
+    pub fn run_end(&self) -> RunEnd {
+        self.run_end.clone()
+    }
+
+    /// Returns one end of each kind.
+    #[must_use]
+    pub fn ends(&self) -> (UiEnd, RunEnd) {
+        (self.ui_end(), self.run_end())
+    }
+
+    /// Prepares the desk for another run after one has returned: releases the emergency stop and
+    /// drops the inputs that no run took. The UIs show the last run until the next one publishes.
+    ///
+    /// A first run needs no call: a stop that is pressed before it begins must count.
+    pub fn prepare_next_run(&self) {
+        self.stop.release();
+        if let Some(mut inputs) = self.run_end.take_inputs() {
+            while inputs.try_recv().is_ok() {}
+        }
+    }
+}
+
+/// The end of a UI. Clones are further UIs.
+#[derive(Debug, Clone)]
+pub struct UiEnd {
+    /// What does not change in a run; the default before one has begun.
     pub stage: watch::Receiver<Arc<Stage>>,
     /// The latest snapshot.
     pub snapshots: watch::Receiver<Arc<Snapshot>>,
     /// The latest pictures.
     pub pictures: watch::Receiver<Pictures>,
-    commands: mpsc::Sender<Command>,
-    emergency: Arc<AtomicBool>,
+    to_run: mpsc::Sender<Input>,
+    button: StopButton,
 }
 
-impl Desk {
-    /// Gives a command; `false` when nobody takes it now.
+impl UiEnd {
+    /// Sends an input to the run; returns `false` if no run takes it now.
     #[must_use]
-    pub fn command(&self, command: Command) -> bool {
-        if command == Command::EmergencyStop {
+    pub fn send(&self, input: Input) -> bool {
+        if input == Input::EmergencyStop {
             // Past all queues: the servo reads the flag in its next period.
-            self.emergency.store(true, Ordering::Release);
+            self.button.press();
         }
-        self.commands.try_send(command).is_ok()
+        self.to_run.try_send(input).is_ok()
     }
 }
 
-/// The end of whoever runs.
+/// The end of a run.
 #[derive(Debug, Clone)]
-pub struct Behind {
-    /// What does not change.
+pub struct RunEnd {
+    /// What does not change in the run.
     pub stage: Arc<watch::Sender<Arc<Stage>>>,
     /// Snapshots.
     pub snapshots: Arc<watch::Sender<Arc<Snapshot>>>,
     /// Pictures; published before the snapshot that names them.
     pub pictures: Arc<watch::Sender<Pictures>>,
-    /// The emergency stop: set by a face, read by the servo.
-    pub emergency: Arc<AtomicBool>,
-    commands: Arc<Mutex<Option<mpsc::Receiver<Command>>>>,
-    heard_by: mpsc::Sender<Command>,
+    button: StopButton,
+    signal: StopSignal,
+    inputs: Arc<Mutex<Option<mpsc::Receiver<Input>>>>,
+    to_run: mpsc::Sender<Input>,
 }
 
-impl Behind {
-    /// One more face.
+impl RunEnd {
+    /// Returns the end for one more UI.
     #[must_use]
-    pub fn desk(&self) -> Desk {
-        Desk {
+    pub fn ui_end(&self) -> UiEnd {
+        UiEnd {
             stage: self.stage.subscribe(),
             snapshots: self.snapshots.subscribe(),
             pictures: self.pictures.subscribe(),
-            commands: self.heard_by.clone(),
-            emergency: Arc::clone(&self.emergency),
+            to_run: self.to_run.clone(),
+            button: self.button.clone(),
         }
     }
 
-    /// The commands' end; `None` while somebody else has it.
+    /// Returns a handle that presses the emergency stop.
     #[must_use]
-    pub fn take_commands(&self) -> Option<mpsc::Receiver<Command>> {
-        self.commands.lock().unwrap_or_else(PoisonError::into_inner).take()
+    pub fn stop_button(&self) -> StopButton {
+        self.button.clone()
     }
 
-    /// Gives it back for whoever comes next.
-    pub fn return_commands(&self, commands: mpsc::Receiver<Command>) {
-        *self.commands.lock().unwrap_or_else(PoisonError::into_inner) = Some(commands);
+    /// Returns a handle that reads the emergency stop.
+    #[must_use]
+    pub fn stop_signal(&self) -> StopSignal {
+        self.signal.clone()
+    }
+
+    /// Takes the inputs until the returned value is dropped; `None` while they are taken elsewhere.
+    #[must_use]
+    pub fn take_inputs(&self) -> Option<Inputs> {
+        let receiver = self.inputs.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let from = Arc::clone(&self.inputs);
+        receiver.map(|receiver| Inputs { receiver: Some(receiver), from })
     }
 }
 
-/// Both ends.
-#[must_use]
-pub fn desk() -> (Desk, Behind) {
-    let (heard_by, commands) = mpsc::channel(COMMANDS);
-    let behind = Behind {
-        stage: Arc::new(watch::channel(Arc::default()).0),
-        snapshots: Arc::new(watch::channel(Arc::default()).0),
-        pictures: Arc::new(watch::channel(Vec::new()).0),
-        emergency: Arc::new(AtomicBool::new(false)),
-        commands: Arc::new(Mutex::new(Some(commands))),
-        heard_by,
-    };
-    (behind.desk(), behind)
+/// The inputs of the operator, for one taker at a time: dropping it lets the next one take them.
+#[derive(Debug)]
+pub struct Inputs {
+    /// `None` only while it is dropped.
+    receiver: Option<mpsc::Receiver<Input>>,
+    from: Arc<Mutex<Option<mpsc::Receiver<Input>>>>,
+}
+
+impl Inputs {
+    /// Waits for the next input. Never returns `None` while a [`Desk`] or [`RunEnd`] exists.
+    pub async fn recv(&mut self) -> Option<Input> {
+        self.receiver.as_mut()?.recv().await
+    }
+
+    /// Returns the next input if there is one already.
+    ///
+    /// # Errors
+    /// [`TryRecvError::Empty`] if there is none.
+    pub fn try_recv(&mut self) -> Result<Input, TryRecvError> {
+        self.receiver.as_mut().map_or(Err(TryRecvError::Disconnected), mpsc::Receiver::try_recv)
+    }
+}
+
+impl Drop for Inputs {
+    fn drop(&mut self) {
+        *self.from.lock().unwrap_or_else(PoisonError::into_inner) = self.receiver.take();
+    }
 }
 
 #[cfg(test)]
@@ -119,22 +200,46 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_emergency_stop_goes_past_a_full_queue() {
-        let (desk, behind) = desk();
-        while desk.command(Command::Pause) {}
+    fn emergency_stop_passes_a_full_queue() {
+        let (ui, run) = Desk::default().ends();
+        while ui.send(Input::Pause) {}
 
-        assert!(!desk.command(Command::EmergencyStop), "nobody takes commands");
+        assert!(!ui.send(Input::EmergencyStop), "the queue is full");
 
-        assert!(behind.emergency.load(Ordering::Acquire));
+        assert!(run.stop_signal().is_pressed());
     }
 
     #[test]
-    fn a_face_sees_the_latest_and_nobody_waits_for_it() {
-        let (desk, behind) = desk();
+    fn ui_sees_the_latest_snapshot_only() {
+        let (ui, run) = Desk::default().ends();
         for number in 1..=1000 {
-            behind.snapshots.send_replace(Arc::new(Snapshot { number, ..Snapshot::default() }));
+            run.snapshots.send_replace(Arc::new(Snapshot { number, ..Snapshot::default() }));
         }
 
-        assert_eq!(desk.snapshots.borrow().number, 1000);
+        assert_eq!(ui.snapshots.borrow().number, 1000);
+    }
+
+    #[test]
+    fn inputs_have_one_taker_at_a_time() {
+        let (ui, run) = Desk::default().ends();
+        assert!(ui.send(Input::Pause));
+
+        let inputs = run.take_inputs();
+        assert!(run.take_inputs().is_none());
+        drop(inputs);
+
+        assert_eq!(run.take_inputs().unwrap().try_recv(), Ok(Input::Pause));
+    }
+
+    #[test]
+    fn next_run_gets_no_input_of_the_last() {
+        let desk = Desk::default();
+        let (ui, run) = desk.ends();
+        assert!(ui.send(Input::Terminate) && ui.send(Input::EmergencyStop));
+
+        desk.prepare_next_run();
+
+        assert!(!run.stop_signal().is_pressed());
+        assert_eq!(run.take_inputs().unwrap().try_recv(), Err(TryRecvError::Empty));
     }
 }

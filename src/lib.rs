@@ -11,6 +11,7 @@
 //! | faces | [`web`], [`tui`] | the operator's page and terminal |
 //! | configuration, results | [`scenario`], [`record`], [`tables`], [`desk`] | files in, data to the actors; hash and summary out; the solver's tables kept; snapshots up, commands down |
 //! | hardware | [`hw`] | ports, the servo's drivers of time, cameras, the simulated plant |
+//! | stop | [`emergency_stop`] | who may stop the arms |
 //! | task kernels | [`tasks`] | event -> next action; the regrasp plan |
 //! | pure | [`generators`], [`vision`], [`solver`], [`reach`], [`servo`] | step(inputs) -> output |
 //! | vocabulary | [`cell`], [`kinematics`], [`motion`], [`cube`], [`spatial`], [`operator`], [`error`] | types of the field |
@@ -28,6 +29,7 @@ pub mod cell;
 pub mod cli;
 pub mod cube;
 pub mod desk;
+pub mod emergency_stop;
 pub mod error;
 pub mod generators;
 pub mod hw;

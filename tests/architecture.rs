@@ -24,6 +24,7 @@ const LAYERS: &[&[&str]] = &[
     &["actors", "web", "tui"],
     &["record", "scenario", "tables", "desk"],
     &["hw"],
+    &["emergency_stop"],
     &["tasks"],
     &["generators", "vision", "solver", "reach", "servo"],
     &["cell", "kinematics", "motion", "cube", "spatial", "operator", "error"],

@@ -13,6 +13,7 @@ use rubik_robot::actors::mp::{Coordination, Ending, Mp, Parts};
 use rubik_robot::actors::notice::{self, Notice};
 use rubik_robot::actors::work::Work;
 use rubik_robot::actors::{ecp, edp};
+use rubik_robot::emergency_stop::{EmergencyStop, StopButton};
 use rubik_robot::error::{Error, Fatal, NonFatal};
 use rubik_robot::generators::{Behaviour, Outcome};
 use rubik_robot::hw::driver::{self, Core, Switches};
@@ -29,7 +30,6 @@ use rubik_robot::spatial::Pose;
 use rubik_robot::tasks::{Action, Effort, Entry, Event, Finish, Readings, Task, Until};
 use std::io;
 use std::path::Path;
-use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
@@ -70,7 +70,7 @@ struct Rig {
     edp: EdpHandle,
     control: watch::Sender<Control>,
     notices: mpsc::Receiver<Notice>,
-    switches: Arc<Switches>,
+    stop: StopButton,
     scene: Arc<Mutex<Scene>>,
     world_from_base: Pose,
 }
@@ -92,7 +92,8 @@ fn rig_that_notes(
     let arm = config.cell.arms[0].clone();
     let mut plant = Plant::new(PlantConfig::new(config.cell), 1).unwrap();
     let tape = RunHash::default();
-    let switches = Arc::new(Switches::default());
+    let stop = EmergencyStop::default();
+    let switches = Arc::new(Switches::new(stop.signal()));
     let (link, end) = driver::link();
     let servo = ServoConfig::new(&arm, config.effectors[0].gains.clone());
     let records = Box::new(tape.clone());
@@ -120,7 +121,15 @@ fn rig_that_notes(
     let ecps = vec![ecp::spawn(&arm.name, parts)];
     let parts = Parts::bare(ecps, vec![example_manner()], will, ui, clock, tape);
     let mp = Mp::new(Parts { coordination, journal: journal(&scene), ..parts });
-    Rig { mp, edp, control, notices, switches, scene, world_from_base: arm.world_from_base }
+    Rig {
+        mp,
+        edp,
+        control,
+        notices,
+        stop: stop.button(),
+        scene,
+        world_from_base: arm.world_from_base,
+    }
 }
 
 /// Waist and wrist, about a second of motion.
@@ -257,11 +266,11 @@ async fn a_refused_command_reaches_the_operator_with_class_actor_and_place_and_t
 
 #[tokio::test(start_paused = true)]
 async fn an_effector_that_fails_ends_the_run_with_a_fatal_error_that_the_operator_sees() {
-    let Rig { mp, edp, switches, mut notices, control: _control, .. } = rig(Coordination::Sporadic);
+    let Rig { mp, edp, stop, mut notices, control: _control, .. } = rig(Coordination::Sporadic);
     let mission = tokio::spawn(async move { mp.run(&mut Shift(WAY)).await });
     seconds(0.6).await;
 
-    switches.emergency.store(true, Ordering::Release);
+    stop.press();
     let ending = mission.await.unwrap();
 
     let Some(Error::Fatal { actor, place: "execute", cause, last: Some(last) }) = &ending.error
@@ -339,12 +348,12 @@ async fn another_tool_frame_moves_no_arm_and_counts_from_then_on() {
 #[tokio::test(start_paused = true)]
 async fn an_emergency_stop_in_a_pause_is_told_and_outranks_the_operators_end() {
     for coordination in [Coordination::Sporadic, Coordination::Continuous] {
-        let Rig { mp, control, switches, mut notices, .. } = rig(coordination);
+        let Rig { mp, control, stop, mut notices, .. } = rig(coordination);
         let mission = tokio::spawn(async move { mp.run(&mut Shift(WAY)).await });
         tokio::time::sleep(Duration::from_millis(500)).await;
         control.send_replace(Control::Paused);
         tokio::time::sleep(Duration::from_secs(2)).await;
-        switches.emergency.store(true, Ordering::Release);
+        stop.press();
         tokio::time::sleep(Duration::from_millis(200)).await;
 
         assert!(mission.is_finished(), "the stop is not noticed before the pause ends");

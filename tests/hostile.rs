@@ -17,7 +17,7 @@ use rubik_robot::campaign::vary::Vary;
 use rubik_robot::cli::cubes::measured_squares;
 use rubik_robot::cli::evaluate::evaluate;
 use rubik_robot::cube::{Cube, Facelets, after_moves, parse_moves, parse_turns};
-use rubik_robot::desk::desk;
+use rubik_robot::desk::Desk;
 use rubik_robot::generators::Behaviour;
 use rubik_robot::hw::devices::Devices;
 use rubik_robot::hw::force::{
@@ -29,7 +29,7 @@ use rubik_robot::hw::port::Port as _;
 use rubik_robot::hw::serial::axis::{Axis, AxisDrive, Rules};
 use rubik_robot::hw::serial::frame::{ORDER, Order, STATUS, Status};
 use rubik_robot::motion::{ArmState, JointPositions};
-use rubik_robot::operator::{Answer, Command, Manual, Step};
+use rubik_robot::operator::{self, Answer, Manual, Step};
 use rubik_robot::record::journal::Journal;
 use rubik_robot::record::reading::{Piece, Reading};
 use rubik_robot::record::{recover_file, report};
@@ -478,21 +478,16 @@ fn datagrams() {
 #[test]
 fn messages_of_pages() {
     let page = "{}[]\":,commandseatxirsuwgphy0123456789.-e";
-    let (desk, behind) = desk();
-    let commands = RefCell::new(behind.take_commands().unwrap());
+    let (ui, run) = Desk::default().ends();
+    let inputs = RefCell::new(run.take_inputs().unwrap());
     let panel = RefCell::new(panel());
     hostile("websocket", page, 3000, &|bytes| {
-        let text = text(bytes);
-        let command = serde_json::from_str::<Command>(&text).ok();
-        if let Some(command) = &command {
-            ordered(&mut panel.borrow_mut(), command);
-        }
-        // What a socket does with a text, of a page that commands.
-        let refused = web::heard(&text, &desk);
+        // A socket obeys a text of a page that commands.
+        let refused = web::obey(&text(bytes), &ui);
         assert!(refused.is_none_or(|why| why.len() < 200));
-        // The next one finds room again, and what is taken is what was said. (A socket also takes a command's number for it.)
-        while let Ok(taken) = commands.borrow_mut().try_recv() {
-            assert!(command.as_ref().is_none_or(|command| *command == taken), "{taken:?}");
+        // The queue is emptied, so that the next text finds room.
+        while let Ok(input) = inputs.borrow_mut().try_recv() {
+            ordered(&mut panel.borrow_mut(), &input);
         }
     });
 }
@@ -510,9 +505,9 @@ fn panel() -> Panel {
 
 /// What comes of a command to the arms: whatever it says, nothing moves that is no arm, to no place that is none, or farther
 /// than one order goes; what is refused is so in words.
-fn ordered(panel: &mut Panel, command: &Command) {
-    assert!(!command.words().is_empty());
-    let Command::Manual { effector, order } = command else { return };
+fn ordered(panel: &mut Panel, input: &operator::Input) {
+    assert!(!input.describe().is_empty());
+    let operator::Input::Manual { effector, order } = input else { return };
     let arms = [ArmState::default(); 2];
     let readings = Readings { arms: &arms, forces: Forces::default() };
     let action = panel.next(Event::Ordered(*effector, order.clone()), &readings);
@@ -565,25 +560,34 @@ fn orders_to_the_arms() {
     let effector = prop_oneof![4 => 0..3usize, 1 => any::<usize>()];
     let choice = index().prop_map(|option| Answer::Choice { option });
     let answer = (any::<u64>(), prop_oneof![choice, Just(Answer::Declined)]);
-    let commands = prop_oneof![
-        6 => (effector, order).prop_map(|(effector, order)| Command::Manual { effector, order }),
-        1 => number().prop_map(|factor| Command::Speed { factor }),
-        1 => number().prop_map(|time| Command::Seek { time }),
-        1 => answer.prop_map(|(question, answer)| Command::Answer { question, answer }),
+    let inputs = prop_oneof![
+        6 => (effector, order).prop_map(|(effector, order)| operator::Input::Manual { effector, order }),
+        1 => number().prop_map(|factor| operator::Input::Speed { factor }),
+        1 => number().prop_map(|time| operator::Input::Seek { time }),
+        1 => answer.prop_map(|(question, answer)| operator::Input::Answer { question, answer }),
     ];
-    let (desk, behind) = desk();
-    let taken = RefCell::new(behind.take_commands().unwrap());
+    let (ui, run) = Desk::default().ends();
+    let taken = RefCell::new(run.take_inputs().unwrap());
     let panel = RefCell::new(panel());
     // A number that is none cannot be written: what is found is kept as near as can be.
-    let written = |command: &Command| serde_json::to_vec(command).unwrap();
-    search::search("websocket", 3000, &commands, written, |command| {
-        give_found("websocket", &written(&command), &|bytes| {
-            ordered(&mut panel.borrow_mut(), &command);
-            let refused = web::heard(&text(bytes), &desk);
+    search::search("websocket", 3000, &inputs, page_message, |input| {
+        give_found("websocket", &page_message(&input), &|bytes| {
+            ordered(&mut panel.borrow_mut(), &input);
+            let refused = web::obey(&text(bytes), &ui);
             let heard = taken.borrow_mut().try_recv().ok();
-            assert!(refused.is_some() || heard.is_some_and(|heard| heard == command));
+            assert!(refused.is_some() || heard.is_some_and(|heard| heard == input));
         });
     });
+}
+
+/// Returns an input with arguments as a page writes it: `{"command": NAME, ...}`.
+fn page_message(input: &operator::Input) -> Vec<u8> {
+    let serde_json::Value::Object(named) = serde_json::to_value(input).unwrap() else {
+        panic!("{input:?} has no arguments")
+    };
+    let (name, mut message) = named.into_iter().next().unwrap();
+    message["command"] = if name == "order" { "manual".into() } else { name.into() };
+    serde_json::to_vec(&message).unwrap()
 }
 
 /// A folder of its own, which is removed.

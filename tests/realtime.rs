@@ -7,6 +7,7 @@
 #![allow(unsafe_code, reason = "an allocator, a signal handler and a system call filter")]
 
 use nalgebra::Point3;
+use rubik_robot::emergency_stop::EmergencyStop;
 use rubik_robot::hw::driver::{
     Core, RecordSink, ServoLink, ServoRecord, Switches, WallOptions, link, spawn_wall,
 };
@@ -203,7 +204,8 @@ fn commands() -> Vec<ServoCommand> {
 fn run(sin: Sin) -> [u64; 3] {
     let seen: Arc<[AtomicU64; 3]> = Arc::default();
     let watch = Watch { sin, seen: Arc::clone(&seen), armed: false };
-    let switches = Arc::new(Switches::default());
+    let stop = EmergencyStop::default();
+    let (button, switches) = (stop.button(), Arc::new(Switches::new(stop.signal())));
     let (mut links, ends): (Vec<ServoLink>, Vec<_>) = (0..2).map(|_| link()).unzip();
     let mut port = Motors::new(2);
     let core = Core::new(
@@ -229,7 +231,11 @@ fn run(sin: Sin) -> [u64; 3] {
     });
     for (step, command) in commands().into_iter().enumerate() {
         // A stop amid a motion, and both arms take up work again.
-        switches.emergency.store(step == STOPPED, Ordering::Release);
+        if step == STOPPED {
+            button.press()
+        } else {
+            stop.release()
+        }
         for link in &mut links {
             link.send(command).unwrap();
         }

@@ -1,13 +1,13 @@
-//! What the operator wants of the run: start, pause, resume, terminate. One `watch`, latest value wins. And how fast
-//! simulated time may go meanwhile.
+//! The operator's control of a run: start, pause, resume, terminate, as one `watch` of which the
+//! latest value wins; and the speed of simulated time.
 
-use crate::operator::{Answer, Manual};
+use crate::operator::Input;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
-/// The operator's will.
+/// The state in which the operator wants the run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Control {
     /// Not started yet.
@@ -20,13 +20,17 @@ pub enum Control {
     Terminated,
 }
 
-/// What the operator says to MP beside that.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Word {
-    /// The answer to the question of this number.
-    Answer(u64, Answer),
-    /// An order to an effector.
-    Order(usize, Manual),
+impl Control {
+    /// Returns the input that leads to this state; `None` for the first one.
+    #[must_use]
+    pub fn input(self) -> Option<Input> {
+        match self {
+            Self::Waiting => None,
+            Self::Running => Some(Input::Resume),
+            Self::Paused => Some(Input::Pause),
+            Self::Terminated => Some(Input::Terminate),
+        }
+    }
 }
 
 /// The run was terminated by the operator.

@@ -1,13 +1,13 @@
 //! Looks after the arms while they move: that they come too near to nothing, nor too fast to the operator's hand.
 //!
 //! - in: the states that the EDPs publish; MP's word for whether the hands are not to meet now
-//! - out: an emergency stop, with its reason on every face and as the error that ends the run
+//! - out: an emergency stop, with its reason on every UI and as the error that ends the run
 
 use super::alarm::Alarm;
 use super::clock::Clock;
 use super::notice;
+use crate::emergency_stop::StopButton;
 use crate::error::{Error, Fatal};
-use crate::hw::driver::Switches;
 use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::reach::guard::Guard;
 use std::sync::Arc;
@@ -33,7 +33,7 @@ impl Apart {
 pub(crate) async fn watch_over(
     mut guard: Guard,
     states: Vec<watch::Receiver<ArmState>>,
-    switches: Arc<Switches>,
+    stop: StopButton,
     ui: notice::UiHandle,
     clock: Clock,
     (apart, alarm): (Apart, Alarm),
@@ -69,7 +69,7 @@ pub(crate) async fn watch_over(
         if let Err(near) = guard.may(&least, &now).and(slow) {
             let now = clock.period() as f64 * PERIOD;
             ui.tell(notice::Notice::Warning(now, format!("{near}: all arms are stopped")));
-            switches.emergency.store(true, Ordering::Release);
+            stop.press();
             // Else the arms would be the first to say that they were stopped, and not why.
             let cause = Fatal::TooNear(near.to_string());
             alarm.raise(Error::Fatal { actor: "guard".into(), place: "watch", cause, last: None });
@@ -84,6 +84,8 @@ pub(crate) async fn watch_over(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::emergency_stop::EmergencyStop;
+    use crate::hw::driver::Switches;
     use crate::motion::JointPositions;
     use crate::reach::{MeetingTable, ReachSettings, example_cell};
 
@@ -123,21 +125,22 @@ mod tests {
         let guard = Guard::of(&example_cell(), 0.25);
         let channels = states[0].map(watch::channel);
         let listening = channels.iter().map(|(_, states)| states.clone()).collect();
-        let switches = Arc::new(Switches::default());
+        let stop = EmergencyStop::default();
+        let switches = Arc::new(Switches::new(stop.signal()));
         let (ui, mut notices) = notice::mailbox();
-        let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
+        let clock = Clock::new(tokio::time::Instant::now(), switches);
         let (apart, alarm) = (Apart::default(), Alarm::default());
         apart.tell(keeps_apart);
         let listens = alarm.listen();
-        let stops = Arc::clone(&switches);
-        let watching = tokio::spawn(watch_over(guard, listening, stops, ui, clock, (apart, alarm)));
+        let watching =
+            tokio::spawn(watch_over(guard, listening, stop.button(), ui, clock, (apart, alarm)));
         let mut stopped = None;
         for (number, arms) in states.iter().enumerate() {
             for ((sender, _), state) in channels.iter().zip(arms) {
                 sender.send_replace(*state);
             }
             tokio::time::sleep(3 * INTERVAL).await;
-            if switches.emergency.load(Ordering::Acquire) {
+            if stop.signal().is_pressed() {
                 stopped = Some(number);
                 break;
             }

@@ -6,7 +6,7 @@
 
 use super::alarm::{Alarm, Care, Pulse};
 use super::clock::Clock;
-use super::control::{Attended, Control, LOOK, Tempo, Terminated, Word, permission_soon};
+use super::control::{Attended, Control, LOOK, Tempo, Terminated, permission_soon};
 use super::ecp::EcpHandle;
 use super::fault::Mishap;
 use super::homing::{self, homed};
@@ -21,7 +21,7 @@ use crate::generators::{Behaviour, Outcome};
 use crate::motion::{
     AXES, ArmState, Motion as Way, MotorPositions, MoveCommand, PERIOD, Synchronisation,
 };
-use crate::operator::{Answer, Manual, Question};
+use crate::operator::{Answer, Input, Manual, Question};
 use crate::reach::guard::{Guard, Near, Way as Asked};
 use crate::record::journal::Journal;
 use crate::record::recorder::Entry;
@@ -63,10 +63,10 @@ pub struct Parts {
     pub manners: Vec<Manner>,
     /// The operator's will.
     pub control: watch::Receiver<Control>,
-    /// The operator's face.
+    /// The operator's UI.
     pub ui: UiHandle,
-    /// What the operator says; `None` when nobody is there to be asked.
-    pub operator: Option<mpsc::Receiver<Word>>,
+    /// Answers and manual orders of the operator; `None` when no operator can be asked.
+    pub operator: Option<mpsc::Receiver<Input>>,
     /// Told while the operator is waited for.
     pub tempo: Tempo,
     /// Servo periods and time.
@@ -490,8 +490,8 @@ impl Mp {
         self.parts.tempo.attend(Attended::Asked);
         let mut answer = Ok(None);
         while self.now() < until {
-            match self.word().await {
-                Ok(Some(Word::Answer(number, given)))
+            match self.input().await {
+                Ok(Some(Input::Answer { question: number, answer: given }))
                     if number == question.number && given.fits(&question.subject) =>
                 {
                     answer = Ok(Some(given));
@@ -518,8 +518,8 @@ impl Mp {
             board.latest().manual = true;
         }
         let order = loop {
-            match self.word().await {
-                Ok(Some(Word::Order(effector, order))) => break Ok((effector, order)),
+            match self.input().await {
+                Ok(Some(Input::Manual { effector, order })) => break Ok((effector, order)),
                 Ok(_) => {}
                 Err(stop) => break Err(stop),
             }
@@ -528,19 +528,20 @@ impl Mp {
         order
     }
 
-    /// The operator's next word, if one comes soon; a terminate and a fault of an arm come first.
-    async fn word(&mut self) -> Result<Option<Word>, Stop> {
+    /// Returns the operator's next input if one comes soon; a terminate and a fault of an arm come
+    /// first.
+    async fn input(&mut self) -> Result<Option<Input>, Stop> {
         self.permitted().await?.map_err(|_| Stop::Terminated)?;
-        let word = match &mut self.parts.operator {
-            Some(words) => tokio::time::timeout(LOOK, words.recv()).await.ok().flatten(),
+        let input = match &mut self.parts.operator {
+            Some(inputs) => tokio::time::timeout(LOOK, inputs.recv()).await.ok().flatten(),
             None => return Err(Stop::Error(Self::system("listen", "the operator"))),
         };
-        if word.is_none() {
-            // Not to spin when nobody is left to speak.
+        if input.is_none() {
+            // The sleep keeps this from spinning when the UI is gone.
             tokio::time::sleep(LOOK).await;
         }
         self.refresh().await?;
-        Ok(word)
+        Ok(input)
     }
 
     /// What no behaviour does.

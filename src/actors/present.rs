@@ -5,13 +5,13 @@ use super::control::Control;
 use super::notice::{Notice, class};
 use crate::cell::{Cell, Mount};
 use crate::cube::{Face, Keeper};
-use crate::desk::{Behind, Picture as Pixels, Pixels as Kind};
+use crate::desk::{Picture as Pixels, Pixels as Kind, RunEnd};
 use crate::generators::Target;
 use crate::motion::{JointPositions, PERIOD, Synchronisation};
 use crate::operator::{
-    ActorView, ArmStage, ArmView, CameraStage, CameraView, Class, Command, ControlView, CubeView,
-    HandView, LayerTurn, Limits, Mark, Message, OutcomeView, Services, ServoTiming, Snapshot,
-    Stage, State, arm_frames, arm_solids, joints_of, remedy,
+    ActorView, ArmStage, ArmView, CameraStage, CameraView, Class, ControlView, CubeView, HandView,
+    Input, LayerTurn, Limits, Mark, Message, OutcomeView, Services, ServoTiming, Snapshot, Stage,
+    State, arm_frames, arm_solids, joints_of, remedy,
 };
 use crate::scenario::Scenario;
 use crate::scenario::keys::Pace;
@@ -120,12 +120,12 @@ impl Presenter {
         self.say(time, class, source, text);
     }
 
-    /// The operator gave a command.
-    pub fn commanded(&mut self, command: &Command, done: Result<(), &'static str>) {
-        let word = command.words();
+    /// Shows an input of the operator that was obeyed, or refused with a reason.
+    pub fn obeyed(&mut self, input: &Input, done: Result<(), &'static str>) {
+        let input = input.describe();
         let (class, text) = match done {
-            Ok(()) => (Class::Info, format!("operator: {word}")),
-            Err(why) => (Class::Warning, format!("operator: {word}: not done, {why}")),
+            Ok(()) => (Class::Info, format!("operator: {input}")),
+            Err(why) => (Class::Warning, format!("operator: {input}: not done, {why}")),
         };
         self.say(self.time(), class, "ui", &text);
     }
@@ -156,12 +156,12 @@ impl Presenter {
     }
 
     /// Publishes pictures and snapshot.
-    pub fn publish(&mut self, behind: &Behind, control: Control, speed: f64) {
+    pub fn publish(&mut self, desk: &RunEnd, control: Control, speed: f64) {
         let board = self.board.clone();
         let mut latest = board.latest();
         let time = self.time_of(&latest);
         if let Some(cell) = latest.calibrated.take() {
-            self.calibrated(*cell, behind);
+            self.calibrated(*cell, desk);
         }
         let new = self.take_pictures(&mut latest);
         let look = |arm: &mut ArmLatest| ArmLatest {
@@ -226,17 +226,17 @@ impl Presenter {
             outcome: self.outcome.clone(),
         };
         if new {
-            behind.pictures.send_replace(self.pictures.clone());
+            desk.pictures.send_replace(self.pictures.clone());
         }
-        behind.snapshots.send_replace(Arc::new(snapshot));
+        desk.snapshots.send_replace(Arc::new(snapshot));
     }
 
     /// The cameras are elsewhere than the scenario has them.
-    fn calibrated(&mut self, cell: Cell, behind: &Behind) {
+    fn calibrated(&mut self, cell: Cell, desk: &RunEnd) {
         self.stage.cameras = cameras(&cell);
         self.stage.edge = cell.cube.edge;
         self.cell = cell;
-        behind.stage.send_replace(Arc::new(self.stage.clone()));
+        desk.stage.send_replace(Arc::new(self.stage.clone()));
     }
 
     /// A camera's VSP has delivered, with a picture or without.
@@ -609,7 +609,7 @@ mod tests {
     fn a_cube_in_a_hand_goes_where_the_arm_goes_and_its_layer_with_the_turner() {
         let (mut presenter, _, board) = presenter();
         stand(&board, &presenter);
-        let (_, behind) = crate::desk::desk();
+        let desk = crate::desk::Desk::default().run_end();
         let tool_from_cube = Pose::translation(0.0, 0.0, 0.019);
         let frames: Vec<Pose> = presenter
             .cell
@@ -628,9 +628,9 @@ mod tests {
             ..Picture::default()
         });
 
-        presenter.publish(&behind, Control::Running, 0.0);
+        presenter.publish(&desk, Control::Running, 0.0);
 
-        let snapshot = behind.snapshots.borrow().clone();
+        let snapshot = desk.snapshots.borrow().clone();
         assert_eq!(snapshot.time, 1.0);
         assert_eq!(snapshot.cube.held_by, [0, 1]);
         let shown = snapshot.cube.world_from_cube.unwrap();
@@ -648,18 +648,18 @@ mod tests {
         let board = Board::default();
         let (mut presenter, _) = Presenter::new(&scenario, board.clone());
         stand(&board, &presenter);
-        let (_, behind) = crate::desk::desk();
+        let desk = crate::desk::Desk::default().run_end();
 
-        presenter.publish(&behind, Control::Running, 0.0);
+        presenter.publish(&desk, Control::Running, 0.0);
 
-        assert_eq!(behind.snapshots.borrow().time, 0.5, "500 periods of 1 ms");
+        assert_eq!(desk.snapshots.borrow().time, 0.5, "500 periods of 1 ms");
     }
 
     #[test]
     fn what_is_found_is_painted_by_the_calibrated_camera() {
         let (mut presenter, before, board) = presenter();
         stand(&board, &presenter);
-        let (_, behind) = crate::desk::desk();
+        let desk = crate::desk::Desk::default().run_end();
         let mut cell = presenter.cell.clone();
         let Mount::World { world_from_camera } = &mut cell.cameras[0].mount else { panic!() };
         let world_from_cube = *world_from_camera * Pose::translation(0.0, 0.0, 1.0);
@@ -670,36 +670,36 @@ mod tests {
             found: Found::Cube(world_from_cube, 0.0),
         };
         board.saw(0, look());
-        presenter.publish(&behind, Control::Running, 0.0);
-        let first = behind.snapshots.borrow().cameras[0].outlines.clone();
+        presenter.publish(&desk, Control::Running, 0.0);
+        let first = desk.snapshots.borrow().cameras[0].outlines.clone();
 
         board.latest().calibrated = Some(Box::new(cell));
         std::thread::sleep(PICTURE);
         board.saw(0, look());
-        presenter.publish(&behind, Control::Running, 0.0);
+        presenter.publish(&desk, Control::Running, 0.0);
 
-        assert!(behind.snapshots.borrow().cameras[0].outlines != first);
-        assert!(behind.stage.borrow().cameras[0].pose != before.cameras[0].pose);
+        assert!(desk.snapshots.borrow().cameras[0].outlines != first);
+        assert!(desk.stage.borrow().cameras[0].pose != before.cameras[0].pose);
     }
 
     #[test]
     fn peaks_between_snapshots_are_shown_once() {
         let (mut presenter, _, board) = presenter();
         stand(&board, &presenter);
-        let (_, behind) = crate::desk::desk();
+        let desk = crate::desk::Desk::default().run_end();
         board.latest().arms[0].peaks = Peaks { force: 12.0, torque: 1.5, following: 0.0 };
 
-        presenter.publish(&behind, Control::Running, 0.0);
-        assert_eq!(behind.snapshots.borrow().arms[0].peak, (12.0, 1.5));
-        presenter.publish(&behind, Control::Running, 0.0);
-        assert_eq!(behind.snapshots.borrow().arms[0].peak, (0.0, 0.0));
+        presenter.publish(&desk, Control::Running, 0.0);
+        assert_eq!(desk.snapshots.borrow().arms[0].peak, (12.0, 1.5));
+        presenter.publish(&desk, Control::Running, 0.0);
+        assert_eq!(desk.snapshots.borrow().arms[0].peak, (0.0, 0.0));
     }
 
     #[test]
     fn a_faulty_arm_shows_its_fault_and_the_console_its_class() {
         let (mut presenter, _, board) = presenter();
         stand(&board, &presenter);
-        let (_, behind) = crate::desk::desk();
+        let desk = crate::desk::Desk::default().run_end();
         let fault = crate::motion::ArmFault::EmergencyStop;
         board.latest().arms[1].state.fault = Some(fault);
         let error = crate::error::Error::Fatal {
@@ -710,9 +710,9 @@ mod tests {
         };
 
         presenter.notice(&Notice::Error(1.0, error));
-        presenter.publish(&behind, Control::Running, 0.0);
+        presenter.publish(&desk, Control::Running, 0.0);
 
-        let snapshot = behind.snapshots.borrow().clone();
+        let snapshot = desk.snapshots.borrow().clone();
         let edp = snapshot.actors.iter().find(|a| a.name == "edp postument").unwrap();
         assert_eq!(edp.state, State::Fault);
         assert_eq!(snapshot.messages[0].class, Class::Fatal);

@@ -1,34 +1,36 @@
-//! UI: presents what happens and takes the operator's commands.
+//! UI: presents the run and obeys the operator.
 //!
-//! It owns the snapshot that every face shows, and obeys what they command: page, terminal and the keys on stdin sit at
-//! the same [`Desk`]. Notices come by a bounded mailbox, what changes quickly by the [`Board`]; nobody waits for it.
-//! It lives on a thread of its own, in wall-clock time: a virtual run neither sees it nor slows down for it. The
-//! emergency stop goes past all actors to the servos; it is no safety function. Lines go to stderr, so that stdout
-//! stays for machines.
+//! It owns the snapshot that each UI shows, and obeys their inputs: page, terminal and the keys on
+//! stdin are at the same [`Desk`]. Notices come by a bounded mailbox, quick values by the [`Board`];
+//! no other actor waits for it. It lives on a thread of its own, in wall-clock time: a virtual run
+//! neither sees it nor slows down for it. The emergency stop passes all actors on its way to the
+//! servos ([`crate::emergency_stop`]). Lines go to stderr, so that stdout stays for machines.
 
 use super::board::Board;
-use super::control::{Control, Tempo, Word, is_speed};
+use super::control::{Control, Tempo, is_speed};
 use super::notice::{Notice, UiHandle, mailbox};
 use super::present::Presenter;
-use crate::desk::{Behind, Desk, desk};
-use crate::operator::{Command, OutcomeView};
+use crate::desk::{Desk, Inputs, RunEnd, UiEnd};
+use crate::emergency_stop::{StopButton, StopSignal};
+use crate::operator::{Input, OutcomeView};
 use crate::record::recorder::Recorder;
 use crate::record::run_hash::RunHash;
 use std::io::{BufRead, Write};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
+use tokio::time::MissedTickBehavior;
 
 /// Time between two snapshots.
 const REFRESH: Duration = Duration::from_millis(50);
 
-/// What the operator's commands act on.
+/// The parts of a run on which the operator's inputs act.
 #[derive(Debug, Clone)]
-pub struct Helm {
+pub struct OperatorControls {
     /// Start, pause, resume, terminate.
     pub control: Arc<watch::Sender<Control>>,
     /// Answers and orders to MP.
-    pub words: mpsc::Sender<Word>,
+    pub to_task: mpsc::Sender<Input>,
     /// How fast simulated time may go.
     pub tempo: Tempo,
 }
@@ -39,17 +41,17 @@ pub struct Parts {
     pub quiet: bool,
     /// Listens to keys on stdin.
     pub keys: bool,
-    /// What commands act on.
-    pub helm: Helm,
-    /// The end at which faces listen; `None` when there are none.
-    pub behind: Option<Behind>,
-    /// Makes the snapshots, when there are faces.
+    /// The parts of the run on which inputs act.
+    pub controls: OperatorControls,
+    /// The run's end of the desk; `None` when no UI is at one.
+    pub desk: Option<RunEnd>,
+    /// Makes the snapshots, when there are UIs.
     pub presenter: Option<Presenter>,
-    /// Where the latest values stand, when there are faces.
+    /// The latest values, when there are UIs.
     pub board: Option<Board>,
-    /// What keeps the run.
+    /// The recording of the run.
     pub recorder: Recorder,
-    /// Where commands that were obeyed are noted.
+    /// The hash of the run, which covers inputs that were obeyed.
     pub tape: RunHash,
 }
 
@@ -58,105 +60,114 @@ pub struct Parts {
 pub struct Ui {
     /// For the other actors.
     pub handle: UiHandle,
-    /// The flag of the emergency stop, for the servos.
-    pub emergency: Arc<std::sync::atomic::AtomicBool>,
+    /// Presses the emergency stop at the operator's desk.
+    pub stop_button: StopButton,
+    /// Reads the emergency stop at the operator's desk.
+    pub stop_signal: StopSignal,
     thread: std::thread::JoinHandle<()>,
 }
 
 impl Ui {
-    /// Creates the UI.
+    /// Creates the UI on a thread of its own.
     ///
     /// # Errors
-    /// What the operating system says to another thread.
+    /// The operating system's, if it refuses another thread.
     pub fn spawn(parts: Parts) -> std::io::Result<Self> {
-        let (mut handle, mut notices) = mailbox();
+        let (mut handle, notices) = mailbox();
         handle.board.clone_from(&parts.board);
         handle.recorder.clone_from(&parts.recorder);
-        let behind = parts.behind.unwrap_or_else(|| desk().1);
-        let keys = parts.keys.then(|| behind.desk());
-        if let Some(desk) = keys {
-            let mut err = std::io::stderr().lock();
-            let _ = writeln!(
-                err,
-                "keys: s start, p pause, r resume, t terminate, e emergency stop; Enter after each"
-            );
-            // stdin cannot be awaited: a thread waits for it, and ends with the process.
-            let alone = parts.presenter.is_none();
-            std::thread::spawn(move || listen(std::io::stdin().lock(), &desk, alone));
+        let desk = parts.desk.unwrap_or_else(|| Desk::default().run_end());
+        if parts.keys {
+            listen_to_stdin(desk.ui_end(), parts.presenter.is_none());
         }
-        let emergency = Arc::clone(&behind.emergency);
+        let (stop_button, stop_signal) = (desk.stop_button(), desk.stop_signal());
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
-        let (quiet, helm, tape) = (parts.quiet, parts.helm, parts.tape);
-        let mut presenter = parts.presenter;
-        let work = move || {
-            runtime.block_on(async move {
-                let mut commands = behind.take_commands();
-                let mut refresh = tokio::time::interval(REFRESH);
-                refresh.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-                loop {
-                    tokio::select! {
-                        biased;
-                        Some(command) = next(&mut commands) => {
-                            let done = obey(&command, &helm);
-                            if done == Ok(true) {
-                                tape.message("operator", "ui", &command);
-                            }
-                            if let Some(presenter) = &mut presenter {
-                                presenter.commanded(&command, done.map(drop));
-                            }
-                        }
-                        notice = notices.recv() => {
-                            let Some(notice) = notice else { break };
-                            if !quiet {
-                                print(&notice);
-                            }
-                            if let Some(presenter) = &mut presenter {
-                                presenter.notice(&notice);
-                            }
-                            if matches!(notice, Notice::Over(_)) {
-                                break;
-                            }
-                        }
-                        _ = refresh.tick(), if presenter.is_some() => {
-                            if let Some(presenter) = &mut presenter {
-                                presenter.publish(&behind, *helm.control.borrow(), helm.tempo.limit());
-                            }
-                        }
-                    }
-                }
-                if let Some(presenter) = &mut presenter {
-                    presenter.publish(&behind, *helm.control.borrow(), helm.tempo.limit());
-                }
-                if let Some(commands) = commands {
-                    behind.return_commands(commands);
-                }
-            });
-        };
+        let Parts { quiet, controls, presenter, tape, .. } = parts;
+        let shell = Shell { quiet, controls, desk, presenter, tape };
+        let work = move || runtime.block_on(shell.run(notices));
         let thread = std::thread::Builder::new().name("ui".into()).spawn(work)?;
-        Ok(Self { handle, emergency, thread })
+        Ok(Self { handle, stop_button, stop_signal, thread })
     }
 
-    /// Shows how the run ended, and ends.
+    /// Shows the outcome of the run and ends the UI.
     pub fn over(self, outcome: OutcomeView) {
         // With the mailbox full the terminal hangs; the end then comes with the last handle.
         let over = Notice::Over(outcome);
         super::notice::note(&self.handle.recorder, &over);
         let _ = self.handle.mailbox.blocking_send(over);
         drop(self.handle);
-        // A panic has told of itself.
+        // A panic has reported itself.
         let _ = self.thread.join();
     }
 }
 
-async fn next(commands: &mut Option<mpsc::Receiver<Command>>) -> Option<Command> {
-    match commands {
-        Some(commands) => commands.recv().await,
+/// The UI's shell: its loop, with all that the loop uses.
+struct Shell {
+    quiet: bool,
+    controls: OperatorControls,
+    desk: RunEnd,
+    presenter: Option<Presenter>,
+    tape: RunHash,
+}
+
+impl Shell {
+    /// Serves inputs, notices and snapshots until the run is over.
+    async fn run(mut self, mut notices: mpsc::Receiver<Notice>) {
+        let mut inputs = self.desk.take_inputs();
+        let mut refresh = tokio::time::interval(REFRESH);
+        refresh.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            tokio::select! {
+                biased;
+                Some(input) = next(&mut inputs) => self.obey(&input),
+                notice = notices.recv() => {
+                    let Some(notice) = notice else { break };
+                    self.present(&notice);
+                    if matches!(notice, Notice::Over(_)) {
+                        break;
+                    }
+                }
+                _ = refresh.tick(), if self.presenter.is_some() => self.publish(),
+            }
+        }
+        self.publish();
+    }
+
+    fn obey(&mut self, input: &Input) {
+        let done = apply(input, &self.controls);
+        if done == Ok(true) {
+            self.tape.message("operator", "ui", input);
+        }
+        if let Some(presenter) = &mut self.presenter {
+            presenter.obeyed(input, done.map(drop));
+        }
+    }
+
+    fn present(&mut self, notice: &Notice) {
+        if !self.quiet {
+            print(notice);
+        }
+        if let Some(presenter) = &mut self.presenter {
+            presenter.notice(notice);
+        }
+    }
+
+    fn publish(&mut self) {
+        let Some(presenter) = &mut self.presenter else { return };
+        let control = *self.controls.control.borrow();
+        presenter.publish(&self.desk, control, self.controls.tempo.limit());
+    }
+}
+
+async fn next(inputs: &mut Option<Inputs>) -> Option<Input> {
+    match inputs {
+        Some(inputs) => inputs.recv().await,
         None => std::future::pending().await,
     }
 }
 
 fn print(notice: &Notice) {
-    // Whoever reads the log sees it in its place; it is told once all the same.
+    // A reader of the log sees the notice in its place; stderr has it as well.
     match notice {
         Notice::Phase(_, name) => tracing::info!(phase = %name, "phase"),
         Notice::Note(_, text) | Notice::Warning(_, text) => tracing::info!("{text}"),
@@ -164,7 +175,7 @@ fn print(notice: &Notice) {
         Notice::Over(_) => return,
     }
     let mut err = std::io::stderr().lock();
-    // A closed stderr leaves nobody to tell.
+    // A closed stderr has no reader.
     let _ = match notice {
         Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {name}"),
         Notice::Note(_, text) | Notice::Warning(_, text) => {
@@ -175,173 +186,171 @@ fn print(notice: &Notice) {
     };
 }
 
-/// Obeys a command: whether that changed anything; `Err` says why not. A start of what runs is nothing, and not noted:
-/// the end of input says one at whatever time it comes.
-fn obey(command: &Command, helm: &Helm) -> Result<bool, &'static str> {
-    let control = &helm.control;
-    let now = *control.borrow();
+/// Applies an input to the run. Returns whether it changed anything, or the reason for a refusal.
+///
+/// A start of a run that is on changes nothing and is not recorded: the end of stdin gives one at
+/// any time.
+fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, &'static str> {
     let turn = |to| {
-        control.send_if_modified(|control| {
+        controls.control.send_if_modified(|control| {
             let changes = *control != to;
             *control = to;
             changes
         })
     };
-    let over = || if now == Control::Terminated { Err("the run is over") } else { Ok(()) };
-    match command {
+    let to_task = |refusal| match controls.to_task.try_send(input.clone()) {
+        Ok(()) => Ok(true),
+        Err(_) => Err(refusal),
+    };
+    let now = *controls.control.borrow();
+    match (input, now) {
         // A start moves no arm that was paused.
-        Command::Start if now == Control::Paused => return Err("the run has begun: resume it"),
-        Command::Start | Command::Resume => {
-            over()?;
-            return Ok(turn(Control::Running));
+        (Input::Start, Control::Paused) => Err("the run has begun: resume it"),
+        (Input::Start | Input::Resume | Input::Pause, Control::Terminated) => {
+            Err("the run is over")
         }
-        Command::Pause => {
-            over()?;
-            if now == Control::Waiting {
-                return Err("the run has not begun");
-            }
-            return Ok(turn(Control::Paused));
+        (Input::Start | Input::Resume, _) => Ok(turn(Control::Running)),
+        (Input::Pause, Control::Waiting) => Err("the run has not begun"),
+        (Input::Pause, _) => Ok(turn(Control::Paused)),
+        (Input::Terminate, _) => Ok(turn(Control::Terminated)),
+        // The button was pressed on the way here. A run that waits for its start begins stopped, so
+        // that its arms report the stop.
+        (Input::EmergencyStop, Control::Waiting) => {
+            turn(Control::Running);
+            Ok(true)
         }
-        Command::Terminate => return Ok(turn(Control::Terminated)),
-        // The flag was set on the way here. A run that waits for its start begins stopped: so its arms tell of it.
-        Command::EmergencyStop => {
-            if now == Control::Waiting {
-                turn(Control::Running);
-            }
+        (Input::EmergencyStop, _) => Ok(true),
+        (Input::Answer { .. }, _) => to_task("nobody waits for an answer"),
+        // An order that waited would be carried out at once when the run goes on, unexpectedly.
+        (Input::Manual { .. }, Control::Paused) => Err("the run is paused: resume it first"),
+        (Input::Manual { .. }, Control::Waiting) => Err("the run has not begun"),
+        (Input::Manual { .. }, _) => to_task("the arms are busy"),
+        (Input::Speed { factor }, _) if is_speed(*factor) => {
+            controls.tempo.set(*factor);
+            Ok(true)
         }
-        Command::Answer { question, answer } => {
-            let word = Word::Answer(*question, answer.clone());
-            helm.words.try_send(word).map_err(|_| "nobody waits for an answer")?;
+        (Input::Speed { .. }, _) => {
+            Err("0.01 times real time is the slowest, 0 is as fast as it computes")
         }
-        // A word that waited would be carried out at once when the run goes on, when nobody expects it any more.
-        Command::Manual { .. } if now == Control::Paused => {
-            return Err("the run is paused: resume it first");
-        }
-        Command::Manual { .. } if now == Control::Waiting => return Err("the run has not begun"),
-        Command::Manual { effector, order } => {
-            let word = Word::Order(*effector, order.clone());
-            helm.words.try_send(word).map_err(|_| "the arms are busy")?;
-        }
-        Command::Speed { factor } if !is_speed(*factor) => {
-            return Err("0.01 times real time is the slowest, 0 is as fast as it computes");
-        }
-        Command::Speed { factor } => helm.tempo.set(*factor),
-        Command::Quit | Command::Seek { .. } => return Err("not while a run is on"),
+        (Input::Quit | Input::Seek { .. }, _) => Err("not while a run is on"),
     }
-    Ok(true)
 }
 
-/// Listens to the operator's words, a line each, until they end; `alone`: there is no other face.
-fn listen(words: impl BufRead, desk: &Desk, alone: bool) {
-    for line in words.lines().map_while(Result::ok) {
-        let command = match line.trim() {
-            "s" | "start" | "r" | "resume" => Command::Resume,
-            "" => Command::Start,
-            "p" | "pause" => Command::Pause,
-            "t" | "terminate" | "q" => Command::Terminate,
-            "e" | "stop" => Command::EmergencyStop,
+/// Listens to keys on stdin, on a thread of its own that ends with the process: stdin cannot be
+/// awaited.
+fn listen_to_stdin(desk: UiEnd, alone: bool) {
+    let mut err = std::io::stderr().lock();
+    let _ = writeln!(
+        err,
+        "keys: s start, p pause, r resume, t terminate, e emergency stop; Enter after each"
+    );
+    std::thread::spawn(move || listen(std::io::stdin().lock(), &desk, alone));
+}
+
+/// Sends an input for each line until the lines end; `alone`: there is no other UI.
+fn listen(lines: impl BufRead, desk: &UiEnd, alone: bool) {
+    for line in lines.lines().map_while(Result::ok) {
+        let input = match line.trim() {
+            "s" | "start" | "r" | "resume" => Input::Resume,
+            "" => Input::Start,
+            "p" | "pause" => Input::Pause,
+            "t" | "terminate" | "q" => Input::Terminate,
+            "e" | "stop" => Input::EmergencyStop,
             other => {
                 let _ = writeln!(std::io::stderr(), "'{other}' is none of s, p, r, t, e");
                 continue;
             }
         };
-        let _ = desk.command(command);
+        let _ = desk.send(input);
     }
-    // The end of input never makes a run wait that nobody else could start.
+    // The end of stdin starts a run that no other UI could start.
     if alone {
-        let _ = desk.command(Command::Resume);
+        let _ = desk.send(Input::Resume);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::atomic::Ordering;
 
-    /// What the operator's words come to.
-    fn after(words: &str) -> (Control, bool) {
-        told(words, true)
+    fn controls(control: Control) -> (OperatorControls, mpsc::Receiver<Input>) {
+        let control = Arc::new(watch::channel(control).0);
+        let (to_task, task) = mpsc::channel(4);
+        (OperatorControls { control, to_task, tempo: Tempo::default() }, task)
     }
 
-    fn told(words: &str, alone: bool) -> (Control, bool) {
-        let (control, _will) = watch::channel(Control::Waiting);
-        let helm =
-            Helm { control: Arc::new(control), words: mpsc::channel(1).0, tempo: Tempo::default() };
-        let (desk, behind) = desk();
-        listen(words.as_bytes(), &desk, alone);
-        let mut commands = behind.take_commands().unwrap();
-        while let Ok(command) = commands.try_recv() {
-            let _ = obey(&command, &helm);
+    /// Returns what lines on stdin make of a run that waits, and whether the stop is pressed.
+    fn after(lines: &str, alone: bool) -> (Control, bool) {
+        let (controls, _task) = controls(Control::Waiting);
+        let (ui, run) = Desk::default().ends();
+        listen(lines.as_bytes(), &ui, alone);
+        let mut inputs = run.take_inputs().unwrap();
+        while let Ok(input) = inputs.try_recv() {
+            let _ = apply(&input, &controls);
         }
-        (*helm.control.borrow(), behind.emergency.load(Ordering::Acquire))
+        (*controls.control.borrow(), run.stop_signal().is_pressed())
     }
 
     #[test]
-    fn the_emergency_stop_reaches_the_servos_at_once() {
-        assert_eq!(after("s\ne\n"), (Control::Running, true));
+    fn emergency_stop_reaches_the_servos_at_once() {
+        assert_eq!(after("s\ne\n", true), (Control::Running, true));
     }
 
     #[test]
-    fn an_emergency_stop_before_the_start_does_not_wait_for_one() {
-        assert_eq!(told("e\n", false), (Control::Running, true));
-        assert_eq!(told("p\ne\nt\n", false), (Control::Terminated, true));
+    fn emergency_stop_needs_no_start() {
+        assert_eq!(after("e\n", false), (Control::Running, true));
+        assert_eq!(after("p\ne\nt\n", false), (Control::Terminated, true));
     }
 
     #[test]
-    fn a_speed_at_which_time_as_good_as_stands_still_is_refused() {
-        let (words, tempo) = (mpsc::channel(1).0, Tempo::default());
-        let control = Arc::new(watch::channel(Control::Running).0);
-        let helm = Helm { control, words, tempo: tempo.clone() };
+    fn speeds_below_the_slowest_are_refused() {
+        let (controls, _task) = controls(Control::Running);
         for factor in [1e-300, 1e-6, -1.0, f64::NAN, f64::INFINITY] {
-            assert!(obey(&Command::Speed { factor }, &helm).is_err(), "{factor}");
+            assert!(apply(&Input::Speed { factor }, &controls).is_err(), "{factor}");
         }
         for factor in [0.0, 0.01, 20.0] {
-            obey(&Command::Speed { factor }, &helm).unwrap();
-            assert_eq!(tempo.limit(), factor);
+            apply(&Input::Speed { factor }, &controls).unwrap();
+            assert_eq!(controls.tempo.limit(), factor);
         }
     }
 
     #[test]
-    fn the_end_of_input_makes_nobody_wait() {
-        assert_eq!(after(""), (Control::Running, false));
-        assert_eq!(after("s\np\n"), (Control::Running, false));
-        assert_eq!(after("what\n"), (Control::Running, false));
-        assert_eq!(told("", false), (Control::Waiting, false), "a page may still start it");
+    fn end_of_stdin_starts_a_lonely_run() {
+        assert_eq!(after("", true), (Control::Running, false));
+        assert_eq!(after("s\np\n", true), (Control::Running, false));
+        assert_eq!(after("what\n", true), (Control::Running, false));
+        assert_eq!(after("", false), (Control::Waiting, false), "a page may still start it");
     }
 
     #[test]
-    fn a_bare_enter_starts_but_moves_no_arm_that_was_paused() {
-        let (control, _will) = watch::channel(Control::Waiting);
-        let helm =
-            Helm { control: Arc::new(control), words: mpsc::channel(1).0, tempo: Tempo::default() };
+    fn bare_enter_starts_but_does_not_resume() {
+        let (controls, _task) = controls(Control::Waiting);
 
-        obey(&Command::Start, &helm).unwrap();
-        assert_eq!(*helm.control.borrow(), Control::Running);
-        obey(&Command::Pause, &helm).unwrap();
-        assert!(obey(&Command::Start, &helm).is_err());
-        assert_eq!(*helm.control.borrow(), Control::Paused);
+        apply(&Input::Start, &controls).unwrap();
+        assert_eq!(*controls.control.borrow(), Control::Running);
+        apply(&Input::Pause, &controls).unwrap();
+        assert!(apply(&Input::Start, &controls).is_err());
+        assert_eq!(*controls.control.borrow(), Control::Paused);
     }
 
     #[test]
-    fn an_order_by_hand_is_refused_during_a_pause_and_does_not_wait_for_its_end() {
-        let (words, mut heard) = mpsc::channel(4);
-        let (control, _will) = watch::channel(Control::Running);
-        let helm = Helm { control: Arc::new(control), words, tempo: Tempo::default() };
-        let jog = Command::Manual { effector: 0, order: crate::operator::Manual::Bias };
+    fn manual_order_is_refused_in_a_pause() {
+        let (controls, mut task) = controls(Control::Running);
+        let jog = Input::Manual { effector: 0, order: crate::operator::Manual::Bias };
 
         for (before, why) in [(Control::Paused, "paused"), (Control::Waiting, "not begun")] {
-            helm.control.send_replace(before);
-            assert!(obey(&jog, &helm).unwrap_err().contains(why));
+            controls.control.send_replace(before);
+            assert!(apply(&jog, &controls).unwrap_err().contains(why));
         }
-        helm.control.send_replace(Control::Running);
-        assert!(heard.try_recv().is_err(), "nothing waited");
-        obey(&jog, &helm).unwrap();
-        assert!(heard.try_recv().is_ok());
+        controls.control.send_replace(Control::Running);
+        assert!(task.try_recv().is_err(), "no order waited");
+        apply(&jog, &controls).unwrap();
+        assert!(task.try_recv().is_ok());
     }
 
     #[test]
-    fn who_terminates_does_not_come_back() {
-        assert_eq!(after("s\nt\n"), (Control::Terminated, false));
-        assert_eq!(after("t\nr\n"), (Control::Terminated, false));
+    fn terminated_run_does_not_resume() {
+        assert_eq!(after("s\nt\n", true), (Control::Terminated, false));
+        assert_eq!(after("t\nr\n", true), (Control::Terminated, false));
     }
 }

@@ -2,9 +2,9 @@
 
 use super::output::{Output, WRONG, complain};
 use super::record;
-use super::ui::{Face, FaceArgs, FaceWord};
+use super::ui::{Ui, UiArgs, UiKind};
 use crate::actors::control::is_speed;
-use crate::desk::desk;
+use crate::desk::Desk;
 use crate::record::reading::{Label, Piece, open};
 use crate::run::SIGNALS;
 use crate::run::show::Show;
@@ -46,7 +46,7 @@ pub(super) struct ReplayArgs {
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     speed: f64,
     #[command(flatten)]
-    face: FaceArgs,
+    ui: UiArgs,
 }
 
 pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> {
@@ -88,7 +88,7 @@ pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> 
     Ok(u8::from(!same))
 }
 
-/// Shows a recording to whoever looks; without a face its phases and messages are told at once.
+/// Shows a recording in a UI; without one, prints its phases and messages at once.
 fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
     if !is_speed(args.speed) {
         complain("--speed: a factor of 0.01 or more such as 5, or 0 for as fast as it goes");
@@ -103,18 +103,18 @@ fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
             return Ok(WRONG);
         }
     };
-    let (desk, behind) = desk();
-    let face = match args.face.word(args.json) {
-        FaceWord::None => Face::None,
-        word => match args.face.open(word, desk) {
-            Ok(face) => face,
+    let desk = Desk::default();
+    let ui = match args.ui.kind(args.json) {
+        UiKind::None => Ui::None,
+        kind => match args.ui.open(kind, desk.ui_end()) {
+            Ok(ui) => ui,
             Err(error) => {
                 complain(&format!("{error:#}"));
                 return Ok(WRONG);
             }
         },
     };
-    if matches!(face, Face::None) {
+    if matches!(ui, Ui::None) {
         for (time, words) in show.told() {
             complain(&format!("{time:9.2} s  {words}"));
         }
@@ -125,9 +125,9 @@ fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
     for signal in SIGNALS {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
-    show.run(&behind, args.speed, true, &stop);
+    show.run(&desk.run_end(), args.speed, true, &stop);
     // Whoever ended the show, by a key, on the page or by a signal, is done with it.
-    face.leave()?;
+    ui.leave()?;
     Ok(0)
 }
 

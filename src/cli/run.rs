@@ -3,9 +3,9 @@
 use super::arguments::ScenarioArgs;
 use super::output::{Output, WRONG, clash, complain};
 use super::record;
-use super::ui::{Face, FaceArgs};
+use super::ui::{Ui, UiArgs};
 use crate::actors::control::is_speed;
-use crate::desk::desk;
+use crate::desk::Desk;
 use crate::error::{Error, NonFatal};
 use crate::record::place::Place;
 use crate::record::recorder::Recorder;
@@ -40,7 +40,7 @@ Examples:
 Progress goes to stderr, the summary to stdout. With --json the last line of stdout is one object.
 At a terminal the operator's page is served at http://127.0.0.1:8780/, and stays up when the run is over;
 --ui tui shows the run in the terminal instead, --ui none does neither.
-With a face the idle task waits for orders by hand until its operator ends it, which is its good end (exit code 0).")]
+With a UI the idle task waits for orders by hand until its operator ends it, which is its good end (exit code 0).")]
 #[allow(
     clippy::struct_excessive_bools,
     reason = "switches of the command line, independent of each other"
@@ -72,7 +72,7 @@ pub(super) struct RunArgs {
     #[arg(long, value_name = "FACTOR", default_value_t = 0.0)]
     speed: f64,
     #[command(flatten)]
-    face: FaceArgs,
+    ui: UiArgs,
     /// Start by itself, ask nothing, and end stdout with one line of JSON
     #[arg(long)]
     json: bool,
@@ -157,10 +157,9 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         complain(&why);
         return Ok(WRONG);
     }
-    let word = args.face.word(args.json);
-    let (desk, behind) = desk();
-    let face = match args.face.open(word, desk) {
-        Ok(face) => face,
+    let desk = Desk::default();
+    let ui = match args.ui.open(args.ui.kind(args.json), desk.ui_end()) {
+        Ok(ui) => ui,
         Err(error) => {
             complain(&format!("{error:#}"));
             return Ok(WRONG);
@@ -171,21 +170,21 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         None => None,
         Some((_, Ok(file))) => Some(file),
         Some((path, Err(error))) => {
-            drop(face);
+            drop(ui);
             complain(&format!("--record: {}: {error}", path.display()));
             return Ok(WRONG);
         }
     };
-    let shown = !matches!(face, Face::None);
+    let shown = !matches!(ui, Ui::None);
     let options = RunOptions {
         require_real_time: args.require_rt,
         // Words on stdin are heard from a pipe, too; under --json there is nobody to say any.
-        automatic: args.json || face.has_terminal(),
+        automatic: args.json || ui.has_terminal(),
         wait: args.wait && (shown || !args.json),
-        quiet: face.has_terminal(),
+        quiet: ui.has_terminal(),
         interruptible: true,
         speed: args.speed,
-        stuck: Some(if face.has_terminal() { ends_on_a_terminal } else { ends }),
+        stuck: Some(if ui.has_terminal() { ends_on_a_terminal } else { ends }),
     };
     let recorder = match file {
         None => Recorder::default(),
@@ -195,14 +194,13 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
             record::begin(file, &scenario, &overrides, begun).context("--record")?
         }
     };
-    let behind_run = shown.then(|| behind.clone());
-    let around =
-        Around { behind: behind_run, recorder: recorder.clone(), keep, ..Around::default() };
+    let run_end = shown.then(|| desk.run_end());
+    let around = Around { desk: run_end, recorder: recorder.clone(), keep, ..Around::default() };
     let done = run::run_with(&scenario, options, around);
     let written = recorder.finish();
     // A terminal is put back as it was before anything is printed on it.
-    let (face, shown) =
-        if face.has_terminal() { (Face::None, face.linger(&behind)) } else { (face, Ok(())) };
+    let (ui, shown) =
+        if ui.has_terminal() { (Ui::None, ui.linger(&desk.run_end())) } else { (ui, Ok(())) };
     if let (Some(written), Some(path)) = (written, &args.record) {
         complain(&record::told(path, &written));
     }
@@ -220,7 +218,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         complain(&format!("{error:#}"));
     }
     if !args.json && !leaves {
-        face.linger(&behind)?;
+        ui.linger(&desk.run_end())?;
     }
     Ok(code)
 }

@@ -1,8 +1,8 @@
-//! Which face the operator has: the page, the terminal, or none.
+//! The operator's UI: the page, the terminal, or none.
 
 use super::output::complain;
-use crate::desk::{Behind, Desk};
-use crate::operator::Command;
+use crate::desk::{RunEnd, UiEnd};
+use crate::operator::Input;
 use crate::run::SIGNALS;
 use crate::tui;
 use crate::web::Server;
@@ -19,20 +19,20 @@ const PORT: u16 = 8780;
 /// How many ports are tried while the first ones are taken, by other runs perhaps.
 const PORTS: u16 = 10;
 
-/// The options of every command that shows a run.
+/// The options of each command that shows a run.
 #[derive(Debug, Clone, Args)]
-pub(super) struct FaceArgs {
-    /// The operator's face; the page when a person sits at the terminal
-    #[arg(long, value_enum, value_name = "FACE")]
-    pub(super) ui: Option<FaceWord>,
+pub(super) struct UiArgs {
+    /// The operator's UI; the page when a person sits at the terminal
+    #[arg(long, value_enum, value_name = "UI")]
+    pub(super) ui: Option<UiKind>,
     /// Where the page listens: ADDRESS:PORT, an address, or a port; beyond 127.0.0.1 a token is needed
     #[arg(long, value_name = "ADDR")]
     pub(super) listen: Option<String>,
 }
 
-/// A kind of face.
+/// A kind of UI.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum FaceWord {
+pub(super) enum UiKind {
     /// A page in the browser
     Web,
     /// This terminal, for ssh
@@ -41,39 +41,39 @@ pub(super) enum FaceWord {
     None,
 }
 
-impl FaceArgs {
-    /// The face that is meant.
-    pub(super) fn word(&self, json: bool) -> FaceWord {
+impl UiArgs {
+    /// Returns the kind that the options mean.
+    pub(super) fn kind(&self, json: bool) -> UiKind {
         let person = std::io::stdin().is_terminal() && std::io::stdout().is_terminal();
         match self.ui {
             Some(word) => word,
-            None if self.listen.is_some() || (person && !json) => FaceWord::Web,
-            None => FaceWord::None,
+            None if self.listen.is_some() || (person && !json) => UiKind::Web,
+            None => UiKind::None,
         }
     }
 
-    /// Opens a face at a desk, and says where the page is. A page that nobody asked for in words is left out when no
-    /// port is free.
-    pub(super) fn open(&self, word: FaceWord, desk: Desk) -> anyhow::Result<Face> {
-        match word {
-            FaceWord::None => Ok(Face::None),
-            FaceWord::Tui => Ok(Face::Tui(Terminal::open(desk).context("--ui tui: the terminal")?)),
-            FaceWord::Web => {
+    /// Opens a UI at a desk and reports where the page is. A page that no option asked for is left
+    /// out when no port is free.
+    pub(super) fn open(&self, kind: UiKind, desk: UiEnd) -> anyhow::Result<Ui> {
+        match kind {
+            UiKind::None => Ok(Ui::None),
+            UiKind::Tui => Ok(Ui::Tui(Terminal::open(desk).context("--ui tui: the terminal")?)),
+            UiKind::Web => {
                 let served = self.serve(&desk);
                 let server = match served {
                     Err(error) if self.ui.is_none() && self.listen.is_none() => {
                         complain(&format!("no page: {error:#}"));
-                        return Ok(Face::None);
+                        return Ok(Ui::None);
                     }
                     other => other?,
                 };
                 complain(&format!("the operator's page: {}", server.url));
-                Ok(Face::Web(server))
+                Ok(Ui::Web(server))
             }
         }
     }
 
-    fn serve(&self, desk: &Desk) -> anyhow::Result<Server> {
+    fn serve(&self, desk: &UiEnd) -> anyhow::Result<Server> {
         if let Some(text) = &self.listen {
             let address = address(text).ok_or_else(|| {
                 anyhow!("--listen {text}: neither ADDRESS:PORT nor an address nor a port")
@@ -101,9 +101,9 @@ fn address(text: &str) -> Option<SocketAddr> {
     })
 }
 
-/// An open face.
+/// An open UI.
 #[derive(Debug)]
-pub(super) enum Face {
+pub(super) enum Ui {
     /// Lines on stderr, or nothing.
     None,
     /// The page.
@@ -112,13 +112,13 @@ pub(super) enum Face {
     Tui(Terminal),
 }
 
-impl Face {
-    /// Whether the terminal belongs to the face.
+impl Ui {
+    /// Returns whether the UI is in this terminal.
     pub(super) fn has_terminal(&self) -> bool {
         matches!(self, Self::Tui(_))
     }
 
-    /// Leaves at once.
+    /// Closes it at once.
     pub(super) fn leave(self) -> anyhow::Result<()> {
         match self {
             Self::None | Self::Web(_) => Ok(()),
@@ -129,8 +129,9 @@ impl Face {
         }
     }
 
-    /// Stays up when the run is over, until the operator leaves: by the page's button, by Ctrl-C, or by `q`.
-    pub(super) fn linger(self, behind: &Behind) -> anyhow::Result<()> {
+    /// Keeps it up after a run until the operator leaves: by the page's button, by Ctrl-C, or by
+    /// `q`.
+    pub(super) fn linger(self, run_end: &RunEnd) -> anyhow::Result<()> {
         match self {
             Self::None => Ok(()),
             Self::Tui(terminal) => terminal.wait(),
@@ -143,7 +144,7 @@ impl Face {
                     server.url
                 );
                 drop(err);
-                wait(behind)
+                wait(run_end)
             }
         }
     }
@@ -158,7 +159,7 @@ pub(super) struct Terminal {
 }
 
 impl Terminal {
-    fn open(desk: Desk) -> std::io::Result<Self> {
+    fn open(desk: UiEnd) -> std::io::Result<Self> {
         let screen = tui::Screen::open()?;
         let leave = Arc::new(AtomicBool::new(false));
         for signal in SIGNALS {
@@ -170,7 +171,7 @@ impl Terminal {
             if let Err(error) = &shown {
                 // Nobody sees any more what goes on. A replay is left; a run goes on, and is told how to end it.
                 complain(&format!("the terminal: {error}; a signal ends the run"));
-                let _ = desk.command(Command::Quit);
+                let _ = desk.send(Input::Quit);
             }
             shown
         })?;
@@ -207,15 +208,15 @@ impl Drop for Terminal {
     }
 }
 
-fn wait(behind: &Behind) -> anyhow::Result<()> {
+fn wait(run_end: &RunEnd) -> anyhow::Result<()> {
     let signalled = Arc::new(AtomicBool::new(false));
     for signal in SIGNALS {
         signal_hook::flag::register(signal, Arc::clone(&signalled))?;
     }
-    let mut commands = behind.take_commands();
+    let mut inputs = run_end.take_inputs();
     while !signalled.load(Ordering::Acquire) {
-        while let Some(command) = commands.as_mut().and_then(|c| c.try_recv().ok()) {
-            if command == Command::Quit {
+        while let Some(input) = inputs.as_mut().and_then(|inputs| inputs.try_recv().ok()) {
+            if input == Input::Quit {
                 return Ok(());
             }
         }

@@ -1,18 +1,20 @@
-//! The operator's vocabulary: what a face shows and what it may ask for. Plain data, the same for the page, the
-//! terminal, the keys on stdin and a recording that is shown again.
+//! The operator's vocabulary: what a UI shows and what the operator can say. Plain data, the same
+//! for the page, the terminal, the keys on stdin and a replayed recording.
 //!
 //! - [`Stage`]: what does not change in a run: the cell's solids, names, limits; sent once
-//! - [`Snapshot`]: what the controller *believes* at one moment; nothing in it comes from the plant's truth
-//! - [`Command`]: what the operator wants; [`Question`]: what the controller wants to know, with its [`Answer`]
+//! - [`Snapshot`]: what the controller *believes* at one moment; none of it is the plant's truth
+//! - [`Input`]: what the operator says; [`Question`]: what the controller asks, with its [`Answer`]
 //! - source: the UI process of Zieliński et al. (2007), p. 369; the original's operator panel
 
-mod command;
+mod input;
+mod question;
 mod remedy;
 mod snapshot;
 mod solids;
 mod stage;
 
-pub use command::{Answer, Command, Manual, Question, Said, Step, Subject};
+pub use input::{Input, Manual, Step};
+pub use question::{Answer, Question, Subject};
 pub use remedy::remedy;
 pub use snapshot::{
     ActorView, ArmView, CameraView, Class, ControlView, CubeView, HandView, LayerTurn, Mark,

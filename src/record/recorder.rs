@@ -13,7 +13,7 @@ use super::sensed::Sensed;
 use super::sheet::{About, Sheet};
 use crate::hw::driver::{RecordSink, ServoRecord};
 use crate::hw::scene::Scene;
-use crate::operator::Class;
+use crate::operator::{Class, Input};
 use crate::tasks::Picture;
 use image::RgbImage;
 use std::io::{Seek, Write};
@@ -48,12 +48,20 @@ pub enum Entry {
     FaceTook(f64),
     /// What there is to be seen, in the plant.
     Scene(Box<Scene>),
-    /// What the operator wanted, as JSON.
+    /// An input of the operator, as JSON.
     Operator(String),
     /// What the kernel believes of the cube, and its plan.
     Belief(Box<Picture>),
     /// Named texts: how punctual the servo was, the summary.
     Facts(&'static str, Vec<(String, String)>),
+}
+
+impl Entry {
+    /// Returns the entry of an input of the operator.
+    #[must_use]
+    pub fn input(input: &Input) -> Self {
+        Self::Operator(serde_json::to_string(input).unwrap_or_default())
+    }
 }
 
 /// What is known of the cube at one moment; empty where nobody knows.

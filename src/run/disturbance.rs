@@ -5,6 +5,7 @@
 //! - out: flags and numbers that ports look at ([`Troubles`])
 
 use crate::actors::fault::Mishap;
+use crate::emergency_stop::StopButton;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -104,8 +105,8 @@ pub(super) struct Troubles {
     pub(super) heart: Arc<AtomicBool>,
     /// The device of the recorder is full.
     pub(super) disk: Arc<AtomicBool>,
-    /// The button that the operator has, too.
-    pub(super) emergency: Arc<AtomicBool>,
+    /// The emergency stop of the operator's desk.
+    pub(super) emergency: StopButton,
 }
 
 impl Troubles {
@@ -171,7 +172,7 @@ impl Troubles {
             Disturbance::HeartBeat => self.heart.store(begins, Ordering::Release),
             Disturbance::DiskFull => self.disk.store(begins, Ordering::Release),
             // A button that latches: whoever pressed it does not release it.
-            Disturbance::EmergencyStop => self.emergency.store(true, Ordering::Release),
+            Disturbance::EmergencyStop => self.emergency.press(),
             Disturbance::Missed(_)
             | Disturbance::ClockJump(_)
             | Disturbance::Misread(..)

@@ -1,117 +1,104 @@
-//! The gate between the operator and a run on the virtual clock: what the operator wants counts from the beginning of a
-//! period on, and never in the middle of one. So a run is repeatable from its inputs, the operator's among them.
+//! The gate between the operator and a run on the virtual clock: an input counts from the beginning
+//! of a period on, never in the middle of one. So a run is repeatable from its inputs, the operator's
+//! among them.
 //!
-//! - in: the operator's will, words and emergency stop, whenever they come; or those of a recording
-//! - out: the same, once a period, called by the driver; and a note of each for the recording
+//! - in: the operator's control, inputs and emergency stop, at any time; or those of a recording
+//! - out: the same, once a period, called by the driver; and each in the recording
 
-use crate::actors::control::{Control, Word};
-use crate::operator::Said;
+use crate::actors::control::Control;
+use crate::emergency_stop::{EmergencyStop, StopSignal};
+use crate::operator::Input;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Entry, Recorder};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::{mpsc, watch};
 
 /// The gate.
 pub(super) struct Gate {
-    /// Outside: the operator's.
-    will: watch::Receiver<Control>,
-    pressed: Arc<AtomicBool>,
-    words: Option<mpsc::Receiver<Word>>,
-    /// Inside: the run's.
-    inner: Inner,
-    recorder: Recorder,
-    playback: Option<Playback>,
+    pub(super) outer: Outer,
+    pub(super) inner: Inner,
+    pub(super) recorder: Recorder,
+    /// A recording whose inputs pass in place of the operator's.
+    pub(super) playback: Option<Playback>,
 }
 
-/// What the run sees.
+/// The operator's side.
+pub(super) struct Outer {
+    /// Start, pause, resume, terminate.
+    pub(super) control: watch::Receiver<Control>,
+    /// The emergency stop at the desk.
+    pub(super) stop: StopSignal,
+    /// Answers and orders; `None` when no operator can be asked.
+    pub(super) to_task: Option<mpsc::Receiver<Input>>,
+}
+
+/// The run's side.
 pub(super) struct Inner {
-    /// The operator's will.
+    /// Start, pause, resume, terminate.
     pub(super) control: Arc<watch::Sender<Control>>,
-    /// The emergency stop.
-    pub(super) emergency: Arc<AtomicBool>,
+    /// The emergency stop that the servos read.
+    pub(super) stop: EmergencyStop,
     /// Answers and orders.
-    pub(super) words: mpsc::Sender<Word>,
+    pub(super) to_task: mpsc::Sender<Input>,
 }
 
 impl Gate {
-    pub(super) fn new(
-        will: watch::Receiver<Control>,
-        pressed: Arc<AtomicBool>,
-        words: Option<mpsc::Receiver<Word>>,
-        inner: Inner,
-        (recorder, playback): (Recorder, Option<Playback>),
-    ) -> Self {
-        Self { will, pressed, words, inner, recorder, playback }
-    }
-
-    /// At the end of a period, numbered in periods of 2 ms.
+    /// Lets inputs pass at the end of a period, numbered in periods of 2 ms.
     pub(super) fn pass(&mut self, period: u64) {
-        let mut passed = Vec::new();
-        if let Some(playback) = &self.playback {
-            while let Some(text) = playback.operator(period) {
-                match serde_json::from_str(&text) {
-                    Ok(word) => passed.push(word),
-                    Err(error) => tracing::warn!("{text}: {error}"),
-                }
-            }
-            // Whoever watches a replay may still break it off.
-            if *self.will.borrow() == Control::Terminated {
-                self.inner.control.send_replace(Control::Terminated);
-            }
-        } else {
-            if self.pressed.load(Ordering::Acquire) && !self.inner.emergency.load(Ordering::Relaxed)
-            {
-                passed.push(Said::EmergencyStop);
-            }
-            let will = *self.will.borrow();
-            if will != *self.inner.control.borrow() {
-                passed.extend(match will {
-                    Control::Running => Some(Said::Run),
-                    Control::Paused => Some(Said::Pause),
-                    Control::Terminated => Some(Said::Terminate),
-                    Control::Waiting => None,
-                });
-            }
-            while self.inner.words.capacity() > passed.len()
-                && let Some(word) = self.words.as_mut().and_then(|words| words.try_recv().ok())
-            {
-                passed.push(word.into());
-            }
-        }
-        for word in passed {
-            self.recorder
-                .note(period, || Entry::Operator(serde_json::to_string(&word).unwrap_or_default()));
-            self.inner.take(word);
+        for input in self.due(period) {
+            self.recorder.note(period, || Entry::input(&input));
+            self.inner.take(input);
         }
     }
-}
 
-impl From<Word> for Said {
-    fn from(word: Word) -> Self {
-        match word {
-            Word::Answer(question, answer) => Self::Answer { question, answer },
-            Word::Order(effector, order) => Self::Order { effector, order },
+    /// Returns the inputs that count from the next period on.
+    fn due(&mut self, period: u64) -> Vec<Input> {
+        let Some(playback) = &self.playback else { return self.given() };
+        let mut due = Vec::new();
+        while let Some(text) = playback.operator(period) {
+            match serde_json::from_str(&text) {
+                Ok(input) => due.push(input),
+                Err(error) => tracing::warn!("{text}: {error}"),
+            }
         }
+        // The person who watches a replay may still break it off.
+        if *self.outer.control.borrow() == Control::Terminated {
+            self.inner.control.send_replace(Control::Terminated);
+        }
+        due
+    }
+
+    /// Returns the inputs that the operator gave since the last period.
+    fn given(&mut self) -> Vec<Input> {
+        let mut given = Vec::new();
+        if self.outer.stop.is_pressed() && !self.inner.stop.signal().is_pressed() {
+            given.push(Input::EmergencyStop);
+        }
+        let control = *self.outer.control.borrow();
+        if control != *self.inner.control.borrow() {
+            given.extend(control.input());
+        }
+        while self.inner.to_task.capacity() > given.len()
+            && let Some(input) = self.outer.to_task.as_mut().and_then(|i| i.try_recv().ok())
+        {
+            given.push(input);
+        }
+        given
     }
 }
 
 impl Inner {
-    fn take(&self, word: Said) {
-        match word {
-            // Whoever hears it has begun: before the start there is no period.
-            Said::Start => {}
-            Said::Run => drop(self.control.send_replace(Control::Running)),
-            Said::Pause => drop(self.control.send_replace(Control::Paused)),
-            Said::Terminate => drop(self.control.send_replace(Control::Terminated)),
-            Said::EmergencyStop => self.emergency.store(true, Ordering::Release),
-            // There is room: it was asked for, and so it was when it was recorded.
-            Said::Answer { question, answer } => {
-                let _ = self.words.try_send(Word::Answer(question, answer));
-            }
-            Said::Order { effector, order } => {
-                let _ = self.words.try_send(Word::Order(effector, order));
-            }
+    fn take(&self, input: Input) {
+        match input {
+            Input::Resume => drop(self.control.send_replace(Control::Running)),
+            Input::Pause => drop(self.control.send_replace(Control::Paused)),
+            Input::Terminate => drop(self.control.send_replace(Control::Terminated)),
+            Input::EmergencyStop => self.stop.button().press(),
+            // There is room: the gate asked for it, and so it did when the input was recorded.
+            Input::Answer { .. } | Input::Manual { .. } => drop(self.to_task.try_send(input)),
+            // A run that reads its start has begun: before it there is no period. The others are no
+            // inputs of the controller.
+            Input::Start | Input::Speed { .. } | Input::Quit | Input::Seek { .. } => {}
         }
     }
 }

@@ -5,6 +5,7 @@
 //! and ends the process, in case the first one cannot be obeyed.
 
 use crate::actors::control::Control;
+use crate::emergency_stop::StopButton;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::iterator::{Handle, Signals};
 use std::sync::Arc;
@@ -37,10 +38,11 @@ pub(super) struct Interrupt {
 }
 
 impl Interrupt {
-    /// Terminates the run by `control` when a signal comes, and by its `emergency` stop when another one does.
+    /// Terminates the run by `control` when a signal comes; presses the emergency stop and ends the
+    /// process when another one does.
     pub(super) fn listen(
         control: Arc<watch::Sender<Control>>,
-        emergency: Arc<AtomicBool>,
+        stop: StopButton,
     ) -> std::io::Result<Self> {
         let mut signals = Signals::new(heard())?;
         let handle = signals.handle();
@@ -51,7 +53,7 @@ impl Interrupt {
                 let again = noted.swap(true, Ordering::SeqCst);
                 // A terminal that closes hangs up more than once.
                 if again && signal != SIGHUP {
-                    emergency.store(true, Ordering::Release);
+                    stop.press();
                     std::thread::sleep(SWITCHES_OFF);
                     signal_hook::low_level::exit(INTERRUPTED);
                 }

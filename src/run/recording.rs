@@ -1,24 +1,23 @@
-//! What the actors tell a recorder: notices, the operator's will under the wall clock, servo records, timing.
+//! What a run records: the operator's inputs under the wall clock, servo records, timing.
 
+use super::gate::Outer;
 use crate::actors::clock::Clock;
-use crate::actors::control::{Control, Word};
+use crate::actors::control::Control;
+use crate::emergency_stop::StopSignal;
 use crate::hw::driver::{Histogram, RecordSink, Timing};
-use crate::operator::Said;
+use crate::operator::Input;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Both, Entry, Recorder};
 use std::fmt::Write;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 
 /// Periods of 2 ms between two views of the plant's cube: the rate of `/tf`.
 pub(super) const SCENES: u64 = 20;
 
-/// Keeps the operator's start, for which a run has waited.
+/// Records the operator's start, for which a run has waited.
 pub(super) fn started(recorder: &Recorder) {
-    let text = || serde_json::to_string(&Said::Start).unwrap_or_default();
-    recorder.note(0, || Entry::Operator(text()));
+    recorder.note(0, || Entry::input(&Input::Start));
 }
 
 /// Servo records go to the recorder, too.
@@ -40,60 +39,59 @@ pub(super) fn with_playback(
     }
 }
 
-/// The emergency stop goes past all actors; whoever notes it looks at this interval.
+/// Interval at which the emergency stop is looked at: it passes all actors, so none reports it.
 const GLANCE: Duration = Duration::from_millis(4);
 
-/// Keeps what the operator says of a run under the wall clock, in the period in which it was heard; the words go on to
-/// whoever takes the end that this returns. When exactly the arms heed them is in their records.
+/// Records what the operator says to a run under the wall clock, in the period in which it came.
+/// Answers and orders go on to the receiver that this returns. The servo records have the period in
+/// which the arms obeyed.
 pub(super) fn follow(
-    mut will: watch::Receiver<Control>,
-    pressed: Arc<AtomicBool>,
-    words: Option<mpsc::Receiver<Word>>,
+    outer: Outer,
     clock: Clock,
     recorder: Recorder,
-) -> Option<mpsc::Receiver<Word>> {
-    let heard = move |said: &Said| {
-        let text = serde_json::to_string(said).unwrap_or_default();
-        recorder.note(clock.period(), || Entry::Operator(text));
-    };
-    let on = words.map(|mut words| {
-        // One at a time: whoever finds the far end full is told that the arms are busy.
-        let (to, on) = mpsc::channel(1);
-        let heard = heard.clone();
+) -> Option<mpsc::Receiver<Input>> {
+    let record = move |input: &Input| recorder.note(clock.period(), || Entry::input(input));
+    let passed_on = outer.to_task.map(|mut inputs| {
+        // One at a time: an input that finds the far end full is refused, "the arms are busy".
+        let (to, passed_on) = mpsc::channel(1);
+        let record = record.clone();
         tokio::spawn(async move {
             while let Ok(place) = to.reserve().await
-                && let Some(word) = words.recv().await
+                && let Some(input) = inputs.recv().await
             {
-                heard(&Said::from(word.clone()));
-                place.send(word);
+                record(&input);
+                place.send(input);
             }
         });
-        on
+        passed_on
     });
-    tokio::spawn(async move {
-        let (mut was, mut glance) = (false, tokio::time::interval(GLANCE));
-        loop {
-            let said = tokio::select! {
-                changed = will.changed() => match changed.map(|()| *will.borrow_and_update()) {
-                    Ok(Control::Running) => Said::Run,
-                    Ok(Control::Paused) => Said::Pause,
-                    Ok(Control::Terminated) => Said::Terminate,
-                    Ok(Control::Waiting) => continue,
-                    Err(_) => break,
-                },
-                _ = glance.tick() => {
-                    let is = pressed.load(Ordering::Acquire);
-                    let before = std::mem::replace(&mut was, is);
-                    if before || !is {
-                        continue;
-                    }
-                    Said::EmergencyStop
-                }
-            };
-            heard(&said);
+    tokio::spawn(follow_control(outer.control, outer.stop, record));
+    passed_on
+}
+
+/// Records each change of the operator's control, and the emergency stop when it is pressed.
+async fn follow_control(
+    mut control: watch::Receiver<Control>,
+    stop: StopSignal,
+    record: impl Fn(&Input),
+) {
+    let (mut was, mut glance) = (false, tokio::time::interval(GLANCE));
+    loop {
+        let input = tokio::select! {
+            changed = control.changed() => match changed {
+                Ok(()) => control.borrow_and_update().input(),
+                Err(_) => return,
+            },
+            _ = glance.tick() => {
+                let is = stop.is_pressed();
+                let newly = !std::mem::replace(&mut was, is) && is;
+                newly.then_some(Input::EmergencyStop)
+            }
+        };
+        if let Some(input) = &input {
+            record(input);
         }
-    });
-    on
+    }
 }
 
 /// How punctual the servo was: each histogram as `nanoseconds:count` in rising order.

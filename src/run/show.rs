@@ -1,6 +1,6 @@
 //! A recording shown again: page and terminal see it as they saw the run, with pause, speed and seek.
 //!
-//! - in: a recording, commands of the operator
+//! - in: a recording, inputs of the operator
 //! - out: snapshots and pictures at a desk, by the presenter that a run has; nothing is computed anew
 
 use super::supervisor::outcome;
@@ -9,10 +9,10 @@ use crate::actors::control::Control;
 use crate::actors::notice::Notice;
 use crate::actors::present::Presenter;
 use crate::cell::Cell;
-use crate::desk::{Behind, desk};
+use crate::desk::{Desk, RunEnd};
 use crate::hw::driver::{NoRecords, RecordSink, ServoRecord};
 use crate::motion::{AXES, ArmFault, ArmState, JointPositions, Synchronisation};
-use crate::operator::{Class, Command, ControlView, OutcomeView, Said, Services, Snapshot};
+use crate::operator::{Class, ControlView, Input, OutcomeView, Services, Snapshot};
 use crate::record::reading::{End, Label, Message, Piece, Reading, Unreadable};
 use crate::record::sensed::{self, Sensed};
 use crate::record::summary::Summary;
@@ -160,7 +160,7 @@ impl Show {
             "/operator" => {
                 from.time()?;
                 from.u64()?;
-                let words = short(&Said::told(from.string()?));
+                let words = short(&Input::describe_recorded(from.string()?));
                 self.push(time, words.len(), What::Operator(words));
             }
             "/sensed" => {
@@ -224,29 +224,29 @@ impl Show {
     }
 
     /// Shows it at a desk until somebody leaves, or `stop` is set; to its end only, unless `stays`.
-    pub fn run(&self, behind: &Behind, speed: f64, stays: bool, stop: &AtomicBool) {
-        let mut commands = behind.take_commands();
-        let mut stand = Stand::new(self, behind);
+    pub fn run(&self, desk: &RunEnd, speed: f64, stays: bool, stop: &AtomicBool) {
+        let mut inputs = desk.take_inputs();
+        let mut stand = Stand::new(self, desk);
         let (mut time, mut speed, mut paused) = (0.0, speed, false);
         let mut last = Instant::now();
         while !stop.load(Ordering::Acquire) {
             let mut sought = false;
-            while let Some(command) = commands.as_mut().and_then(|c| c.try_recv().ok()) {
-                match command {
-                    Command::Start | Command::Resume => paused = false,
-                    Command::Pause => paused = true,
-                    Command::Speed { factor } if factor.is_finite() => speed = factor.max(0.0),
-                    Command::Seek { time: to } if to.is_finite() => {
+            while let Some(input) = inputs.as_mut().and_then(|i| i.try_recv().ok()) {
+                match input {
+                    Input::Start | Input::Resume => paused = false,
+                    Input::Pause => paused = true,
+                    Input::Speed { factor } if factor.is_finite() => speed = factor.max(0.0),
+                    Input::Seek { time: to } if to.is_finite() => {
                         time = to.clamp(0.0, self.end);
                         sought = true;
                     }
-                    Command::Quit | Command::Terminate => return,
+                    Input::Quit | Input::Terminate => return,
                     _ => {}
                 }
             }
             // Of several wishes at once the last one counts.
             if sought {
-                stand = Stand { number: stand.number, ..Stand::new(self, behind) };
+                stand = Stand { number: stand.number, ..Stand::new(self, desk) };
                 stand.skip(time);
             }
             let factor = if speed == 0.0 { FASTEST } else { speed };
@@ -345,11 +345,11 @@ impl Loading {
 /// The show at one moment.
 struct Stand<'a> {
     show: &'a Show,
-    to: &'a Behind,
+    to: &'a RunEnd,
     board: Board,
     presenter: Presenter,
     /// Where the presenter speaks, before this adds what is different in a replay.
-    inner: Behind,
+    inner: RunEnd,
     next: usize,
     faults: Vec<String>,
     number: u64,
@@ -357,14 +357,14 @@ struct Stand<'a> {
 }
 
 impl<'a> Stand<'a> {
-    fn new(show: &'a Show, to: &'a Behind) -> Self {
+    fn new(show: &'a Show, to: &'a RunEnd) -> Self {
         let board = Board::default();
         let (presenter, mut stage) = Presenter::new(&show.scenario, board.clone());
         stage.title.clone_from(&show.title);
         "replay".clone_into(&mut stage.pace);
         to.stage.send_replace(Arc::new(stage));
         let faults = vec![String::new(); show.scenario.controller.cell.arms.len()];
-        let inner = desk().1;
+        let inner = Desk::default().run_end();
         let mut latest = board.latest();
         (latest.mp, latest.replayed) = ("as recorded", true);
         drop(latest);
@@ -459,14 +459,14 @@ impl Show {
     pub fn moments(&self, most: usize) -> Vec<(f64, String, Arc<Snapshot>)> {
         let steps = self.steps();
         let count = most.min(steps.len());
-        let behind = desk().1;
-        let mut stand = Stand::new(self, &behind);
+        let desk = Desk::default().run_end();
+        let mut stand = Stand::new(self, &desk);
         (0..count)
             .map(|i| {
                 let (time, words) = &steps[i * (steps.len() - 1) / (count - 1).max(1)];
                 stand.skip(*time);
                 stand.show(*time, true, 1.0);
-                (*time, words.clone(), Arc::clone(&behind.snapshots.borrow()))
+                (*time, words.clone(), Arc::clone(&desk.snapshots.borrow()))
             })
             .collect()
     }
@@ -612,16 +612,16 @@ mod tests {
             (0.9, look(450, Some(jpeg(100)))),
         ];
         let show = show(events, 1.0);
-        let behind = desk().1;
-        let mut stand = Stand::new(&show, &behind);
+        let desk = Desk::default().run_end();
+        let mut stand = Stand::new(&show, &desk);
 
         stand.skip(0.6);
         stand.show(0.6, true, 1.0);
 
-        let snapshot = behind.snapshots.borrow().clone();
+        let snapshot = desk.snapshots.borrow().clone();
         assert_eq!(snapshot.cameras[0].words, "look 200", "what was found in that picture");
         assert_eq!((snapshot.arms[0].peak, snapshot.arms[0].following), ((0.0, 0.0), 0.0));
-        let pictures = behind.pictures.borrow();
+        let pictures = desk.pictures.borrow();
         let Some(crate::desk::Pixels::Raw(image)) = pictures[0].as_ref().map(|p| &p.pixels) else {
             panic!("no picture")
         };

@@ -4,7 +4,7 @@
 //! where that knows one.
 
 use super::disturbance::Troubles;
-use super::gate::{Gate, Inner};
+use super::gate::{Gate, Inner, Outer};
 use super::interrupt::{Interrupt, SWITCHES_OFF};
 use super::recording;
 use super::settings;
@@ -14,7 +14,7 @@ use super::world_file::Kept;
 use crate::actors::alarm::{Alarm, Care, Caught, panicked, raised};
 use crate::actors::board::{Board, Seen};
 use crate::actors::clock::Clock;
-use crate::actors::control::{Control, Pacer, Tempo, Word, permission_soon};
+use crate::actors::control::{Control, Pacer, Tempo, permission_soon};
 use crate::actors::fault::Mishap;
 use crate::actors::homing::{self, homed};
 use crate::actors::lookout;
@@ -26,7 +26,8 @@ use crate::actors::vsp::{self, VspHandle};
 use crate::actors::work::Work;
 use crate::actors::{ecp, edp};
 use crate::cube::{Facelets, format_turns};
-use crate::desk::Behind;
+use crate::desk::RunEnd;
+use crate::emergency_stop::{EmergencyStop, StopButton, StopSignal};
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::generators::Behaviour;
 use crate::hw::driver::{self, Core, RecordSink, ServoLink, ServoRecord, Switches, WallEnd};
@@ -34,7 +35,7 @@ use crate::hw::note::{self, Note};
 use crate::hw::plant::{Plant, Verdict};
 use crate::hw::scene::{Scene, SceneArm};
 use crate::motion::PERIOD;
-use crate::operator::OutcomeView;
+use crate::operator::{Input, OutcomeView};
 use crate::reach::guard::Guard;
 use crate::reach::{MeetingTable, ReachSettings};
 use crate::record::calibration;
@@ -108,8 +109,8 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
 /// What is around a run.
 #[derive(Default)]
 pub struct Around {
-    /// The end of the desk at which faces are.
-    pub behind: Option<Behind>,
+    /// The run's end of the desk at which UIs are.
+    pub desk: Option<RunEnd>,
     /// What keeps the run; whoever made it finishes it.
     pub recorder: Recorder,
     /// A recording in place of the plant, the sensors and the operator, and whether an operator was there.
@@ -143,9 +144,9 @@ pub type Judge = Box<dyn FnMut(u64, &Plant) + Send>;
 pub fn run_at(
     scenario: &Scenario,
     options: RunOptions,
-    behind: Option<Behind>,
+    desk: Option<RunEnd>,
 ) -> Result<Summary, Error> {
-    run_with(scenario, options, Around { behind, ..Around::default() })
+    run_with(scenario, options, Around { desk, ..Around::default() })
 }
 
 /// The same, kept in a recording, or with one as its world.
@@ -157,27 +158,29 @@ pub fn run_with(
     options: RunOptions,
     around: Around,
 ) -> Result<Summary, Error> {
-    let Around { behind, recorder, playback, keep: files, judge } = around;
+    let Around { desk, recorder, playback, keep: files, judge } = around;
     let begun = Instant::now();
     let tempo = Tempo::default();
     let initial = if options.wait { Control::Waiting } else { Control::Running };
     let control = Arc::new(watch::channel(initial).0);
-    let attended = behind.is_some() || playback.as_ref().is_some_and(|(_, attended)| *attended);
+    let attended = desk.is_some() || playback.as_ref().is_some_and(|(_, attended)| *attended);
     let playback = playback.map(|(playback, _)| playback);
     let tape = RunHash::default();
     let keep = (recorder.clone(), tape.clone());
-    let (said, words) = mpsc::channel(4);
-    let helm = ui::Helm { control: Arc::clone(&control), words: said, tempo: tempo.clone() };
-    let ui = create_ui(scenario, options, helm, behind, keep)?;
+    let (to_task, inputs) = mpsc::channel(4);
+    let controls =
+        ui::OperatorControls { control: Arc::clone(&control), to_task, tempo: tempo.clone() };
+    let ui = create_ui(scenario, options, controls, desk, keep)?;
     let interrupt = options
         .interruptible
-        .then(|| Interrupt::listen(Arc::clone(&control), Arc::clone(&ui.emergency)))
+        .then(|| Interrupt::listen(Arc::clone(&control), ui.stop_button.clone()))
         .transpose()
         .map_err(|e| not_created("interrupt", &e.to_string()))?;
-    let desk = Attendance {
+    let channels = OperatorChannels {
         ui: ui.handle.clone(),
-        emergency: Arc::clone(&ui.emergency),
-        words: attended.then_some(words),
+        stop_button: ui.stop_button.clone(),
+        stop_signal: ui.stop_signal.clone(),
+        to_task: attended.then_some(inputs),
         tempo: tempo.clone(),
         recorder: recorder.clone(),
         playback,
@@ -185,13 +188,13 @@ pub fn run_with(
         journal: Logbook::default(),
         judge,
         troubles: Troubles {
-            emergency: Arc::clone(&ui.emergency),
+            emergency: ui.stop_button.clone(),
             disk: recorder.full().unwrap_or_default(),
             ..Troubles::new(scenario.controller.cell.cameras.len())
         },
     };
     // Whatever goes wrong from here on, the faces are told.
-    let (goal, done) = match carried_out(scenario, options, &control, &files, desk) {
+    let (goal, done) = match carried_out(scenario, options, &control, &files, channels) {
         Ok(done) => done,
         Err(error) => {
             ui.over(broken_off(&error));
@@ -242,7 +245,7 @@ fn carried_out(
     options: RunOptions,
     control: &Arc<watch::Sender<Control>>,
     files: &Keep,
-    mut desk: Attendance,
+    mut desk: OperatorChannels,
 ) -> Result<(Option<Goal>, Done), Error> {
     let plan = Plan::of(scenario)?;
     let goal = settings::goal(&scenario.controller, plan.angle);
@@ -290,11 +293,12 @@ fn carried_out(
 }
 
 /// The operator's side of a run.
-struct Attendance {
+struct OperatorChannels {
     ui: notice::UiHandle,
-    emergency: Arc<AtomicBool>,
-    /// What the operator says to MP; `None` when nobody is there to be asked.
-    words: Option<mpsc::Receiver<Word>>,
+    stop_button: StopButton,
+    stop_signal: StopSignal,
+    /// Answers and orders to MP; `None` when no operator can be asked.
+    to_task: Option<mpsc::Receiver<Input>>,
     tempo: Tempo,
     recorder: Recorder,
     playback: Option<Playback>,
@@ -330,22 +334,22 @@ impl Logbook {
 fn create_ui(
     scenario: &Scenario,
     options: RunOptions,
-    helm: ui::Helm,
-    behind: Option<Behind>,
+    controls: ui::OperatorControls,
+    desk: Option<RunEnd>,
     (recorder, tape): (Recorder, RunHash),
 ) -> Result<ui::Ui, Error> {
-    helm.tempo.set(options.speed);
-    let board = behind.as_ref().map(|_| Board::default());
-    let presenter = behind.as_ref().zip(board.clone()).map(|(behind, board)| {
+    controls.tempo.set(options.speed);
+    let board = desk.as_ref().map(|_| Board::default());
+    let presenter = desk.as_ref().zip(board.clone()).map(|(desk, board)| {
         let (presenter, stage) = Presenter::new(scenario, board);
-        behind.stage.send_replace(Arc::new(stage));
+        desk.stage.send_replace(Arc::new(stage));
         presenter
     });
     let parts = ui::Parts {
         quiet: options.quiet,
         keys: !options.automatic,
-        helm,
-        behind,
+        controls,
+        desk,
         presenter,
         board,
         recorder,
@@ -540,7 +544,7 @@ async fn perform(
     (mut world, mut cameras): (World, Cameras),
     goal: Option<Goal>,
     plan: Plan,
-    desk: Attendance,
+    desk: OperatorChannels,
 ) -> Result<Done, Error> {
     let config = &scenario.controller;
     let start = world
@@ -549,11 +553,20 @@ async fn perform(
         .transpose()
         .map_err(|e| not_created("plant", &e.to_string()))?;
     let clearance = world.scene().map(|scene| clearance(&scene));
-    let Attendance {
-        ui, mut emergency, mut words, tempo, recorder, playback, tape, journal, ..
+    let OperatorChannels {
+        ui,
+        mut stop_button,
+        mut stop_signal,
+        mut to_task,
+        tempo,
+        recorder,
+        playback,
+        tape,
+        journal,
+        ..
     } = desk;
     let (mut judge, troubles) = (desk.judge, desk.troubles);
-    let by_hand = goal.is_none() && words.is_some();
+    let by_hand = goal.is_none() && to_task.is_some();
     // Before the start there is no time: a run does not depend on when it was started.
     let (mut start_of, waits) = (outer.subscribe(), Instant::now());
     if start_of.wait_for(|will| *will != Control::Waiting).await.is_err() {
@@ -568,19 +581,19 @@ async fn perform(
     let mut gate = None;
     if scenario.pace == Pace::Virtual {
         control = Arc::new(watch::channel(Control::Running).0);
-        let (pressed, heard) = (std::mem::take(&mut emergency), words.take());
-        let (to_mp, inner) = mpsc::channel(4);
-        words = heard.is_some().then_some(inner);
-        let inner = Inner {
-            control: Arc::clone(&control),
-            emergency: Arc::clone(&emergency),
-            words: to_mp,
-        };
-        let keeping = (recorder.clone(), playback.clone());
-        gate = Some(Gate::new(outer.subscribe(), pressed, heard, inner, keeping));
+        let stop = EmergencyStop::default();
+        stop_button = stop.button();
+        let outer_stop = std::mem::replace(&mut stop_signal, stop.signal());
+        let outer_inputs = to_task.take();
+        let (to_mp, inner_inputs) = mpsc::channel(4);
+        to_task = outer_inputs.is_some().then_some(inner_inputs);
+        let inner = Inner { control: Arc::clone(&control), stop, to_task: to_mp };
+        let outer = Outer { control: outer.subscribe(), stop: outer_stop, to_task: outer_inputs };
+        let (recorder, playback) = (recorder.clone(), playback.clone());
+        gate = Some(Gate { outer, inner, recorder, playback });
     }
     let will = control.subscribe();
-    let switches = Arc::new(Switches { emergency, ..Switches::default() });
+    let switches = Arc::new(Switches::new(stop_signal.clone()));
 
     // Servos and their driver.
     let length = Length::of_seconds(scenario.real_time.period);
@@ -625,8 +638,8 @@ async fn perform(
     };
     let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
     if scenario.pace == Pace::RealTime && recorder.is_on() {
-        let (will, pressed) = (outer.subscribe(), Arc::clone(&switches.emergency));
-        words = recording::follow(will, pressed, words, clock.clone(), recorder.clone());
+        let outer = Outer { control: outer.subscribe(), stop: stop_signal, to_task };
+        to_task = recording::follow(outer, clock.clone(), recorder.clone());
     }
     let limit = scenario.missed_limit();
     let synchronised: Vec<bool>;
@@ -710,10 +723,10 @@ async fn perform(
     });
     // Who is stuck holds the runtime, and with it the run: whoever began it must end it. The servo's thread, which misses the
     // heart beat, still switches the drives off; the controllers keep the last drive of a process that is no more.
-    let pressed = Arc::clone(&switches);
+    let button = stop_button.clone();
     let outside = options.stuck.map(|stuck| {
         alarm.watched_from_outside(patience_outside(scenario.pace), move |error| {
-            pressed.emergency.store(true, Ordering::Release);
+            button.press();
             std::thread::sleep(SWITCHES_OFF);
             stuck(error);
         })
@@ -745,7 +758,7 @@ async fn perform(
     let watching = lookout::watch_over(
         guard.clone(),
         states,
-        Arc::clone(&switches),
+        stop_button,
         ui.clone(),
         clock.clone(),
         (apart.clone(), alarm.clone()),
@@ -866,7 +879,7 @@ async fn perform(
             if journal.resumes {
                 mission = mission.resumed(journal.last);
             }
-            mission.patience = words.is_some().then_some(PATIENCE);
+            mission.patience = to_task.is_some().then_some(PATIENCE);
             Kernel::Cube(Box::new(mission))
         }
     };
@@ -883,7 +896,7 @@ async fn perform(
         manners,
         control: will,
         ui: ui.clone(),
-        operator: words,
+        operator: to_task,
         tempo: tempo.clone(),
         clock: clock.clone(),
         work,

@@ -1,10 +1,10 @@
-//! The terminal face's picture of a snapshot.
+//! The terminal UI's picture of a snapshot.
 
-use super::{App, Mode, STEPS};
+use super::app::{App, Mode, STEPS};
+use super::net::place;
 use crate::cube::Face;
 use crate::operator::{Class, ControlView, Snapshot, State, Subject};
 use ratatui::Frame;
-use ratatui::crossterm::event::KeyCode;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
 use ratatui::text::{Line, Span};
@@ -19,8 +19,6 @@ const COLOURS: [Color; 6] = [
     Color::Rgb(238, 122, 28),
     Color::Rgb(31, 87, 184),
 ];
-/// Column and row of each face's first tile in the net.
-const PLACES: [(usize, usize); 6] = [(3, 0), (6, 3), (3, 3), (3, 6), (0, 3), (9, 3)];
 const AXES: [&str; 7] = ["track", "joint 1", "joint 2", "joint 3", "joint 4", "joint 5", "joint 6"];
 const TOOL: [&str; 6] = ["x", "y", "z", "about x", "about y", "about z"];
 
@@ -164,30 +162,6 @@ fn net_of(colours: &[Option<usize>], at: Option<usize>) -> Paragraph<'static> {
         grid[row][column] = Span::styled(mark, Style::new().bg(background).fg(Color::Black).bold());
     }
     Paragraph::new(grid.into_iter().map(Line::from).collect::<Vec<_>>())
-}
-
-fn place(index: usize) -> (usize, usize) {
-    let (column, row) = PLACES[index / 9];
-    (column + index % 3, row + index % 9 / 3)
-}
-
-/// The tile that a cursor key leads to.
-pub(super) fn neighbour(index: usize, key: KeyCode) -> usize {
-    let (dx, dy) = match key {
-        KeyCode::Left => (11, 0),
-        KeyCode::Right => (1, 0),
-        KeyCode::Up => (0, 8),
-        KeyCode::Down => (0, 1),
-        _ => return index,
-    };
-    let (mut column, mut row) = place(index);
-    for _ in 0..12 {
-        (column, row) = ((column + dx) % 12, (row + dy) % 9);
-        if let Some(found) = (0..54).find(|&i| place(i) == (column, row)) {
-            return found;
-        }
-    }
-    index
 }
 
 fn plan_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
@@ -592,12 +566,5 @@ mod tests {
         for words in ["F5", "[]", "Esc declines", "28 s left", "e F12 emergency stop"] {
             assert!(text.contains(words), "no `{words}` in\n{text}");
         }
-    }
-
-    #[test]
-    fn the_cursor_wraps_round_the_net() {
-        assert_eq!(neighbour(0, KeyCode::Left), 2, "U1 to U3");
-        assert_eq!(neighbour(20, KeyCode::Right), 9, "F3 to R1");
-        assert_eq!(neighbour(18, KeyCode::Up), 6, "F1 to U7");
     }
 }

@@ -1,19 +1,18 @@
-//! The operator's terminal face, for ssh: the same snapshot and commands as the page.
+//! The operator's UI in a terminal, for ssh: the same snapshot and inputs as the page.
 //!
-//! `App` is pure (keys in, commands out, a frame drawn from the latest snapshot); [`show`] gives it a terminal.
+//! [`App`] is pure (keys in, inputs out), `draw` makes a picture of it; [`show`] gives both a
+//! terminal.
 
+mod app;
 mod draw;
+mod net;
 
-use crate::cube::{Face, Facelets};
-use crate::desk::Desk;
-use crate::motion::AXES;
-use crate::operator::{
-    Answer, Command, ControlView, Manual, Question, Snapshot, Stage, Step, Subject,
-};
+use crate::desk::UiEnd;
+use crate::operator::{ControlView, Input};
+use app::App;
 use ratatui::DefaultTerminal;
-use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use ratatui::crossterm::event::{self, Event, KeyEvent, KeyEventKind};
 use std::io::{IsTerminal, Write};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -25,16 +24,16 @@ const LOOK: Duration = Duration::from_millis(100);
 ///
 /// # Errors
 /// What the terminal says.
-pub fn show(mut screen: Screen, desk: &Desk, leave: &AtomicBool) -> std::io::Result<()> {
+pub fn show(mut screen: Screen, desk: &UiEnd, leave: &AtomicBool) -> std::io::Result<()> {
     let mut app = App::default();
     while !leave.load(Ordering::Acquire) {
         app.stage = desk.stage.borrow().clone();
         app.take(desk.snapshots.borrow().clone());
         screen.0.draw(|frame| draw::frame(&app, frame))?;
         let Some(key) = next_key()? else { continue };
-        let Some(command) = app.key(key) else { continue };
-        let leaves = command == Command::Quit;
-        if !desk.command(command) {
+        let Some(input) = app.key(key) else { continue };
+        let leaves = input == Input::Quit;
+        if !desk.send(input) {
             "the robot does not listen; Ctrl-C again leaves".clone_into(&mut app.note);
         }
         if leaves {
@@ -47,13 +46,13 @@ pub fn show(mut screen: Screen, desk: &Desk, leave: &AtomicBool) -> std::io::Res
         // Whoever closed stderr needs no word.
         let _ = writeln!(
             std::io::stderr(),
-            "the run goes on without a face until it ends; Ctrl-C ends it"
+            "the run goes on without a UI until it ends; Ctrl-C ends it"
         );
     }
     Ok(())
 }
 
-/// The terminal while it belongs to the face: given back however that ends.
+/// The terminal while it belongs to the UI: given back however that ends.
 #[derive(Debug)]
 pub struct Screen(DefaultTerminal);
 
@@ -94,379 +93,4 @@ fn next_key() -> std::io::Result<Option<KeyEvent>> {
         Event::Key(key) if key.kind != KeyEventKind::Release => Some(key),
         _ => None,
     })
-}
-
-/// How far an arrow key goes in a replay [s]; the page keys go six times as far.
-const SEEK: f64 = 10.0;
-
-/// How an arm is moved by hand.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Mode {
-    #[default]
-    Joint,
-    Tool,
-    Motor,
-}
-
-/// What the face knows beside the snapshot.
-#[derive(Debug, Default)]
-struct App {
-    stage: Arc<Stage>,
-    snapshot: Arc<Snapshot>,
-    /// A terminate waits for its confirmation.
-    sure: bool,
-    /// Ctrl-C was pressed: pressed again, it leaves, whatever became of the run.
-    interrupted: bool,
-    note: String,
-    /// By hand: arm, mode, axis, size of a step.
-    arm: usize,
-    mode: Mode,
-    axis: usize,
-    size: usize,
-    /// The stickers of the open question as corrected, and the one under the cursor.
-    answer: Option<(u64, Vec<Option<Face>>, usize)>,
-}
-
-/// Steps by hand: lengths [m], angles [rad], motor angles [rad].
-const STEPS: [(f64, f64, f64); 3] =
-    [(0.0005, 0.003_5, 0.5), (0.002, 0.0175, 2.0), (0.01, 0.0873, 20.0)];
-
-impl App {
-    fn take(&mut self, snapshot: Arc<Snapshot>) {
-        let stickers = snapshot.question.as_ref().and_then(|question| match &question.subject {
-            Subject::Stickers { read, doubtful } => Some((question.number, read, doubtful)),
-            Subject::Choice { .. } => None,
-        });
-        match (stickers, &self.answer) {
-            (None, _) => self.answer = None,
-            (Some((number, ..)), Some((own, ..))) if *own == number => {}
-            (Some((number, read, doubtful)), _) => {
-                let mut colours: Vec<_> = read.chars().map(Face::from_letter).collect();
-                colours.resize(54, None);
-                self.answer = Some((number, colours, doubtful.first().copied().unwrap_or(0)));
-            }
-        }
-        self.snapshot = snapshot;
-    }
-
-    /// What a key asks for.
-    fn key(&mut self, key: KeyEvent) -> Option<Command> {
-        self.note.clear();
-        let replay = self.snapshot.services.seek_ms;
-        let ended = self.snapshot.control == ControlView::Ended;
-        if key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL) {
-            let leaves =
-                ended || replay.is_some() || std::mem::replace(&mut self.interrupted, true);
-            return Some(if leaves { Command::Quit } else { Command::Terminate });
-        }
-        if let Some(length) = replay {
-            return self.replay(key.code, length as f64 * 1e-3);
-        }
-        // Whatever is asked or confirmed: nothing else is meant by it.
-        if !ended && matches!(key.code, KeyCode::F(12) | KeyCode::Char('e' | 'E')) {
-            self.sure = false;
-            return Some(Command::EmergencyStop);
-        }
-        if std::mem::take(&mut self.sure) {
-            return matches!(key.code, KeyCode::Char('y')).then_some(Command::Terminate);
-        }
-        if let Some(question) = self.snapshot.question.clone() {
-            return self.reply(key.code, &question);
-        }
-        match key.code {
-            KeyCode::Char('q') if ended => Some(Command::Quit),
-            _ if ended => None,
-            KeyCode::Char('s') | KeyCode::Enter => Some(Command::Start),
-            KeyCode::Char('p') => Some(Command::Pause),
-            KeyCode::Char('r') => Some(Command::Resume),
-            KeyCode::Char('t' | 'q') => {
-                self.sure = true;
-                None
-            }
-            KeyCode::Char('<') => Some(self.speed(-1)),
-            KeyCode::Char('>') => Some(self.speed(1)),
-            code if self.snapshot.services.manual => self.by_hand(code),
-            _ => None,
-        }
-    }
-
-    /// Keys of a replay of this length [s]: there is nothing to stop in it, and it may be left at any time.
-    fn replay(&self, code: KeyCode, length: f64) -> Option<Command> {
-        let now = self.snapshot.time;
-        let to = |time: f64| Some(Command::Seek { time: time.clamp(0.0, length) });
-        match code {
-            KeyCode::Char('q' | 't') | KeyCode::Esc => Some(Command::Quit),
-            KeyCode::Char(' ') if self.snapshot.control == ControlView::Paused => {
-                Some(Command::Resume)
-            }
-            KeyCode::Char('p' | ' ') => Some(Command::Pause),
-            KeyCode::Char('r' | 's') | KeyCode::Enter => Some(Command::Resume),
-            KeyCode::Char('<') => Some(self.speed(-1)),
-            KeyCode::Char('>') => Some(self.speed(1)),
-            KeyCode::Left => to(now - SEEK),
-            KeyCode::Right => to(now + SEEK),
-            KeyCode::PageUp => to(now - 6.0 * SEEK),
-            KeyCode::PageDown => to(now + 6.0 * SEEK),
-            KeyCode::Home => to(0.0),
-            KeyCode::End => to(length),
-            _ => None,
-        }
-    }
-
-    /// The next slower or faster limit of time's speed.
-    fn speed(&self, way: isize) -> Command {
-        const FACTORS: [f64; 7] = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 0.0];
-        let now = self.snapshot.speed;
-        let at = FACTORS.iter().position(|&f| f == now || (now > 0.0 && f >= now)).unwrap_or(6);
-        let next = at.saturating_add_signed(way).min(FACTORS.len() - 1);
-        Command::Speed { factor: FACTORS[next] }
-    }
-
-    fn reply(&mut self, code: KeyCode, question: &Question) -> Option<Command> {
-        let number = question.number;
-        let declined = Command::Answer { question: number, answer: Answer::Declined };
-        if code == KeyCode::Esc {
-            return Some(declined);
-        }
-        match &question.subject {
-            Subject::Choice { options } => {
-                let KeyCode::Char(digit) = code else { return None };
-                let option = digit.to_digit(10)?.checked_sub(1)? as usize;
-                (option < options.len()).then_some(Command::Answer {
-                    question: number,
-                    answer: Answer::Choice { option },
-                })
-            }
-            Subject::Stickers { .. } => {
-                let (_, colours, at) = self.answer.as_mut()?;
-                match code {
-                    KeyCode::Enter => {
-                        let all: Option<Vec<Face>> = colours.iter().copied().collect();
-                        let all: [Face; 54] = all?.try_into().ok()?;
-                        let nine = |face: Face| all.iter().filter(|&&c| c == face).count() == 9;
-                        if !Face::ALL.into_iter().all(nine) {
-                            "there must be nine stickers of each colour".clone_into(&mut self.note);
-                            return None;
-                        }
-                        let answer = Answer::Stickers { stickers: Facelets::from_faces(all) };
-                        return Some(Command::Answer { question: number, answer });
-                    }
-                    KeyCode::Char(letter) => {
-                        let colour = "wrgyob".find(letter.to_ascii_lowercase());
-                        colours[*at] = colour.map(|c| Face::ALL[c]).or(colours[*at]);
-                    }
-                    other => *at = draw::neighbour(*at, other),
-                }
-                None
-            }
-        }
-    }
-
-    fn by_hand(&mut self, code: KeyCode) -> Option<Command> {
-        let stage = Arc::clone(&self.stage);
-        match code {
-            KeyCode::Tab => self.arm = (self.arm + 1) % stage.arms.len().max(1),
-            KeyCode::Char('m') => {
-                self.mode = match self.mode {
-                    Mode::Joint => Mode::Tool,
-                    Mode::Tool => Mode::Motor,
-                    Mode::Motor => Mode::Joint,
-                };
-                self.axis = 0;
-            }
-            KeyCode::Up => self.axis = self.axis.saturating_sub(1),
-            KeyCode::Down => self.axis += 1,
-            KeyCode::Char('+') => self.size = (self.size + 1).min(STEPS.len() - 1),
-            KeyCode::Char('-') => self.size = self.size.saturating_sub(1),
-            _ => {}
-        }
-        let arm = stage.arms.get(self.arm)?;
-        let axes = self.axes();
-        self.axis = self.axis.clamp(axes.start, axes.end - 1);
-        let order = match code {
-            KeyCode::Left => self.jog(-1.0),
-            KeyCode::Right => self.jog(1.0),
-            KeyCode::Char('y') => Manual::Synchronise,
-            KeyCode::Char('b') => Manual::Bias,
-            KeyCode::Char('o') => Manual::Jaw { opening: arm.opening.1 - 0.003 },
-            KeyCode::Char('c') => Manual::Jaw { opening: arm.opening.0 + 0.001 },
-            KeyCode::Char(digit) => {
-                let index = (digit.to_digit(10)? as usize).checked_sub(1)?;
-                Manual::Pose { name: arm.poses.get(index)?.clone() }
-            }
-            _ => return None,
-        };
-        Some(Command::Manual { effector: self.arm, order })
-    }
-
-    /// The axes that can be chosen: an arm without a track has no axis 0.
-    fn axes(&self) -> std::ops::Range<usize> {
-        let has_track = self.stage.arms.get(self.arm).is_some_and(|arm| arm.has_track);
-        match self.mode {
-            Mode::Tool => 0..6,
-            Mode::Joint | Mode::Motor => usize::from(!has_track)..AXES,
-        }
-    }
-
-    fn jog(&self, sign: f64) -> Manual {
-        let (length, angle, motor) = STEPS[self.size];
-        let axis = self.axis;
-        match self.mode {
-            Mode::Motor => Manual::Motor(Step { axis, by: sign * motor }),
-            Mode::Joint => {
-                Manual::Joint(Step { axis, by: sign * if axis == 0 { length } else { angle } })
-            }
-            Mode::Tool => {
-                Manual::Tool(Step { axis, by: sign * if axis < 3 { length } else { angle } })
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::operator::{ArmStage, Services};
-
-    fn app(snapshot: Snapshot) -> App {
-        let mut app = App::default();
-        let arm =
-            ArmStage { opening: (0.04, 0.09), poses: vec!["front".into()], ..ArmStage::default() };
-        let track = ArmStage { has_track: true, ..arm.clone() };
-        app.stage = Arc::new(Stage { arms: vec![arm, track], ..Stage::default() });
-        app.take(Arc::new(snapshot));
-        app
-    }
-
-    fn stickers() -> Question {
-        Question {
-            number: 3,
-            text: String::new(),
-            otherwise: String::new(),
-            seconds: 60.0,
-            until: 60.0,
-            subject: Subject::Stickers { read: Facelets::solved().to_string(), doubtful: vec![20] },
-        }
-    }
-
-    fn press(app: &mut App, code: KeyCode) -> Option<Command> {
-        app.key(KeyEvent::from(code))
-    }
-
-    #[test]
-    fn keys_are_the_commands_and_a_terminate_is_confirmed() {
-        let mut app = app(Snapshot { control: ControlView::Running, ..Snapshot::default() });
-
-        assert_eq!(press(&mut app, KeyCode::Char('p')), Some(Command::Pause));
-        assert_eq!(press(&mut app, KeyCode::Char('r')), Some(Command::Resume));
-        assert_eq!(press(&mut app, KeyCode::Char('e')), Some(Command::EmergencyStop));
-        assert_eq!(press(&mut app, KeyCode::Char('t')), None);
-        assert_eq!(press(&mut app, KeyCode::Char('n')), None);
-        assert_eq!(press(&mut app, KeyCode::Char('t')), None);
-        assert_eq!(press(&mut app, KeyCode::Char('y')), Some(Command::Terminate));
-    }
-
-    #[test]
-    fn the_emergency_stop_waits_for_no_question_and_no_confirmation() {
-        for key in [KeyCode::Char('e'), KeyCode::F(12)] {
-            let mut asked = app(Snapshot { question: Some(stickers()), ..Snapshot::default() });
-            assert_eq!(press(&mut asked, key), Some(Command::EmergencyStop));
-
-            let mut sure = app(Snapshot { control: ControlView::Running, ..Snapshot::default() });
-            assert_eq!(press(&mut sure, KeyCode::Char('t')), None);
-            assert_eq!(press(&mut sure, key), Some(Command::EmergencyStop));
-            assert_eq!(press(&mut sure, KeyCode::Char('y')), None, "nothing is left to confirm");
-        }
-    }
-
-    #[test]
-    fn ctrl_c_ends_the_run_and_a_second_one_leaves_whatever_became_of_it() {
-        let interrupt = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
-        let mut app = app(Snapshot { control: ControlView::Running, ..Snapshot::default() });
-
-        assert_eq!(app.key(interrupt), Some(Command::Terminate));
-        assert_eq!(app.key(interrupt), Some(Command::Quit));
-    }
-
-    #[test]
-    fn a_replay_is_sought_by_keys_also_at_its_end_and_left_at_any_time() {
-        let services = Services { seek_ms: Some(100_000), ..Services::default() };
-        let at = |time, control| Snapshot { time, control, services, ..Snapshot::default() };
-        let seek = |time| Some(Command::Seek { time });
-
-        let mut running = app(at(42.0, ControlView::Running));
-        assert_eq!(press(&mut running, KeyCode::Left), seek(32.0));
-        assert_eq!(press(&mut running, KeyCode::Right), seek(52.0));
-        assert_eq!(press(&mut running, KeyCode::PageUp), seek(0.0));
-        assert_eq!(press(&mut running, KeyCode::Char('e')), None, "there is nothing to stop");
-        assert_eq!(press(&mut running, KeyCode::Char('q')), Some(Command::Quit));
-        let interrupt = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
-        assert_eq!(running.key(interrupt), Some(Command::Quit));
-
-        let mut ended = app(at(100.0, ControlView::Ended));
-        assert_eq!(press(&mut ended, KeyCode::Right), seek(100.0));
-        assert_eq!(press(&mut ended, KeyCode::Left), seek(90.0));
-        assert_eq!(press(&mut ended, KeyCode::Home), seek(0.0));
-    }
-
-    #[test]
-    fn stickers_are_corrected_with_cursor_and_letters() {
-        let read = Facelets::solved();
-        let mut app = app(Snapshot { question: Some(stickers()), ..Snapshot::default() });
-
-        assert_eq!(press(&mut app, KeyCode::Char('b')), None);
-        assert_eq!(press(&mut app, KeyCode::Enter), None, "ten blue ones");
-        assert!(app.note.contains("nine"));
-        assert_eq!(press(&mut app, KeyCode::Char('g')), None);
-        let Some(Command::Answer { question: 3, answer }) = press(&mut app, KeyCode::Enter) else {
-            panic!("no answer")
-        };
-        assert_eq!(answer, Answer::Stickers { stickers: read });
-        let declined = Command::Answer { question: 3, answer: Answer::Declined };
-        assert_eq!(press(&mut app, KeyCode::Esc), Some(declined));
-    }
-
-    #[test]
-    fn arms_are_moved_by_hand_only_when_the_task_is_idle() {
-        let services = Services { manual: true, ..Services::default() };
-        let running = Snapshot { control: ControlView::Running, ..Snapshot::default() };
-        let mut busy = app(running.clone());
-        assert_eq!(press(&mut busy, KeyCode::Right), None);
-
-        let mut idle = app(Snapshot { services, ..running });
-        press(&mut idle, KeyCode::Tab);
-        press(&mut idle, KeyCode::Down);
-        press(&mut idle, KeyCode::Down);
-        press(&mut idle, KeyCode::Char('+'));
-        let order = Manual::Joint(Step { axis: 2, by: 0.0175 });
-        let wanted = Some(Command::Manual { effector: 1, order });
-        assert_eq!(press(&mut idle, KeyCode::Right), wanted);
-        let pose = Manual::Pose { name: "front".into() };
-        let wanted = Some(Command::Manual { effector: 1, order: pose });
-        assert_eq!(press(&mut idle, KeyCode::Char('1')), wanted);
-    }
-
-    #[test]
-    fn no_key_leads_to_an_axis_that_the_arm_does_not_have() {
-        let services = Services { manual: true, ..Services::default() };
-        let control = ControlView::Running;
-        let mut app = app(Snapshot { control, services, ..Snapshot::default() });
-        let axis = |command| match command {
-            Some(Command::Manual { order: Manual::Joint(s) | Manual::Motor(s), effector }) => {
-                (effector, s.axis)
-            }
-            other => panic!("{other:?}"),
-        };
-
-        // The first arm has no track: at once, after its mode was changed, and after the arm with one.
-        assert_eq!(axis(press(&mut app, KeyCode::Right)), (0, 1));
-        press(&mut app, KeyCode::Char('m'));
-        press(&mut app, KeyCode::Char('m'));
-        assert_eq!(axis(press(&mut app, KeyCode::Right)), (0, 1));
-        press(&mut app, KeyCode::Tab);
-        press(&mut app, KeyCode::Up);
-        assert_eq!(axis(press(&mut app, KeyCode::Right)), (1, 0), "the second has one");
-        press(&mut app, KeyCode::Tab);
-        assert_eq!(axis(press(&mut app, KeyCode::Left)), (0, 1));
-    }
 }

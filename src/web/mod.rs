@@ -1,6 +1,6 @@
 //! The operator's page: a small server of the same snapshot and commands that every face has.
 //!
-//! - in: a [`Desk`]
+//! - in: a [`UiEnd`] of the desk
 //! - out: the page (assets of this folder, nothing from elsewhere), `GET /camera/{index}` as JPEG, and `GET /ws`, a
 //!   WebSocket on which stage, snapshots and messages go out and commands come in
 //! - who may: see [`guard`]; one page commands, the others watch, and anyone may press the emergency stop
@@ -10,9 +10,11 @@
 
 pub mod guard;
 mod line;
+mod seats;
+mod shared;
 mod socket;
 
-use crate::desk::{Desk, Pixels};
+use crate::desk::{Pixels, UiEnd};
 use axum::Router;
 use axum::extract::{Path, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -22,7 +24,8 @@ use axum::routing::get;
 use guard::Guard;
 use image::codecs::jpeg::JpegEncoder;
 use line::{Door, Line};
-use socket::Seats;
+use seats::Seats;
+use shared::Shared;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use tokio::sync::oneshot;
@@ -46,14 +49,6 @@ const ASSETS: &[(&str, &str, &str)] = &[
 ];
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 
-/// What every request can see.
-#[derive(Clone)]
-struct Shared {
-    desk: Desk,
-    guard: Arc<Guard>,
-    seats: Arc<Seats>,
-}
-
 /// A running server; dropping it ends it.
 #[derive(Debug)]
 pub struct Server {
@@ -70,7 +65,7 @@ impl Server {
     ///
     /// # Errors
     /// What the operating system says to the address, or to another thread.
-    pub fn start(desk: Desk, address: SocketAddr) -> std::io::Result<Self> {
+    pub fn start(desk: UiEnd, address: SocketAddr) -> std::io::Result<Self> {
         let runtime =
             tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
         let listener = runtime.block_on(tokio::net::TcpListener::bind(address))?;
@@ -119,10 +114,11 @@ fn routes(shared: Shared) -> Router {
     router.layer(middleware::from_fn_with_state(shared.clone(), check)).with_state(shared)
 }
 
-/// What a socket does with a text of the only page; returns what it answers. Without a server, for tests.
+/// Obeys a message of the only page, without a server; returns the reason if it is refused. For
+/// tests.
 #[must_use]
-pub fn heard(text: &str, desk: &Desk) -> Option<String> {
-    socket::heed(text, &Arc::<Seats>::default().newcomer(), desk)
+pub fn obey(text: &str, desk: &UiEnd) -> Option<String> {
+    socket::obey(text, &Arc::<Seats>::default().newcomer(), desk)
 }
 
 /// Every request passes here first.

@@ -1,22 +1,24 @@
-//! One page's WebSocket: what goes out, what comes in, and who commands.
+//! One page's WebSocket: the messages to the page, the messages from it, and its seat.
 //!
-//! Out, JSON objects with one key each: `stage` at first and whenever it changes; `snapshot`, without the plan and the messages; `plan` when it
-//! changes; `messages`, only those that this page has not had; `seat` when the right to command changes; `refused` with
-//! a reason. In: [`Command`]s, and `{"seat":"take"}` or `{"seat":"leave"}`.
+//! - out, JSON objects with one key each: `stage` at first and whenever it changes; `snapshot`,
+//!   without the plan and the messages; `plan` when it changes; `messages`, only those that this
+//!   page has not had; `seat` when the right to command changes; `refused` with a reason
+//! - in: an [`Input`] as `{"command": NAME, ...}` with its arguments beside the name,
+//!   `{"seat":"take"}` or `{"seat":"leave"}`, and `{"alive":true}`
 
-use super::Shared;
 use super::line::Line;
-use crate::desk::Desk;
-use crate::operator::{Command, Message, PlanLine, Snapshot, Stage};
+use super::seats::Seat;
+use super::shared::Shared;
+use crate::desk::UiEnd;
+use crate::operator::{Input, Message, PlanLine, Snapshot, Stage};
 use axum::extract::ws::{self, WebSocket, WebSocketUpgrade};
 use axum::extract::{ConnectInfo, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use futures_util::{Sink, SinkExt as _, Stream, StreamExt as _};
 use serde::Deserialize;
-use serde_json::json;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use serde_json::{Map, Value, json};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
@@ -31,69 +33,6 @@ const INTERVAL: Duration = Duration::from_millis(50);
 const SILENCE: Duration = Duration::from_secs(15);
 /// One that says nothing for this long makes room: a page that is only hidden says a word each minute at least.
 const GONE: Duration = Duration::from_secs(300);
-
-/// Who commands. One page at a time; the others watch.
-#[derive(Debug)]
-pub(super) struct Seats {
-    last: AtomicU64,
-    holder: watch::Sender<Option<u64>>,
-    taking: Mutex<()>,
-}
-
-impl Default for Seats {
-    fn default() -> Self {
-        Self { last: AtomicU64::new(0), holder: watch::channel(None).0, taking: Mutex::new(()) }
-    }
-}
-
-impl Seats {
-    pub(super) fn newcomer(self: &Arc<Self>) -> Seat {
-        let number = self.last.fetch_add(1, Ordering::Relaxed) + 1;
-        let seat = Seat { seats: Arc::clone(self), number };
-        // Whoever comes first commands.
-        if self.holder.borrow().is_none() {
-            seat.take();
-        }
-        seat
-    }
-}
-
-/// A page's place; it is free again when the page is gone.
-pub(super) struct Seat {
-    seats: Arc<Seats>,
-    number: u64,
-}
-
-impl Seat {
-    fn commands(&self) -> bool {
-        *self.seats.holder.borrow() == Some(self.number)
-    }
-
-    fn take(&self) {
-        let _one = self.seats.taking.lock().unwrap_or_else(PoisonError::into_inner);
-        self.seats.holder.send_if_modified(|holder| {
-            let changed = *holder != Some(self.number);
-            *holder = Some(self.number);
-            changed
-        });
-    }
-
-    fn leave(&self) {
-        self.seats.holder.send_if_modified(|holder| {
-            let own = *holder == Some(self.number);
-            if own {
-                *holder = None;
-            }
-            own
-        });
-    }
-}
-
-impl Drop for Seat {
-    fn drop(&mut self) {
-        self.leave();
-    }
-}
 
 /// `GET /ws`.
 pub(super) async fn upgrade(
@@ -122,7 +61,7 @@ async fn converse<E>(
     words: impl Stream<Item = Result<ws::Message, E>> + Unpin,
     news: impl Sink<ws::Message> + Unpin,
     seat: &Seat,
-    desk: &Desk,
+    desk: &UiEnd,
 ) {
     let (refusals, refused) = mpsc::channel(REFUSALS);
     let heard = watch::channel(Instant::now()).0;
@@ -137,7 +76,7 @@ async fn converse<E>(
 async fn listen<E>(
     mut words: impl Stream<Item = Result<ws::Message, E>> + Unpin,
     seat: &Seat,
-    desk: &Desk,
+    desk: &UiEnd,
     heard: &watch::Sender<Instant>,
     refusals: &mpsc::Sender<String>,
 ) {
@@ -145,7 +84,7 @@ async fn listen<E>(
         heard.send_replace(Instant::now());
         match word {
             ws::Message::Text(text) => {
-                if let Some(why) = heed(text.as_str(), seat, desk) {
+                if let Some(why) = obey(text.as_str(), seat, desk) {
                     // Who takes no answers gets none.
                     let _ = refusals.try_send(why);
                 }
@@ -160,11 +99,11 @@ async fn listen<E>(
 async fn tell(
     mut news: impl Sink<ws::Message> + Unpin,
     seat: &Seat,
-    desk: &Desk,
+    desk: &UiEnd,
     heard: &watch::Sender<Instant>,
     mut refused: mpsc::Receiver<String>,
 ) {
-    let mut holder = seat.seats.holder.subscribe();
+    let mut holder = seat.holder();
     let mut sent = Sent::default();
     let mut due = tokio::time::interval(INTERVAL);
     due.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
@@ -201,13 +140,13 @@ async fn tell(
     }
 }
 
-/// What a page may say.
+/// A message of a page.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
-enum Said {
-    Command(Command),
+enum PageMessage {
+    Input(PageInput),
     Seat {
-        seat: SeatWord,
+        seat: SeatRequest,
     },
     /// A sign of life.
     Alive {
@@ -218,57 +157,82 @@ enum Said {
 
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum SeatWord {
+enum SeatRequest {
     Take,
     Leave,
 }
 
-/// Obeys what a page says; returns why not.
-pub(super) fn heed(text: &str, seat: &Seat, desk: &Desk) -> Option<String> {
-    let said: Said = match serde_json::from_str(text) {
-        Ok(said) => said,
-        Err(_) => return Some("that is no command".to_owned()),
+/// An [`Input`] as a page writes it: its name, with its arguments beside it.
+#[derive(Debug, Deserialize)]
+#[serde(try_from = "NameBesideArguments")]
+struct PageInput(Input);
+
+#[derive(Debug, Deserialize)]
+struct NameBesideArguments {
+    command: String,
+    #[serde(flatten)]
+    arguments: Map<String, Value>,
+}
+
+impl TryFrom<NameBesideArguments> for PageInput {
+    type Error = serde_json::Error;
+
+    fn try_from(message: NameBesideArguments) -> serde_json::Result<Self> {
+        let NameBesideArguments { command, arguments } = message;
+        // An input without arguments is its name alone.
+        let alone = serde_json::from_value(Value::from(command.as_str()));
+        alone.or_else(|_| serde_json::from_value(json!({ command: arguments }))).map(Self)
+    }
+}
+
+/// Obeys a message of a page; returns the reason if it is refused.
+pub(super) fn obey(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
+    let Ok(message) = serde_json::from_str(text) else {
+        return Some("that is no command".to_owned());
     };
-    match said {
-        Said::Alive { .. } => None,
-        Said::Seat { seat: SeatWord::Take } => {
+    match message {
+        PageMessage::Alive { .. } => None,
+        PageMessage::Seat { seat: SeatRequest::Take } => {
             seat.take();
             None
         }
-        Said::Seat { seat: SeatWord::Leave } => {
+        PageMessage::Seat { seat: SeatRequest::Leave } => {
             seat.leave();
             None
         }
-        // Whoever sees danger may stop.
-        Said::Command(command) if command == Command::EmergencyStop || seat.commands() => {
-            let word = command.word();
-            (!desk.command(command)).then(|| format!("{word}: the robot does not listen"))
+        // A page needs no seat to stop the arms.
+        PageMessage::Input(PageInput(input))
+            if input == Input::EmergencyStop || seat.commands() =>
+        {
+            let name = input.name();
+            (!desk.send(input)).then(|| format!("{name}: the robot does not listen"))
         }
-        Said::Command(command) => {
-            Some(format!("{}: another page commands; take over first", command.word()))
+        PageMessage::Input(PageInput(input)) => {
+            Some(format!("{}: another page commands; take over first", input.name()))
         }
     }
 }
 
-/// What this page has had.
+/// What this page has been sent.
 #[derive(Default)]
 struct Sent {
     stage: Option<Arc<Stage>>,
     snapshot: Option<Arc<Snapshot>>,
-    message: u64,
+    /// The last message.
+    message: Option<Message>,
     plan: Option<Arc<Vec<PlanLine>>>,
 }
 
 impl Sent {
-    /// What it has not had.
-    fn news(&mut self, desk: &Desk) -> Vec<String> {
+    /// Returns what is new since the last call, as texts to send.
+    fn news(&mut self, desk: &UiEnd) -> Vec<String> {
         let mut out = Vec::new();
         let stage = desk.stage.borrow().clone();
         if self.stage.as_ref().is_none_or(|had| !Arc::ptr_eq(had, &stage)) {
             out.push(json!({ "stage": *stage }).to_string());
             self.stage = Some(stage);
         }
-        // What was published last is sent even when whoever published it is gone.
+        // The last snapshot is sent even when the run that published it is gone.
         let snapshot = desk.snapshots.borrow().clone();
         if self.snapshot.as_ref().is_some_and(|had| Arc::ptr_eq(had, &snapshot)) {
             return out;
@@ -278,17 +242,7 @@ impl Sent {
             self.plan = Some(Arc::clone(&snapshot.plan));
             out.push(json!({ "plan": *snapshot.plan }).to_string());
         }
-        let last = snapshot.messages.last().map_or(0, |m| m.number);
-        if last < self.message {
-            // Another run, or a replay that went back.
-            self.message = 0;
-        }
-        let fresh: Vec<&Message> =
-            snapshot.messages.iter().filter(|m| m.number > self.message).collect();
-        if !fresh.is_empty() || last != self.message {
-            out.push(json!({ "messages": fresh }).to_string());
-        }
-        self.message = last;
+        out.extend(self.messages(&snapshot.messages));
         let rest =
             Snapshot { plan: Arc::default(), messages: Arc::default(), ..(*snapshot).clone() };
         // A snapshot has no keys that JSON cannot have.
@@ -297,12 +251,30 @@ impl Sent {
         }
         out
     }
+
+    /// Returns the messages that are new: all of them when they are of another run than the last
+    /// one that was sent, or when a replay went back.
+    fn messages(&mut self, all: &[Message]) -> Option<String> {
+        let last = all.last();
+        let goes_on = self.message.as_ref().is_none_or(|had| {
+            let same = all.iter().find(|message| message.number == had.number);
+            // A long run drops its first messages.
+            let dropped = || all.first().is_some_and(|first| first.number > had.number);
+            same.map_or_else(dropped, |same| same == had)
+        });
+        let had = self.message.as_ref().filter(|_| goes_on).map_or(0, |message| message.number);
+        let fresh: Vec<&Message> = all.iter().filter(|message| message.number > had).collect();
+        self.message = last.cloned();
+        (!fresh.is_empty() || !goes_on).then(|| json!({ "messages": fresh }).to_string())
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::seats::Seats;
     use super::*;
-    use crate::desk::desk;
+    use crate::desk::Desk;
+    use crate::operator::{Class, Manual, Step};
     use futures_util::stream;
     use std::convert::Infallible;
     use std::pin::Pin;
@@ -328,8 +300,8 @@ mod tests {
     }
 
     #[test]
-    fn a_page_that_takes_nothing_can_stop_the_robot() {
-        let (desk, behind) = desk();
+    fn page_that_reads_nothing_can_stop_the_robot() {
+        let (ui, run) = Desk::default().ends();
         let seat = Arc::new(Seats::default()).newcomer();
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_time()
@@ -341,7 +313,7 @@ mod tests {
             let words = stream::unfold(words, |mut words| async {
                 words.recv().await.map(|word| (Ok::<_, Infallible>(word), words))
             });
-            let page = converse(Box::pin(words), TakesNothing, &seat, &desk);
+            let page = converse(Box::pin(words), TakesNothing, &seat, &ui);
             let person = async {
                 // The first snapshot waits by then.
                 tokio::time::sleep(4 * INTERVAL).await;
@@ -353,6 +325,69 @@ mod tests {
                 () = person => {}
             }
         });
-        assert!(behind.emergency.load(Ordering::Acquire));
+        assert!(run.stop_signal().is_pressed());
+    }
+
+    #[test]
+    fn page_messages_become_inputs() {
+        let read = |text: &str| match serde_json::from_str(text) {
+            Ok(PageMessage::Input(PageInput(input))) => Some(input),
+            _ => None,
+        };
+        let jog =
+            r#"{"command":"manual","effector":1,"order":{"order":"joint","axis":2,"by":0.1}}"#;
+        let order = Manual::Joint(Step { axis: 2, by: 0.1 });
+        assert_eq!(read(jog), Some(Input::Manual { effector: 1, order }));
+        for (text, input) in [
+            (r#"{"command":"start"}"#, Input::Start),
+            (r#"{"command":"pause"}"#, Input::Pause),
+            (r#"{"command":"resume"}"#, Input::Resume),
+            (r#"{"command":"terminate"}"#, Input::Terminate),
+            (r#"{"command":"emergency_stop"}"#, Input::EmergencyStop),
+            (r#"{"command":"speed","factor":2}"#, Input::Speed { factor: 2.0 }),
+            (r#"{"command":"quit"}"#, Input::Quit),
+            (r#"{"command":"seek","time":1.5}"#, Input::Seek { time: 1.5 }),
+            // A stop counts with whatever stands beside it.
+            (r#"{"command":"emergency_stop","factor":2}"#, Input::EmergencyStop),
+        ] {
+            assert_eq!(read(text), Some(input), "{text}");
+        }
+        for text in [
+            r#"{"command":"format_disk"}"#,
+            r#"{"command":"speed"}"#,
+            r#"{"command":"answer","question":1,"answer":{"answer":"stickers","stickers":"U"}}"#,
+            r#""pause""#,
+        ] {
+            assert_eq!(read(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn messages_of_another_run_are_sent_from_the_first() {
+        let message = |number: u64, text: &str| Message {
+            number,
+            time: 0.0,
+            class: Class::Info,
+            source: "mp".to_owned(),
+            text: text.to_owned(),
+        };
+        let mut sent = Sent::default();
+        let mut numbers = |all: &[Message]| {
+            let text = sent.messages(all)?;
+            let json: Value = serde_json::from_str(&text).unwrap();
+            let fresh = json["messages"].as_array().unwrap();
+            Some(fresh.iter().map(|m| m["number"].as_u64().unwrap()).collect::<Vec<_>>())
+        };
+
+        assert_eq!(numbers(&[]), None);
+        assert_eq!(numbers(&[message(1, "a"), message(2, "b")]), Some(vec![1, 2]));
+        assert_eq!(numbers(&[message(1, "a"), message(2, "b")]), None);
+        assert_eq!(numbers(&[message(2, "b"), message(3, "c")]), Some(vec![3]));
+        assert_eq!(numbers(&[message(5, "e")]), Some(vec![5]), "the run dropped some");
+        // As many messages as before, of another run.
+        let others: Vec<Message> = (1..=6).map(|number| message(number, "other")).collect();
+        assert_eq!(numbers(&others), Some(vec![1, 2, 3, 4, 5, 6]));
+        // A replay went back to before the first one.
+        assert_eq!(numbers(&[]), Some(vec![]));
     }
 }

@@ -1,5 +1,6 @@
 //! The two drivers of time around the same core, on a port of ideal first-order motors.
 
+use rubik_robot::emergency_stop::EmergencyStop;
 use rubik_robot::hw::driver::{
     Core, NoRecords, RecordSink, ServoLink, ServoRecord, Switches, WallOptions, link, run_virtual,
     spawn_wall,
@@ -28,10 +29,18 @@ impl RecordSink for Hash {
 
 fn core(port: &mut Motors, records: Box<dyn RecordSink>) -> (Core, Vec<ServoLink>, Arc<Switches>) {
     let switches = Arc::new(Switches::default());
-    let (links, ends) = (0..2).map(|_| link()).unzip();
-    let core =
-        Core::new(vec![config(), config()], ends, Arc::clone(&switches), records, port).unwrap();
+    let (core, links) = core_with(Arc::clone(&switches), port, records);
     (core, links, switches)
+}
+
+fn core_with(
+    switches: Arc<Switches>,
+    port: &mut Motors,
+    records: Box<dyn RecordSink>,
+) -> (Core, Vec<ServoLink>) {
+    let (links, ends) = (0..2).map(|_| link()).unzip();
+    let core = Core::new(vec![config(), config()], ends, switches, records, port).unwrap();
+    (core, links)
 }
 
 fn go(motion: Motion, periods: u32) -> ServoCommand {
@@ -131,14 +140,16 @@ fn a_command_that_was_on_its_way_moves_no_arm_that_is_being_stopped() {
 #[test]
 fn an_emergency_stop_acts_in_the_next_period_and_lasts_until_both_are_reset() {
     let mut port = Motors::new(2);
-    let (mut core, mut links, switches) = core(&mut port, Box::new(NoRecords));
+    let stop = EmergencyStop::default();
+    let switches = Arc::new(Switches::new(stop.signal()));
+    let (mut core, mut links) = core_with(switches, &mut port, Box::new(NoRecords));
     links[0].send(go(swing(0.3), 500)).unwrap();
     for period in 1..=100 {
         core.period(period, &mut port).unwrap();
     }
     assert!(port.enabled[0] && port.enabled[1]);
 
-    switches.emergency.store(true, Ordering::Release);
+    stop.button().press();
     core.period(101, &mut port).unwrap();
 
     assert_eq!(port.enabled, [false, false]);
@@ -147,7 +158,7 @@ fn an_emergency_stop_acts_in_the_next_period_and_lasts_until_both_are_reset() {
     assert_eq!(port.enabled, [false, false], "the button is still pressed");
     assert_eq!(links[0].state().fault, Some(ArmFault::EmergencyStop));
 
-    switches.emergency.store(false, Ordering::Release);
+    stop.release();
     links[0].send(ServoCommand::Reset).unwrap();
     for period in 103..=110 {
         core.period(period, &mut port).unwrap();

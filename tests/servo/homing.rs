@@ -1,5 +1,6 @@
 //! Arms that were just switched on, on the simulated plant: what they refuse, and how they find out where they are.
 
+use rubik_robot::emergency_stop::EmergencyStop;
 use rubik_robot::hw::driver::{Core, NoRecords, ServoLink, Switches, link_at};
 use rubik_robot::hw::plant::{Plant, PlantConfig};
 use rubik_robot::kinematics::ArmModel;
@@ -20,6 +21,7 @@ struct Rig {
     plant: Plant,
     period: u64,
     switches: Arc<Switches>,
+    stop: EmergencyStop,
 }
 
 impl Rig {
@@ -45,10 +47,11 @@ impl Rig {
             })
             .collect();
         let (links, ends) = (0..2).map(|_| link_at(length)).unzip();
-        let switches = Arc::new(Switches::default());
+        let stop = EmergencyStop::default();
+        let switches = Arc::new(Switches::new(stop.signal()));
         let core = Core::new(configs, ends, Arc::clone(&switches), Box::new(NoRecords), &mut plant)
             .unwrap();
-        Self { core, links, plant, period: 0, switches }
+        Self { core, links, plant, period: 0, switches, stop }
     }
 
     fn tick(&mut self, periods: u64) {
@@ -197,11 +200,11 @@ fn an_emergency_stop_ends_homing_and_a_second_one_goes_on_where_it_was() {
     };
     assert_ne!(axis, 2, "the first axis is done");
 
-    rig.switches.emergency.store(true, Ordering::Release);
+    rig.stop.button().press();
     rig.tick(10);
     assert_eq!(rig.state(1).fault, Some(ArmFault::EmergencyStop));
     assert_eq!(rig.state(1).synchronisation, Synchronisation::No);
-    rig.switches.emergency.store(false, Ordering::Release);
+    rig.stop.release();
     // While one arm is stopped by a fault the other one stands by, and does not home.
     for link in &mut rig.links {
         link.send(ServoCommand::Reset).unwrap();

@@ -3,9 +3,9 @@
 
 use crate::program::program;
 use futures_util::{SinkExt, StreamExt};
-use rubik_robot::desk::{Behind, Desk, desk};
+use rubik_robot::desk::{Desk, UiEnd};
 use rubik_robot::motion::JointPositions;
-use rubik_robot::operator::{Command, ControlView, Snapshot};
+use rubik_robot::operator::{ControlView, Input, Snapshot};
 use rubik_robot::reach::{MeetingTable, ReachSettings};
 use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
 use rubik_robot::run::{self, RunOptions};
@@ -31,23 +31,24 @@ fn load(name: &str, set: &[&str]) -> Scenario {
     scenario::load(&path, &set).unwrap()
 }
 
-fn serve(desk: Desk) -> Server {
-    Server::start(desk, "127.0.0.1:0".parse().unwrap()).unwrap()
+fn serve(ui: UiEnd) -> Server {
+    Server::start(ui, "127.0.0.1:0".parse().unwrap()).unwrap()
 }
 
 /// A run with a server, on a thread of its own.
 struct Run {
     server: Server,
-    desk: Desk,
+    ui: UiEnd,
     thread: std::thread::JoinHandle<Summary>,
 }
 
 fn begin(scenario: Scenario, options: RunOptions) -> Run {
-    let (desk, behind): (Desk, Behind) = desk();
-    let server = serve(desk.clone());
+    let (ui, run_end) = Desk::default().ends();
+    let server = serve(ui.clone());
     let options = RunOptions { automatic: true, quiet: true, ..options };
-    let thread = std::thread::spawn(move || run::run_at(&scenario, options, Some(behind)).unwrap());
-    Run { server, desk, thread }
+    let thread =
+        std::thread::spawn(move || run::run_at(&scenario, options, Some(run_end)).unwrap());
+    Run { server, ui, thread }
 }
 
 struct Page(WebSocketStream<MaybeTlsStream<tokio::net::TcpStream>>);
@@ -149,7 +150,7 @@ fn a_page_starts_pauses_resumes_and_terminates_a_run() {
     assert_eq!((summary.outcome, summary.ended_by), (Outcome::Aborted, EndedBy::Operator));
     assert!(summary.reason.ends_with("the operator has the cube"), "{}", summary.reason);
     let told: Vec<String> =
-        run.desk.snapshots.borrow().messages.iter().map(|m| m.text.clone()).collect();
+        run.ui.snapshots.borrow().messages.iter().map(|m| m.text.clone()).collect();
     for command in ["speed 2 x", "start", "pause", "resume", "terminate"] {
         assert!(told.contains(&format!("operator: {command}")), "{command}: {told:?}");
     }
@@ -464,10 +465,10 @@ fn an_arm_that_is_synchronised_at_the_start_heeds_pause_and_terminate() {
     let scenario = load("solve.toml", &[unknown]);
     let arms = &scenario.controller.cell.arms;
     let index = arms.iter().position(|arm| arm.name == "postument").unwrap();
-    let (desk, behind) = desk();
-    let server = serve(desk);
+    let (ui, run_end) = Desk::default().ends();
+    let server = serve(ui);
     let options = RunOptions { automatic: true, quiet: true, speed: 1.0, ..RunOptions::default() };
-    let run = std::thread::spawn(move || run::run_at(&scenario, options, Some(behind)));
+    let run = std::thread::spawn(move || run::run_at(&scenario, options, Some(run_end)));
     runtime().block_on(async {
         let mut page = Page::open(&server).await;
         homes_as_told(&mut page, index, "postument").await;
@@ -513,7 +514,7 @@ fn an_emergency_stop_before_the_start_ends_the_run_and_is_shown() {
 #[test]
 fn the_wait_for_the_start_and_a_limit_of_speed_are_no_work() {
     let scenario = load("idle.toml", &["idle.time_s=2"]);
-    let (desk, behind) = desk();
+    let (ui, run_end) = Desk::default().ends();
     let options = RunOptions {
         automatic: true,
         quiet: true,
@@ -521,18 +522,18 @@ fn the_wait_for_the_start_and_a_limit_of_speed_are_no_work() {
         speed: 1.0,
         ..RunOptions::default()
     };
-    let run = std::thread::spawn(move || run::run_at(&scenario, options, Some(behind)).unwrap());
+    let run = std::thread::spawn(move || run::run_at(&scenario, options, Some(run_end)).unwrap());
     let begun = Instant::now();
     let sees = |what: &dyn Fn(&Snapshot) -> bool| {
-        while !what(&desk.snapshots.borrow()) {
+        while !what(&ui.snapshots.borrow()) {
             assert!(begun.elapsed() < PATIENCE);
             std::thread::sleep(Duration::from_millis(20));
         }
     };
     std::thread::sleep(Duration::from_secs(3));
-    assert!(desk.command(Command::Start));
+    assert!(ui.send(Input::Start));
     sees(&|s| s.time > 2.0);
-    assert!(desk.command(Command::Terminate));
+    assert!(ui.send(Input::Terminate));
     let summary = run.join().unwrap();
     let took = begun.elapsed().as_secs_f64();
     assert!(summary.wall_time_s < took - 4.0, "{} s of {took} s", summary.wall_time_s);
@@ -599,7 +600,7 @@ fn a_run_that_was_paused_and_answered_ends_well_and_verifies() {
 
 #[test]
 fn who_listens_everywhere_prints_an_address_that_opens() {
-    let server = Server::start(desk().0, "0.0.0.0:0".parse().unwrap()).unwrap();
+    let server = Server::start(Desk::default().ui_end(), "0.0.0.0:0".parse().unwrap()).unwrap();
     let (host, path) = server.url.strip_prefix("http://").unwrap().split_once('/').unwrap();
     let ask = |path: &str, cookie: &str| {
         let mut stream = TcpStream::connect(host).unwrap();
@@ -659,9 +660,9 @@ fn a_page_that_only_watches_changes_nothing() {
 
 #[test]
 fn one_page_commands_and_another_may_take_over() {
-    let (desk, behind) = desk();
-    let server = serve(desk);
-    let mut commands = behind.take_commands().unwrap();
+    let (ui, run_end) = Desk::default().ends();
+    let server = serve(ui);
+    let mut commands = run_end.take_inputs().unwrap();
     runtime().block_on(async {
         let mut first = Page::open(&server).await;
         assert_eq!(first.next("seat").await, json!({ "own": true, "taken": true }));
@@ -677,7 +678,7 @@ fn one_page_commands_and_another_may_take_over() {
         assert_eq!(second.next("seat").await, json!({ "own": true, "taken": true }));
         assert_eq!(first.next("seat").await, json!({ "own": false, "taken": true }));
         second.say(json!({ "command": "pause" })).await;
-        assert_eq!(commands.recv().await, Some(Command::Pause));
+        assert_eq!(commands.recv().await, Some(Input::Pause));
 
         second.say(json!({ "nonsense": 1 })).await;
         assert_eq!(second.next("refused").await, json!("that is no command"));
@@ -685,21 +686,21 @@ fn one_page_commands_and_another_may_take_over() {
         assert_eq!(first.next("seat").await, json!({ "own": false, "taken": false }));
         // Who stops does not need the right to command.
         first.say(json!({ "command": "emergency_stop" })).await;
-        assert_eq!(commands.recv().await, Some(Command::EmergencyStop));
-        assert!(behind.emergency.load(std::sync::atomic::Ordering::Acquire));
+        assert_eq!(commands.recv().await, Some(Input::EmergencyStop));
+        assert!(run_end.stop_signal().is_pressed());
     });
 }
 
 #[test]
 fn a_message_that_is_longer_than_any_command_ends_its_page_and_is_not_obeyed() {
-    let (desk, behind) = desk();
-    let server = serve(desk);
-    let mut commands = behind.take_commands().unwrap();
+    let (ui, run_end) = Desk::default().ends();
+    let server = serve(ui);
+    let mut commands = run_end.take_inputs().unwrap();
     let padded = |length: usize| Message::text(format!("{:<length$}", r#"{"command":"pause"}"#));
     runtime().block_on(async {
         let mut page = Page::open(&server).await;
         page.0.send(padded(4096)).await.unwrap();
-        assert_eq!(commands.recv().await, Some(Command::Pause));
+        assert_eq!(commands.recv().await, Some(Input::Pause));
 
         page.0.send(padded(4097)).await.unwrap();
 
@@ -722,8 +723,8 @@ fn a_message_that_is_longer_than_any_command_ends_its_page_and_is_not_obeyed() {
 
 #[test]
 fn connections_without_end_keep_nobody_from_the_page_and_its_stop() {
-    let (desk, behind): (Desk, Behind) = desk();
-    let server = serve(desk);
+    let (ui, run_end) = Desk::default().ends();
+    let server = serve(ui);
     // A page that has been there for longer than they have stays.
     let runtime = runtime();
     let mut page = runtime.block_on(Page::open(&server));
@@ -759,7 +760,7 @@ fn connections_without_end_keep_nobody_from_the_page_and_its_stop() {
     }
     runtime.block_on(page.say(json!({ "command": "emergency_stop" })));
     let begun = Instant::now();
-    while !behind.emergency.load(std::sync::atomic::Ordering::Acquire) {
+    while !run_end.stop_signal().is_pressed() {
         assert!(begun.elapsed() < PATIENCE, "the stop did not come");
         std::thread::sleep(Duration::from_millis(10));
     }
@@ -767,7 +768,7 @@ fn connections_without_end_keep_nobody_from_the_page_and_its_stop() {
 
 #[test]
 fn strangers_get_neither_the_page_nor_the_socket() {
-    let server = serve(desk().0);
+    let server = serve(Desk::default().ui_end());
     let ask = |head: &str| {
         let mut stream = TcpStream::connect(server.address).unwrap();
         write!(stream, "{head}Connection: close\r\n\r\n").unwrap();
@@ -821,9 +822,9 @@ fn no_asset_names_another_host() {
 
 #[test]
 fn a_snapshot_survives_its_journey() {
-    let (desk, behind) = desk();
-    let server = serve(desk);
-    behind.snapshots.send_replace(std::sync::Arc::new(Snapshot {
+    let (ui, run_end) = Desk::default().ends();
+    let server = serve(ui);
+    run_end.snapshots.send_replace(std::sync::Arc::new(Snapshot {
         number: 7,
         time: 1.25,
         control: ControlView::Paused,

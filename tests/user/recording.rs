@@ -742,8 +742,8 @@ fn the_recording_of_another_version_is_refused_with_its_name() {
 
 #[test]
 fn a_recording_is_shown_paused_and_sought() {
-    use rubik_robot::desk::desk;
-    use rubik_robot::operator::{Command, ControlView, State};
+    use rubik_robot::desk::Desk;
+    use rubik_robot::operator::{ControlView, Input, State};
     use rubik_robot::run::show::Show;
     use std::sync::Arc;
     use std::sync::atomic::AtomicBool;
@@ -753,13 +753,13 @@ fn a_recording_is_shown_paused_and_sought() {
     let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/face_turn.toml");
     let scenario = rubik_robot::scenario::load(&scenario, &[]).unwrap();
     let show = Show::read(std::fs::File::open(&path).unwrap(), &scenario, "show.mcap").unwrap();
-    let (desk, behind) = desk();
+    let (ui, run_end) = Desk::default().ends();
     let stop = Arc::new(AtomicBool::new(false));
     let thread = std::thread::spawn({
         let stop = Arc::clone(&stop);
-        move || show.run(&behind, 1.0, true, &stop)
+        move || show.run(&run_end, 1.0, true, &stop)
     });
-    let snapshot = || Arc::clone(&desk.snapshots.borrow());
+    let snapshot = || Arc::clone(&ui.snapshots.borrow());
     let until = |wanted: &dyn Fn() -> bool| {
         let begun = Instant::now();
         while !wanted() {
@@ -769,10 +769,10 @@ fn a_recording_is_shown_paused_and_sought() {
     };
 
     until(&|| snapshot().time > 0.1);
-    assert!(desk.command(Command::Seek { time: 9.0 }));
+    assert!(ui.send(Input::Seek { time: 9.0 }));
     until(&|| snapshot().time > 8.9);
     assert_eq!(snapshot().phase, "turn");
-    assert_eq!(desk.stage.borrow().pace, "replay");
+    assert_eq!(ui.stage.borrow().pace, "replay");
     // Nobody recorded what the ECPs were ordered; they do not idle while their arms move.
     let actor = |name: &str| snapshot().actors.iter().find(|a| a.name == name).cloned().unwrap();
     until(&|| actor("edp track").words.contains("moves"));
@@ -782,20 +782,20 @@ fn a_recording_is_shown_paused_and_sought() {
     let states = || ["ecp track", "edp track"].map(|name| actor(name).state);
     until(&|| states() == [State::Running; 2]);
 
-    assert!(desk.command(Command::Pause));
+    assert!(ui.send(Input::Pause));
     until(&|| snapshot().control == ControlView::Paused);
     let held = snapshot().time;
     std::thread::sleep(Duration::from_millis(200));
     assert_eq!(snapshot().time, held);
     let arm = snapshot().arms[0].joints;
 
-    assert!(desk.command(Command::Seek { time: 1.0 }));
+    assert!(ui.send(Input::Seek { time: 1.0 }));
     until(&|| snapshot().time < 1.1);
     assert_eq!(snapshot().phase, "grasp", "phases to come are not told yet");
     assert!(arm != snapshot().arms[0].joints);
 
-    assert!(desk.command(Command::Resume));
-    assert!(desk.command(Command::Speed { factor: 0.0 }));
+    assert!(ui.send(Input::Resume));
+    assert!(ui.send(Input::Speed { factor: 0.0 }));
     until(&|| snapshot().control == ControlView::Ended);
     let outcome = snapshot().outcome.clone().unwrap();
     assert_eq!(
@@ -803,15 +803,15 @@ fn a_recording_is_shown_paused_and_sought() {
         (true, summary["reason"].as_str().unwrap())
     );
 
-    assert!(desk.command(Command::Quit));
+    assert!(ui.send(Input::Quit));
     thread.join().unwrap();
 }
 
 #[test]
 fn what_a_calibration_found_is_in_the_recording_and_in_its_show() {
     use rubik_robot::cell::Mount;
-    use rubik_robot::desk::desk;
-    use rubik_robot::operator::Command;
+    use rubik_robot::desk::Desk;
+    use rubik_robot::operator::Input;
     use rubik_robot::run::show::Show;
     use rubik_robot::spatial::Pose;
     use std::sync::atomic::AtomicBool;
@@ -851,17 +851,17 @@ fn what_a_calibration_found_is_in_the_recording_and_in_its_show() {
     assert!(edge != cell.cube.edge && (edge - cell.cube.edge).abs() < 2e-3, "{edge}");
 
     let show = Show::read(std::fs::File::open(&path).unwrap(), &scenario, "").unwrap();
-    let (desk, behind) = desk();
-    assert!(desk.command(Command::Speed { factor: 0.0 }));
-    show.run(&behind, 0.0, false, &AtomicBool::new(false));
-    let stage = desk.stage.borrow();
+    let (ui, run_end) = Desk::default().ends();
+    assert!(ui.send(Input::Speed { factor: 0.0 }));
+    show.run(&run_end, 0.0, false, &AtomicBool::new(false));
+    let stage = ui.stage.borrow();
     assert_eq!((stage.cameras[0].pose, stage.edge), (found, edge));
 }
 
 #[test]
 fn the_show_of_a_cut_recording_ends_with_why() {
-    use rubik_robot::desk::desk;
-    use rubik_robot::operator::{Command, ControlView};
+    use rubik_robot::desk::Desk;
+    use rubik_robot::operator::{ControlView, Input};
     use rubik_robot::run::show::Show;
     use std::sync::atomic::AtomicBool;
 
@@ -870,12 +870,12 @@ fn the_show_of_a_cut_recording_ends_with_why() {
     let scenario = rubik_robot::scenario::load(&scenario, &[]).unwrap();
     let bytes = std::fs::read(&path).unwrap();
     let show = Show::read(&bytes[..bytes.len() / 2], &scenario, "cut.mcap").unwrap();
-    let (desk, behind) = desk();
-    assert!(desk.command(Command::Speed { factor: 0.0 }));
+    let (ui, run_end) = Desk::default().ends();
+    assert!(ui.send(Input::Speed { factor: 0.0 }));
 
-    show.run(&behind, 0.0, false, &AtomicBool::new(false));
+    show.run(&run_end, 0.0, false, &AtomicBool::new(false));
 
-    let last = desk.snapshots.borrow();
+    let last = ui.snapshots.borrow();
     assert_eq!(last.control, ControlView::Ended);
     let outcome = last.outcome.as_ref().unwrap();
     assert_eq!((outcome.verdict.as_str(), outcome.good), ("cut off", false));
@@ -884,7 +884,7 @@ fn the_show_of_a_cut_recording_ends_with_why() {
 
 #[test]
 fn a_replay_keeps_the_time_of_a_servo_with_another_period() {
-    use rubik_robot::desk::desk;
+    use rubik_robot::desk::Desk;
     use rubik_robot::run::show::Show;
     use rubik_robot::scenario::Override;
     use std::sync::atomic::AtomicBool;
@@ -895,11 +895,11 @@ fn a_replay_keeps_the_time_of_a_servo_with_another_period() {
     let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/idle.toml");
     let scenario = rubik_robot::scenario::load(&scenario, &[Override::parse(period).unwrap()]);
     let show = Show::read(std::fs::File::open(&path).unwrap(), &scenario.unwrap(), "").unwrap();
-    let (desk, behind) = desk();
+    let (ui, run_end) = Desk::default().ends();
 
-    show.run(&behind, 0.0, false, &AtomicBool::new(false));
+    show.run(&run_end, 0.0, false, &AtomicBool::new(false));
 
-    let time = desk.snapshots.borrow().time;
+    let time = ui.snapshots.borrow().time;
     assert!((0.9..1.1).contains(&time), "{time}");
 }
 

@@ -2,6 +2,7 @@
 
 use super::link::ServoEnd;
 use super::record::{RecordSink, ServoRecord};
+use crate::emergency_stop::StopSignal;
 use crate::hw::port::{Port, PortFault};
 use crate::motion::{ArmFault, MoveRefused};
 use crate::servo::io::{ArmDrive, ArmReading, Outside};
@@ -15,12 +16,13 @@ use std::time::Duration;
 /// the end of the macrostep, within 0.1 s.
 pub const HEART: Duration = Duration::from_millis(80);
 
-/// Flags that the servo reads first in each period; anyone may set them.
+/// Flags that the servo reads first in each period. Any holder may set them but `emergency`, which
+/// takes a [`StopButton`](crate::emergency_stop::StopButton).
 #[derive(Debug, Default)]
 pub struct Switches {
-    /// Emergency stop: all arms trip in the next period. Each must be reset afterwards. A software stop is no
-    /// safety function.
-    pub emergency: Arc<AtomicBool>,
+    /// The emergency stop: when it is pressed, all arms trip in the next period. Each must be reset
+    /// afterwards.
+    pub emergency: StopSignal,
     /// Ends the driver.
     pub stop: AtomicBool,
     /// An actor is gone: all arms yield or stand, hold, and take no motion.
@@ -30,6 +32,14 @@ pub struct Switches {
     pub beats: AtomicU64,
     /// What a wall driver tells of itself while it runs.
     pub punctual: Punctual,
+}
+
+impl Switches {
+    /// Returns the flags of servos that stop when `emergency` is pressed.
+    #[must_use]
+    pub fn new(emergency: StopSignal) -> Self {
+        Self { emergency, ..Self::default() }
+    }
 }
 
 /// How punctual a wall driver is: the real-time thread writes without waiting, anyone may read.
@@ -230,7 +240,7 @@ impl Core {
 
     /// Returns whether the emergency stop is pressed.
     fn heed_switches(&mut self, period: u64) -> bool {
-        let pressed = self.switches.emergency.load(Ordering::Acquire);
+        let pressed = self.switches.emergency.is_pressed();
         if pressed {
             self.trip(ArmFault::EmergencyStop);
         }

@@ -1,6 +1,6 @@
 //! What a report tells, gathered from a recording in one pass.
 
-use crate::operator::{Class, Said};
+use crate::operator::{Class, Input};
 use crate::record::cdr::{Malformed, Reader};
 use crate::record::reading::{End, Label, Message, Piece, Reading, Unreadable};
 use crate::record::sensed::{Found, Sensed};
@@ -174,7 +174,7 @@ impl Story {
             "/operator" => {
                 let mut from = stamped(data)?;
                 from.u64()?;
-                self.operator.push((time, Said::told(from.string()?)));
+                self.operator.push((time, Input::describe_recorded(from.string()?)));
             }
             "/sensed" => self.sensed(time, &Sensed::read(data)?),
             "/tf" => self.transforms(time, data)?,

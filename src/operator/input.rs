@@ -1,0 +1,183 @@
+//! What the operator can say to a run: one type from the page, the terminal and the keys to the
+//! actor that obeys it, and into the recording.
+
+use super::Answer;
+use serde::{Deserialize, Serialize};
+
+/// An input of the operator.
+///
+/// Its JSON is that of a recording: the name alone, or the name with the arguments,
+/// `{"seek":{"time":1.0}}`. A page writes `{"command":"seek","time":1.0}`; its names are the
+/// aliases where a recording has another one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Input {
+    /// Starts a run that waits for it.
+    Start,
+    /// Brings all motions to rest within a macrostep; the task keeps its place.
+    Pause,
+    /// Continues after a pause.
+    #[serde(rename = "run", alias = "resume")]
+    Resume,
+    /// Ends the run: the arms come to rest and keep what they hold.
+    Terminate,
+    /// Trips all arms in the next servo period. A software stop, hence no safety function.
+    EmergencyStop,
+    /// Answers the open question.
+    Answer {
+        /// [`Question::number`](super::Question::number).
+        question: u64,
+        /// The answer itself.
+        answer: Answer,
+    },
+    /// Moves an arm by hand; only while the task is idle.
+    #[serde(rename = "order", alias = "manual")]
+    Manual {
+        /// Index of the effector.
+        effector: usize,
+        /// The motion, or what else the arm is to do.
+        order: Manual,
+    },
+    /// Limits how fast simulated time may go, in times of real time; 0 for no limit.
+    Speed {
+        /// Times real time.
+        factor: f64,
+    },
+    /// Leaves the UI of a run that is over, or of a replay.
+    Quit,
+    /// In a replay: goes to this time [s].
+    Seek {
+        /// Seconds since the beginning.
+        time: f64,
+    },
+}
+
+impl Input {
+    /// Returns its name, for logs.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Start => "start",
+            Self::Pause => "pause",
+            Self::Resume => "resume",
+            Self::Terminate => "terminate",
+            Self::EmergencyStop => "emergency stop",
+            Self::Answer { .. } => "answer",
+            Self::Manual { .. } => "manual",
+            Self::Speed { .. } => "speed",
+            Self::Quit => "quit",
+            Self::Seek { .. } => "seek",
+        }
+    }
+
+    /// Returns its name with its arguments, for people.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        match self {
+            Self::Speed { factor } if *factor > 0.0 => format!("speed {factor} x"),
+            Self::Speed { .. } => "speed unlimited".to_owned(),
+            Self::Answer { answer: Answer::Declined, .. } => "does not know the answer".to_owned(),
+            Self::Answer { answer: Answer::Choice { option }, .. } => {
+                format!("answer {}", option.saturating_add(1))
+            }
+            Self::Answer { answer: Answer::Stickers { stickers }, .. } => {
+                format!("the stickers are {stickers}")
+            }
+            Self::Manual { effector, order } => format!("arm {effector}: {}", order.describe()),
+            other => other.name().to_owned(),
+        }
+    }
+
+    /// Describes an input as a recording has it; returns `text` itself if another version of this
+    /// program wrote it.
+    #[must_use]
+    pub fn describe_recorded(text: &str) -> String {
+        serde_json::from_str::<Self>(text).map_or_else(|_| text.to_owned(), |i| i.describe())
+    }
+}
+
+/// An order of the operator to one arm.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "order", rename_all = "snake_case")]
+pub enum Manual {
+    /// Finds the synchronisation position, axis by axis.
+    Synchronise,
+    /// Moves one motor by an angle [rad]; the one motion of an arm that is not synchronised.
+    Motor(Step),
+    /// Moves one joint: axis 0 by a length [m], 1..=6 by an angle [rad].
+    Joint(Step),
+    /// Moves along (0, 1, 2) or about (3, 4, 5) an axis of the tool [m, rad].
+    Tool(Step),
+    /// Brings the pads to this distance [m].
+    Jaw {
+        /// Distance between the pads.
+        opening: f64,
+    },
+    /// Goes to one of [`ArmStage::poses`](super::ArmStage::poses).
+    Pose {
+        /// Its name.
+        name: String,
+    },
+    /// Sets the force sensor to zero as it is loaded now.
+    Bias,
+}
+
+impl Manual {
+    fn describe(&self) -> String {
+        let turn = |angle: f64| format!("{:+.1} deg", angle.to_degrees());
+        let way = |length: f64| format!("{:+.1} mm", length * 1e3);
+        match self {
+            Self::Synchronise => "synchronise".to_owned(),
+            Self::Motor(Step { axis, by }) => format!("motor {axis} by {by:+.1} rad"),
+            Self::Joint(Step { axis: 0, by }) => format!("track by {}", way(*by)),
+            Self::Joint(Step { axis, by }) => format!("joint {axis} by {}", turn(*by)),
+            Self::Tool(Step { axis, by }) if *axis < 3 => {
+                format!("along the tool's {} by {}", ["x", "y", "z"][*axis], way(*by))
+            }
+            Self::Tool(Step { axis, by }) => {
+                format!("about the tool's {} by {}", ["x", "y", "z"][*axis % 3], turn(*by))
+            }
+            Self::Jaw { opening } => format!("jaws to {:.1} mm", opening * 1e3),
+            Self::Pose { name } => format!("go to {name}"),
+            Self::Bias => "zero the force sensor".to_owned(),
+        }
+    }
+}
+
+/// One axis, and the distance.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    /// Index of the axis.
+    pub axis: usize,
+    /// Length [m] or angle [rad].
+    pub by: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recorded_inputs_keep_their_names() {
+        for (text, description) in [
+            (r#""pause""#, "pause"),
+            (r#""start""#, "start"),
+            (r#""run""#, "resume"),
+            (r#""terminate""#, "terminate"),
+            (r#""emergency_stop""#, "emergency stop"),
+            (
+                r#"{"order":{"effector":0,"order":{"order":"pose","name":"front"}}}"#,
+                "arm 0: go to front",
+            ),
+            (
+                r#"{"answer":{"question":1,"answer":{"answer":"declined"}}}"#,
+                "does not know the answer",
+            ),
+        ] {
+            let input: Input = serde_json::from_str(text).unwrap();
+            assert_eq!(serde_json::to_string(&input).unwrap(), text);
+            assert_eq!(Input::describe_recorded(text), description);
+        }
+        assert_eq!(Input::describe_recorded("of another version"), "of another version");
+    }
+}

@@ -1,0 +1,86 @@
+//! Questions of the controller to the operator, and their answers.
+
+use crate::cube::Facelets;
+use serde::{Deserialize, Serialize};
+
+/// A question of the controller. The task goes on by itself when no answer comes in time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Question {
+    /// Number of the question in this run, from 1.
+    pub number: u64,
+    /// The question itself, for people.
+    pub text: String,
+    /// What the task does without an answer.
+    pub otherwise: String,
+    /// Time for an answer [s].
+    pub seconds: f64,
+    /// Time of the run at which the question closes [s]; set by MP when it asks, 0 before.
+    #[serde(default)]
+    pub until: f64,
+    /// Kind of answer that is expected.
+    pub subject: Subject,
+}
+
+/// The kinds of questions.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "subject", rename_all = "snake_case")]
+pub enum Subject {
+    /// One of some possibilities.
+    Choice {
+        /// The possibilities.
+        options: Vec<String>,
+    },
+    /// The colours of the cube's stickers, with those that were read.
+    Stickers {
+        /// As read: 54 letters in the order URFDLB, `-` where nothing was read; colours are those
+        /// of [`Facelets`].
+        read: String,
+        /// Facelets that the controller is not sure of.
+        doubtful: Vec<usize>,
+    },
+}
+
+/// An answer to a [`Question`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "answer", rename_all = "snake_case")]
+pub enum Answer {
+    /// Index of the possibility.
+    Choice {
+        /// From 0.
+        option: usize,
+    },
+    /// All stickers.
+    Stickers {
+        /// The stickers as the operator sees them.
+        stickers: Facelets,
+    },
+    /// The operator does not know.
+    Declined,
+}
+
+impl Answer {
+    /// Returns whether it answers a question of this subject.
+    #[must_use]
+    pub fn fits(&self, subject: &Subject) -> bool {
+        match (self, subject) {
+            (Self::Declined, _) | (Self::Stickers { .. }, Subject::Stickers { .. }) => true,
+            (Self::Choice { option }, Subject::Choice { options }) => *option < options.len(),
+            _ => false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn answers_must_fit_their_question() {
+        let choice = Subject::Choice { options: vec!["yes".into(), "no".into()] };
+
+        assert!(Answer::Choice { option: 1 }.fits(&choice));
+        assert!(!Answer::Choice { option: 2 }.fits(&choice));
+        assert!(!Answer::Stickers { stickers: Facelets::solved() }.fits(&choice));
+        assert!(Answer::Declined.fits(&choice));
+    }
+}
