@@ -4,13 +4,13 @@
 //! Pseudo-terminals instead of lines: what is measured is the bridge and the kernel, without the 0.22 ms that 18 bytes
 //! take at 921600 baud. The emulator answers from a thread of its own. `-- --json` ends with one line for programs.
 
+use rubik_robot::arms::builtin;
 use rubik_robot::cell::{Arm, ForceSensor, Gripper};
 use rubik_robot::hw::driver::{Clock, Histogram, PERIOD_NANOS, RealTime};
 use rubik_robot::hw::emulator::{EmulatedArm, Emulator, EmulatorOptions};
 use rubik_robot::hw::note::{What, notes};
 use rubik_robot::hw::port::{Port, PortFault};
 use rubik_robot::hw::serial::axis::Rules;
-use rubik_robot::kinematics::builtin;
 use rubik_robot::motion::JointPositions;
 use rubik_robot::servo::io::{ArmDrive, ArmReading};
 use rubik_robot::spatial::Pose;

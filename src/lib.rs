@@ -14,7 +14,7 @@
 //! | stop | [`emergency_stop`] | who may stop the arms |
 //! | task kernels | [`tasks`] | event -> next action; the regrasp plan |
 //! | pure | [`generators`], [`vision`], [`solver`], [`reach`], [`servo`] | step(inputs) -> output |
-//! | vocabulary | [`cell`], [`kinematics`], [`motion`], [`cube`], [`spatial`], [`operator`], [`error`] | types of the field |
+//! | vocabulary | [`cell`], [`kinematics`], [`arms`], [`motion`], [`cube`], [`spatial`], [`operator`], [`error`] | types of the field |
 //!
 //! Nothing below `hw` knows a thread, a clock, a file or a log: time, randomness and configuration are arguments.
 
@@ -23,28 +23,26 @@
     reason = "units stand in brackets, [m] or [N], and rustdoc takes them for links"
 )]
 
+pub use rubik_robot_solver as solver;
+pub use rubik_robot_vision as vision;
+pub use rubik_robot_vocabulary::{cell, cube, kinematics, motion, spatial};
+
 pub mod actors;
+pub mod arms;
 pub mod campaign;
-pub mod cell;
 pub mod cli;
-pub mod cube;
 pub mod desk;
 pub mod emergency_stop;
 pub mod error;
 pub mod generators;
 pub mod hw;
-pub mod kinematics;
-pub mod motion;
 pub mod operator;
 pub mod reach;
 pub mod record;
 pub mod run;
 pub mod scenario;
 pub mod servo;
-pub mod solver;
-pub mod spatial;
 pub mod tables;
 pub mod tasks;
 pub mod tui;
-pub mod vision;
 pub mod web;

@@ -6,6 +6,7 @@
 
 mod servo_rig;
 
+use rubik_robot::arms::builtin;
 use rubik_robot::cell::Arm;
 use rubik_robot::hw::devices::Devices;
 use rubik_robot::hw::driver::{self, Core, NoRecords, Switches, WallOptions};
@@ -16,7 +17,6 @@ use rubik_robot::hw::note::{Note, Notes, What, notes};
 use rubik_robot::hw::port::{Port, PortFault};
 use rubik_robot::hw::serial::SerialPort;
 use rubik_robot::hw::serial::axis::Rules;
-use rubik_robot::kinematics::builtin;
 use rubik_robot::motion::{AXES, Depth, JointPositions, Motion, MoveCommand};
 use rubik_robot::servo::ServoCommand;
 use rubik_robot::servo::io::{ArmDrive, ArmReading};

@@ -7,8 +7,9 @@ mod servo_rig;
 pub use servo_rig::START;
 
 use hdrhistogram::Histogram;
+use rubik_robot::arms::builtin;
 use rubik_robot::hw::port::{Port, PortFault};
-use rubik_robot::kinematics::{ArmModel, builtin};
+use rubik_robot::kinematics::ArmModel;
 use rubik_robot::motion::{Direction, Frame, Motion, MoveCommand};
 use rubik_robot::servo::io::{ArmDrive, ArmReading};
 use rubik_robot::servo::{ServoCommand, ServoConfig};

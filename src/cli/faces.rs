@@ -92,9 +92,9 @@ pub(super) fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::image_file::decode;
     use super::super::image_file::tests::{Written, bytes};
     use super::*;
-    use crate::vision::testing::Drawing;
     use image::{DynamicImage, ImageFormat, Rgb, RgbImage};
 
     #[test]
@@ -117,17 +117,9 @@ mod tests {
     }
 
     #[test]
-    fn of_a_picture_in_black_and_white_it_is_said_that_it_has_no_colour() {
-        let optics = crate::cell::Intrinsics {
-            width: 320,
-            height: 240,
-            focal: (400.0, 400.0),
-            centre: (159.5, 119.5),
-            distortion: (0.0, 0.0),
-        };
-        let pose = crate::spatial::Pose::translation(0.0, 0.0, 0.2);
-        let drawing = Drawing::new(optics, vec![(pose, [0, 1, 2, 3, 4, 5, 4, 1, 0])]);
-        let coloured = DynamicImage::from(drawing.render());
+    fn face_of_a_grey_picture_reports_no_colour() {
+        let tiles = include_bytes!("../../tests/corpus/image/nine-tiles.png");
+        let coloured = DynamicImage::from(decode(tiles).unwrap());
         let grey = DynamicImage::from(coloured.to_luma8());
         let line = |name: &str, picture: &DynamicImage| {
             let file = Written::new(name, &bytes(picture, ImageFormat::Png));

@@ -235,7 +235,7 @@ fn json(answer: &impl Serialize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kinematics::builtin;
+    use crate::arms::builtin;
     use serde_json::Value;
 
     fn ask(question: Question, arm: &str, line: &str) -> Value {

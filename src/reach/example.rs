@@ -1,7 +1,8 @@
 //! The default cell as far as reach is concerned, for tests, benches and examples.
 
+use crate::arms::builtin;
 use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, Intrinsics, Mount};
-use crate::kinematics::{ArmModel, builtin};
+use crate::kinematics::ArmModel;
 use crate::motion::JointPositions;
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, Vector3};

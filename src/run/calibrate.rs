@@ -145,7 +145,7 @@ pub(super) fn believed(scenario: &Scenario) -> Cow<'_, Scenario> {
         match found {
             Ok(found) => {
                 let cell = &mut believed.to_mut().controller.cell;
-                cell.cameras[index] = found.camera(camera);
+                cell.cameras[index] = calibrated(camera, &found.setup);
                 // Measured by the way the arm went with it: a cube believed too large is seen too far away.
                 cell.cube.edge = found.setup.edge;
             }
@@ -155,20 +155,18 @@ pub(super) fn believed(scenario: &Scenario) -> Cow<'_, Scenario> {
     believed
 }
 
-impl Calibrated {
-    /// A camera with the optics and at the place that were found.
-    fn camera(&self, before: &Camera) -> Camera {
-        let lens = &self.setup.lens;
-        let mut camera = before.clone();
-        camera.intrinsics.focal = lens.focal;
-        camera.intrinsics.centre = lens.centre;
-        camera.intrinsics.distortion = (lens.radial[0], lens.radial[1]);
-        match &mut camera.mount {
-            Mount::World { world_from_camera: place }
-            | Mount::Flange { flange_from_camera: place, .. } => *place = self.setup.camera,
-        }
-        camera
+/// Returns the camera with the optics and at the place that were found.
+fn calibrated(before: &Camera, setup: &Setup) -> Camera {
+    let lens = &setup.lens;
+    let mut camera = before.clone();
+    camera.intrinsics.focal = lens.focal;
+    camera.intrinsics.centre = lens.centre;
+    camera.intrinsics.distortion = (lens.radial[0], lens.radial[1]);
+    match &mut camera.mount {
+        Mount::World { world_from_camera: place }
+        | Mount::Flange { flange_from_camera: place, .. } => *place = setup.camera,
     }
+    camera
 }
 
 fn failed(why: &str) -> Error {

@@ -6,10 +6,11 @@ use super::section::Reader;
 use super::{
     CameraSource, ControllerConfig, Draft, EffectorConfig, Owner, PlantSection, Scenario, VspConfig,
 };
+use crate::arms;
 use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, Intrinsics, Mount};
 use crate::cube::{Cube, Facelets, Keeper};
 use crate::hw::text;
-use crate::kinematics::{self, ArmModel};
+use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions};
 use crate::servo::period::Length;
 use crate::servo::regulator::{self, ServoGains};
@@ -342,7 +343,7 @@ fn arm(keys: &Effector, path: &str, folder: &Path, reader: &mut Reader) -> Optio
 /// Geometry of an arm: a built-in profile by name, or a file.
 fn profile(name: &str, path: &str, folder: &Path, reader: &mut Reader) -> Option<ArmModel> {
     let at = format!("{path}.profile");
-    data(name, &at, folder, reader, &kinematics::BUILTIN, kinematics::builtin_text)
+    data(name, &at, folder, reader, &arms::BUILTIN, arms::builtin_text)
 }
 
 /// Regulators of an arm: a built-in profile by name, or a file.

@@ -250,8 +250,8 @@ fn inverses(all: &[Symmetry; SYMMETRIES]) -> [usize; SYMMETRIES] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::coordinates::{flip, flip_moves, quad_moves, twist_moves};
     use crate::cube::Turn;
-    use crate::solver::coordinates::{flip, flip_moves, quad_moves, twist_moves};
 
     #[test]
     fn there_are_as_many_classes_as_known() {

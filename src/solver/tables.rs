@@ -127,7 +127,7 @@ pub(super) mod tests {
     use std::sync::LazyLock;
 
     /// Built once for all tests.
-    pub(in crate::solver) static TABLES: LazyLock<Tables> = LazyLock::new(Tables::build);
+    pub(crate) static TABLES: LazyLock<Tables> = LazyLock::new(Tables::build);
 
     #[test]
     fn the_default_tables_have_their_known_counts() {

@@ -418,7 +418,7 @@ mod tests {
     use super::*;
     use crate::cell::Intrinsics;
     use crate::spatial::Pose;
-    use crate::vision::testing::Drawing;
+    use crate::testing::Drawing;
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
     use proptest::prelude::*;
 

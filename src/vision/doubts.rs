@@ -169,9 +169,9 @@ impl Patch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::homography::GRID;
-    use crate::vision::lattice::Onward;
-    use crate::vision::{Rect, testing::STICKERS};
+    use crate::homography::GRID;
+    use crate::lattice::Onward;
+    use crate::{Rect, testing::STICKERS};
     use image::{Rgb, RgbImage};
 
     /// An exact lattice that holds these cells.

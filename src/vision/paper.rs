@@ -738,7 +738,7 @@ mod tests {
     #[test]
     fn four_corner_tiles_make_the_pose() {
         let (rgb, width, height) = picture(40);
-        let lens = crate::vision::Lens {
+        let lens = crate::Lens {
             focal: (600.0, 600.0),
             centre: (76.0, 76.0),
             radial: [0.0; 3],
@@ -746,7 +746,7 @@ mod tests {
         };
         let square = Stages::run(&rgb, width, height, &Filters::default()).square().unwrap();
 
-        let pose = crate::vision::locate(&square.face().unwrap(), lens, 0.057);
+        let pose = crate::locate(&square.face().unwrap(), lens, 0.057);
 
         // A pitch of 19 mm is 40 px wide.
         let place = pose.camera_from_face.translation.vector;

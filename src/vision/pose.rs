@@ -320,7 +320,7 @@ pub(super) fn refine(start: &Pose, residuals: impl Fn(&Pose, &mut Vec<f64>)) -> 
 mod tests {
     use super::*;
     use crate::cell::Intrinsics;
-    use crate::vision::homography::OUTLINE;
+    use crate::homography::OUTLINE;
     use proptest::prelude::*;
 
     pub(crate) const CAMERA: Intrinsics = Intrinsics {

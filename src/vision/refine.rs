@@ -389,9 +389,9 @@ fn spread_of(residuals: &[f64]) -> f64 {
 mod tests {
     use super::*;
     use crate::cell::Intrinsics;
-    use crate::vision::pose::nearest_of_24;
-    use crate::vision::testing::Drawing;
-    use crate::vision::{DetectorSettings, detect};
+    use crate::pose::nearest_of_24;
+    use crate::testing::Drawing;
+    use crate::{DetectorSettings, detect};
     use nalgebra::Vector6;
 
     const CAMERA: Intrinsics = Intrinsics {

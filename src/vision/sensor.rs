@@ -292,7 +292,7 @@ fn spans(seen: &[bool; 9]) -> bool {
 mod tests {
     use super::*;
     use crate::cell::Intrinsics;
-    use crate::vision::testing::Drawing;
+    use crate::testing::Drawing;
     use nalgebra::{Translation3, UnitQuaternion};
 
     const CAMERA: Intrinsics = Intrinsics {

@@ -1,10 +1,10 @@
 //! Servo and plant together: tracking, watch-dogs and force control of the closed chain.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use rubik_robot::arms::builtin;
 use rubik_robot::cell::{Arm, Cell, CubeSpec, Gripper, HandZone};
 use rubik_robot::hw::driver::{Core, NoRecords, ServoLink, Switches, link};
 use rubik_robot::hw::plant::{Jaws, Plant, PlantConfig, SensorNoise, Start};
-use rubik_robot::kinematics::builtin;
 use rubik_robot::motion::{
     ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion, MoveCommand,
 };

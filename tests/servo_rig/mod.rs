@@ -2,9 +2,9 @@
 #![allow(unreachable_pub, clippy::unwrap_used, reason = "a module of test programs")]
 
 use nalgebra::Point3;
+use rubik_robot::arms::builtin;
 use rubik_robot::cell::{ForceSensor, Gripper};
 use rubik_robot::hw::port::{Port, PortFault};
-use rubik_robot::kinematics::builtin;
 use rubik_robot::motion::{AXES, JointPositions};
 use rubik_robot::servo::ServoConfig;
 use rubik_robot::servo::io::{ArmDrive, ArmReading};

@@ -21,6 +21,46 @@ pub(crate) fn collect(folder: &Path, prefix: &str, into: &mut Vec<File>) {
     }
 }
 
+/// The member crate whose modules the other crates name as if they were their own.
+const VOCABULARY: &str = "vocabulary";
+
+/// The modules of [`VOCABULARY`].
+const WORDS: &[&str] = &["cell", "cube", "kinematics", "motion", "spatial"];
+
+/// The other member crates: folders of `src/`.
+const MEMBERS: &[&str] = &["solver", "vision"];
+
+/// Reads the root crate and its members as if they were one crate.
+pub(crate) fn as_one_crate(src: &Path) -> Vec<File> {
+    let mut files = Vec::new();
+    collect(src, "", &mut files);
+    files.retain(|(file, _)| file != "vocabulary/lib.rs");
+    files.into_iter().map(from_root).collect()
+}
+
+/// Returns the file with the name and the paths that it would have as a module of the root crate.
+pub(crate) fn from_root((file, text): File) -> File {
+    let mut text = text.replace("rubik_robot_vocabulary", "crate");
+    for member in MEMBERS {
+        text = text.replace(&format!("rubik_robot_{member}"), &format!("crate::{member}"));
+    }
+    let (folder, rest) = file.split_once('/').unwrap_or(("", &file));
+    if folder == VOCABULARY {
+        return (rest.to_owned(), text);
+    }
+    if !MEMBERS.contains(&folder) {
+        return (file, text);
+    }
+    let mut pieces = text.split("crate::");
+    let mut whole = pieces.next().unwrap_or_default().to_owned();
+    for piece in pieces {
+        let word = piece.split(|c: char| !c.is_alphanumeric() && c != '_').next().unwrap();
+        let below = if WORDS.contains(&word) { "" } else { &format!("{folder}::") };
+        whole.push_str(&format!("crate::{below}{piece}"));
+    }
+    (format!("{folder}/{}", if rest == "lib.rs" { "mod.rs" } else { rest }), whole)
+}
+
 /// Reads `a::b::{c, d::e}` at `i` and adds `prefix::a::b::c`, `prefix::a::b::d::e`.
 pub(crate) fn expand(
     tokens: &[String],

@@ -216,7 +216,7 @@ pub const LINKS: [Link; AXES] = [
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kinematics::builtin;
+    use crate::arms::builtin;
     use crate::motion::JointPositions;
 
     fn postures() -> Vec<([f64; AXES], [f64; AXES])> {

@@ -2,9 +2,9 @@
 
 use super::config::{PlantConfig, SensorNoise, Start};
 use super::{CubeMechanics, Jaws, Plant, sagging};
+use crate::arms::builtin;
 use crate::cell::{Arm, Cell, CubeSpec, ForceSensor, Gripper, HandZone};
 use crate::hw::port::Port;
-use crate::kinematics::builtin;
 use crate::motion::{AXES, Depth, JointPositions, MotorPositions, PERIOD};
 use crate::servo::io::{ArmDrive, ArmReading};
 use crate::spatial::Pose;

@@ -7,7 +7,7 @@
 //! found look among their neighbours for one of the last.
 
 use super::pattern::Pattern;
-use crate::solver::table::{Progress, Workers};
+use crate::table::{Progress, Workers};
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 
 /// Not found yet.

@@ -327,7 +327,7 @@ fn follows(last: Option<u8>, face: u8) -> bool {
 mod tests {
     use super::*;
     use crate::cube::parse_turns;
-    use crate::solver::table::InTurn;
+    use crate::table::InTurn;
     use std::collections::HashMap;
     use std::sync::LazyLock;
 

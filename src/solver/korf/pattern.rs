@@ -7,8 +7,8 @@
 //! A number is row * columns + column. A turn carries a row as a whole to another row, and permutes its columns in one
 //! of a few ways. That keeps the filling of a table within a few thousand bytes at a time.
 
+use crate::coordinates::{PERMUTATIONS, TWISTS, corner_moves, rank, twist, twist_moves};
 use crate::cube::{Cube, Turn};
-use crate::solver::coordinates::{PERMUTATIONS, TWISTS, corner_moves, rank, twist, twist_moves};
 
 /// Where a turn carries a row, and how it permutes the columns.
 pub(super) type Step = (u32, u16);

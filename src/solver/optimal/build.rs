@@ -22,7 +22,7 @@ use super::coset::{
 use super::flips::{BITS, Carrier};
 use super::geometry::UPRIGHT;
 use crate::cube::Cube;
-use crate::solver::table::{Progress, Workers};
+use crate::table::{Progress, Workers};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 

@@ -327,7 +327,7 @@ mod tests {
 
     #[test]
     fn distances_begin_as_turns_of_whole_cubes_give_them() {
-        for design in [crate::solver::optimal::SMALL, crate::solver::optimal::STANDARD] {
+        for design in [crate::optimal::SMALL, crate::optimal::STANDARD] {
             let known: Vec<usize> = design.distances[..=4].iter().map(|&n| n as usize).collect();
             assert_eq!(reached(design.shape), known);
         }

@@ -213,7 +213,7 @@ mod tests {
     use super::search::Watch;
     use super::*;
     use crate::cube::parse_turns;
-    use crate::solver::table::InTurn;
+    use crate::table::InTurn;
     use std::sync::LazyLock;
 
     /// Tables of the same making that do not look at the tetrads: 168 rows, which is quick.

@@ -7,7 +7,7 @@
 use super::lanes::{Lanes, Plain};
 use super::search::{Node, Searcher, Watch};
 use crate::cube::Turn;
-use crate::solver::table::Workers;
+use crate::table::Workers;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};

@@ -18,7 +18,7 @@ pub struct FaceCases {
 pub(super) const CASE_FACES: [usize; 6] = [0, 3, 1, 4, 2, 5];
 
 impl FaceCases {
-    pub(in crate::solver) fn build() -> Self {
+    pub(crate) fn build() -> Self {
         let mut masks = vec![0; 3 * 256];
         for (at, mask) in masks.iter_mut().enumerate() {
             for half in 0..2 {
@@ -75,7 +75,7 @@ pub struct Small {
 }
 
 impl Small {
-    pub(in crate::solver) fn build(frames: &Frames) -> Self {
+    pub(crate) fn build(frames: &Frames) -> Self {
         let slices: Vec<u16> = {
             let quads = quad_moves();
             (0..SLICES * 18).map(|i| quads[i % 18 * QUADS + i / 18 * 24] / 24).collect()
@@ -90,7 +90,7 @@ impl Small {
         Self { flips: packed(CLASSES, flips), twists: packed(SLICES * TWISTS, twists) }
     }
 
-    pub(in crate::solver) fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         (self.flips.len() + self.twists.len()) * 4
     }
 }

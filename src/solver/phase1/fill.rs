@@ -13,11 +13,7 @@ pub(super) fn build_near(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u
 }
 
 /// Builds [`NEAR`]: breadth first from the goal, up to the last level that is told apart.
-pub(in crate::solver) fn near(
-    frames: &Frames,
-    workers: &dyn Workers,
-    progress: Progress<'_>,
-) -> Vec<u8> {
+pub(crate) fn near(frames: &Frames, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     levels(frames, FAR - 1, workers, progress)
 }
 
@@ -252,7 +248,7 @@ pub(super) fn verify_wide(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64
 }
 
 /// The counts, if they are as known.
-pub(in crate::solver) fn compare(found: &[u64], known: &[u64]) -> Result<Vec<u64>, String> {
+pub(crate) fn compare(found: &[u64], known: &[u64]) -> Result<Vec<u64>, String> {
     if found == known {
         return Ok(found.to_vec());
     }

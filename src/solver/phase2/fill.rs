@@ -8,11 +8,7 @@ use super::{BOUNDS, Bounds, CORNER_CLASSES, FARTHEST, FOURS, MIDDLE, Orders, ROW
 use std::sync::atomic::{AtomicU8, AtomicUsize, Ordering::Relaxed};
 
 /// Builds [`BOUNDS`].
-pub(in crate::solver) fn build(
-    orders: &Orders,
-    workers: &dyn Workers,
-    progress: Progress<'_>,
-) -> Vec<u8> {
+pub(crate) fn build(orders: &Orders, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     let mut table = Vec::with_capacity(BOUNDS.bytes);
     table.resize_with(BOUNDS.bytes, || AtomicU8::new(u8::MAX));
     let (fours, middle) = table.split_at(MIDDLE);

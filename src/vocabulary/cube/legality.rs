@@ -176,7 +176,8 @@ impl TryFrom<Facelets> for Cube {
 
 impl Cube {
     /// The cube with stickers that are known to be possible.
-    pub(crate) fn from_possible(facelets: &Facelets) -> Self {
+    #[must_use]
+    pub fn from_possible(facelets: &Facelets) -> Self {
         let corners = pieces(facelets, &CORNERS, &CORNER_FACELETS).unwrap_or_default();
         let edges = pieces(facelets, &EDGES, &EDGE_FACELETS).unwrap_or_default();
         Self {

@@ -14,23 +14,23 @@ use std::sync::LazyLock;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Cube {
     /// Which corner is at each position, in the order of [`CORNERS`].
-    pub(crate) corners: [u8; 8],
+    pub corners: [u8; 8],
     /// How often the corner there is turned clockwise, 0..3.
-    pub(crate) twists: [u8; 8],
+    pub twists: [u8; 8],
     /// Which edge is at each position, in the order of [`EDGES`].
-    pub(crate) edges: [u8; 12],
+    pub edges: [u8; 12],
     /// Whether the edge there is turned over.
-    pub(crate) flips: [u8; 12],
+    pub flips: [u8; 12],
 }
 
 /// The three faces of each corner clockwise, up or down first.
-pub(crate) const CORNERS: [[Face; 3]; 8] = {
+pub const CORNERS: [[Face; 3]; 8] = {
     use Face::{B, D, F, L, R, U};
     [[U, R, F], [U, F, L], [U, L, B], [U, B, R], [D, F, R], [D, L, F], [D, B, L], [D, R, B]]
 };
 
 /// The two faces of each edge: up or down first, in the middle layer front or back first.
-pub(crate) const EDGES: [[Face; 2]; 12] = {
+pub const EDGES: [[Face; 2]; 12] = {
     use Face::{B, D, F, L, R, U};
     [[U, R], [U, F], [U, L], [U, B], [D, R], [D, F], [D, L], [D, B], [F, R], [F, L], [B, L], [B, R]]
 };

@@ -8,7 +8,7 @@ use crate::spatial::{Pose, Wrench};
 use serde::{Deserialize, Serialize};
 
 /// Seconds in one servo period of the original: the unit in which commands last and in which states and frames are
-/// numbered, whatever the length of the servo's own periods ([`crate::servo::period::Length`]).
+/// numbered, whatever the length of the servo's own periods.
 pub const PERIOD: f64 = 0.002;
 
 /// Axes of an arm without its jaw: index 0 is the prismatic track, 1..=6 the six rotary axes.

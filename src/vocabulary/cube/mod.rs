@@ -15,8 +15,7 @@ mod repair;
 mod rotation;
 mod turn;
 
-pub use cubies::Cube;
-pub(crate) use cubies::{CORNERS, EDGES};
+pub use cubies::{CORNERS, Cube, EDGES};
 pub use facelets::{FaceletPlace, Facelets, ParseFacelets, facelet_at, facelet_place};
 pub use legality::{ImpossibleCube, Piece};
 pub use moves::{Layers, Move, ParseMoves, after_moves, parse_moves};

@@ -16,6 +16,8 @@
 //!
 //! Pixels: the centre of the first pixel is (0, 0), x to the right, y down.
 
+pub use rubik_robot_vocabulary::{cell, cube, spatial};
+
 pub mod assignment;
 pub mod calibration;
 mod classes;

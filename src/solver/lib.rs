@@ -9,6 +9,8 @@
 //! far each state is from its goal, [`tables`] keeps them together, [`search`] walks, [`candidates`] gathers. [`optimal`]
 //! proves, and [`shortest`] has both work together; [`korf`] is how it was done in 2007.
 
+pub use rubik_robot_vocabulary::cube;
+
 mod candidates;
 pub mod coordinates;
 pub mod korf;

@@ -50,55 +50,10 @@ pub struct ArmModel {
     pub motor_speed_limit: f64,
 }
 
-/// Profiles that are built into the program, so that it runs anywhere: name and text.
-const PROFILES: [(&str, &str); 4] = [
-    ("irp6_track", include_str!("../../scenarios/arms/irp6_track.toml")),
-    ("irp6_postument", include_str!("../../scenarios/arms/irp6_postument.toml")),
-    ("irp6_track_2008", include_str!("../../scenarios/arms/irp6_track_2008.toml")),
-    ("irp6_postument_2008", include_str!("../../scenarios/arms/irp6_postument_2008.toml")),
-];
-
-/// Names of the built-in profiles, without `.toml`.
-pub const BUILTIN: [&str; 4] = [PROFILES[0].0, PROFILES[1].0, PROFILES[2].0, PROFILES[3].0];
-
-/// Text of the built-in profile `name`; `None` when there is none of that name.
-#[must_use]
-pub fn builtin_text(name: &str) -> Option<&'static str> {
-    PROFILES.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
-}
-
-/// The built-in profile `name`, one of [`BUILTIN`]; `None` when there is none of that name.
-#[must_use]
-pub fn builtin(name: &str) -> Option<ArmModel> {
-    // The texts are part of the program; the tests below parse each of them.
-    builtin_text(name).and_then(|text| toml::from_str(text).ok())
-}
-
+/// Returns the arm of `scenarios/arms` with this name, for tests.
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_builtin_profile_parses_and_its_limits_are_in_order() {
-        for name in BUILTIN {
-            let model: ArmModel = toml::from_str(builtin_text(name).unwrap()).unwrap();
-
-            for axis in 0..AXES {
-                let (joint, motor) = (model.joint_limits[axis], model.motor_limits[axis]);
-                assert!(joint.0 <= joint.1 && motor.0 <= motor.1, "{name}, axis {axis}");
-            }
-            assert_eq!(model.has_track, name.contains("track"));
-            assert_eq!(builtin(name), Some(model));
-        }
-        assert_eq!(builtin("irp7"), None);
-    }
-
-    #[test]
-    fn a_profile_with_an_unknown_key_is_refused() {
-        let text = format!("{}\nelbow = 3\n", builtin_text("irp6_postument").unwrap());
-
-        let error = toml::from_str::<ArmModel>(&text).unwrap_err().to_string();
-
-        assert!(error.contains("elbow"), "{error}");
-    }
+fn builtin(name: &str) -> Option<ArmModel> {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenarios/arms");
+    let text = std::fs::read_to_string(format!("{folder}/{name}.toml")).ok()?;
+    toml::from_str(&text).ok()
 }

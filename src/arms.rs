@@ -1,0 +1,61 @@
+//! Arms whose numbers are built into the program, so that it runs anywhere.
+//!
+//! - in: the name of a profile, a file of `scenarios/arms` without `.toml`
+//! - out: its text, or the [`ArmModel`] that it describes
+
+use crate::kinematics::ArmModel;
+
+/// Names and texts of the profiles.
+const PROFILES: [(&str, &str); 4] = [
+    ("irp6_track", include_str!("../scenarios/arms/irp6_track.toml")),
+    ("irp6_postument", include_str!("../scenarios/arms/irp6_postument.toml")),
+    ("irp6_track_2008", include_str!("../scenarios/arms/irp6_track_2008.toml")),
+    ("irp6_postument_2008", include_str!("../scenarios/arms/irp6_postument_2008.toml")),
+];
+
+/// Names of the built-in profiles, without `.toml`.
+pub const BUILTIN: [&str; 4] = [PROFILES[0].0, PROFILES[1].0, PROFILES[2].0, PROFILES[3].0];
+
+/// Returns the text of the built-in profile `name`; `None` when there is none of that name.
+#[must_use]
+pub fn builtin_text(name: &str) -> Option<&'static str> {
+    PROFILES.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}
+
+/// Returns the built-in profile `name`, one of [`BUILTIN`]; `None` when there is none of that
+/// name.
+#[must_use]
+pub fn builtin(name: &str) -> Option<ArmModel> {
+    // The texts are part of the program; the tests below parse each of them.
+    builtin_text(name).and_then(|text| toml::from_str(text).ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::AXES;
+
+    #[test]
+    fn every_builtin_profile_parses_with_limits_in_order() {
+        for name in BUILTIN {
+            let model: ArmModel = toml::from_str(builtin_text(name).unwrap()).unwrap();
+
+            for axis in 0..AXES {
+                let (joint, motor) = (model.joint_limits[axis], model.motor_limits[axis]);
+                assert!(joint.0 <= joint.1 && motor.0 <= motor.1, "{name}, axis {axis}");
+            }
+            assert_eq!(model.has_track, name.contains("track"));
+            assert_eq!(builtin(name), Some(model));
+        }
+        assert_eq!(builtin("irp7"), None);
+    }
+
+    #[test]
+    fn profile_with_an_unknown_key_is_refused() {
+        let text = format!("{}\nelbow = 3\n", builtin_text("irp6_postument").unwrap());
+
+        let error = toml::from_str::<ArmModel>(&text).unwrap_err().to_string();
+
+        assert!(error.contains("elbow"), "{error}");
+    }
+}
