@@ -51,120 +51,213 @@ impl Setup {
     }
 }
 
-/// Writes it.
+/// Writes the protocol, field by field of the template.
 #[must_use]
 pub fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
     let mut t = String::new();
-    let mut line = |text: &str| {
-        t.push_str(text);
-        t.push('\n');
-    };
-    let header = &tally.header;
-    let word = if score.is_whole() { "passed" } else { "not passed" };
-    line(&format!("# Protocol: {}, {word}", setup.kind.name()));
-    line("");
-    line("| | |\n|---|---|");
-    line(&format!("| Reference | {} of `rubik-robot benchmark` |", setup.kind.name()));
-    line(&format!("| Program | rubik-robot {}, build {} |", header.version, header.build));
-    let own =
-        if header.scenario.starts_with("shipped:") { " (comes with the program)" } else { "" };
-    line(&format!("| Scenario | `{}`{own}, sum {} |", header.scenario, header.scenario_sum));
-    line(&format!("| Repeated by | `{}` |", setup.command));
-    line("\n## Purpose\n");
-    line(
-        "Precise and sequential two-handed manipulation: how often a robot brings a Rubik's cube to a wanted state\nwithout help, and how long that takes. Each turn needs a position within about a millimetre and a compliant grip;\nerrors of the cube's place in the hands add up over a trial.",
-    );
-    line("\n## Task\n");
-    let returns = match setup.keeper {
+    title(&mut t, setup, tally, score);
+    purpose(&mut t);
+    task(&mut t, setup);
+    objects(&mut t, setup);
+    robot(&mut t, setup, tally);
+    procedure(&mut t, setup);
+    constraints(&mut t, setup, tally);
+    scoring(&mut t);
+    line(&mut t, "\n## Results\n");
+    results(&mut t, tally, score);
+    trials(&mut t, setup, tally);
+    t
+}
+
+/// Appends a line, or a paragraph that has lines of its own.
+fn line(t: &mut String, text: &str) {
+    t.push_str(text);
+    t.push('\n');
+}
+
+/// Returns what the robot does with the cube at the end.
+fn returns(setup: &Setup) -> &'static str {
+    match setup.keeper {
         Keeper::Person => "hands it back",
         Keeper::Table => "lays it down",
-    };
-    line(&match setup.kind {
+    }
+}
+
+fn title(t: &mut String, setup: &Setup, tally: &Tally, score: &Score) {
+    let header = &tally.header;
+    let word = if score.is_whole() { "passed" } else { "not passed" };
+    line(t, &format!("# Protocol: {}, {word}", setup.kind.name()));
+    line(t, "");
+    line(t, "| | |\n|---|---|");
+    line(t, &format!("| Reference | {} of `rubik-robot benchmark` |", setup.kind.name()));
+    line(t, &format!("| Program | rubik-robot {}, build {} |", header.version, header.build));
+    let own =
+        if header.scenario.starts_with("shipped:") { " (comes with the program)" } else { "" };
+    line(t, &format!("| Scenario | `{}`{own}, sum {} |", header.scenario, header.scenario_sum));
+    line(t, &format!("| Repeated by | `{}` |", setup.command));
+}
+
+fn purpose(t: &mut String) {
+    line(t, "\n## Purpose\n");
+    line(
+        t,
+        "Precise and sequential two-handed manipulation: how often a robot brings a Rubik's cube \
+         to a wanted state\nwithout help, and how long that takes. Each turn needs a position \
+         within about a millimetre and a compliant grip;\nerrors of the cube's place in the hands \
+         add up over a trial.",
+    );
+}
+
+fn task(t: &mut String, setup: &Setup) {
+    let returns = returns(setup);
+    line(t, "\n## Task\n");
+    let text = match setup.kind {
         Kind::Tier { trials, moves } => format!(
-            "{trials} consecutive trials. In each the robot takes a cube that {moves} seeded moves have scrambled, reads its faces,\nundoes them and {returns}. It is not told the moves: it plans by itself, and may find a shorter way."
+            "{trials} consecutive trials. In each the robot takes a cube that {moves} seeded moves \
+             have scrambled, reads its faces,\nundoes them and {returns}. It is not told the \
+             moves: it plans by itself, and may find a shorter way."
         ),
-        Kind::Mission { trials } => format!(
-            "{trials} whole missions. In each the robot takes {}, reads its faces, solves it and\n{returns}.",
-            match setup.state {
+        Kind::Mission { trials } => {
+            let cube = match setup.state {
                 None => "a cube drawn from all 4.3e19 states".to_owned(),
                 Some(state) => format!("the same cube, `{state}`"),
-            }
-        ),
-    });
-    line("\n## Setup\n");
-    line(&format!(
-        "- Objects: one 3 x 3 x 3 Rubik's cube, edge {:.1} mm, {:.0} g.",
-        1e3 * setup.cube.0,
-        1e3 * setup.cube.1
-    ));
+            };
+            format!(
+                "{trials} whole missions. In each the robot takes {cube}, reads its faces, solves \
+                 it and\n{returns}."
+            )
+        }
+    };
+    line(t, &text);
+}
+
+fn objects(t: &mut String, setup: &Setup) {
+    line(t, "\n## Setup\n");
+    let (edge, mass) = (1e3 * setup.cube.0, 1e3 * setup.cube.1);
+    line(t, &format!("- Objects: one 3 x 3 x 3 Rubik's cube, edge {edge:.1} mm, {mass:.0} g."));
     let [[x, y, z], [w, d, _]] = setup.place.map(|p| p.map(|v| 1e3 * v));
-    match setup.keeper {
-        Keeper::Person => {
-            line(&format!(
-                "- Pose at the start: **in a person's hand** that brings it to about ({x:.0}, {y:.0}, {z:.0}) mm, in a seeded\n  orientation, with sway and tremor. **This differs from Yang et al., whose cube lies on a table**: see\n  `scenarios/table.toml`. What is compared here is manipulation after the grasp; the first grasp is another one."
-            ));
-            line("- Pose at the end: solved, and back in the person's hand.");
-        }
-        Keeper::Table => {
-            line(&format!(
-                "- Pose at the start: on the table, its centre within {w:.0} mm along x and {d:.0} mm along y of\n  ({x:.0}, {y:.0}, {z:.0}) mm, on a seeded face, turned about the vertical by a seeded angle (place and spread are\n  this project's). Nobody is in the cell."
-            ));
-            line(
-                "- Pose at the end: solved, laid down on the table and let go. (That it is laid down is this project's rule.)",
-            );
-        }
-    }
-    line(&format!(
-        "- Environment: simulated cell with a table {:.0} mm high. Cell, start, light, calibration and noise are drawn anew for\n  each trial by its seed; a real robot would keep its cell.",
-        1e3 * setup.table
-    ));
-    line("\n## Robot\n");
+    let (start, end) = match setup.keeper {
+        Keeper::Person => (
+            format!(
+                "- Pose at the start: **in a person's hand** that brings it to about ({x:.0}, \
+                 {y:.0}, {z:.0}) mm, in a seeded\n  orientation, with sway and tremor. **This \
+                 differs from Yang et al., whose cube lies on a table**: see\n  \
+                 `scenarios/table.toml`. What is compared here is manipulation after the grasp; \
+                 the first grasp is another one."
+            ),
+            "- Pose at the end: solved, and back in the person's hand.",
+        ),
+        Keeper::Table => (
+            format!(
+                "- Pose at the start: on the table, its centre within {w:.0} mm along x and \
+                 {d:.0} mm along y of\n  ({x:.0}, {y:.0}, {z:.0}) mm, on a seeded face, turned \
+                 about the vertical by a seeded angle (place and spread are\n  this project's). \
+                 Nobody is in the cell."
+            ),
+            "- Pose at the end: solved, laid down on the table and let go. (That it is laid down \
+             is this project's rule.)",
+        ),
+    };
+    line(t, &start);
+    line(t, end);
+    let height = 1e3 * setup.table;
+    line(
+        t,
+        &format!(
+            "- Environment: simulated cell with a table {height:.0} mm high. Cell, start, light, \
+             calibration and noise are drawn anew for\n  each trial by its seed; a real robot \
+             would keep its cell."
+        ),
+    );
+}
+
+fn robot(t: &mut String, setup: &Setup, tally: &Tally) {
+    line(t, "\n## Robot\n");
     for (name, kind, distance) in &setup.effectors {
-        line(&format!(
-            "- {name}: {kind}; at the start its tool is {:.0} mm from where the cube may be",
-            1e3 * distance
-        ));
+        let distance = 1e3 * distance;
+        line(
+            t,
+            &format!(
+                "- {name}: {kind}; at the start its tool is {distance:.0} mm from where the cube \
+                 may be"
+            ),
+        );
     }
-    line(&format!(
-        "- Clearance of the tools at the start: at least {:.0} mm (this project's threshold).",
-        1e3 * setup.clearance
-    ));
+    let clearance = 1e3 * setup.clearance;
+    line(
+        t,
+        &format!(
+            "- Clearance of the tools at the start: at least {clearance:.0} mm (this project's \
+             threshold)."
+        ),
+    );
     let measured = Spread::of(clearances(tally).map(|(_, mm)| mm));
     if !measured.is_empty() {
-        line(&format!(
-            "- Measured in the plant when the trials began, from the nearest tool to the cube's centre: {:.0} to {:.0} mm.",
-            measured.min, measured.max
-        ));
+        let (min, max) = (measured.min, measured.max);
+        line(
+            t,
+            &format!(
+                "- Measured in the plant when the trials began, from the nearest tool to the \
+                 cube's centre: {min:.0} to {max:.0} mm."
+            ),
+        );
     }
     for (name, place) in &setup.cameras {
-        line(&format!("- camera {name}: {place}"));
+        line(t, &format!("- camera {name}: {place}"));
     }
     line(
-        "- Told beforehand: the cell as a workshop would measure it, with seeded errors; the colours' arrangement of a solved\n  cube. Not told: the cube's state, its pose, the moves.",
+        t,
+        "- Told beforehand: the cell as a workshop would measure it, with seeded errors; the \
+         colours' arrangement of a solved\n  cube. Not told: the cube's state, its pose, the moves.",
     );
-    line("\n## Procedure\n");
+}
+
+fn procedure(t: &mut String, setup: &Setup) {
+    line(t, "\n## Procedure\n");
+    let returns = returns(setup);
     let (begins, ends) = match setup.keeper {
         Keeper::Person => {
             ("The person's hand brings the cube", "the cube is with the person again")
         }
         Keeper::Table => ("The cube lies on the table", "the hand has let go of the cube"),
     };
-    line(&format!(
-        "1. The cell is set up by the trial's seed; arms at their start, jaws open.\n2. {begins}; time begins at the start of the run.\n3. The robot takes the cube, looks at its faces, plans, turns, and {returns}.\n4. The trial ends when {ends}, or the robot gives up.\n5. The plant's cube, which the controller does not see, is compared with a solved one.",
-    ));
-    line("\n## Constraints\n");
-    line(&format!(
-        "- No intervention: nobody answers a question, nobody puts a cube back.\n- A trial that takes longer than {:.0} s of simulated time has not passed (this project's threshold).\n- A trial whose program panics or has no end within {} s by the wall clock has not passed.",
-        setup.limit, header.limit_s
-    ));
-    line("\n## Scoring\n");
     line(
-        "- Accuracy: trials that passed, of all. A tier is passed when all of its consecutive trials are.\n- Speed: simulated time of the trials that passed, whole and for each face turn that was carried out; looking, planning,\n  taking and giving back are in it. (Yang et al. give accuracy and speed as well; thresholds of theirs were not at hand.)",
+        t,
+        &format!(
+            "1. The cell is set up by the trial's seed; arms at their start, jaws open.\n\
+             2. {begins}; time begins at the start of the run.\n\
+             3. The robot takes the cube, looks at its faces, plans, turns, and {returns}.\n\
+             4. The trial ends when {ends}, or the robot gives up.\n\
+             5. The plant's cube, which the controller does not see, is compared with a solved one."
+        ),
     );
-    line("\n## Results\n");
-    results(&mut t, tally, score);
-    trials(&mut t, setup, tally);
-    t
+}
+
+fn constraints(t: &mut String, setup: &Setup, tally: &Tally) {
+    line(t, "\n## Constraints\n");
+    let (simulated, wall) = (setup.limit, tally.header.limit_s);
+    line(
+        t,
+        &format!(
+            "- No intervention: nobody answers a question, nobody puts a cube back.\n\
+             - A trial that takes longer than {simulated:.0} s of simulated time has not passed \
+             (this project's threshold).\n\
+             - A trial whose program panics or has no end within {wall} s by the wall clock has \
+             not passed."
+        ),
+    );
+}
+
+fn scoring(t: &mut String) {
+    line(t, "\n## Scoring\n");
+    line(
+        t,
+        "- Accuracy: trials that passed, of all. A tier is passed when all of its consecutive \
+         trials are.\n\
+         - Speed: simulated time of the trials that passed, whole and for each face turn that was \
+         carried out; looking, planning,\n  taking and giving back are in it. (Yang et al. give \
+         accuracy and speed as well; thresholds of theirs were not at hand.)",
+    );
 }
 
 fn results(t: &mut String, tally: &Tally, score: &Score) {

@@ -1,4 +1,5 @@
-//! Keys of the list `[[fault]]`: what is made to go wrong in a simulated run. Only the plant's side may read them.
+//! Keys of the list `[[fault]]`: what is made to go wrong in a simulated run. Only the plant's side
+//! may read them.
 //!
 //! - in: kind, when (`at_s`, or `event` with `nth` and `delay_s`), for how long, how much, whom
 //! - out: [`FaultKeys`], checked against each other and the scenario by `check`
@@ -40,7 +41,8 @@ words! {
         Drop = "drop",
         /// Each layer needs magnitude more torque [Nm].
         Jam = "jam",
-        /// The layer that has been turned slips back under the jaws, a quarter in magnitude [s], until that turn is over.
+        /// The layer that has been turned slips back under the jaws, a quarter in magnitude [s],
+        /// until that turn is over.
         TurnUndone = "turn_undone",
         /// Somebody pushes an arm's hand along a direction of the world with magnitude [N].
         Push = "push",
@@ -222,97 +224,150 @@ impl FaultKeys {
     }
 }
 
-/// Says what is wrong with a fault at the dotted name `path`; whether anything is.
+/// Checks the fault at the dotted name `path`: its keys against its kind, and the names in it.
 pub(super) fn check(
     fault: &FaultKeys,
     path: &str,
     effectors: &[Effector],
     cameras: &[CameraKeys],
     reader: &mut Reader,
-) -> bool {
-    let mut wrong: Vec<(&str, String)> = Vec::new();
+) {
     let Some(kind) = fault.kind else {
-        let reason = format!("`{path}.kind` is missing: what goes wrong?");
-        super::check::fault(reader, path, reason);
-        return false;
+        reader.fault(path, format!("`{path}.kind` is missing: what goes wrong?"));
+        return;
     };
-    let word = kind.word();
-    let needs = needs(kind);
-    match (fault.at, fault.event, needs.constant) {
-        (None, None, false) => wrong.push(("kind", format!("\"{word}\" needs at_s or event"))),
-        (Some(_), Some(_), false) => {
-            wrong.push(("event", "at_s and event: one of them begins it".to_owned()));
+    let mut check = Check { fault, kind, needs: needs(kind), wrong: Vec::new() };
+    check.beginning();
+    check.arms(effectors);
+    check.camera(cameras);
+    check.magnitude();
+    check.actor();
+    check.direction();
+    check.sticker();
+    for (key, reason) in check.wrong {
+        reader.fault(&format!("{path}.{key}"), format!("`{path}.{key}`: {reason}"));
+    }
+}
+
+/// A fault under check.
+struct Check<'a> {
+    fault: &'a FaultKeys,
+    kind: FaultKind,
+    needs: Needs,
+    /// Each key that is wrong, and the reason.
+    wrong: Vec<(&'static str, String)>,
+}
+
+impl Check<'_> {
+    fn wrong(&mut self, key: &'static str, reason: impl Into<String>) {
+        self.wrong.push((key, reason.into()));
+    }
+
+    /// Checks that a time or an event begins it, unless its kind is constant.
+    fn beginning(&mut self) {
+        let word = self.kind.word();
+        match (self.fault.at, self.fault.event, self.needs.constant) {
+            (None, None, false) => self.wrong("kind", format!("\"{word}\" needs at_s or event")),
+            (Some(_), Some(_), false) => {
+                self.wrong("event", "at_s and event: one of them begins it");
+            }
+            (None, None, true) | (Some(_), None, false) | (None, Some(_), false) => {}
+            (at, _, true) => {
+                let key = if at.is_some() { "at_s" } else { "event" };
+                self.wrong(key, format!("\"{word}\" is so from the beginning"));
+            }
         }
-        (None, None, true) | (Some(_), None, false) | (None, Some(_), false) => {}
-        (_, _, true) => {
-            let key = if fault.at.is_some() { "at_s" } else { "event" };
-            wrong.push((key, format!("\"{word}\" is so from the beginning")));
+    }
+
+    /// Checks the names of arms, and that an arm and an axis are given where its kind needs them.
+    fn arms(&mut self, effectors: &[Effector]) {
+        let FaultKeys { arm, event_arm, axis, .. } = self.fault;
+        for (key, name) in [("arm", arm), ("event_arm", event_arm)] {
+            let unknown = |name: &&String| !effectors.iter().any(|e| e.name == **name);
+            if let Some(name) = name.as_ref().filter(unknown) {
+                self.wrong(key, format!("there is no effector \"{name}\""));
+            }
+        }
+        if self.needs.arm && arm.is_none() {
+            self.wrong("kind", format!("\"{}\" needs an arm", self.kind.word()));
+        }
+        if self.needs.axis && axis.is_none() {
+            self.wrong("kind", format!("\"{}\" needs an axis", self.kind.word()));
         }
     }
-    let arm = |name: &String| effectors.iter().find(|e| e.name == *name);
-    let known = |key: &'static str, name: Option<&String>, wrong: &mut Vec<(&str, String)>| {
-        if let Some(name) = name.filter(|name| arm(name).is_none()) {
-            wrong.push((key, format!("there is no effector \"{name}\"")));
+
+    /// Checks the name of the camera, and that one is given where its kind needs it.
+    fn camera(&mut self, cameras: &[CameraKeys]) {
+        let camera = &self.fault.camera;
+        if let Some(name) = camera.as_ref().filter(|n| !cameras.iter().any(|c| c.name == **n)) {
+            self.wrong("camera", format!("there is no camera \"{name}\""));
         }
-    };
-    known("arm", fault.arm.as_ref(), &mut wrong);
-    known("event_arm", fault.event_arm.as_ref(), &mut wrong);
-    if needs.arm && fault.arm.is_none() {
-        wrong.push(("kind", format!("\"{word}\" needs an arm")));
-    }
-    if needs.axis && fault.axis.is_none() {
-        wrong.push(("kind", format!("\"{word}\" needs an axis")));
-    }
-    if let Some(name) = &fault.camera
-        && !cameras.iter().any(|c| c.name == *name)
-    {
-        wrong.push(("camera", format!("there is no camera \"{name}\"")));
-    }
-    if needs.camera && fault.camera.is_none() {
-        wrong.push(("kind", format!("\"{word}\" needs a camera")));
-    }
-    match (needs.magnitude, fault.magnitude) {
-        (Some(_), None) => wrong.push(("kind", format!("\"{word}\" needs a magnitude"))),
-        (Some((low, high)), Some(x)) if !(low..=high).contains(&x) => {
-            wrong.push(("magnitude", format!("{x} is outside {low}..{high} of \"{word}\"")));
+        if self.needs.camera && camera.is_none() {
+            self.wrong("kind", format!("\"{}\" needs a camera", self.kind.word()));
         }
-        (None, Some(_)) => wrong.push(("magnitude", format!("\"{word}\" has none"))),
-        _ => {}
     }
-    if kind == FaultKind::MissedPeriods && fault.magnitude.is_some_and(|x| x != x.trunc()) {
-        wrong.push(("magnitude", format!("\"{word}\" misses whole periods")));
-    }
-    match (kind, fault.actor) {
-        (FaultKind::ActorPanic | FaultKind::ActorHang | FaultKind::ActorSpin, None) => {
-            wrong.push(("kind", format!("\"{word}\" needs an actor")));
+
+    /// Checks the magnitude against the range of its kind.
+    fn magnitude(&mut self) {
+        let (word, magnitude) = (self.kind.word(), self.fault.magnitude);
+        match (self.needs.magnitude, magnitude) {
+            (Some(_), None) => self.wrong("kind", format!("\"{word}\" needs a magnitude")),
+            (Some((low, high)), Some(x)) if !(low..=high).contains(&x) => {
+                self.wrong("magnitude", format!("{x} is outside {low}..{high} of \"{word}\""));
+            }
+            (None, Some(_)) => self.wrong("magnitude", format!("\"{word}\" has none")),
+            _ => {}
         }
-        (
-            FaultKind::LateMessage | FaultKind::LostMessage,
-            Some(FaultActor::Mp | FaultActor::Vsp),
-        ) => {
-            wrong.push(("actor", format!("\"{word}\" is of the way to an \"ecp\" or an \"edp\"")));
+        if self.kind == FaultKind::MissedPeriods && magnitude.is_some_and(|x| x != x.trunc()) {
+            self.wrong("magnitude", format!("\"{word}\" misses whole periods"));
         }
-        (_, Some(FaultActor::Ecp | FaultActor::Edp)) if fault.arm.is_none() => {
-            wrong.push(("actor", "whose? give its arm".to_owned()));
+    }
+
+    /// Checks that the actor can have this fault, and that its arm or camera says which actor it
+    /// is.
+    fn actor(&mut self) {
+        use FaultActor as A;
+        use FaultKind as K;
+        let word = self.kind.word();
+        match (self.kind, self.fault.actor) {
+            (K::ActorPanic | K::ActorHang | K::ActorSpin, None) => {
+                self.wrong("kind", format!("\"{word}\" needs an actor"));
+            }
+            (K::LateMessage | K::LostMessage, Some(A::Mp | A::Vsp)) => {
+                self.wrong(
+                    "actor",
+                    format!("\"{word}\" is of the way to an \"ecp\" or an \"edp\""),
+                );
+            }
+            (_, Some(A::Ecp | A::Edp)) if self.fault.arm.is_none() => {
+                self.wrong("actor", "whose? give its arm");
+            }
+            (_, Some(A::Vsp)) if self.fault.camera.is_none() => {
+                self.wrong("actor", "whose? give its camera");
+            }
+            _ => {}
         }
-        (_, Some(FaultActor::Vsp)) if fault.camera.is_none() => {
-            wrong.push(("actor", "whose? give its camera".to_owned()));
+    }
+
+    /// Checks the direction of a fault along an axis of the world.
+    fn direction(&mut self) {
+        let kind = self.kind;
+        let is_along = matches!(kind, FaultKind::Push | FaultKind::BaseCalibration);
+        if is_along && self.fault.direction > 2 {
+            let reason = format!("\"{}\" has directions 0 to 2: x, y, z", kind.word());
+            self.wrong("direction", reason);
         }
-        _ => {}
     }
-    if matches!(kind, FaultKind::Push | FaultKind::BaseCalibration) && fault.direction > 2 {
-        wrong.push(("direction", format!("\"{word}\" has directions 0 to 2: x, y, z")));
+
+    /// Checks that a misread sticker and its colour can be parsed.
+    fn sticker(&mut self) {
+        if self.kind == FaultKind::Misread && self.fault.misread().is_none() {
+            let key = if self.fault.sticker.is_some() { "sticker" } else { "kind" };
+            let reason =
+                "\"misread\" needs a sticker, \"U1\" to \"B9\", and a colour, one of URFDLB";
+            self.wrong(key, reason);
+        }
     }
-    if kind == FaultKind::Misread && fault.misread().is_none() {
-        let key = if fault.sticker.is_some() { "sticker" } else { "kind" };
-        let reason = "\"misread\" needs a sticker, \"U1\" to \"B9\", and a colour, one of URFDLB";
-        wrong.push((key, reason.to_owned()));
-    }
-    let fine = wrong.is_empty();
-    for (key, reason) in wrong {
-        super::check::fault(reader, &format!("{path}.{key}"), format!("`{path}.{key}`: {reason}"));
-    }
-    fine
 }
 
 #[cfg(test)]

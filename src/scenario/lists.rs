@@ -6,6 +6,9 @@
 
 use super::section::{section, words};
 
+/// Names of the lists of a scenario.
+pub(super) const LISTS: [&str; 4] = ["effector", "camera", "vsp", "fault"];
+
 words! {
     /// What a camera is fixed to.
     MountKind {

@@ -77,6 +77,15 @@ pub struct Key {
     pub meaning: String,
 }
 
+/// The declaration of a key, as far as it concerns numbers.
+#[derive(Debug, Clone)]
+pub struct Declared {
+    /// From the key's unit to SI.
+    pub factor: f64,
+    /// Least and largest value, in the key's unit.
+    pub range: Option<RangeInclusive<f64>>,
+}
+
 /// Collects faults and remembers where each key was given.
 #[derive(Debug, Default)]
 pub struct Reader {
@@ -87,15 +96,8 @@ pub struct Reader {
 }
 
 impl Reader {
-    /// Reads one key into `target`.
-    pub fn item<T: Item>(
-        &mut self,
-        target: &mut T,
-        factor: f64,
-        range: Option<RangeInclusive<f64>>,
-        entry: &Entry,
-        path: &str,
-    ) {
+    /// Reads one key of the section `path` into `target`.
+    pub fn item<T: Item>(&mut self, target: &mut T, declared: Declared, entry: &Entry, path: &str) {
         let path = join(path, &entry.key);
         self.places.insert(path.clone(), entry.node.place.clone());
         let value = match T::read(&entry.node) {
@@ -110,7 +112,7 @@ impl Reader {
                 return;
             }
         };
-        let (low, high) = range.map_or((f64::MIN, f64::MAX), RangeInclusive::into_inner);
+        let (low, high) = declared.range.map_or((f64::MIN, f64::MAX), RangeInclusive::into_inner);
         for number in value.numbers() {
             if !(low..=high).contains(&number) {
                 let reason = if number.is_finite() {
@@ -122,7 +124,7 @@ impl Reader {
                 return;
             }
         }
-        *target = value.scaled(factor);
+        *target = value.scaled(declared.factor);
     }
 
     /// The entries of a table, or a fault.
@@ -151,10 +153,36 @@ impl Reader {
         self.faults.add_with_help(Some(&entry.key_place), reason, help);
     }
 
-    /// Place of a key, when it was given; else of the nearest section that was.
-    #[must_use]
-    pub fn place(&self, path: &str) -> Option<Place> {
-        self.places.get(path).cloned()
+    /// Checks whether a key, section or element was given.
+    pub fn is_given(&self, path: &str) -> bool {
+        self.places.contains_key(path)
+    }
+
+    /// Adds a fault at a key, or at the nearest section above it that was given.
+    pub fn fault(&mut self, path: &str, reason: impl Into<String>) {
+        let place = self.nearest_place(path);
+        self.faults.add(place.as_ref(), reason);
+    }
+
+    /// Adds a fault with advice at a key, or at the nearest section above it that was given.
+    pub fn fault_with_help(
+        &mut self,
+        path: &str,
+        reason: impl Into<String>,
+        help: impl Into<String>,
+    ) {
+        let place = self.nearest_place(path);
+        self.faults.add_with_help(place.as_ref(), reason, help);
+    }
+
+    fn nearest_place(&self, path: &str) -> Option<Place> {
+        let mut here = path;
+        loop {
+            if let Some(place) = self.places.get(here) {
+                return Some(place.clone());
+            }
+            here = here.rsplit_once('.')?.0;
+        }
     }
 }
 
@@ -454,8 +482,10 @@ macro_rules! section {
                     match entry.key.as_str() {
                         $( $crate::scenario::section::key_name!($key, $($base)?, $($unit)?) => reader.item(
                             &mut self.$key,
-                            1.0 $(* $crate::scenario::section::units::$unit)?,
-                            [$($range)?].into_iter().next(),
+                            $crate::scenario::section::Declared {
+                                factor: 1.0 $(* $crate::scenario::section::units::$unit)?,
+                                range: [$($range)?].into_iter().next(),
+                            },
                             entry,
                             path,
                         ), )*

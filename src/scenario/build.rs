@@ -1,0 +1,511 @@
+//! Builds a scenario from a draft: poses and models from keys, and references by name as indices.
+//!
+//! - in: a [`Draft`], each of whose keys is in its own range
+//! - out: a [`Scenario`], or faults: those of [`check`], and those that only building shows
+
+use super::check;
+use super::config::{
+    CameraSource, ControllerConfig, EffectorConfig, Owner, PlantSection, Scenario, VspConfig,
+};
+use super::draft::Draft;
+use super::keys::{self, BridgeKind, HandKeys, Planner, Rule, Servo};
+use super::lists::{CameraKeys, Effector, GripperKeys, MountKind, SensorKeys, Vsp, VspKind};
+use super::profile;
+use super::section::Reader;
+use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, Intrinsics, Mount};
+use crate::cube::{Cube, Facelets, Keeper};
+use crate::kinematics::ArmModel;
+use crate::motion::{AXES, JointPositions};
+use crate::spatial::{Pose, pose_from_axes};
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use std::path::Path;
+
+/// Checks a draft and builds the scenario; returns `None` after faults that leave holes.
+///
+/// Faults at the same place are printed in the order in which they are found here.
+pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option<Scenario> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let root = &draft.root;
+    check::bridge(root, reader);
+    let arms = arms(&draft.effectors, folder, reader);
+    check::effectors(&draft, reader);
+    let effectors = effectors(&draft.effectors, root.bridge.kind, &root.servo, folder, reader);
+    let cameras = cameras(&draft.cameras, &draft.effectors, reader);
+    let sources = sources(&draft.cameras, folder, reader);
+    let vsps = vsps(&draft, reader);
+    check::task(&draft, &arms, reader);
+    check::owners(&draft, &vsps, reader);
+    let cube_state = cube_state(&root.cube.state, reader);
+    let planner = planner(root.planner.clone(), &draft.effectors, reader);
+    check::force_sign(&root.control, reader);
+    check::periods(root, reader);
+    check::faults(&draft, &arms, reader);
+    let (keeper, hand) = place(&root.hand, root.cell.table_height, root.cube.edge, reader);
+    check::hand_force(&root.control, keeper, reader);
+
+    let calibrate_views = draft.cameras.iter().map(|c| c.calibrate_views).collect();
+    let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
+    let faults = draft.faults.into_iter().map(|(_, keys)| keys).collect();
+    let root = draft.root;
+    Some(Scenario {
+        path: path.to_path_buf(),
+        seed: root.seed,
+        pace: root.pace,
+        real_time: root.real_time,
+        bridge: root.bridge,
+        controller: ControllerConfig {
+            task: root.task,
+            coordination: root.coordination,
+            cell: Cell {
+                arms: arms.into_iter().collect::<Option<_>>()?,
+                cameras: cameras.into_iter().collect::<Option<_>>()?,
+                cube: CubeSpec { edge: root.cube.edge, mass: root.cube.mass },
+                table_height: root.cell.table_height,
+                hand,
+                keeper,
+            },
+            effectors: effectors.into_iter().collect::<Option<_>>()?,
+            cameras: sources,
+            calibrate_views,
+            vsps: vsps.into_iter().collect::<Option<_>>()?,
+            control: root.control,
+            visual_servo: root.visual_servo,
+            vision: root.vision,
+            planner,
+            face_turn: root.face_turn,
+            idle: root.idle,
+        },
+        plant: PlantSection { cube_state, synchronised, keys: root.plant, faults },
+    })
+}
+
+/// Builds the arms; `None` stands for one with a fault, as in the other lists.
+fn arms(effectors: &[Effector], folder: &Path, reader: &mut Reader) -> Vec<Option<Arm>> {
+    let build = |e: &Effector| arm(e, &format!("effector.{}", e.name), folder, reader);
+    effectors.iter().map(build).collect()
+}
+
+/// Builds the parts of effectors that are not in the cell's geometry.
+fn effectors(
+    effectors: &[Effector],
+    bridge: BridgeKind,
+    servo: &Servo,
+    folder: &Path,
+    reader: &mut Reader,
+) -> Vec<Option<EffectorConfig>> {
+    let build = |e: &Effector| {
+        let path = format!("effector.{}", e.name);
+        let gains = profile::gains(&e.servo_profile, &path, folder, reader)?;
+        let mut gains = profile::adjusted(gains, servo);
+        if bridge == BridgeKind::Isa {
+            // Cards report how much current flows, not in which direction.
+            gains.axes.iter_mut().for_each(|axis| axis.trip_current = f64::INFINITY);
+        }
+        Some(EffectorConfig { palm_clearance: e.gripper.palm_clearance, gains })
+    };
+    effectors.iter().map(build).collect()
+}
+
+fn cameras(
+    cameras: &[CameraKeys],
+    effectors: &[Effector],
+    reader: &mut Reader,
+) -> Vec<Option<Camera>> {
+    let build = |c: &CameraKeys| camera(c, &format!("camera.{}", c.name), effectors, reader);
+    cameras.iter().map(build).collect()
+}
+
+fn sources(cameras: &[CameraKeys], folder: &Path, reader: &mut Reader) -> Vec<CameraSource> {
+    let build = |c: &CameraKeys| source(&c.source, &format!("camera.{}", c.name), folder, reader);
+    cameras.iter().map(build).collect()
+}
+
+fn vsps(draft: &Draft, reader: &mut Reader) -> Vec<Option<VspConfig>> {
+    let named = draft.vsps.iter().filter(|v| !v.name.is_empty());
+    named.map(|v| vsp(v, &draft.effectors, &draft.cameras, reader)).collect()
+}
+
+/// Builds the arm of the effector at `path`.
+fn arm(keys: &Effector, path: &str, folder: &Path, reader: &mut Reader) -> Option<Arm> {
+    check::opening(&keys.gripper, path, reader);
+    let model = profile::model(&keys.profile, path, folder, reader)?;
+    let start = start(keys, &model, path, reader);
+    Some(Arm {
+        name: keys.name.clone(),
+        model,
+        world_from_base: pose(keys.base_xyz, keys.base_rpy),
+        flange_from_tool: pose(keys.tool_xyz, keys.tool_rpy),
+        gripper: gripper(&keys.gripper),
+        sensor: sensor(&keys.sensor),
+        start,
+    })
+}
+
+/// Returns the joint positions at the start, and checks them against the model's limits.
+fn start(keys: &Effector, model: &ArmModel, path: &str, reader: &mut Reader) -> JointPositions {
+    let mut start = [0.0; AXES];
+    start[0] = keys.start_d0;
+    start[1..].copy_from_slice(&keys.start_joints);
+    for (axis, (value, (low, high))) in start.iter().zip(model.joint_limits).enumerate() {
+        if (axis > 0 || model.has_track) && !(low..=high).contains(value) {
+            let (name, unit, factor) = if axis == 0 {
+                ("start_d0_mm", "mm", 1e3)
+            } else {
+                ("start_joints_deg", "deg", 1.0_f64.to_degrees())
+            };
+            let reason = format!(
+                "`{path}.{name}`: axis {axis}: {:.2} {unit} is outside {:.2}..{:.2}",
+                value * factor,
+                low * factor,
+                high * factor
+            );
+            reader.fault(&format!("{path}.{name}"), reason);
+        }
+    }
+    JointPositions(start)
+}
+
+fn gripper(keys: &GripperKeys) -> Gripper {
+    Gripper {
+        finger_width: keys.finger_width,
+        finger_thickness: keys.finger_thickness,
+        finger_tip: keys.finger_tip,
+        palm: keys.palm,
+        palm_half_width: keys.palm_half_width,
+        opening: (keys.opening_min, keys.opening_max),
+        opening_of_motor: keys.opening_of_motor,
+        opening_offset: 0.0,
+        increments: keys.increments,
+        amperes_per_newton: keys.current,
+    }
+}
+
+fn sensor(keys: &SensorKeys) -> ForceSensor {
+    let (force, torque) = (keys.range, keys.torque_range);
+    ForceSensor {
+        flange_from_sensor: pose(keys.xyz, keys.rpy),
+        weight: keys.weight,
+        centre_in_flange: Point3::from(keys.centre_xyz),
+        range: [force[0], force[1], force[2], torque[0], torque[1], torque[2]],
+    }
+}
+
+/// Builds the camera at `path`.
+fn camera(
+    keys: &CameraKeys,
+    path: &str,
+    effectors: &[Effector],
+    reader: &mut Reader,
+) -> Option<Camera> {
+    let pose = camera_pose(keys, path, reader)?;
+    Some(Camera {
+        name: keys.name.clone(),
+        mount: mount(keys, pose, path, effectors, reader)?,
+        intrinsics: Intrinsics {
+            width: keys.width,
+            height: keys.height,
+            focal: keys.focal.into(),
+            centre: keys.centre.into(),
+            distortion: keys.distortion.into(),
+        },
+    })
+}
+
+/// Returns the pose of a camera, from its angles or from the point that it looks at.
+fn camera_pose(keys: &CameraKeys, path: &str, reader: &mut Reader) -> Option<Pose> {
+    // A given key takes the place of the other one that a built-in camera of this name has.
+    let given = |key: &str| reader.is_given(&format!("{path}.{key}"));
+    let (mut rpy, mut look_at) = (keys.rpy, keys.look_at);
+    match (given("rpy_deg"), given("look_at_mm")) {
+        (true, false) => look_at = None,
+        (false, true) => rpy = None,
+        _ => {}
+    }
+    match (rpy, look_at) {
+        (Some(_), Some(_)) => {
+            let reason = format!("`{path}` has both rpy_deg and look_at_mm; give one");
+            reader.fault(&format!("{path}.look_at_mm"), reason);
+            None
+        }
+        (rpy, None) => Some(pose(keys.xyz, rpy.unwrap_or_default())),
+        (None, Some(point)) => {
+            let pose = looking(keys.xyz, point);
+            if pose.is_none() {
+                let reason =
+                    format!("`{path}`: look_at_mm must be beside xyz_mm, not above or at it");
+                reader.fault(&format!("{path}.look_at_mm"), reason);
+            }
+            pose
+        }
+    }
+}
+
+/// Fixes a camera to the world or to the flange of its effector.
+fn mount(
+    keys: &CameraKeys,
+    pose: Pose,
+    path: &str,
+    effectors: &[Effector],
+    reader: &mut Reader,
+) -> Option<Mount> {
+    match keys.mount {
+        MountKind::World => Some(Mount::World { world_from_camera: pose }),
+        MountKind::Flange => {
+            let name = keys.effector.as_deref().unwrap_or_default();
+            let Some(arm) = effectors.iter().position(|e| e.name == name) else {
+                let at = format!("{path}.effector");
+                let reason = match keys.effector {
+                    None => format!("`{path}`: mount = \"flange\" needs effector"),
+                    Some(_) => format!("`{at}`: there is no [[effector]] \"{name}\""),
+                };
+                reader.fault(&at, reason);
+                return None;
+            };
+            Some(Mount::Flange { arm, flange_from_camera: pose })
+        }
+    }
+}
+
+/// Returns where the frames of the camera at `path` come from.
+fn source(text: &str, path: &str, folder: &Path, reader: &mut Reader) -> CameraSource {
+    if text == "renderer" {
+        return CameraSource::Renderer;
+    }
+    let images = folder.join(text);
+    if !images.is_dir() {
+        let at = format!("{path}.source");
+        let reason = format!("`{at}`: \"{text}\" is neither \"renderer\" nor a folder");
+        reader.fault_with_help(&at, reason, format!("looked for {}", images.display()));
+    }
+    CameraSource::Folder(images)
+}
+
+fn vsp(
+    keys: &Vsp,
+    effectors: &[Effector],
+    cameras: &[CameraKeys],
+    reader: &mut Reader,
+) -> Option<VspConfig> {
+    let path = format!("vsp.{}", keys.name);
+    let owner = owner(keys, &path, effectors, reader);
+    let camera = vsp_camera(keys, &path, cameras, reader);
+    Some(VspConfig {
+        name: keys.name.clone(),
+        kind: keys.kind,
+        camera: camera.ok()?,
+        owner: owner?,
+        period: keys.period,
+    })
+}
+
+/// Finds the owner of a virtual sensor by name.
+fn owner(keys: &Vsp, path: &str, effectors: &[Effector], reader: &mut Reader) -> Option<Owner> {
+    if keys.owner == "mp" {
+        return Some(Owner::Mp);
+    }
+    let owner = effectors.iter().position(|e| e.name == keys.owner).map(Owner::Ecp);
+    if owner.is_none() {
+        let at = format!("{path}.owner");
+        let mut known = vec!["mp"];
+        known.extend(effectors.iter().map(|e| e.name.as_str()));
+        let reason = format!("`{at}`: nobody is called \"{}\"", keys.owner);
+        reader.fault_with_help(&at, reason, format!("possible: {}", known.join(", ")));
+    }
+    owner
+}
+
+/// A fault has left a hole in the scenario.
+struct Hole;
+
+/// Finds the camera of a virtual sensor by name; returns `None` for a sensor of forces. A camera at
+/// the wrong place is a fault that leaves no hole.
+fn vsp_camera(
+    keys: &Vsp,
+    path: &str,
+    cameras: &[CameraKeys],
+    reader: &mut Reader,
+) -> Result<Option<usize>, Hole> {
+    let at = format!("{path}.camera");
+    let name = match (keys.kind, keys.camera.as_deref()) {
+        (VspKind::Force, None) => return Ok(None),
+        (VspKind::Force, Some(_)) => {
+            reader.fault(&at, format!("`{at}`: kind = \"force\" has no camera"));
+            return Err(Hole);
+        }
+        (_, None) => {
+            reader.fault(path, format!("`{path}` needs a camera"));
+            return Err(Hole);
+        }
+        (_, Some(name)) => name,
+    };
+    let index = cameras.iter().position(|c| c.name == name);
+    let reason = match index.map(|i| cameras[i].mount) {
+        None => format!("there is no [[camera]] \"{name}\""),
+        Some(MountKind::Flange) if keys.kind == VspKind::Cube => format!(
+            "\"{name}\" rides on a flange; kind = \"cube\" needs a camera that stands, \
+             mount = \"world\""
+        ),
+        Some(MountKind::World) if keys.kind == VspKind::Face => format!(
+            "\"{name}\" stands alone; kind = \"face\" needs a camera in a hand, mount = \"flange\""
+        ),
+        Some(_) => return Ok(index),
+    };
+    reader.fault(&at, format!("`{at}`: {reason}"));
+    index.map(Some).ok_or(Hole)
+}
+
+/// Parses the state of the cube; returns `None` for one that the seed draws, and after a fault.
+fn cube_state(text: &str, reader: &mut Reader) -> Option<Facelets> {
+    if text == "random" {
+        return None;
+    }
+    let state = text
+        .parse::<Facelets>()
+        .map_err(|e| e.to_string())
+        .and_then(|f| Cube::try_from(f).map(|_| f).map_err(|e| e.to_string()));
+    match state {
+        Ok(facelets) => Some(facelets),
+        Err(reason) => {
+            let advice = "\"random\", or 54 letters: U1..U9 R1..R9 F1..F9 D1..D9 L1..L9 B1..B9";
+            reader.fault_with_help("cube.state", format!("`cube.state`: {reason}"), advice);
+            None
+        }
+    }
+}
+
+/// Makes the planner's rule agree with the grippers: a palm that presses needs the strict rule.
+///
+/// A rule that was not given follows the gripper; a given one that contradicts it is a fault.
+fn planner(mut planner: Planner, effectors: &[Effector], reader: &mut Reader) -> Planner {
+    let presses = effectors.iter().find(|e| !e.gripper.palm_clearance);
+    if let (Rule::Clearance, Some(effector)) = (planner.rule, presses) {
+        if reader.is_given("planner.rule") {
+            let reason = format!(
+                "`planner.rule`: \"clearance\" needs palms that stand off, and \
+                 effector.{}.gripper.palm_clearance is false",
+                effector.name
+            );
+            reader.fault("planner.rule", reason);
+        }
+        planner.rule = Rule::Strict;
+    }
+    planner
+}
+
+/// Returns who keeps the cube, and the place of hand-over.
+fn place(hand: &HandKeys, table_height: f64, edge: f64, reader: &mut Reader) -> (Keeper, HandZone) {
+    check::cube_on_table(hand, reader);
+    let [x, y, z] = hand.centre_xyz;
+    let half = Vector3::from(hand.half_extent_xyz);
+    let (keeper, z, height) = match hand.keeper {
+        keys::Keeper::Person => (Keeper::Person, z, half.z),
+        // The height is the error that a camera may make.
+        keys::Keeper::Table => (Keeper::Table, table_height + 0.5 * edge, 0.02),
+    };
+    let half_extent = Vector3::new(half.x, half.y, height);
+    (keeper, HandZone { world_from_cube: pose([x, y, z], hand.cube_rpy), half_extent })
+}
+
+fn pose(xyz: [f64; 3], rpy: [f64; 3]) -> Pose {
+    Pose::from_parts(
+        Translation3::from(Vector3::from(xyz)),
+        UnitQuaternion::from_euler_angles(rpy[0], rpy[1], rpy[2]),
+    )
+}
+
+/// Returns `world_from_camera` at `from` towards `to`, upright; `None` straight up, straight down
+/// and where both are one point.
+fn looking(from: [f64; 3], to: [f64; 3]) -> Option<Pose> {
+    let z = Vector3::from(to) - Vector3::from(from);
+    let x = z.cross(&Vector3::z());
+    if x.norm() < 1e-6 {
+        return None;
+    }
+    let (x, z) = (x.normalize(), z.normalize());
+    Some(pose_from_axes(x, z.cross(&x), z, Point3::from(from)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Override, read};
+    use super::*;
+
+    fn faults(text: &str, overrides: &[Override]) -> String {
+        match read(Path::new("t.toml"), text, overrides) {
+            Ok(_) => String::new(),
+            Err(faults) => faults.to_string(),
+        }
+    }
+
+    #[test]
+    fn an_empty_scenario_is_the_built_in_cell() {
+        let scenario = read(Path::new("t.toml"), "", &[]).unwrap();
+
+        let cell = &scenario.controller.cell;
+        assert_eq!(
+            cell.arms.iter().map(|a| a.name.as_str()).collect::<Vec<_>>(),
+            ["track", "postument"]
+        );
+        assert_eq!(cell.cameras.len(), 3);
+        assert_eq!(scenario.controller.vsps.len(), 4);
+        assert!((cell.cube.edge - 0.057).abs() < 1e-15);
+        assert!((cell.arms[1].world_from_base.translation.y - 2.11).abs() < 1e-12);
+        assert_eq!(scenario.plant.cube_state, None);
+    }
+
+    #[test]
+    fn the_sign_of_a_current_is_not_known_behind_cards() {
+        let trips = |text: &str| {
+            let scenario = read(Path::new("t.toml"), text, &[]).unwrap();
+            scenario.controller.effectors[0].gains.axes.map(|axis| axis.trip_current)
+        };
+        let paced = "pace = \"real-time\"\n[bridge]\nkind = ";
+        assert!(trips(&format!("{paced}\"isa\"\n")).iter().all(|trip| trip.is_infinite()));
+        assert_eq!(trips(&format!("{paced}\"serial\"\n"))[..2], [25.0, 15.0]);
+    }
+
+    #[test]
+    fn references_that_lead_nowhere_are_told() {
+        let text = "[[effector]]\nname = \"track\"\nprofile = \"irp6_trak\"\n\
+                    [[camera]]\nname = \"c\"\nmount = \"flange\"\neffector = \"left\"\n\
+                    [[vsp]]\nname = \"v\"\ncamera = \"d\"\nowner = \"nobody\"\n";
+
+        let told = faults(text, &[]);
+
+        assert!(
+            told.contains("t.toml:3:11: `effector.track.profile`: there is no profile"),
+            "{told}"
+        );
+        assert!(told.contains("did you mean \"irp6_track\"?"), "{told}");
+        assert!(told.contains("t.toml:7:12: `camera.c.effector`"), "{told}");
+        assert!(told.contains("t.toml:10:10: `vsp.v.camera`"), "{told}");
+        assert!(told.contains("t.toml:11:9: `vsp.v.owner`"), "{told}");
+    }
+
+    #[test]
+    fn an_impossible_cube_is_refused() {
+        let short = Override::option("--cube", "cube.state", "UUU");
+        assert!(faults("", &[short]).contains("--cube: `cube.state`: 3 letters instead of 54"));
+
+        // One edge flipped: nine of each colour, and yet no cube.
+        let mut flipped: Vec<char> =
+            "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB".chars().collect();
+        flipped.swap(7, 19);
+        let flipped = Override::option("--cube", "cube.state", &String::from_iter(flipped));
+        assert!(faults("", &[flipped]).contains("--cube: `cube.state`: "));
+    }
+
+    #[test]
+    fn a_camera_that_looks_at_a_point_sees_it_in_its_centre_and_upright() {
+        let over = Override::parse("camera.standalone.look_at_mm=[1050,0,1200]").unwrap();
+        let scenario = read(Path::new("t.toml"), "", &[over]).unwrap();
+        let camera = &scenario.controller.cell.cameras[0];
+        let Mount::World { world_from_camera } = camera.mount else { panic!("moves") };
+
+        let point = world_from_camera.inverse() * Point3::new(1.05, 0.0, 1.2);
+        let above = world_from_camera.inverse() * Point3::new(1.05, 0.0, 1.3);
+
+        assert!((camera.intrinsics.project(&point).0 - 319.5).abs() < 1e-6);
+        assert!(camera.intrinsics.project(&above).1 < 239.5);
+    }
+}

@@ -1,0 +1,165 @@
+//! The draft of a scenario: its keys in SI, over those of the built-in cell, before they are
+//! checked against each other.
+
+use super::fault::{Source, nearest};
+use super::injected::FaultKeys;
+use super::lists::{CameraKeys, Effector, LISTS, Vsp};
+use super::root::Root;
+use super::section::{Key, Reader, Section};
+use super::tree::{self, Node, Value};
+use std::rc::Rc;
+
+/// The built-in cell, which every scenario starts from.
+const CELL: &str = include_str!("../../scenarios/cell.toml");
+
+/// Keys in SI, before they are checked against each other.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Draft {
+    pub(super) root: Root,
+    pub(super) effectors: Vec<Effector>,
+    pub(super) cameras: Vec<CameraKeys>,
+    pub(super) vsps: Vec<Vsp>,
+    /// Each with its dotted name.
+    pub(super) faults: Vec<(String, FaultKeys)>,
+}
+
+impl Draft {
+    /// Returns every key with its present value as the default.
+    pub(super) fn keys(&self) -> Vec<Key> {
+        let mut keys = Vec::new();
+        self.root.keys("", &mut keys);
+        for effector in &self.effectors {
+            effector.keys(&format!("effector.{}", effector.name), &mut keys);
+        }
+        for camera in &self.cameras {
+            camera.keys(&format!("camera.{}", camera.name), &mut keys);
+        }
+        for vsp in &self.vsps {
+            vsp.keys(&format!("vsp.{}", vsp.name), &mut keys);
+        }
+        FaultKeys { name: "NAME".to_owned(), ..FaultKeys::default() }.keys("fault.NAME", &mut keys);
+        keys
+    }
+}
+
+/// Returns the tree of the built-in cell.
+pub(super) fn built_in(reader: &mut Reader) -> Node {
+    let source = Rc::new(Source {
+        name: "the built-in cell.toml".to_owned(),
+        text: CELL.to_owned(),
+        is_file: true,
+    });
+    tree::parse(&source, &mut reader.faults)
+}
+
+/// Reads the keys of the built-in cell and of a document over them.
+pub(super) fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Draft {
+    let mut draft = Draft::default();
+    let mut silent = Reader::default();
+    let (cell_root, _) = split(built_in, &mut silent);
+    draft.root.overlay(&cell_root, "", &mut silent);
+    let (root, lists) = split(document, reader);
+    draft.root.overlay(&root, "", reader);
+    draft.effectors = list("effector", lists[0].as_ref(), built_in, reader, |e: &Effector| &e.name);
+    draft.cameras = list("camera", lists[1].as_ref(), built_in, reader, |c: &CameraKeys| &c.name);
+    draft.vsps = list("vsp", lists[2].as_ref(), built_in, reader, |v: &Vsp| &v.name);
+    draft.faults = faults(lists[3].as_ref(), reader);
+    leave_out(&mut draft, &lists);
+    // A fault of the built-in cell is a fault of the program.
+    reader.faults.0.extend(silent.faults.0);
+    draft
+}
+
+/// Reads the list of faults, each with its dotted name.
+fn faults(node: Option<&Node>, reader: &mut Reader) -> Vec<(String, FaultKeys)> {
+    let faults = elements("fault", node, reader, |_| FaultKeys::default());
+    let path = |(i, fault): (usize, &FaultKeys)| {
+        let name = if fault.name.is_empty() { i.to_string() } else { fault.name.clone() };
+        format!("fault.{name}")
+    };
+    let paths: Vec<String> = faults.iter().enumerate().map(path).collect();
+    paths.into_iter().zip(faults).collect()
+}
+
+/// Leaves out built-in cameras and sensors whose effector or camera the scenario leaves out.
+fn leave_out(draft: &mut Draft, lists: &[Option<Node>; 4]) {
+    let effectors: Vec<&String> = draft.effectors.iter().map(|e| &e.name).collect();
+    if lists[1].is_none() {
+        draft.cameras.retain(|c| c.effector.as_ref().is_none_or(|e| effectors.contains(&e)));
+    }
+    if lists[2].is_none() {
+        let cameras: Vec<&String> = draft.cameras.iter().map(|c| &c.name).collect();
+        draft.vsps.retain(|v| {
+            (v.owner == "mp" || effectors.contains(&&v.owner))
+                && v.camera.as_ref().is_none_or(|c| cameras.contains(&c))
+        });
+    }
+}
+
+/// Splits a document into its sections and its lists.
+fn split(document: &Node, reader: &mut Reader) -> (Node, [Option<Node>; 4]) {
+    let mut rest = document.clone();
+    let mut found = [const { None }; 4];
+    if let Value::Table(entries) = &mut rest.value {
+        for (slot, name) in found.iter_mut().zip(LISTS) {
+            if let Some(at) = entries.iter().position(|e| e.key == name) {
+                *slot = Some(entries.remove(at).node);
+            }
+        }
+        // `[effectors]` and the like: the section macro does not know the lists' names.
+        entries.retain(|e| match nearest(&e.key, &LISTS) {
+            Some(word) if !matches!(e.key.as_str(), "cell") => {
+                let reason = format!("unknown key `{}`", e.key);
+                let help = format!("did you mean [[{word}]]?");
+                reader.faults.add_with_help(Some(&e.key_place), reason, help);
+                false
+            }
+            _ => true,
+        });
+    }
+    (rest, found)
+}
+
+/// Reads one list; each element starts from the built-in element of its name.
+fn list<T: Section + Clone>(
+    name: &str,
+    given: Option<&Node>,
+    built_in: &Node,
+    reader: &mut Reader,
+    name_of: impl Fn(&T) -> &String,
+) -> Vec<T> {
+    let mut silent = Reader::default();
+    let default = elements(name, built_in.get(name), &mut silent, |_| T::default());
+    match given {
+        None => default,
+        Some(node) => elements(name, Some(node), reader, |wanted| {
+            let known = default.iter().find(|t| Some(name_of(t)) == wanted.as_ref());
+            known.cloned().unwrap_or_default()
+        }),
+    }
+}
+
+/// Reads the elements of a list; each starts from `start(its name)`.
+fn elements<T: Section>(
+    name: &str,
+    node: Option<&Node>,
+    reader: &mut Reader,
+    start: impl Fn(Option<String>) -> T,
+) -> Vec<T> {
+    let Some(node) = node else { return Vec::new() };
+    let Value::Array(items) = &node.value else {
+        let reason = format!("`{name}` is a list, not {}", node.describe());
+        reader.faults.add_with_help(Some(&node.place), reason, format!("write [[{name}]]"));
+        return Vec::new();
+    };
+    let mut all = Vec::new();
+    for (index, item) in items.iter().enumerate() {
+        let own = tree::name_of(item);
+        let path = format!("{name}.{}", own.clone().unwrap_or_else(|| index.to_string()));
+        reader.places.insert(path.clone(), item.place.clone());
+        let mut element = start(own);
+        element.overlay(item, &path, reader);
+        all.push(element);
+    }
+    all
+}

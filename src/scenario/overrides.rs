@@ -1,0 +1,87 @@
+//! Overrides: `KEY=VALUE` of the command line over the keys of a scenario.
+
+use super::fault::Source;
+use super::lists::LISTS;
+use super::section::Reader;
+use super::tree::{self, Node, Value};
+use std::rc::Rc;
+
+/// `KEY=VALUE` of the command line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Override {
+    /// How faults name it: `--set cube.edge_mm`.
+    pub option: String,
+    /// Dotted key.
+    pub key: String,
+    /// A value of TOML; a bare word counts as a string.
+    pub value: String,
+}
+
+impl Override {
+    /// Parses the text behind `--set`.
+    ///
+    /// # Errors
+    /// A message when there is no `=`.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let (key, value) = text.split_once('=').ok_or_else(|| {
+            format!("`{text}` has no `=`; write KEY=VALUE, as in control.grip_n=30")
+        })?;
+        let key = key.trim().to_owned();
+        Ok(Self { option: format!("--set {key}"), key, value: value.trim().to_owned() })
+    }
+
+    /// Makes the override of an option that stands for a key, as `--seed` for `seed`.
+    #[must_use]
+    pub fn option(option: &str, key: &str, value: &str) -> Self {
+        Self { option: option.to_owned(), key: key.to_owned(), value: value.to_owned() }
+    }
+}
+
+/// Writes the overrides into a document.
+pub(super) fn apply(
+    overrides: &[Override],
+    document: &mut Node,
+    built_in: &Node,
+    reader: &mut Reader,
+) {
+    for over in overrides {
+        let name = over.option.clone();
+        let source = Rc::new(Source { name, text: over.value.clone(), is_file: false });
+        let value = tree::parse_value(&source);
+        let parts: Vec<&str> = over.key.split('.').collect();
+        if let [list, element, "name"] = parts[..]
+            && LISTS.contains(&list)
+            && over.value.trim_matches('"') != element
+        {
+            // Everything that refers to the old name, and its built-in values, would be lost
+            // silently.
+            let reason = format!("`{}`: an option cannot rename an element", over.key);
+            reader.faults.add(Some(&value.place), reason);
+            continue;
+        }
+        adopt_list(document, built_in, &over.key);
+        tree::set(document, &over.key, value, &mut reader.faults);
+    }
+}
+
+/// Adds to the document the list of `key`, if the scenario has none itself, so that an override can
+/// reach into it: the names of the built-in elements, whose values they start from.
+fn adopt_list(document: &mut Node, built_in: &Node, key: &str) {
+    let list = key.split('.').next().unwrap_or_default();
+    if !LISTS.contains(&list) || document.get(list).is_some() {
+        return;
+    }
+    let (Some(from), Value::Table(entries)) = (built_in.get(list), &mut document.value) else {
+        return;
+    };
+    let mut node = from.clone();
+    if let Value::Array(items) = &mut node.value {
+        for item in items {
+            if let Value::Table(entries) = &mut item.value {
+                entries.retain(|e| e.key == "name");
+            }
+        }
+    }
+    let key_place = node.place.clone();
+    entries.push(tree::Entry { key: list.to_owned(), key_place, node });
+}

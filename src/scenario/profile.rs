@@ -1,0 +1,145 @@
+//! Profiles that keys refer to: an arm's geometry and its regulators, built in by name or from a
+//! file.
+
+use super::fault::nearest;
+use super::keys::Servo;
+use super::section::Reader;
+use crate::arms;
+use crate::hw::text;
+use crate::kinematics::ArmModel;
+use crate::servo::regulator::{self, ServoGains};
+use std::path::Path;
+
+/// A key that refers to a profile.
+struct Reference<'a> {
+    /// The dotted key.
+    at: String,
+    /// Its value: the name of a built-in profile, or a path from the scenario's folder.
+    name: &'a str,
+    folder: &'a Path,
+}
+
+/// The profiles of a kind that the program brings along.
+struct BuiltIn {
+    names: &'static [&'static str],
+    text: fn(&str) -> Option<&'static str>,
+}
+
+/// Reads the geometry of the effector at `path`.
+pub(super) fn model(
+    name: &str,
+    path: &str,
+    folder: &Path,
+    reader: &mut Reader,
+) -> Option<ArmModel> {
+    let built_in = BuiltIn { names: &arms::BUILTIN, text: arms::builtin_text };
+    read(&Reference { at: format!("{path}.profile"), name, folder }, &built_in, reader)
+}
+
+/// Reads the regulators of the effector at `path`.
+pub(super) fn gains(
+    name: &str,
+    path: &str,
+    folder: &Path,
+    reader: &mut Reader,
+) -> Option<ServoGains> {
+    let built_in = BuiltIn {
+        names: &["irp6_servo"],
+        text: |name| (name == "irp6_servo").then_some(regulator::IRP6),
+    };
+    let reference = Reference { at: format!("{path}.servo_profile"), name, folder };
+    let gains: ServoGains = read(&reference, &built_in, reader)?;
+    // A limit of 0, below 0 or not a number would drive an axis instead of stopping it.
+    let limits = gains.axes.iter().map(|axis| ("trip_current", axis.trip_current));
+    for (key, value) in limits.chain([("pwm_slew", gains.pwm_slew), ("pwm_limit", gains.pwm_limit)])
+    {
+        if value.is_nan() || value <= 0.0 {
+            let at = &reference.at;
+            let reason = format!("`{at}`: \"{name}\": {key} is {value}, wanted more than 0");
+            reader.fault(at, reason);
+            return None;
+        }
+    }
+    Some(gains)
+}
+
+/// Applies the section `servo` to the gains of an effector.
+pub(super) fn adjusted(mut gains: ServoGains, keys: &Servo) -> ServoGains {
+    for axis in &mut gains.axes {
+        axis.ratio *= keys.gain_factor;
+    }
+    gains.jaw.position *= keys.gain_factor;
+    gains.jaw.integral *= keys.gain_factor;
+    gains.jaw.speed *= keys.gain_factor;
+    gains.pwm_limit = keys.pwm_limit.unwrap_or(gains.pwm_limit);
+    gains.following_error = keys.following_error.unwrap_or(gains.following_error);
+    gains
+}
+
+/// Reads the profile that a key refers to.
+fn read<T: serde::de::DeserializeOwned>(
+    reference: &Reference<'_>,
+    built_in: &BuiltIn,
+    reader: &mut Reader,
+) -> Option<T> {
+    let Reference { at, name, folder } = reference;
+    let file = folder.join(name);
+    let (text, source) = if let Some(text) = (built_in.text)(name) {
+        (text.to_owned(), (*name).to_owned())
+    } else if Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+        match text::read(&file, text::SCENARIO) {
+            Ok(text) => (text, file.display().to_string()),
+            Err(error) => {
+                reader.fault(at, format!("`{at}`: {}: {error}", file.display()));
+                return None;
+            }
+        }
+    } else {
+        let advice = match nearest(name, built_in.names) {
+            Some(word) => format!("did you mean \"{word}\"?"),
+            None => format!("built in: {}; or the path of a .toml file", built_in.names.join(", ")),
+        };
+        reader.fault_with_help(at, format!("`{at}`: there is no profile \"{name}\""), advice);
+        return None;
+    };
+    match toml::from_str(&text) {
+        Ok(data) => Some(data),
+        Err(error) => {
+            let line = error.span().map_or(1, |s| text[..s.start].matches('\n').count() + 1);
+            reader.fault(at, format!("`{at}`: {source}:{line}: {}", error.message()));
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::read as read_scenario;
+    use super::*;
+
+    #[test]
+    fn a_servo_profile_whose_limits_would_drive_an_axis_is_a_fault() {
+        let folder = std::env::temp_dir().join(format!("rubik-gains-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let of = |from: &str, to: &str| {
+            assert!(regulator::IRP6.contains(from));
+            std::fs::write(folder.join("own.toml"), regulator::IRP6.replacen(from, to, 1)).unwrap();
+            let text =
+                "task = \"idle\"\n[[effector]]\nname = \"track\"\nservo_profile = \"own.toml\"\n";
+            match read_scenario(&folder.join("t.toml"), text, &[]) {
+                Ok(_) => String::new(),
+                Err(faults) => faults.to_string(),
+            }
+        };
+
+        for value in ["nan", "0.0", "-10.0", "-inf"] {
+            let told = of("trip_current = 18.0", &format!("trip_current = {value}"));
+            assert!(told.contains("own.toml") && told.contains("trip_current is"), "{told}");
+        }
+        assert!(of("pwm_slew = 25.0", "pwm_slew = nan").contains("pwm_slew is NaN"));
+        assert_eq!(of("trip_current = 18.0", "trip_current = inf"), "");
+        let without = of("trip_current = 18.0\n", "");
+        assert!(without.contains("missing field `trip_current`"), "{without}");
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}
