@@ -2,8 +2,8 @@
 
 use super::arguments::{ScenarioArgs, not_negative};
 use super::campaign::{Campaign, LAST_SEED, Performed, Shape, seedless, writable};
-use super::output::{Output, WRONG, clash, complain, save};
-use crate::campaign::benchmark::{Kind, clearances, score, scramble, scrambled, tier};
+use super::output::{Output, WRONG, clash, complain, refuse, save};
+use crate::campaign::benchmark::{Kind, Score, clearances, score, scramble, scrambled, tier};
 use crate::campaign::protocol::{Setup, protocol};
 use crate::campaign::tally::Tally;
 use crate::campaign::vary::Drawn;
@@ -12,8 +12,8 @@ use crate::cube::format_turns;
 use crate::scenario::Scenario;
 use clap::Args;
 use nalgebra::Point3;
-use serde_json::json;
-use std::path::PathBuf;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -32,8 +32,8 @@ pub(super) struct BenchmarkArgs {
     /// So many consecutive trials of so many moves
     #[arg(long, value_name = "M-N", value_parser = tier)]
     tier: Option<Kind>,
-    /// Scenario file (TOML), of the task "solve"; when not given shipped:table for a tier and shipped:solve for missions, which
-    /// come with the program
+    /// Scenario file (TOML), of the task "solve"; when not given shipped:table for a tier and
+    /// shipped:solve for missions, which come with the program
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
     /// Overrule a key in all trials; repeatable
@@ -63,45 +63,71 @@ pub(super) struct BenchmarkArgs {
     json: bool,
 }
 
+/// Performs the trials and writes their protocol; returns the exit code.
 pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u8> {
-    let told = |why: &str| {
-        complain(why);
-        Ok(WRONG)
-    };
-    let place = args.output.as_deref().map_or(Ok(()), writable);
-    if let Err(reason) = place.and_then(|()| seedless(&args.set)) {
-        return told(&reason);
+    args.output.as_deref().map_or(Ok(()), writable).map_err(refuse)?;
+    seedless(&args.set).map_err(refuse)?;
+    let kind = kind(args)?;
+    let from = scenario_of(args, kind);
+    clash(&[("the scenario", Some(&from.scenario))], &[("-o", args.output.as_ref())])?;
+    let scenario = from.load(&[]).map_err(refuse)?;
+    if scenario.controller.task.word() != "solve" {
+        return Err(refuse("a benchmark wants a scenario of the task \"solve\""));
     }
-    let kind = match (args.mission, args.tier) {
-        (Some(trials), None) => Kind::Mission { trials },
-        (None, Some(kind)) => kind,
-        _ => return told("one of --mission K and --tier M-N"),
-    };
+    let setup = setup(args, kind, &from, &scenario);
+    check_clearance(args, &setup)?;
+    let mut campaign = campaign(args, kind, &from)?;
+    let performed = campaign.perform(&kind.name())?;
+    if performed == Performed::Changed {
+        return Ok(WRONG);
+    }
+    let tally = Tally::of(&campaign.state);
+    let score = score(&tally, args.within_s);
+    let text = protocol(&setup, &tally, &score);
+    if let Some(path) = &args.output {
+        keep(path, &text, &tally)?;
+    }
+    if args.json {
+        output.line(&object(kind, &setup, &tally, &score).to_string())?;
+    } else if args.output.is_none() {
+        output.text(&text)?;
+    }
+    let interrupted = performed == Performed::Interrupted;
+    Ok(if interrupted { 130 } else { u8::from(!score.is_whole()) })
+}
+
+/// Returns what is measured.
+fn kind(args: &BenchmarkArgs) -> anyhow::Result<Kind> {
+    match (args.mission, args.tier) {
+        (Some(trials), None) => Ok(Kind::Mission { trials }),
+        (None, Some(kind)) => Ok(kind),
+        _ => Err(refuse("one of --mission K and --tier M-N")),
+    }
+}
+
+/// Returns the scenario of all trials: the given one, or the usual one of its kind.
+fn scenario_of(args: &BenchmarkArgs, kind: Kind) -> ScenarioArgs {
     let usual = match kind {
         Kind::Mission { .. } => "shipped:solve",
         Kind::Tier { .. } => "shipped:table",
     };
-    let path = args.scenario.clone().unwrap_or_else(|| usual.into());
-    let from = ScenarioArgs { scenario: path, set: args.set.clone() };
-    if let Some(why) =
-        clash(&[("the scenario", Some(&from.scenario))], &[("-o", args.output.as_ref())])
-    {
-        return told(&why);
-    }
-    let scenario = match from.load(&[]) {
-        Ok(scenario) => scenario,
-        Err(faults) => return told(&faults),
+    let scenario = args.scenario.clone().unwrap_or_else(|| usual.into());
+    ScenarioArgs { scenario, set: args.set.clone() }
+}
+
+/// Checks that no tool stands nearer to the cube's place at the start than is allowed.
+fn check_clearance(args: &BenchmarkArgs, setup: &Setup) -> anyhow::Result<()> {
+    let Some((name, _, near)) = setup.effectors.iter().find(|e| e.2 < setup.clearance) else {
+        return Ok(());
     };
-    if scenario.controller.task.word() != "solve" {
-        return told("a benchmark wants a scenario of the task \"solve\"");
-    }
-    let setup = setup(args, kind, &from, &scenario);
-    if let Some((name, _, near)) = setup.effectors.iter().find(|e| e.2 < setup.clearance) {
-        let (near, least) = (near * 1e3, args.clearance_mm);
-        return told(&format!(
-            "{name} stands {near:.0} mm from the cube's place at the start: less than {least} mm"
-        ));
-    }
+    let (near, least) = (near * 1e3, args.clearance_mm);
+    Err(refuse(format!(
+        "{name} stands {near:.0} mm from the cube's place at the start: less than {least} mm"
+    )))
+}
+
+/// Prepares the trials; each trial of a tier has a cube of its own.
+fn campaign(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs) -> anyhow::Result<Campaign> {
     let shape = Shape {
         seed: args.seed,
         runs: kind.trials(),
@@ -116,40 +142,29 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
             vec![Drawn { key: "cube.state".to_owned(), value, from: "--tier".to_owned() }]
         }
     };
-    let mut campaign = match Campaign::prepare(&from, &shape, String::new(), draw) {
-        Ok(campaign) => campaign,
-        Err(faults) => return told(&faults),
-    };
-    let performed = campaign.perform(&kind.name())?;
-    if performed == Performed::Changed {
-        return Ok(WRONG);
+    Campaign::prepare(from, &shape, String::new(), draw).map_err(refuse)
+}
+
+/// Writes the protocol to a file, unless no trial was done.
+fn keep(path: &Path, text: &str, tally: &Tally) -> anyhow::Result<()> {
+    if tally.runs() > 0 {
+        save(path, text.as_bytes())?;
+        complain(&format!("protocol: {}", path.display()));
+    } else {
+        complain(&format!("no run was done: {} stays as it is", path.display()));
     }
-    let tally = Tally::of(&campaign.state);
-    let score = score(&tally, args.within_s);
-    let text = protocol(&setup, &tally, &score);
-    if let Some(path) = &args.output {
-        if tally.runs() > 0 {
-            save(path, text.as_bytes())?;
-            complain(&format!("protocol: {}", path.display()));
-        } else {
-            complain(&format!("no run was done: {} stays as it is", path.display()));
-        }
-    }
-    if args.json {
-        let clearances: Vec<_> = clearances(&tally)
-            .map(|(seed, clearance)| json!({ "seed": seed, "clearance_mm": clearance }))
-            .collect();
-        let object = json!({
-            "benchmark": kind.name(), "start": setup.start(), "clearances": clearances,
-            "clearance_m": setup.clearance, "within_s": args.within_s,
-            "score": score.json(), "campaign": tally.json(),
-        });
-        output.line(&object.to_string())?;
-    } else if args.output.is_none() {
-        output.text(&text)?;
-    }
-    let interrupted = performed == Performed::Interrupted;
-    Ok(if interrupted { 130 } else { u8::from(!score.is_whole()) })
+    Ok(())
+}
+
+fn object(kind: Kind, setup: &Setup, tally: &Tally, score: &Score) -> Value {
+    let clearances: Vec<_> = clearances(tally)
+        .map(|(seed, clearance)| json!({ "seed": seed, "clearance_mm": clearance }))
+        .collect();
+    json!({
+        "benchmark": kind.name(), "start": setup.start(), "clearances": clearances,
+        "clearance_m": setup.clearance, "within_s": setup.limit,
+        "score": score.json(), "campaign": tally.json(),
+    })
 }
 
 fn setup(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs, scenario: &Scenario) -> Setup {
@@ -189,7 +204,8 @@ fn setup(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs, scenario: &Scena
     }
 }
 
-/// Name, kind and distance of the tool at the start from the nearest place where the cube's centre may be [m].
+/// Name, kind and distance of the tool at the start from the nearest place where the cube's centre
+/// may be [m].
 fn effectors(cell: &Cell) -> Vec<(String, String, f64)> {
     let zone = &cell.hand;
     let of = |arm: &crate::cell::Arm| {

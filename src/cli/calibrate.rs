@@ -4,7 +4,7 @@
 //! - out: a table of what was found and of the error that it leaves; the camera section as TOML
 
 use super::arguments::ScenarioArgs;
-use super::output::{Output, WRONG, clash, complain, save};
+use super::output::{Output, clash, complain, refuse, save};
 use crate::cell::{Camera, Mount};
 use crate::run::calibrate::{self, Errors, Report};
 use crate::scenario::{CameraSource, Scenario};
@@ -49,19 +49,8 @@ pub(super) struct CalibrateArgs {
 
 /// Returns the exit code.
 pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Result<u8> {
-    if let Some(why) =
-        clash(&[("the scenario", Some(&args.scenario.scenario))], &[("-o", args.output.as_ref())])
-    {
-        complain(&why);
-        return Ok(WRONG);
-    }
-    let mut scenario = match args.scenario.load(&[]) {
-        Ok(scenario) => scenario,
-        Err(faults) => {
-            complain(&faults);
-            return Ok(WRONG);
-        }
-    };
+    clash(&[("the scenario", Some(&args.scenario.scenario))], &[("-o", args.output.as_ref())])?;
+    let mut scenario = args.scenario.load(&[]).map_err(refuse)?;
     scenario.seed = args.seed.unwrap_or(scenario.seed);
     let cameras = &scenario.controller.cell.cameras;
     let wanted = match &args.camera {
@@ -69,8 +58,7 @@ pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Re
         Some(name) => {
             let Some(index) = cameras.iter().position(|c| c.name == *name) else {
                 let names: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
-                complain(&format!("--camera {name}: there are {}", names.join(", ")));
-                return Ok(WRONG);
+                return Err(refuse(format!("--camera {name}: there are {}", names.join(", "))));
             };
             Some(index)
         }

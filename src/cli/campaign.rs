@@ -1,13 +1,13 @@
 //! `rubik-robot campaign`: a scenario many times, each in a process of its own, and what they come to together.
 
 use super::arguments::ScenarioArgs;
-use super::output::{Output, WRONG, clash, complain, save};
+use super::output::{Output, WRONG, clash, complain, refuse, save};
 use super::progress::Bar;
 use super::record;
 use crate::campaign::page;
 use crate::campaign::result::{RunResult, Verdict};
 use crate::campaign::runner::{Job, Runner};
-use crate::campaign::soak::soak;
+use crate::campaign::soak::{Soak, soak};
 use crate::campaign::state::{self, Header, MOST_RUNS, Shard, State, Unusable};
 use crate::campaign::tally::Tally;
 use crate::campaign::vary::{Drawn, Vary};
@@ -127,27 +127,15 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     }
     let scenario =
         ScenarioArgs { scenario: args.scenario.clone().unwrap_or_default(), set: args.set.clone() };
-    if let Err(reason) = seedless(&args.set) {
-        return Ok(told(&reason));
-    }
+    seedless(&args.set).map_err(refuse)?;
     if let Some(hours) = args.soak {
         return soaked(&scenario, args, hours, output);
     }
-    if let Err(reason) = args.told.check() {
-        return Ok(told(&reason));
-    }
-    let vary = match &args.vary {
-        None => None,
-        Some(path) => match read_vary(path) {
-            Ok(read) => Some(read),
-            Err(faults) => return Ok(told(&faults)),
-        },
-    };
+    args.told.check().map_err(refuse)?;
+    let vary = args.vary.as_deref().map(read_vary).transpose().map_err(refuse)?;
     let inputs = [("the scenario", args.scenario.as_ref()), ("--vary", args.vary.as_ref())];
     let outputs = [("--state", args.state.as_ref()), ("-o", args.told.output.as_ref())];
-    if let Some(why) = clash(&inputs, &outputs) {
-        return Ok(told(&why));
-    }
+    clash(&inputs, &outputs)?;
     let shape = Shape {
         seed: args.seed,
         runs: args.runs.unwrap_or(1),
@@ -157,19 +145,15 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     };
     let (text, vary) = vary.unzip();
     let draw = |seed: u64| vary.as_ref().map_or_else(Vec::new, |vary: &Vary| vary.draw(seed));
-    let mut campaign = match Campaign::prepare(&scenario, &shape, text.unwrap_or_default(), draw) {
-        Ok(campaign) => campaign,
-        Err(faults) => {
-            let drawn = args.vary.as_ref().filter(|_| faults.starts_with("what seed"));
-            let from =
-                drawn.map_or_else(String::new, |path| format!("--vary: {}: ", path.display()));
-            return Ok(told(&format!("{from}{faults}")));
-        }
+    let refused = |faults: String| {
+        let drawn = args.vary.as_ref().filter(|_| faults.starts_with("what seed"));
+        let from = drawn.map_or_else(String::new, |path| format!("--vary: {}: ", path.display()));
+        refuse(format!("{from}{faults}"))
     };
-    if let Some(path) = &args.state
-        && let Err(why) = campaign.keep_in(path)
-    {
-        return Ok(told(&format!("{}: {why}", path.display())));
+    let mut campaign =
+        Campaign::prepare(&scenario, &shape, text.unwrap_or_default(), draw).map_err(refused)?;
+    if let Some(path) = &args.state {
+        campaign.keep_in(path).map_err(|why| refuse(format!("{}: {why}", path.display())))?;
     }
     let performed = campaign.perform("campaign")?;
     let interrupted = performed == Performed::Interrupted;
@@ -185,11 +169,6 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     })
 }
 
-fn told(why: &str) -> u8 {
-    complain(why);
-    WRONG
-}
-
 fn read_vary(path: &Path) -> Result<(String, Vary), String> {
     let text =
         text::read(path, text::SCENARIO).map_err(|e| format!("--vary: {}: {e}", path.display()))?;
@@ -198,32 +177,23 @@ fn read_vary(path: &Path) -> Result<(String, Vary), String> {
 }
 
 fn merge(files: &[PathBuf], how: &ToldArgs, output: &mut Output) -> anyhow::Result<u8> {
-    if let Err(reason) = how.check() {
-        return Ok(told(&reason));
-    }
+    how.check().map_err(refuse)?;
     let inputs: Vec<_> = files.iter().map(|path| ("a campaign's state", Some(path))).collect();
-    if let Some(why) = clash(&inputs, &[("-o", how.output.as_ref())]) {
-        return Ok(told(&why));
-    }
+    clash(&inputs, &[("-o", how.output.as_ref())])?;
     let (mut whole, mut shards): (Option<State>, _) = (None, Vec::new());
     for path in files {
         let read =
             File::open(path).map_err(Unusable::from).map(BufReader::new).and_then(State::read);
-        let state = match read {
-            Ok(state) => state,
-            Err(why) => return Ok(told(&format!("{}: {why}", path.display()))),
-        };
+        let unusable = |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", path.display()));
+        let state = read.map_err(|why| unusable(&why))?;
         if state.torn {
             complain(&format!("{}: its last line is cut off, and left out", path.display()));
         }
         shards.push(state.header.shard);
-        whole = match whole {
-            None => Some(state),
-            Some(mut whole) => match whole.merge(state) {
-                Ok(()) => Some(whole),
-                Err(why) => return Ok(told(&format!("{}: {why}", path.display()))),
-            },
-        };
+        match &mut whole {
+            None => whole = Some(state),
+            Some(whole) => whole.merge(state).map_err(|why| unusable(&why))?,
+        }
     }
     let Some(mut whole) = whole else { return Ok(WRONG) };
     let lacking = whole.whole_of(&shards);
@@ -462,46 +432,41 @@ impl Campaign {
                 written.map_err(|e| e.to_string())?;
             }
             Err(why) => return Err(why.to_string()),
-            Ok(mut found) => {
-                let own = &self.state.header;
-                let longer = found.header.begins(own) && found.header.runs < own.runs;
-                if own.begins(&found.header) && own.runs < found.header.runs {
-                    let runs = found.header.runs;
-                    return Err(format!("it is of {runs} runs already; --runs {runs} or more"));
-                }
-                if longer {
-                    found.header.runs = own.runs;
-                }
-                if let Some(difference) = found.header.differs(own) {
-                    return Err(format!("of another campaign: they differ in {difference}"));
-                }
-                if found.header.shard != own.shard {
-                    let (theirs, own) = (found.header.shard, own.shard);
-                    return Err(format!("of shard {theirs}, not {own}"));
-                }
-                if found.header.build != own.build {
-                    return Err("of another build of this program; results of two programs are no measurement: take another file".to_owned());
-                }
-                let cut =
-                    if found.torn { "; its last line was cut off, and is left out" } else { "" };
-                complain(&format!(
-                    "{}: going on behind {} of {} runs{cut}",
-                    path.display(),
-                    found.results.len(),
-                    self.jobs.len()
-                ));
-                // A cut line must not begin the next one.
-                file.set_len(found.whole)
-                    .and_then(|()| file.seek(SeekFrom::End(0)))
-                    .map_err(|e| e.to_string())?;
-                if longer {
-                    file.write_all(state::first_line(own).as_bytes()).map_err(|e| e.to_string())?;
-                }
-                self.jobs.retain(|job| !found.results.contains_key(&job.seed));
-                self.state.results = found.results;
-            }
+            Ok(found) => self.continue_from(found, &mut file, path)?,
         }
         self.kept = Some(file);
+        Ok(())
+    }
+
+    /// Takes up the results that were found in the file, if they are of this campaign.
+    fn continue_from(
+        &mut self,
+        mut found: State,
+        file: &mut File,
+        path: &Path,
+    ) -> Result<(), String> {
+        let own = &self.state.header;
+        let longer = found.header.begins(own) && found.header.runs < own.runs;
+        if longer {
+            found.header.runs = own.runs;
+        }
+        is_same_campaign(&found.header, own)?;
+        let cut = if found.torn { "; its last line was cut off, and is left out" } else { "" };
+        complain(&format!(
+            "{}: going on behind {} of {} runs{cut}",
+            path.display(),
+            found.results.len(),
+            self.jobs.len()
+        ));
+        // A cut line must not begin the next one.
+        file.set_len(found.whole)
+            .and_then(|()| file.seek(SeekFrom::End(0)))
+            .map_err(|e| e.to_string())?;
+        if longer {
+            file.write_all(state::first_line(own).as_bytes()).map_err(|e| e.to_string())?;
+        }
+        self.jobs.retain(|job| !found.results.contains_key(&job.seed));
+        self.state.results = found.results;
         Ok(())
     }
 
@@ -549,6 +514,28 @@ impl Campaign {
     }
 }
 
+/// Checks that a file's header is that of this campaign; returns the difference.
+fn is_same_campaign(found: &Header, own: &Header) -> Result<(), String> {
+    if own.begins(found) && own.runs < found.runs {
+        let runs = found.runs;
+        return Err(format!("it is of {runs} runs already; --runs {runs} or more"));
+    }
+    if let Some(difference) = found.differs(own) {
+        return Err(format!("of another campaign: they differ in {difference}"));
+    }
+    if found.shard != own.shard {
+        return Err(format!("of shard {}, not {}", found.shard, own.shard));
+    }
+    if found.build != own.build {
+        return Err(
+            "of another build of this program; results of two programs are no measurement: take \
+             another file"
+                .to_owned(),
+        );
+    }
+    Ok(())
+}
+
 fn sentence(run: &RunResult) -> String {
     let phase = if run.phase.is_empty() { String::new() } else { format!(" in {}", run.phase) };
     format!("seed {} {}{phase}: {}", run.seed, run.verdict.word(), run.reason)
@@ -583,28 +570,18 @@ fn check(path: &Path, text: &str, set: &[Override], drawn: &[Drawn]) -> Result<S
     scenario::read(path, text, &overrides).map_err(|faults| faults.to_string())
 }
 
+/// Performs a soak of `hours` of simulated time; returns the exit code.
 fn soaked(
     scenario: &ScenarioArgs,
     args: &CampaignArgs,
     hours: f64,
     output: &mut Output,
 ) -> anyhow::Result<u8> {
-    if let Err(reason) = args.told.check() {
-        return Ok(told(&reason));
-    }
+    args.told.check().map_err(refuse)?;
     if !(hours.is_finite() && hours > 0.0) {
-        return Ok(told("--soak: hours of simulated time, as in 8"));
+        return Err(refuse("--soak: hours of simulated time, as in 8"));
     }
-    let mut scenarios = Vec::new();
-    for seed in args.seed..args.seed.saturating_add(args.soak_seeds) {
-        match scenario.load(&[Override::option("--seed", "seed", &seed.to_string())]) {
-            Ok(loaded) if loaded.bridge.kind.is_hardware() => {
-                return Ok(told("a soak needs the simulated plant"));
-            }
-            Ok(loaded) => scenarios.push(loaded),
-            Err(faults) => return Ok(told(&faults)),
-        }
-    }
+    let scenarios = soak_scenarios(scenario, args)?;
     let stop = stop_flag()?;
     complain("     hours  missions  memory [MiB]  times real time  mission [s]  drift [s]");
     let soak = soak(&scenarios, hours, &stop, |t| {
@@ -614,39 +591,61 @@ fn soaked(
             t.hours, t.missions, t.times_real_time, t.mission_s, t.drift_s
         ));
     });
-    let interrupted = stop.load(Ordering::SeqCst) || soak.tenths.len() < 10;
     if args.told.json {
         output.line(&soak.json().to_string())?;
     } else {
-        let (repeated, differently) = soak.repeated;
-        let growth = match (soak.growth_mib(), soak.is_flat()) {
-            (Some(growth), Some(flat)) => {
-                format!(
-                    "{growth:+.1} MiB after the second tenth: {}",
-                    if flat { "flat" } else { "GROWING" }
-                )
-            }
-            _ => "not known".to_owned(),
-        };
-        output.text(&format!(
-            "missions      {}, {} solved\nmemory        {growth}\nrepeated      {repeated}, {differently} of them differently\n{}",
-            soak.results.len(),
-            soak.solved(),
-            soak.results.iter().filter(|r| r.verdict != Verdict::Solved).map(|r| sentence(r) + "\n").collect::<String>()
-        ))?;
+        output.text(&soak_text(&soak))?;
     }
-    if interrupted {
+    if stop.load(Ordering::SeqCst) || soak.tenths.len() < 10 {
         return Ok(INTERRUPTED);
     }
-    let least = args.told.at_least.unwrap_or(1.0);
+    let reasons = soak_failures(&soak, args.told.at_least.unwrap_or(1.0));
+    for reason in &reasons {
+        complain(reason);
+    }
+    Ok(u8::from(!reasons.is_empty()))
+}
+
+/// Loads the scenario once for each seed of a soak.
+fn soak_scenarios(scenario: &ScenarioArgs, args: &CampaignArgs) -> anyhow::Result<Vec<Scenario>> {
+    let mut scenarios = Vec::new();
+    for seed in args.seed..args.seed.saturating_add(args.soak_seeds) {
+        let seed = Override::option("--seed", "seed", &seed.to_string());
+        let loaded = scenario.load(&[seed]).map_err(refuse)?;
+        if loaded.bridge.kind.is_hardware() {
+            return Err(refuse("a soak needs the simulated plant"));
+        }
+        scenarios.push(loaded);
+    }
+    Ok(scenarios)
+}
+
+/// Returns the result of a soak in words.
+fn soak_text(soak: &Soak) -> String {
+    let (repeated, differently) = soak.repeated;
+    let growth = match (soak.growth_mib(), soak.is_flat()) {
+        (Some(growth), Some(flat)) => {
+            let word = if flat { "flat" } else { "GROWING" };
+            format!("{growth:+.1} MiB after the second tenth: {word}")
+        }
+        _ => "not known".to_owned(),
+    };
+    let failed = soak.results.iter().filter(|r| r.verdict != Verdict::Solved);
+    format!(
+        "missions      {}, {} solved\nmemory        {growth}\n\
+         repeated      {repeated}, {differently} of them differently\n{}",
+        soak.results.len(),
+        soak.solved(),
+        failed.map(|r| sentence(r) + "\n").collect::<String>()
+    )
+}
+
+/// Returns why a soak has failed: too few missions solved, or memory or times that drift.
+fn soak_failures(soak: &Soak, least: f64) -> Vec<String> {
     let short = (soak.success() < least).then(|| {
         let (all, solved) = (soak.results.len() as u64, soak.solved());
         format!("{} of {all} missions were not solved; --at-least {least}", all - solved)
     });
     let unsteady = soak.unsteady().map(|why| format!("not steady: {why}"));
-    let reasons: Vec<String> = short.into_iter().chain(unsteady).collect();
-    for reason in &reasons {
-        complain(reason);
-    }
-    Ok(u8::from(!reasons.is_empty()))
+    short.into_iter().chain(unsteady).collect()
 }

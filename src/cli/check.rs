@@ -1,29 +1,22 @@
 //! `rubik-robot check`: everything that is wrong with a scenario, without running it.
 
 use super::arguments::ScenarioArgs;
-use super::output::{Output, WRONG, complain};
+use super::output::{Output, refuse};
 
 /// Checks a scenario and returns the exit code.
 pub(super) fn run(args: &ScenarioArgs, output: &mut Output) -> anyhow::Result<u8> {
-    match args.load(&[]) {
-        Err(faults) => {
-            complain(&faults);
-            Ok(WRONG)
-        }
-        Ok(scenario) => {
-            let controller = &scenario.controller;
-            let names: Vec<&str> = controller.cell.arms.iter().map(|a| a.name.as_str()).collect();
-            output.line(&format!(
-                "{}: right: task {}, coordination {}, effectors {}, {} cameras, {} sensors, seed {}",
-                args.scenario.display(),
-                controller.task.word(),
-                controller.coordination.word(),
-                names.join(" and "),
-                controller.cell.cameras.len(),
-                controller.vsps.len(),
-                scenario.seed,
-            ))?;
-            Ok(0)
-        }
-    }
+    let scenario = args.load(&[]).map_err(refuse)?;
+    let controller = &scenario.controller;
+    let names: Vec<&str> = controller.cell.arms.iter().map(|a| a.name.as_str()).collect();
+    output.line(&format!(
+        "{}: right: task {}, coordination {}, effectors {}, {} cameras, {} sensors, seed {}",
+        args.scenario.display(),
+        controller.task.word(),
+        controller.coordination.word(),
+        names.join(" and "),
+        controller.cell.cameras.len(),
+        controller.vsps.len(),
+        scenario.seed,
+    ))?;
+    Ok(0)
 }

@@ -1,7 +1,7 @@
 //! `rubik-robot emulate`: the cell of a scenario behind serial lines and sockets, as a robot would stand there.
 
 use super::arguments::ScenarioArgs;
-use super::output::{Output, WRONG, complain};
+use super::output::{Output, complain, refuse};
 use crate::cell::Arm;
 use crate::error::Error;
 use crate::hw::emulator::{At, EmulatorOptions, LineFaults, SensorKind};
@@ -90,20 +90,8 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
     if let Some(cube) = &args.cube {
         more.push(Override::option("--cube", "cube.state", cube));
     }
-    let scenario = match args.scenario.load(&more) {
-        Ok(scenario) => scenario,
-        Err(faults) => {
-            complain(&faults);
-            return Ok(WRONG);
-        }
-    };
-    let faults = match faults(args, &scenario.controller.cell.arms) {
-        Ok(faults) => faults,
-        Err(reason) => {
-            complain(&reason);
-            return Ok(WRONG);
-        }
-    };
+    let scenario = args.scenario.load(&more).map_err(refuse)?;
+    let faults = faults(args, &scenario.controller.cell.arms).map_err(refuse)?;
     let options = options(args, faults, scenario.seed);
     let devices =
         args.devices.clone().unwrap_or_else(|| scenario.bridge.devices_at(&scenario.path));

@@ -1,6 +1,6 @@
 //! `rubik-robot keys`: the keys of scenarios with unit, default, range and meaning.
 
-use super::output::{Output, WRONG, complain};
+use super::output::{Output, refuse};
 use crate::scenario;
 
 /// Lists the keys whose name contains `word`; returns the exit code.
@@ -18,8 +18,7 @@ pub(super) fn run(word: Option<&str>, output: &mut Output) -> anyhow::Result<u8>
         output.line(&format!("    {} ({}{range})", key.meaning, key.kind))?;
     }
     if !found {
-        complain(&format!("no key contains `{}`", word.unwrap_or_default()));
-        return Ok(WRONG);
+        return Err(refuse(format!("no key contains `{}`", word.unwrap_or_default())));
     }
     Ok(0)
 }

@@ -5,7 +5,7 @@
 //!   `motors` `motors`; each with `limits`, the list of what is exceeded; or `error` in place of
 //!   the answer
 
-use super::output::{Output, WRONG, complain, next_line};
+use super::output::{Output, next_line, refuse};
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions, MoveRefused};
 use crate::scenario;
@@ -49,18 +49,11 @@ pub(super) fn run(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<
         Some(path) => scenario::load(path, &[]),
         None => scenario::read(Path::new("the built-in cell"), "", &[]),
     };
-    let scenario = match loaded {
-        Ok(scenario) => scenario,
-        Err(faults) => {
-            complain(&faults.to_string());
-            return Ok(WRONG);
-        }
-    };
+    let scenario = loaded.map_err(refuse)?;
     let arms = &scenario.controller.cell.arms;
     let Some(arm) = arms.iter().find(|a| a.name == args.arm) else {
         let names: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
-        complain(&format!("--arm {}: there are {}", args.arm, names.join(" and ")));
-        return Ok(WRONG);
+        return Err(refuse(format!("--arm {}: there are {}", args.arm, names.join(" and "))));
     };
     let rows = std::io::stdin().lock();
     output.write(|to| stream(args.question, &arm.model, &arm.flange_from_tool, rows, to))?;

@@ -41,7 +41,7 @@ mod weigh;
 
 use arguments::ScenarioArgs;
 use clap::{CommandFactory, Parser, Subcommand};
-use output::{Output, complain};
+use output::{Output, Refused, WRONG, complain};
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
 
@@ -234,7 +234,13 @@ pub fn main() -> ExitCode {
         }
         Command::Man { command } => shell::manual(command.as_deref(), Cli::command(), &mut output),
     };
-    let code = done.and_then(|code| output.flush().map(|()| code));
+    let code = done.or_else(|error| {
+        error.downcast::<Refused>().map(|why| {
+            complain(&why.to_string());
+            WRONG
+        })
+    });
+    let code = code.and_then(|code| output.flush().map(|()| code));
     match code {
         Ok(code) => ExitCode::from(code),
         Err(error) => {

@@ -6,13 +6,32 @@
 
 use crate::record::place::Place;
 use anyhow::Context as _;
+use std::fmt;
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// The exit code of a wrong call or scenario.
 pub(super) const WRONG: u8 = 2;
 
-/// Prints what is wrong on stderr. A stderr that is closed is ignored: no place is left to report it.
+/// A call or a scenario that a command refuses: `main` prints the reason and exits with [`WRONG`].
+#[derive(Debug)]
+pub(super) struct Refused(String);
+
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Refused {}
+
+/// Makes the error of a refused call or scenario.
+pub(super) fn refuse(reason: impl fmt::Display) -> anyhow::Error {
+    anyhow::Error::new(Refused(reason.to_string()))
+}
+
+/// Prints what is wrong on stderr. A stderr that is closed is ignored: no place is left to report
+/// it.
 pub(super) fn complain(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
@@ -40,9 +59,16 @@ pub fn save(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
 /// A file of a command: what it is, and its name where it is given.
 pub type Named<'a> = (&'a str, Option<&'a PathBuf>);
 
-/// Why these files cannot be read and written by one command: one of them would be written over another.
-#[must_use]
-pub fn clash(inputs: &[Named<'_>], outputs: &[Named<'_>]) -> Option<String> {
+/// Refuses files of which the command would write one over another.
+///
+/// # Errors
+/// [`Refused`] with the two that clash.
+pub(super) fn clash(inputs: &[Named<'_>], outputs: &[Named<'_>]) -> anyhow::Result<()> {
+    first_clash(inputs, outputs).map_or(Ok(()), |reason| Err(refuse(reason)))
+}
+
+/// Returns why the command would write one of these files over another.
+fn first_clash(inputs: &[Named<'_>], outputs: &[Named<'_>]) -> Option<String> {
     for (i, (what, path)) in outputs.iter().enumerate() {
         let Some(path) = path else { continue };
         // It is written as a part beside it first.
@@ -64,7 +90,8 @@ pub fn clash(inputs: &[Named<'_>], outputs: &[Named<'_>]) -> Option<String> {
     None
 }
 
-/// Whether two names are of one file, whether it is there yet or not; devices and pipes are no files.
+/// Whether two names are of one file, whether it is there yet or not; devices and pipes are no
+/// files.
 fn is_same(one: &Path, other: &Path) -> bool {
     use std::os::unix::fs::MetadataExt as _;
     if let (Ok(one), Ok(other)) = (std::fs::metadata(one), std::fs::metadata(other)) {
@@ -80,8 +107,9 @@ fn is_same(one: &Path, other: &Path) -> bool {
     whole(one).is_some_and(|one| whole(other) == Some(one))
 }
 
-/// The next line of a stream, without its end, into `line`; of a longer one than `most` bytes the beginning, the rest
-/// is passed over. Returns whether it is whole; `None` at the end of the stream.
+/// The next line of a stream, without its end, into `line`; of a longer one than `most` bytes the
+/// beginning, the rest is passed over. Returns whether it is whole; `None` at the end of the
+/// stream.
 ///
 /// # Errors
 /// Those of reading.
@@ -246,19 +274,20 @@ mod tests {
         std::fs::hard_link(&there, folder.join("hard")).unwrap();
         let (whole, part) = (folder.join("z.mcap"), folder.join("z.mcap.part"));
         std::fs::write(&part, "").unwrap();
-        let told = clash(&[("the recording", Some(&part))], &[("-o", Some(&whole))]);
+        let told = first_clash(&[("the recording", Some(&part))], &[("-o", Some(&whole))]);
         assert!(told.unwrap().contains("is the recording"));
         for name in ["s.toml", "sub/../s.toml", "link", "hard"] {
             let path = folder.join(name);
-            let told = clash(&[("the scenario", Some(&there))], &[("-o", Some(&path))]);
+            let told = first_clash(&[("the scenario", Some(&there))], &[("-o", Some(&path))]);
             assert!(told.unwrap().contains("is the scenario"), "{name}");
         }
         let (new, again) = (folder.join("new"), folder.join("sub/../new"));
-        let told = clash(&[], &[("--world", Some(&new)), ("--record", Some(&again))]).unwrap();
+        let told =
+            first_clash(&[], &[("--world", Some(&new)), ("--record", Some(&again))]).unwrap();
         assert!(told.starts_with("--record: ") && told.contains("is --world, too"), "{told}");
-        assert_eq!(clash(&[("s", Some(&there))], &[("-o", Some(&new)), ("-p", None)]), None);
+        assert_eq!(first_clash(&[("s", Some(&there))], &[("-o", Some(&new)), ("-p", None)]), None);
         let null = PathBuf::from("/dev/null");
-        assert_eq!(clash(&[], &[("--world", Some(&null)), ("--record", Some(&null))]), None);
+        assert_eq!(first_clash(&[], &[("--world", Some(&null)), ("--record", Some(&null))]), None);
         std::fs::remove_dir_all(folder).unwrap();
     }
 

@@ -1,7 +1,7 @@
 //! `rubik-robot picture`: draws the cell of a scenario, and of a moment of a run for `report`.
 
 use super::arguments::ScenarioArgs;
-use super::output::{Output, WRONG, clash, complain, save};
+use super::output::{Output, clash, refuse, save};
 use crate::cube::{Axis, Face, Facelets, Keeper};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
 use crate::hw::scene::{Scene, SceneArm, SceneCube};
@@ -38,22 +38,13 @@ pub(super) struct PictureArgs {
 pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result<u8> {
     let format = ImageFormat::from_path(&args.out).ok().filter(ImageFormat::writing_enabled);
     let Some(format) = format else {
-        complain(&format!("--out {}: a picture's name ends in .png or .jpg", args.out.display()));
-        return Ok(WRONG);
+        return Err(refuse(format!(
+            "--out {}: a picture's name ends in .png or .jpg",
+            args.out.display()
+        )));
     };
-    if let Some(why) =
-        clash(&[("the scenario", Some(&args.scenario.scenario))], &[("--out", Some(&args.out))])
-    {
-        complain(&why);
-        return Ok(WRONG);
-    }
-    let scenario = match args.scenario.load(&[]) {
-        Ok(scenario) => scenario,
-        Err(faults) => {
-            complain(&faults);
-            return Ok(WRONG);
-        }
-    };
+    clash(&[("the scenario", Some(&args.scenario.scenario))], &[("--out", Some(&args.out))])?;
+    let scenario = args.scenario.load(&[]).map_err(refuse)?;
     let cell = &scenario.controller.cell;
     let cube = scenario.plant.cube_state.unwrap_or_else(Facelets::solved);
     let scene = before(&scenario.controller, &cube);
@@ -62,8 +53,7 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
         Some(name) => {
             let Some(camera) = cell.cameras.iter().find(|c| c.name == *name) else {
                 let names: Vec<&str> = cell.cameras.iter().map(|c| c.name.as_str()).collect();
-                complain(&format!("--camera {name}: there are {}", names.join(", ")));
-                return Ok(WRONG);
+                return Err(refuse(format!("--camera {name}: there are {}", names.join(", "))));
             };
             let look = Look { lens_cap: scenario.plant.keys.lens_cap, ..Look::default() };
             Renderer::new(camera.clone(), look, scenario.seed)
@@ -73,10 +63,7 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
     };
     let mut file = std::io::Cursor::new(Vec::new());
     image.write_to(&mut file, format)?;
-    if let Err(error) = save(&args.out, file.get_ref()) {
-        complain(&format!("{error:#}"));
-        return Ok(WRONG);
-    }
+    save(&args.out, file.get_ref()).map_err(|error| refuse(format!("{error:#}")))?;
     output.line(&format!("{}: {} x {}", args.out.display(), image.width(), image.height()))?;
     Ok(0)
 }

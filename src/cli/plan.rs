@@ -1,7 +1,7 @@
 //! `rubik-robot plan`: what two arms do with a cube, without moving them.
 
 use super::engine::{best_within, default_tables};
-use super::output::{Output, WRONG, complain};
+use super::output::{Output, WRONG, complain, refuse};
 use super::solve::{Refusal, read};
 use crate::cube::{Cube, format_turns};
 use crate::solver::{self, Budget, Tables};
@@ -63,24 +63,12 @@ pub(super) fn run(args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
         Some(path) => scenario::load(path, &[]),
         None => scenario::read(Path::new("the built-in cell"), "", &[]),
     };
-    let scenario = match scenario {
-        Ok(scenario) => scenario,
-        Err(faults) => {
-            complain(&faults.to_string());
-            return Ok(WRONG);
-        }
-    };
+    let scenario = scenario.map_err(refuse)?;
     let cube = match read(&args.cube) {
         Ok((cube, _)) => cube,
-        Err(refusal) => return refuse(&refusal, args, output),
+        Err(refusal) => return print_refusal(&refusal, args, output),
     };
-    let planner = match run::planner(&scenario.controller) {
-        Ok(planner) => planner,
-        Err(reason) => {
-            complain(&reason);
-            return Ok(WRONG);
-        }
-    };
+    let planner = run::planner(&scenario.controller).map_err(refuse)?;
     let planner = args.rule.map_or(planner.clone(), |rule| planner.by_rule(rule.into()));
     let keys = &scenario.controller.planner;
     let most = Effort { nodes: keys.node_budget, candidates: keys.candidates as usize };
@@ -103,7 +91,7 @@ pub(super) fn run(args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
     }
 }
 
-fn refuse(refusal: &Refusal, args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
+fn print_refusal(refusal: &Refusal, args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
     if args.json {
         output.line(&refusal.json(&args.cube).to_string())?;
     } else {

@@ -1,6 +1,6 @@
 //! `rubik-robot recover`: a whole recording of one that was cut off.
 
-use super::output::{WRONG, clash, complain};
+use super::output::{clash, complain, refuse};
 use crate::record::place::Place;
 use crate::record::recover_file::recover_file;
 use clap::Args;
@@ -22,32 +22,17 @@ pub(super) struct RecoverArgs {
 }
 
 pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
-    if let Some(why) =
-        clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])
-    {
-        complain(&why);
-        return Ok(WRONG);
-    }
-    let from = match File::open(&args.recording) {
-        Ok(file) => BufReader::new(file),
-        Err(error) => {
-            complain(&format!("{}: {error}", args.recording.display()));
-            return Ok(WRONG);
-        }
-    };
-    let (to, mut place) = match Place::create(&args.output) {
-        Ok(created) => created,
-        Err(error) => {
-            complain(&format!("{}: {error}", args.output.display()));
-            return Ok(WRONG);
-        }
-    };
+    clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])?;
+    let file = File::open(&args.recording)
+        .map_err(|error| refuse(format!("{}: {error}", args.recording.display())))?;
+    let from = BufReader::new(file);
+    let (to, mut place) = Place::create(&args.output)
+        .map_err(|error| refuse(format!("{}: {error}", args.output.display())))?;
     let saved = match recover_file(from, BufWriter::new(to)) {
         Ok(saved) => saved,
         Err(error) => {
             place.discard()?;
-            complain(&format!("{}: {error}", args.output.display()));
-            return Ok(WRONG);
+            return Err(refuse(format!("{}: {error}", args.output.display())));
         }
     };
     let end = match saved.end.flaw() {

@@ -1,6 +1,6 @@
 //! `rubik-robot replay`: a recording shown again; or its inputs to the same controller, and whether it does the same.
 
-use super::output::{Output, WRONG, complain};
+use super::output::{Output, complain, refuse};
 use super::record;
 use super::ui::{Ui, UiArgs, UiKind};
 use crate::actors::control::is_speed;
@@ -50,35 +50,20 @@ pub(super) struct ReplayArgs {
 }
 
 pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> {
-    let (label, scenario) = match load(&args.recording) {
-        Ok(loaded) => loaded,
-        Err(why) => {
-            complain(&why);
-            return Ok(WRONG);
-        }
-    };
+    let (label, scenario) = load(&args.recording).map_err(refuse)?;
     if !args.verify {
         return show(args, &scenario);
     }
     if label.fact("resumed") == "true" {
-        complain(&format!(
+        return Err(refuse(format!(
             "{}: a resumed run cannot be verified: where it began stands in its journal and world, not in the recording",
             args.recording.display()
-        ));
-        return Ok(WRONG);
+        )));
     }
-    if let Err(why) = fits(&label, args.force) {
-        complain(&why);
-        return Ok(WRONG);
-    }
-    let verified =
-        match verify::verify(&args.recording, &scenario, label.fact("attended") == "true") {
-            Ok(verified) => verified,
-            Err(why) => {
-                complain(&format!("{}: {why}", args.recording.display()));
-                return Ok(WRONG);
-            }
-        };
+    fits(&label, args.force).map_err(refuse)?;
+    let attended = label.fact("attended") == "true";
+    let verified = verify::verify(&args.recording, &scenario, attended)
+        .map_err(|why| refuse(format!("{}: {why}", args.recording.display())))?;
     let same = verified.divergence.is_none();
     if args.json {
         output.line(&json(&verified))?;
@@ -91,28 +76,18 @@ pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> 
 /// Shows a recording in a UI; without one, prints its phases and messages at once.
 fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
     if !is_speed(args.speed) {
-        complain("--speed: a factor of 0.01 or more such as 5, or 0 for as fast as it goes");
-        return Ok(WRONG);
+        return Err(refuse(
+            "--speed: a factor of 0.01 or more such as 5, or 0 for as fast as it goes",
+        ));
     }
     let file = BufReader::with_capacity(1 << 20, File::open(&args.recording)?);
     let title = args.recording.display().to_string();
-    let show = match Show::read(file, scenario, &title) {
-        Ok(show) => show,
-        Err(why) => {
-            complain(&format!("{title}: {why}"));
-            return Ok(WRONG);
-        }
-    };
+    let show =
+        Show::read(file, scenario, &title).map_err(|why| refuse(format!("{title}: {why}")))?;
     let desk = Desk::default();
     let ui = match args.ui.kind(args.json) {
         UiKind::None => Ui::None,
-        kind => match args.ui.open(kind, desk.ui_end()) {
-            Ok(ui) => ui,
-            Err(error) => {
-                complain(&format!("{error:#}"));
-                return Ok(WRONG);
-            }
-        },
+        kind => args.ui.open(kind, desk.ui_end()).map_err(|error| refuse(format!("{error:#}")))?,
     };
     if matches!(ui, Ui::None) {
         for (time, words) in show.told() {

@@ -1,6 +1,6 @@
 //! `rubik-robot report`: one page that tells a recorded run.
 
-use super::output::{WRONG, clash, complain, save};
+use super::output::{clash, complain, refuse, save};
 use super::{picture, replay};
 use crate::operator::Snapshot;
 use crate::record::reading::{End, Label};
@@ -28,34 +28,18 @@ pub(super) struct ReportArgs {
 }
 
 pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
-    let told = |why: &dyn std::fmt::Display| {
-        complain(&format!("{}: {why}", args.recording.display()));
-        Ok(WRONG)
-    };
-    if let Some(why) =
-        clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])
-    {
-        complain(&why);
-        return Ok(WRONG);
-    }
-    let file = match File::open(&args.recording) {
-        Ok(file) => BufReader::with_capacity(1 << 20, file),
-        Err(error) => return told(&error),
-    };
-    let mut story = match gather(file) {
-        Ok(story) => story,
-        Err(why) => return told(&why),
-    };
+    let unread =
+        |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", args.recording.display()));
+    clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])?;
+    let file = File::open(&args.recording).map_err(|why| unread(&why))?;
+    let mut story = gather(BufReader::with_capacity(1 << 20, file)).map_err(|why| unread(&why))?;
     if !story.plans.is_empty() {
         story.drawn = drawn(&args.recording, &story.label).unwrap_or_else(|why| {
             complain(&format!("no step of the plan is drawn: {why}"));
             Vec::new()
         });
     }
-    if let Err(error) = save(&args.output, page(&story).as_bytes()) {
-        complain(&format!("{error:#}"));
-        return Ok(WRONG);
-    }
+    save(&args.output, page(&story).as_bytes()).map_err(|why| refuse(format!("{why:#}")))?;
     if let Some(flaw) = story.file_end.as_ref().and_then(End::flaw) {
         let path = args.recording.display();
         complain(&format!("{path}: {flaw}; the page tells what is there"));

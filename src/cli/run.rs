@@ -1,7 +1,7 @@
 //! `rubik-robot run`: perform a scenario, then say what it came to.
 
 use super::arguments::ScenarioArgs;
-use super::output::{Output, WRONG, clash, complain};
+use super::output::{Output, clash, complain, refuse};
 use super::record;
 use super::ui::{Ui, UiArgs};
 use crate::actors::control::is_speed;
@@ -68,7 +68,8 @@ pub(super) struct RunArgs {
     /// Wait for the operator's start (the page's button; s, Enter)
     #[arg(long)]
     wait: bool,
-    /// Under virtual time: how fast time may go, in times of real time; 0 for as fast as it computes
+    /// Under virtual time: how fast time may go, in times of real time; 0 for as fast as it
+    /// computes
     #[arg(long, value_name = "FACTOR", default_value_t = 0.0)]
     speed: f64,
     #[command(flatten)]
@@ -84,12 +85,12 @@ pub(super) struct RunArgs {
 /// Files that outlive the run.
 #[derive(Debug, Args)]
 struct KeepArgs {
-    /// Note in this file what a run that goes on after a crash must know [with --world: beside that]; refused without --resume
-    /// while it tells of a run that was broken off
+    /// Note in this file what a run that goes on after a crash must know [with --world: beside
+    /// that]; refused without --resume while it tells of a run that was broken off
     #[arg(long, value_name = "FILE")]
     journal: Option<PathBuf>,
-    /// The simulated plant keeps its state in this file, as a real cell stays where it is; FILE.lock beside it, which stays, lets
-    /// no other run do so meanwhile
+    /// The simulated plant keeps its state in this file, as a real cell stays where it is;
+    /// FILE.lock beside it, which stays, lets no other run do so meanwhile
     #[arg(long, value_name = "FILE")]
     world: Option<PathBuf>,
     /// Go on where the run that left --journal (and --world) was broken off
@@ -105,122 +106,123 @@ enum PaceWord {
     RealTime,
 }
 
-/// Returns the exit code.
+/// Performs the run and prints its summary; returns the exit code.
 pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     if args.with_parent {
         set_parent_process_death_signal(Some(Signal::TERM)).context("--with-parent")?;
     }
-    let mut more = Vec::new();
-    if let Some(seed) = &args.seed {
-        more.push(Override::option("--seed", "seed", seed));
-    }
-    if let Some(cube) = &args.cube {
-        more.push(Override::option("--cube", "cube.state", cube));
-    }
-    if let Some(pace) = args.pace {
-        let word = match pace {
-            PaceWord::Virtual => "virtual",
-            PaceWord::RealTime => "real-time",
-        };
-        more.push(Override::option("--pace", "pace", word));
-    }
-    let scenario = match args.scenario.load(&more) {
-        Ok(scenario) => scenario,
-        Err(faults) => {
-            complain(&faults);
-            return Ok(WRONG);
-        }
-    };
-    if args.require_rt && scenario.pace != Pace::RealTime {
-        complain("--require-rt: the pace is virtual; add --pace real-time");
-        return Ok(WRONG);
-    }
-    if !is_speed(args.speed) {
-        complain("--speed: a factor of 0.01 or more such as 5, or 0 for as fast as it computes");
-        return Ok(WRONG);
-    }
-    if let (true, Some(path)) = (args.keep.resume, args.record.as_ref().filter(|p| p.is_file())) {
-        let path = path.display();
-        complain(&format!(
-            "--record: {path} is there already, perhaps of the run that was broken off, and is kept: name another file"
-        ));
-        return Ok(WRONG);
-    }
-    let keep = match keep(&args.keep, &scenario) {
-        Ok(keep) => keep,
-        Err(reason) => {
-            complain(reason);
-            return Ok(WRONG);
-        }
-    };
-    if let Some(why) = overwritten(args, &keep) {
-        complain(&why);
-        return Ok(WRONG);
-    }
+    let more = args.overrides();
+    let scenario = args.scenario.load(&more).map_err(refuse)?;
+    args.check(&scenario)?;
+    let keep = keep(&args.keep, &scenario).map_err(refuse)?;
+    overwritten(args, &keep)?;
+
     let desk = Desk::default();
-    let ui = match args.ui.open(args.ui.kind(args.json), desk.ui_end()) {
-        Ok(ui) => ui,
-        Err(error) => {
-            complain(&format!("{error:#}"));
-            return Ok(WRONG);
-        }
+    let kind = args.ui.kind(args.json);
+    // A refusal from here on is printed when the UI is closed: in the terminal as it was.
+    let ui = args.ui.open(kind, desk.ui_end()).map_err(|error| refuse(format!("{error:#}")))?;
+    let has_ui = !matches!(ui, Ui::None);
+    let recorder = args.recorder(&scenario, more, has_ui)?;
+    let around = Around {
+        desk: has_ui.then(|| desk.run_end()),
+        recorder: recorder.clone(),
+        keep,
+        ..Around::default()
     };
-    // What goes wrong here is told in the terminal as it was.
-    let file = match args.record.as_ref().map(|path| (path, Place::create(path))) {
-        None => None,
-        Some((_, Ok(file))) => Some(file),
-        Some((path, Err(error))) => {
-            drop(ui);
-            complain(&format!("--record: {}: {error}", path.display()));
-            return Ok(WRONG);
-        }
-    };
-    let shown = !matches!(ui, Ui::None);
-    let options = RunOptions {
-        require_real_time: args.require_rt,
-        // Words on stdin are heard from a pipe, too; under --json there is nobody to say any.
-        automatic: args.json || ui.has_terminal(),
-        wait: args.wait && (shown || !args.json),
-        quiet: ui.has_terminal(),
-        interruptible: true,
-        speed: args.speed,
-        stuck: Some(if ui.has_terminal() { ends_on_a_terminal } else { ends }),
-    };
-    let recorder = match file {
-        None => Recorder::default(),
-        Some(file) => {
-            let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(more).collect();
-            let begun = record::Begun { attended: shown, resumed: args.keep.resume };
-            record::begin(file, &scenario, &overrides, begun).context("--record")?
-        }
-    };
-    let run_end = shown.then(|| desk.run_end());
-    let around = Around { desk: run_end, recorder: recorder.clone(), keep, ..Around::default() };
-    let done = run::run_with(&scenario, options, around);
+    let done = run::run_with(&scenario, args.options(&ui), around);
     let written = recorder.finish();
+
     // A terminal is put back as it was before anything is printed on it.
     let (ui, shown) =
         if ui.has_terminal() { (Ui::None, ui.linger(&desk.run_end())) } else { (ui, Ok(())) };
     if let (Some(written), Some(path)) = (written, &args.record) {
         complain(&record::told(path, &written));
     }
-    // Who interrupts the program wants to leave it.
-    let leaves = match &done {
-        Ok(summary) => summary.ended_by == EndedBy::Interrupt,
-        Err(error) => {
-            matches!(error, Error::NonFatal { cause: NonFatal::Interrupted, .. })
-        }
-    };
+    let leaves = is_interrupted(&done);
     let code = told(done, &scenario, args, output)?;
     output.flush()?;
     if let Err(error) = shown {
-        // What the run came to is told all the same, and is what it exits with.
+        // A UI that failed changes neither the summary nor the exit code.
         complain(&format!("{error:#}"));
     }
     if !args.json && !leaves {
         ui.linger(&desk.run_end())?;
     }
     Ok(code)
+}
+
+impl RunArgs {
+    /// Returns the overrides of the options that stand for a key.
+    fn overrides(&self) -> Vec<Override> {
+        let pace = self.pace.map(|pace| match pace {
+            PaceWord::Virtual => "virtual",
+            PaceWord::RealTime => "real-time",
+        });
+        [
+            ("--seed", "seed", self.seed.as_deref()),
+            ("--cube", "cube.state", self.cube.as_deref()),
+            ("--pace", "pace", pace),
+        ]
+        .into_iter()
+        .filter_map(|(option, key, value)| Some(Override::option(option, key, value?)))
+        .collect()
+    }
+
+    /// Checks that the options agree with the scenario and with each other.
+    fn check(&self, scenario: &Scenario) -> anyhow::Result<()> {
+        if self.require_rt && scenario.pace != Pace::RealTime {
+            return Err(refuse("--require-rt: the pace is virtual; add --pace real-time"));
+        }
+        if !is_speed(self.speed) {
+            let reason = "a factor of 0.01 or more such as 5, or 0 for as fast as it computes";
+            return Err(refuse(format!("--speed: {reason}")));
+        }
+        match self.record.as_ref().filter(|path| self.keep.resume && path.is_file()) {
+            Some(path) => Err(refuse(format!(
+                "--record: {} is there already, perhaps of the run that was broken off, and is \
+                 kept: name another file",
+                path.display()
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// Begins the recording, if one is wanted.
+    fn recorder(
+        &self,
+        scenario: &Scenario,
+        more: Vec<Override>,
+        attended: bool,
+    ) -> anyhow::Result<Recorder> {
+        let Some(path) = &self.record else { return Ok(Recorder::default()) };
+        let file = Place::create(path)
+            .map_err(|error| refuse(format!("--record: {}: {error}", path.display())))?;
+        let overrides: Vec<_> = self.scenario.overrides().into_iter().chain(more).collect();
+        let begun = record::Begun { attended, resumed: self.keep.resume };
+        record::begin(file, scenario, &overrides, begun).context("--record")
+    }
+
+    fn options(&self, ui: &Ui) -> RunOptions {
+        let has_ui = !matches!(ui, Ui::None);
+        RunOptions {
+            require_real_time: self.require_rt,
+            // Words on stdin are read from a pipe, too; under --json no person is there to say any.
+            automatic: self.json || ui.has_terminal(),
+            wait: self.wait && (has_ui || !self.json),
+            quiet: ui.has_terminal(),
+            interruptible: true,
+            speed: self.speed,
+            stuck: Some(if ui.has_terminal() { ends_on_a_terminal } else { ends }),
+        }
+    }
+}
+
+/// Checks whether an interrupt ended the run: the operator wants to leave the program.
+fn is_interrupted(done: &Result<Summary, Error>) -> bool {
+    match done {
+        Ok(summary) => summary.ended_by == EndedBy::Interrupt,
+        Err(error) => matches!(error, Error::NonFatal { cause: NonFatal::Interrupted, .. }),
+    }
 }
 
 /// Ends the program when an actor lets no other one get on: nobody else can.
@@ -262,8 +264,9 @@ fn keep(args: &KeepArgs, scenario: &Scenario) -> Result<Keep, &'static str> {
     Ok(Keep { world: args.world.clone(), journal, resume: args.resume })
 }
 
-/// What the run would write over: its scenario, or one of its files over another, or over what stands beside that.
-fn overwritten(args: &RunArgs, keep: &Keep) -> Option<String> {
+/// Checks that the run would write over neither its scenario nor one of its own files, nor over the
+/// files beside these.
+fn overwritten(args: &RunArgs, keep: &Keep) -> anyhow::Result<()> {
     let beside = |path: &Option<PathBuf>, end: &str| {
         path.as_ref().map(|path| {
             let mut path = path.clone().into_os_string();

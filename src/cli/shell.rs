@@ -1,6 +1,6 @@
 //! `rubik-robot completions` and `rubik-robot man`: what a shell and a reader of manuals want.
 
-use super::output::{Output, WRONG, complain};
+use super::output::{Output, refuse};
 
 /// Prints the completions of `program` for a shell.
 pub(super) fn completions(
@@ -26,8 +26,9 @@ pub(super) fn manual(
         None => program,
         Some(name) => {
             let Some(found) = program.find_subcommand(name) else {
-                complain(&format!("there is no command `{name}`; see rubik-robot --help"));
-                return Ok(WRONG);
+                return Err(refuse(format!(
+                    "there is no command `{name}`; see rubik-robot --help"
+                )));
             };
             found.clone()
         }

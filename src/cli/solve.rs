@@ -1,7 +1,7 @@
 //! `rubik-robot solve` and `rubik-robot scramble`: cubes in, turns out.
 
 use super::engine::{Answer, Engine, Limits, Mode, Unsolved, two_phase_tables};
-use super::output::{Output, WRONG, complain, next_line};
+use super::output::{Output, WRONG, complain, next_line, refuse};
 use super::tables::Folder;
 use crate::cube::{
     Cube, Facelets, ImpossibleCube, ParseFacelets, ParseMoves, Repair, after_moves, format_turns,
@@ -243,16 +243,17 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
     let threads = args
         .threads
         .map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
-    let goal = match args.to.as_deref().map(read).transpose() {
-        Ok(goal) => goal.map_or(Cube::SOLVED, |(cube, _)| cube),
-        Err(refusal) => {
-            complain(&format!("--to: {}", refusal.message()));
-            return Ok(WRONG);
-        }
-    };
+    let goal = args
+        .to
+        .as_deref()
+        .map(read)
+        .transpose()
+        .map_err(|refusal| refuse(format!("--to: {}", refusal.message())))?;
+    let goal = goal.map_or(Cube::SOLVED, |(cube, _)| cube);
     if args.mode == Mode::Robot && args.max_length.is_some() {
-        complain("--max-length has no meaning for --mode robot, which goes by time, not by length");
-        return Ok(WRONG);
+        return Err(refuse(
+            "--max-length has no meaning for --mode robot, which goes by time, not by length",
+        ));
     }
     let limits = Limits {
         max_length: args.max_length,
@@ -270,7 +271,7 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
             (None, None) => return Ok(WRONG),
         };
         if let Err(refusal) = &cube {
-            return refuse(given, refusal, args.json, output);
+            return print_refusal(given, refusal, args.json, output);
         }
         Some((given, cube))
     };
@@ -294,7 +295,12 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
     Ok(line.code)
 }
 
-fn refuse(given: &str, refusal: &Refusal, json: bool, output: &mut Output) -> anyhow::Result<u8> {
+fn print_refusal(
+    given: &str,
+    refusal: &Refusal,
+    json: bool,
+    output: &mut Output,
+) -> anyhow::Result<u8> {
     if json {
         output.line(&refusal.json(given).to_string())?;
     } else {

@@ -1,6 +1,6 @@
 //! `rubik-robot tables`: the solver's tables in the user's cache folder.
 
-use super::output::{Output, WRONG, complain};
+use super::output::{Output, refuse};
 use super::progress::{Bar, megabytes, tell};
 use crate::solver;
 use crate::solver::table::TableSpec;
@@ -59,8 +59,10 @@ pub(super) fn run(args: &TablesArgs, output: &mut Output) -> anyhow::Result<u8> 
     for name in &args.names {
         let Some(spec) = all.iter().find(|spec| spec.name == name) else {
             let names: Vec<&str> = all.iter().map(|spec| spec.name).collect();
-            complain(&format!("there is no table `{name}`; there are {}", names.join(", ")));
-            return Ok(WRONG);
+            return Err(refuse(format!(
+                "there is no table `{name}`; there are {}",
+                names.join(", ")
+            )));
         };
         chosen.push(spec);
     }

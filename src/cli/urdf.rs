@@ -1,6 +1,6 @@
 //! `rubik-robot urdf`: the cell, or one arm, as URDF.
 
-use super::output::{Output, WRONG, complain};
+use super::output::{Output, refuse};
 use crate::record::urdf::{Model, xml};
 use crate::scenario;
 use clap::Args;
@@ -27,13 +27,7 @@ pub(super) fn run(args: &UrdfArgs, output: &mut Output) -> anyhow::Result<u8> {
         Some(path) => scenario::load(path, &[]),
         None => scenario::read(Path::new("built-in"), "", &[]),
     };
-    let scenario = match loaded {
-        Ok(scenario) => scenario,
-        Err(faults) => {
-            complain(&faults.to_string());
-            return Ok(WRONG);
-        }
-    };
+    let scenario = loaded.map_err(refuse)?;
     let cell = &scenario.controller.cell;
     let arm = match &args.arm {
         None => None,
@@ -41,8 +35,10 @@ pub(super) fn run(args: &UrdfArgs, output: &mut Output) -> anyhow::Result<u8> {
             let index = cell.arms.iter().position(|arm| arm.name == *name);
             if index.is_none() {
                 let names: Vec<_> = cell.arms.iter().map(|arm| arm.name.as_str()).collect();
-                complain(&format!("--arm: there is no `{name}`; there are {}", names.join(", ")));
-                return Ok(WRONG);
+                return Err(refuse(format!(
+                    "--arm: there is no `{name}`; there are {}",
+                    names.join(", ")
+                )));
             }
             index
         }

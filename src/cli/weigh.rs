@@ -1,7 +1,7 @@
 //! `rubik-robot weigh`: the tool's weight, its centre and the sensor's bias, from several orientations of the wrist.
 
 use super::arguments::ScenarioArgs;
-use super::output::{Output, WRONG, complain};
+use super::output::{Output, complain, refuse};
 use crate::error::Error;
 use crate::run::weigh::weigh_tool;
 use crate::servo::weigh::Weighed;
@@ -27,18 +27,11 @@ pub(super) struct WeighArgs {
 
 /// Returns the exit code.
 pub(super) fn run(args: &WeighArgs, output: &mut Output) -> anyhow::Result<u8> {
-    let scenario = match args.scenario.load(&[]) {
-        Ok(scenario) => scenario,
-        Err(faults) => {
-            complain(&faults);
-            return Ok(WRONG);
-        }
-    };
+    let scenario = args.scenario.load(&[]).map_err(refuse)?;
     let arms = &scenario.controller.cell.arms;
     let Some(arm) = arms.iter().position(|a| a.name == args.arm) else {
         let names: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
-        complain(&format!("--arm {}: there are {}", args.arm, names.join(" and ")));
-        return Ok(WRONG);
+        return Err(refuse(format!("--arm {}: there are {}", args.arm, names.join(" and "))));
     };
     let told =
         |index: usize, count: usize| complain(&format!("orientation {} of {count}", index + 1));

@@ -8,7 +8,7 @@ mod machine;
 mod probe;
 mod robot;
 
-use super::output::{Output, WRONG, complain};
+use super::output::{Output, refuse};
 use crate::hw::driver::{Timing, WallOptions};
 use crate::scenario::{self, Scenario};
 use clap::Args;
@@ -41,14 +41,12 @@ type Probe = (&'static str, Option<Timing>);
 
 /// Examines the machine and the scenario's robot; returns the exit code.
 pub(super) fn run(args: &DoctorArgs, output: &mut Output) -> anyhow::Result<u8> {
-    let scenario = match args.scenario.as_deref().map(|path| scenario::load(path, &[])).transpose()
-    {
-        Ok(scenario) => scenario,
-        Err(faults) => {
-            complain(&faults.to_string());
-            return Ok(WRONG);
-        }
-    };
+    let scenario = args
+        .scenario
+        .as_deref()
+        .map(|path| scenario::load(path, &[]))
+        .transpose()
+        .map_err(refuse)?;
     let priority =
         scenario.as_ref().map_or(WallOptions::default().priority, |s| s.real_time.priority);
     let findings = examine(scenario.as_ref(), priority);
