@@ -116,6 +116,9 @@ pub enum Fatal {
     /// The bridge lost the effector.
     #[error("bridge: {0}")]
     Bridge(String),
+    /// The task's kernel waits for something that it never asked for.
+    #[error("kernel: {0}")]
+    Kernel(String),
     /// An arm came too near to something, or was too fast there.
     #[error("{0}: all arms are stopped")]
     TooNear(String),

@@ -15,7 +15,7 @@ use super::move_instruction::{Manner, Motion};
 use super::notice::{Notice, UiHandle};
 use super::vsp::VspHandle;
 use super::work::Work;
-use crate::error::{Error, NonFatal, System};
+use crate::error::{Error, Fatal, NonFatal, System};
 use crate::generators::position::min_jerk;
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::{
@@ -317,6 +317,7 @@ impl Mp {
             self.pulse.waits();
             event = match action {
                 Action::Finish(finish) => return Ok(finish),
+                Action::Defect(why) => return Err(Stop::Error(Self::defect(why))),
                 Action::Phase(name) => {
                     let now = self.now();
                     self.phases.push((name, now, self.parts.tempo.worked()));
@@ -452,6 +453,12 @@ impl Mp {
             }
             Error::Fatal { .. } | Error::System { .. } => Err(Stop::Error(error)),
         }
+    }
+
+    /// Makes the error of a kernel that cannot go on.
+    fn defect(why: String) -> Error {
+        let cause = Fatal::Kernel(why);
+        Error::Fatal { actor: "mp".into(), place: "resume the task", cause, last: None }
     }
 
     fn system(place: &'static str, who: &str) -> Error {
@@ -802,6 +809,7 @@ fn doing<T>(action: &Action<T>) -> &'static str {
         Action::Await => "waits for an order",
         Action::Manual { .. } => "carries out an order",
         Action::Finish(_) => "has finished",
+        Action::Defect(_) => "has failed",
     }
 }
 

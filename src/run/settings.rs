@@ -334,7 +334,7 @@ mod tests {
     use crate::generators::{Behaviour, Outcome};
     use crate::motion::ArmState;
     use crate::operator::{Answer, Question, Subject};
-    use crate::tasks::cube::mission::Mission;
+    use crate::tasks::cube::mission::{Assignment, Goal, Mission};
     use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
     use crate::vision::sensor::FaceReading;
 
@@ -357,8 +357,8 @@ mod tests {
         let reach = ReachSettings::default();
         let meetings = super::super::meeting_cache::of(&scenario.controller.cell, &reach);
         let settings = cube_settings(&scenario.controller, meetings, reach.back).unwrap();
-        let mut mission = Mission::new(settings, Goal::Solve, None);
-        mission.patience = patience;
+        let assignment = Assignment { patience, ..Assignment::new(Goal::Solve) };
+        let mut mission = Mission::new(settings, assignment);
         let arms = [ArmState { jaw_opening: 0.057, ..ArmState::default() }; 2];
         let (mut phases, mut notes, mut looks, mut event) = (vec![], vec![], 0, Event::Start);
         for _ in 0..2000 {
@@ -380,7 +380,9 @@ mod tests {
                 Action::Think(thought) => Event::Thought(Mission::think(thought).0),
                 Action::Bias(_) | Action::Watch(_) => Event::Done,
                 Action::Ask(question) => Event::Answered(answer(question)),
-                Action::Await | Action::Manual { .. } => panic!("a mission takes no orders"),
+                Action::Await | Action::Manual { .. } | Action::Defect(_) => {
+                    panic!("a mission takes no orders")
+                }
             };
         }
         panic!("the mission never ends: {phases:?} {notes:?}");

@@ -50,7 +50,7 @@ use crate::scenario::{ControllerConfig, Owner, Scenario};
 use crate::servo::period::Length;
 use crate::servo::{ForceSettings, ServoCommand, ServoConfig};
 use crate::tasks::cube::hold::Hand;
-use crate::tasks::cube::mission::{Goal, Mission, MissionLog};
+use crate::tasks::cube::mission::{Assignment, Goal, Mission, MissionLog};
 use crate::tasks::idle::Idle;
 use crate::tasks::panel::Panel;
 use crate::tasks::{self, Effort, Forces};
@@ -518,17 +518,15 @@ enum Kernel {
 
 fn cube_kernel(
     config: &ControllerConfig,
-    goal: Goal,
     meetings: Option<MeetingTable>,
-    face_turn: Option<settings::FaceTurnStart>,
+    assignment: Assignment,
 ) -> Result<Mission, Error> {
     let settings = meetings
         .and_then(|meetings| {
             settings::cube_settings(config, meetings, ReachSettings::default().back)
         })
         .ok_or_else(|| not_created("task", "the cube task needs two effectors"))?;
-    let held = face_turn.map(|f| (Hand::Postument, f.body, f.half_roll));
-    Ok(Mission::new(settings, goal, held))
+    Ok(Mission::new(settings, assignment))
 }
 
 /// Whichever driver of time runs the servos.
@@ -875,12 +873,13 @@ async fn perform(
         None if by_hand => Kernel::Panel(settings::panel(config)),
         None => Kernel::Idle(Idle::new(config.idle.time)),
         Some(goal) => {
-            let mut mission = cube_kernel(config, goal, plan.meetings, plan.face_turn)?;
+            let held = plan.face_turn.map(|f| (Hand::Postument, f.body, f.half_roll));
+            let patience = to_task.is_some().then_some(PATIENCE);
+            let mut assignment = Assignment { held, patience, ..Assignment::new(goal) };
             if journal.resumes {
-                mission = mission.resumed(journal.last);
+                assignment = assignment.resumed(journal.last);
             }
-            mission.patience = to_task.is_some().then_some(PATIENCE);
-            Kernel::Cube(Box::new(mission))
+            Kernel::Cube(Box::new(cube_kernel(config, plan.meetings, assignment)?))
         }
     };
     let mp = Mp::new(mp::Parts {
@@ -918,7 +917,7 @@ async fn perform(
         Kernel::Cube(mission) => {
             let ending = survived(mp.run(mission.as_mut()).instrument(span), &clock, &ui).await;
             whereabouts = mission.whereabouts();
-            (ending, mission.log.clone())
+            (ending, mission.log())
         }
     };
     // Who panicked at work stays at it.

@@ -4,20 +4,42 @@
 //! - out: one order for each effector, then the end
 //! - why: to try an arm, a bridge or the servo's timing without a task, with any number of effectors
 
+use super::procedure::{Port, Procedure};
 use super::{Action, Effort, Event, Finish, Readings, Task, Until};
 use crate::generators::Behaviour;
 
 /// The kernel.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 pub struct Idle {
-    seconds: f64,
+    /// The number of effectors lies behind the port.
+    procedure: Procedure<(), (), usize>,
 }
 
 impl Idle {
-    /// Holds for this long [s].
+    /// Makes a kernel that holds for this long (s).
     #[must_use]
     pub fn new(seconds: f64) -> Self {
-        Self { seconds }
+        let port = Port::new(0);
+        Self { procedure: Procedure::new(port.clone(), hold(port, seconds)) }
+    }
+}
+
+/// Holds all arms where they are, and says so.
+async fn hold(port: Port<(), (), usize>, seconds: f64) -> Finish {
+    let mut event = port.request(Action::Phase("idle")).await;
+    if !matches!(event, Event::Trouble(_)) {
+        let pull = f64::INFINITY;
+        let order = Behaviour::Present { pull, selector: [false; 6], seconds };
+        let effectors = port.state(|effectors| *effectors);
+        let orders = std::array::from_fn(|i| (i < effectors).then_some(order));
+        event = port.request(Action::Behave { orders, until: Until::All }).await;
+    }
+    match event {
+        Event::Trouble(reason) => Finish { achieved: false, reason },
+        _ => Finish {
+            achieved: true,
+            reason: format!("the arms held their places for {seconds:.0} s"),
+        },
     }
 }
 
@@ -26,27 +48,8 @@ impl Task for Idle {
     type Conclusion = ();
 
     fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
-        let finish = |achieved, reason: String| Action::Finish(Finish { achieved, reason });
-        match event {
-            Event::Start => Action::Phase("idle"),
-            Event::Done => {
-                let order = Behaviour::Present {
-                    pull: f64::INFINITY,
-                    selector: [false; 6],
-                    seconds: self.seconds,
-                };
-                let orders = std::array::from_fn(|i| (i < readings.arms.len()).then_some(order));
-                Action::Behave { orders, until: Until::All }
-            }
-            Event::Trouble(reason) => finish(false, reason),
-            Event::Behaved(_)
-            | Event::Looked(_)
-            | Event::Thought(())
-            | Event::Answered(_)
-            | Event::Ordered(..) => {
-                finish(true, format!("the arms held their places for {:.0} s", self.seconds))
-            }
-        }
+        self.procedure.port().state(|effectors| *effectors = readings.arms.len());
+        self.procedure.next(event)
     }
 
     fn think((): ()) -> ((), Effort) {

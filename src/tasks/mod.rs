@@ -7,6 +7,7 @@
 pub mod cube;
 pub mod idle;
 pub mod panel;
+pub mod procedure;
 
 use crate::cube::{Face, Facelets};
 use crate::generators::{Behaviour, Outcome};
@@ -189,6 +190,8 @@ pub enum Action<T> {
     },
     /// The task is over.
     Finish(Finish),
+    /// The kernel waits for something that it never asked for, a defect of the task.
+    Defect(String),
 }
 
 /// Which effectors must come to the end of their behaviours.

@@ -4,9 +4,10 @@
 //! - out: the behaviour that carries one out, or the order itself where no behaviour does; it never finishes by itself
 //! - source: the operator's panel of the original (synchronise; moves in motors, joints and tool axes; named poses)
 
-use super::{Action, Effort, Event, Readings, Task, Until};
-use crate::generators::Behaviour;
-use crate::motion::{AXES, Depth, JawCommand, JointPositions};
+use super::procedure::{Port, Procedure};
+use super::{Action, Effort, Event, Finish, Readings, Task, Until};
+use crate::generators::{Behaviour, Outcome};
+use crate::motion::{AXES, ArmState, Depth, JawCommand, JointPositions};
 use crate::operator::{Manual, Step};
 use crate::spatial::Pose;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -35,8 +36,14 @@ impl Bench {
 /// The kernel.
 #[derive(Debug)]
 pub struct Panel {
-    arms: Vec<Bench>,
-    begun: bool,
+    procedure: Procedure<(), (), Shared>,
+}
+
+/// What lies behind the port.
+#[derive(Debug, Default)]
+struct Shared {
+    arms: Vec<ArmState>,
+    /// Notes that the shell has not taken yet.
     notes: Vec<String>,
 }
 
@@ -48,66 +55,81 @@ const JAW_SECONDS: f64 = 0.6;
 const FARTHEST: (f64, f64, f64) = (0.2, 0.6, 60.0);
 
 impl Panel {
-    /// For these arms.
+    /// Makes a kernel for these arms.
     #[must_use]
     pub fn new(arms: Vec<Bench>) -> Self {
-        Self { arms, begun: false, notes: Vec::new() }
+        let port = Port::new(Shared::default());
+        Self { procedure: Procedure::new(port.clone(), by_hand(port, arms)) }
     }
+}
 
-    /// What is done for an order.
-    fn action(
-        &self,
-        effector: usize,
-        order: Manual,
-        readings: &Readings<'_>,
-    ) -> Result<Action<()>, String> {
-        let (Some(bench), Some(state)) = (self.arms.get(effector), readings.arms.get(effector))
-        else {
-            return Err(format!("there is no effector {effector}"));
-        };
-        let behaviour = match order {
-            Manual::Synchronise => return Ok(Action::Manual { effector, order }),
-            Manual::Motor(step) => {
-                within(step, FARTHEST.2, bench.axes())?;
-                return Ok(Action::Manual { effector, order });
-            }
-            Manual::Bias => return Ok(Action::Bias(std::array::from_fn(|i| i == effector))),
-            Manual::Joint(step) => {
-                within(step, if step.axis == 0 { FARTHEST.0 } else { FARTHEST.1 }, bench.axes())?;
-                let mut target = state.desired_joints;
-                target.0[step.axis] += step.by;
-                Behaviour::Joints { target, speed: SPEED, seconds: 0.0 }
-            }
-            Manual::Tool(step) => {
-                within(step, if step.axis < 3 { FARTHEST.0 } else { FARTHEST.1 }, 0..6)?;
-                let target = state.desired_base_from_tool * displacement(step);
-                Behaviour::Line { target, speed: SPEED }
-            }
-            Manual::Jaw { opening } => {
-                let (low, high) = bench.opening;
-                if !(low..=high).contains(&opening) {
-                    return Err(format!(
-                        "the jaws open from {:.0} to {:.0} mm",
-                        low * 1e3,
-                        high * 1e3
-                    ));
+/// Waits for an order and carries it out, again and again.
+async fn by_hand(port: Port<(), (), Shared>, benches: Vec<Bench>) -> Finish {
+    port.request(Action::Phase("by hand")).await;
+    loop {
+        // MP itself tells the operator of trouble.
+        let Event::Ordered(effector, order) = port.request(Action::Await).await else { continue };
+        let note = match port.state(|shared| action(&benches, effector, order, &shared.arms)) {
+            Ok(action) => match port.request(action).await {
+                Event::Behaved(outcomes) => {
+                    outcomes.into_iter().flatten().find(Outcome::alarms).map(|met| met.to_string())
                 }
-                Behaviour::Jaw {
-                    jaw: JawCommand { opening, force_limit: bench.grip, stops: Depth::One },
-                    seconds: JAW_SECONDS,
-                    selector: [false; 6],
-                    strained: false,
-                }
-            }
-            Manual::Pose { name } => {
-                let pose = bench.poses.iter().find(|(known, _)| *known == name);
-                let (_, target) = pose.ok_or_else(|| format!("there is no pose `{name}`"))?;
-                Behaviour::Joints { target: *target, speed: SPEED, seconds: 0.0 }
-            }
+                _ => None,
+            },
+            Err(why) => Some(format!("not done: {why}")),
         };
-        let orders = std::array::from_fn(|i| (i == effector).then_some(behaviour));
-        Ok(Action::Behave { orders, until: Until::Effector(effector) })
+        port.state(|shared| shared.notes.extend(note));
     }
+}
+
+/// Returns the action that carries out an order, or why none does.
+fn action(
+    benches: &[Bench],
+    effector: usize,
+    order: Manual,
+    arms: &[ArmState],
+) -> Result<Action<()>, String> {
+    let (Some(bench), Some(state)) = (benches.get(effector), arms.get(effector)) else {
+        return Err(format!("there is no effector {effector}"));
+    };
+    let behaviour = match order {
+        Manual::Synchronise => return Ok(Action::Manual { effector, order }),
+        Manual::Motor(step) => {
+            within(step, FARTHEST.2, bench.axes())?;
+            return Ok(Action::Manual { effector, order });
+        }
+        Manual::Bias => return Ok(Action::Bias(std::array::from_fn(|i| i == effector))),
+        Manual::Joint(step) => {
+            within(step, if step.axis == 0 { FARTHEST.0 } else { FARTHEST.1 }, bench.axes())?;
+            let mut target = state.desired_joints;
+            target.0[step.axis] += step.by;
+            Behaviour::Joints { target, speed: SPEED, seconds: 0.0 }
+        }
+        Manual::Tool(step) => {
+            within(step, if step.axis < 3 { FARTHEST.0 } else { FARTHEST.1 }, 0..6)?;
+            let target = state.desired_base_from_tool * displacement(step);
+            Behaviour::Line { target, speed: SPEED }
+        }
+        Manual::Jaw { opening } => {
+            let (low, high) = bench.opening;
+            if !(low..=high).contains(&opening) {
+                return Err(format!("the jaws open from {:.0} to {:.0} mm", low * 1e3, high * 1e3));
+            }
+            Behaviour::Jaw {
+                jaw: JawCommand { opening, force_limit: bench.grip, stops: Depth::One },
+                seconds: JAW_SECONDS,
+                selector: [false; 6],
+                strained: false,
+            }
+        }
+        Manual::Pose { name } => {
+            let pose = bench.poses.iter().find(|(known, _)| *known == name);
+            let (_, target) = pose.ok_or_else(|| format!("there is no pose `{name}`"))?;
+            Behaviour::Joints { target: *target, speed: SPEED, seconds: 0.0 }
+        }
+    };
+    let orders = std::array::from_fn(|i| (i == effector).then_some(behaviour));
+    Ok(Action::Behave { orders, until: Until::Effector(effector) })
 }
 
 fn displacement(step: Step) -> Pose {
@@ -136,32 +158,15 @@ impl Task for Panel {
     type Conclusion = ();
 
     fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
-        match event {
-            Event::Start if !self.begun => {
-                self.begun = true;
-                return Action::Phase("by hand");
-            }
-            Event::Ordered(effector, order) => match self.action(effector, order, readings) {
-                Ok(action) => return action,
-                Err(why) => self.notes.push(format!("not done: {why}")),
-            },
-            Event::Behaved(outcomes) => {
-                let odd = outcomes.into_iter().flatten().find(crate::generators::Outcome::alarms);
-                self.notes.extend(odd.map(|outcome| outcome.to_string()));
-            }
-            // Of a trouble MP has told the operator itself.
-            Event::Start
-            | Event::Trouble(_)
-            | Event::Done
-            | Event::Looked(_)
-            | Event::Thought(())
-            | Event::Answered(_) => {}
-        }
-        Action::Await
+        self.procedure.port().state(|shared| {
+            shared.arms.clear();
+            shared.arms.extend_from_slice(readings.arms);
+        });
+        self.procedure.next(event)
     }
 
     fn notes(&mut self) -> Vec<String> {
-        std::mem::take(&mut self.notes)
+        self.procedure.port().state(|shared| std::mem::take(&mut shared.notes))
     }
 
     fn think((): ()) -> ((), Effort) {
@@ -172,7 +177,6 @@ impl Task for Panel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::ArmState;
     use crate::tasks::Forces;
 
     fn panel() -> Panel {

@@ -19,6 +19,18 @@ pub enum Hand {
 }
 
 impl Hand {
+    /// Both hands, in the order of the effectors.
+    pub const BOTH: [Self; 2] = [Self::Track, Self::Postument];
+
+    /// Returns the name for messages.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Track => "track",
+            Self::Postument => "postument",
+        }
+    }
+
     /// The partner.
     #[must_use]
     pub fn other(self) -> Self {

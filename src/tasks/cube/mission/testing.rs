@@ -1,16 +1,27 @@
-//! Settings for the mission's own tests.
+//! A stage for the mission's own tests: settings, a robot, and a shell that answers its actions.
 
-use crate::cube::Keeper;
-use crate::generators::{position::Speeds, visual_servo};
-use crate::motion::JointPositions;
+use super::Mission;
+use super::assignment::{Assignment, Goal};
+use super::robot::{MissionPort, Robot};
+use super::shared::{Doing, Shared};
+use super::sight::Palette;
+use crate::cube::{Axis, Face, Keeper};
+use crate::generators::{Behaviour, Outcome, position::Speeds, visual_servo};
+use crate::motion::{ArmState, Depth, JointPositions};
 use crate::reach::{Fold, Meeting, MeetingTable};
 use crate::solver::Tables;
 use crate::spatial::Pose;
+use crate::tasks::cube::hold::{Hand, Hold};
 use crate::tasks::cube::plan::Rule;
 use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
-use crate::tasks::cube::think::Strategy;
+use crate::tasks::cube::think::{Conclusion, Strategy, Thought};
+use crate::tasks::procedure::Port;
+use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
+use crate::vision::sensor::FaceReading;
 use nalgebra::{Point3, Vector3};
+use std::pin::pin;
 use std::sync::LazyLock;
+use std::task::{Context, Poll, Waker};
 
 static TABLES: LazyLock<Tables> = LazyLock::new(Tables::build);
 
@@ -93,4 +104,212 @@ pub(super) fn settings() -> CubeSettings {
         finger_width: 0.012,
         keeper: Keeper::Person,
     }
+}
+
+/// Width of the cube between jaws (m).
+pub(super) const WIDTH: f64 = 0.057;
+/// Actions before a procedure counts as endless.
+const MOST_ACTIONS: usize = 2000;
+
+/// How the stickers of a cube look.
+pub(super) const PALETTE: Palette = [
+    [220.0, 220.0, 215.0],
+    [180.0, 30.0, 35.0],
+    [20.0, 150.0, 60.0],
+    [220.0, 210.0, 40.0],
+    [230.0, 110.0, 30.0],
+    [20.0, 60.0, 160.0],
+];
+
+/// A reading of a face with these colours, at a brightness.
+pub(super) fn reading(colours: [u8; 9], gain: f64) -> FaceReading {
+    FaceReading {
+        rgb: colours.map(|c| PALETTE[usize::from(c)].map(|v| gain * v + 3.0)),
+        colours,
+        confidences: [1.0; 9],
+        camera_from_face: Pose::identity(),
+        residual_px: 0.1,
+        confidence: 1.0,
+        occluded: [false; 9],
+    }
+}
+
+/// A reading of a face of the solved cube.
+pub(super) fn one_colour(face: Face) -> FaceReading {
+    reading([face as u8; 9], 1.0)
+}
+
+/// The hold in which the track takes the cube.
+pub(super) fn taken() -> Hold {
+    Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One }
+}
+
+/// A robot with its port. Its procedures are played without a mission around them.
+pub(super) struct Stage {
+    pub(super) robot: Robot,
+    pub(super) port: MissionPort,
+}
+
+/// Answers an action, and perhaps moves the arms.
+pub(super) type Shell<'a> =
+    dyn FnMut(&Action<Thought>, &mut [ArmState; 2]) -> Event<Conclusion> + 'a;
+
+impl Stage {
+    /// A robot that is to solve the cube, with empty hands and nobody to ask.
+    pub(super) fn new(settings: CubeSettings) -> Self {
+        Self::with(settings, Assignment::new(Goal::Solve))
+    }
+
+    pub(super) fn with(settings: CubeSettings, assignment: Assignment) -> Self {
+        let port = Port::new(Shared::default());
+        let mut robot = Robot::new(port.clone(), settings, assignment);
+        robot.arms = [ArmState { jaw_opening: 0.09, ..ArmState::default() }; 2];
+        Self { robot, port }
+    }
+
+    /// The same with the cube in the track hand.
+    pub(super) fn holding(settings: CubeSettings) -> Self {
+        let mut stage = Self::new(settings);
+        stage.robot.hold(Hand::Track);
+        stage
+    }
+
+    /// Plays a procedure to its end, and returns how it ended and its actions.
+    pub(super) fn play<R>(
+        &mut self,
+        procedure: impl AsyncFnOnce(&mut Robot) -> R,
+        shell: &mut Shell<'_>,
+    ) -> (R, Vec<Action<Thought>>) {
+        let arms = self.robot.arms;
+        self.port.state(|shared| shared.arms = arms);
+        let mut procedure = pin!(procedure(&mut self.robot));
+        let mut actions = Vec::new();
+        for _ in 0..MOST_ACTIONS {
+            if let Poll::Ready(end) =
+                procedure.as_mut().poll(&mut Context::from_waker(Waker::noop()))
+            {
+                return (end, actions);
+            }
+            let (id, action) = self.port.take_posted().expect("a procedure waits for an action");
+            let mut arms = self.port.state(|shared| shared.arms);
+            let event = shell(&action, &mut arms);
+            self.port.state(|shared| shared.arms = arms);
+            self.port.deliver(id, event);
+            actions.push(action);
+        }
+        panic!("the procedure never ends: {:?}", words(&actions));
+    }
+
+    /// The notes so far.
+    pub(super) fn notes(&mut self) -> Vec<String> {
+        self.robot.publish(Doing::Nothing);
+        self.port.state(|shared| std::mem::take(&mut shared.notes))
+    }
+}
+
+impl Robot {
+    /// Gives a hand the cube, as the track takes it.
+    pub(super) fn hold(&mut self, hand: Hand) {
+        self.belief.taken(hand, taken(), false);
+        (self.widths[hand.index()], self.untouched) = (Some(WIDTH), false);
+        self.arms[hand.index()].jaw_opening = WIDTH;
+    }
+}
+
+/// Plays a whole mission with the arms as they stand, and returns its end and its actions.
+pub(super) fn play_mission(
+    mission: &mut Mission,
+    mut arms: [ArmState; 2],
+    shell: &mut Shell<'_>,
+) -> (Finish, Vec<Action<Thought>>) {
+    let (mut event, mut actions) = (Event::Start, Vec::new());
+    for _ in 0..MOST_ACTIONS {
+        let action = mission.next(event, &Readings { arms: &arms, forces: Forces::default() });
+        if let Action::Finish(finish) = action {
+            return (finish, actions);
+        }
+        event = shell(&action, &mut arms);
+        actions.push(action);
+    }
+    panic!("the mission never ends: {:?}", words(&actions));
+}
+
+/// Answers an action so that all goes well; jaws move as they are told. There are no faces to read.
+pub(super) fn goes_well(action: &Action<Thought>, arms: &mut [ArmState; 2]) -> Event<Conclusion> {
+    match action {
+        Action::Behave { orders, .. } => {
+            for (arm, order) in arms.iter_mut().zip(orders) {
+                match order {
+                    Some(Behaviour::Jaw { jaw, .. }) => arm.jaw_opening = jaw.opening,
+                    Some(Behaviour::Grasp { .. }) => arm.jaw_opening = WIDTH,
+                    _ => {}
+                }
+            }
+            Event::Behaved(orders.map(|order| order.as_ref().map(ends_well)))
+        }
+        Action::Look { .. } => Event::Looked(Err("nobody shows a face".to_owned())),
+        Action::Ask(_) => Event::Answered(None),
+        _ => Event::Done,
+    }
+}
+
+fn ends_well(order: &Behaviour) -> Outcome {
+    match order {
+        Behaviour::Joints { .. } | Behaviour::Line { .. } | Behaviour::Jaw { .. } => {
+            Outcome::Reached
+        }
+        Behaviour::Approach { .. } | Behaviour::VisualServo(_) => Outcome::Touched(0.0),
+        Behaviour::Withdraw { .. } => Outcome::NotTouched,
+        Behaviour::Grasp { .. } => Outcome::Grasped(WIDTH),
+        Behaviour::Secure { .. } => Outcome::Secured,
+        Behaviour::Turn { angle, .. } => Outcome::Turned(*angle),
+        Behaviour::Comply { .. } => Outcome::Ended,
+        Behaviour::Present { .. } => Outcome::Pulled,
+    }
+}
+
+/// Answers a behaviour of the track with an outcome.
+pub(super) fn track(outcome: Outcome) -> Event<Conclusion> {
+    Event::Behaved([Some(outcome), None])
+}
+
+/// An alarm of the track: it met something.
+pub(super) fn met() -> Event<Conclusion> {
+    track(Outcome::OverForce(2, 31.0))
+}
+
+/// Returns the behaviour of the only hand that has one.
+pub(super) fn order(action: &Action<Thought>) -> Option<&Behaviour> {
+    let Action::Behave { orders, .. } = action else { return None };
+    Hand::BOTH.iter().find_map(|hand| orders[hand.index()].as_ref())
+}
+
+/// Returns one word for each action.
+pub(super) fn words(actions: &[Action<Thought>]) -> Vec<&'static str> {
+    let word = |action: &Action<Thought>| match (action, order(action)) {
+        (_, Some(Behaviour::Joints { .. })) => "joints",
+        (_, Some(Behaviour::Line { .. })) => "line",
+        (_, Some(Behaviour::Jaw { .. })) => "open",
+        (_, Some(Behaviour::Grasp { .. })) => "close",
+        (_, Some(Behaviour::Secure { .. })) => "secure",
+        (_, Some(Behaviour::Approach { .. })) => "approach",
+        (_, Some(Behaviour::Withdraw { .. })) => "pull",
+        (_, Some(Behaviour::Present { pull, .. })) if pull.is_infinite() => "give way",
+        (_, Some(Behaviour::Present { .. })) => "present",
+        (_, Some(Behaviour::VisualServo(_))) => "servo",
+        (_, Some(Behaviour::Turn { .. } | Behaviour::Comply { .. })) => "turn",
+        (Action::Phase(name), _) => name,
+        (Action::Bias(_), _) => "zero",
+        (Action::Watch(_), _) => "watch",
+        (Action::Look { .. }, _) => "look",
+        (Action::Think(_), _) => "think",
+        (Action::Ask(_), _) => "ask",
+        _ => "other",
+    };
+    actions.iter().map(word).collect()
+}
+
+/// Returns how often an action has this word.
+pub(super) fn count(actions: &[Action<Thought>], word: &str) -> usize {
+    words(actions).into_iter().filter(|w| *w == word).count()
 }

@@ -1,0 +1,410 @@
+//! The motions of the mission: one method each.
+//!
+//! - in: where a hand is to go, or what it is to grasp
+//! - out: its outcome, or the failure that it came to
+//!
+//! | limit | value | reason |
+//! |---|---|---|
+//! | [`MOST_CONTACTS`] | 3 | obstacles on one way before the mission stops trying |
+//! | [`MOST_STRAINED`] | 6 | jaws that are strained try to open; opening relieves the strain |
+//! | [`EASE_SECONDS`] | 0.6 s | a hand that gives way about its own z is rid of a torque then |
+
+use super::failure::{Alarm, Failure, alarm};
+use super::failure::{Orders, Outcomes, alone};
+use super::robot::{LEAST_WIDTH, Robot, Trust};
+use super::shared::Doing;
+use crate::generators::{Behaviour, Outcome, visual_servo};
+use crate::motion::{Depth, JawCommand, JointPositions};
+use crate::spatial::Pose;
+use crate::tasks::Until;
+use crate::tasks::cube::hold::{Grip, Hand, Hold};
+use crate::tasks::cube::settings::{ComplianceChoice, CompliantArm, LEAVE_SECONDS};
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// How often a hand gives way to what it meets on one way.
+const MOST_CONTACTS: u32 = 3;
+/// How long a hand gives way to what it met (s).
+pub(super) const GIVE_WAY_SECONDS: f64 = 1.0;
+/// How long a hand gives way about its own z to be rid of a torque (s).
+const EASE_SECONDS: f64 = 0.6;
+/// How often strained jaws try to open again, and how long they give way in between (s).
+pub(super) const MOST_STRAINED: u32 = 6;
+const STRAINED_SECONDS: f64 = 0.3;
+/// Length of the small pull that tells whether somebody holds the cube (m).
+const PULL_WAY: f64 = 0.02;
+/// How long the cube is held out (s).
+const PRESENT_SECONDS: f64 = 20.0;
+
+/// How the jaws close on a cube.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Closing {
+    /// On a cube whose layers are in line.
+    Straight,
+    /// On a layer that may still be misaligned: the smaller width is the cube's.
+    OnLayer,
+}
+
+impl Robot {
+    /// Follows a way to its end. A hand that meets something gives way and goes on, a few times.
+    pub(super) async fn follow(
+        &mut self,
+        orders: Orders,
+        until: Until,
+        doing: Doing,
+    ) -> Result<(), Failure> {
+        let mut outcomes = self.behave(orders, until, doing).await?;
+        while let Some(met) = alarm(&outcomes, doing) {
+            if !self.may_give_way() {
+                return Err(Failure::Final(met.why));
+            }
+            self.give_way(met).await?;
+            outcomes = self.behave(orders, Until::All, Doing::Adjusting).await?;
+        }
+        self.contacts = 0;
+        Ok(())
+    }
+
+    /// Whether what a hand meets may be given way to once more.
+    pub(super) fn may_give_way(&self) -> bool {
+        self.contacts < MOST_CONTACTS
+    }
+
+    /// Lets the hand that met something give way, until nothing presses it any more.
+    async fn give_way(&mut self, mut met: Alarm) -> Result<(), Failure> {
+        loop {
+            self.contacts += 1;
+            self.note(format!("{}: the hand gives way, and goes on", met.why));
+            let outcomes = self.wait(met.hand, GIVE_WAY_SECONDS).await?;
+            match alarm(&outcomes, Doing::GivingWay) {
+                None => return Ok(()),
+                Some(again) if self.may_give_way() => met = again,
+                Some(again) => return Err(Failure::Strained(again.why)),
+            }
+        }
+    }
+
+    /// Lets a hand give way to whatever pulls, for a while (s).
+    pub(super) async fn wait(&mut self, hand: Hand, seconds: f64) -> Result<Outcomes, Failure> {
+        let selector = self.settings.grasp_selector();
+        let yields = Behaviour::Present { pull: f64::INFINITY, selector, seconds };
+        self.behave_alone(hand, yields, Doing::GivingWay).await
+    }
+
+    /// Lets a hand give way about its own z, too, until no torque is left.
+    pub(super) async fn ease(&mut self, hand: Hand) -> Result<Outcomes, Failure> {
+        let mut selector = self.settings.grasp_selector();
+        selector[5] = true;
+        let yields = Behaviour::Present { pull: f64::INFINITY, selector, seconds: EASE_SECONDS };
+        self.behave_alone(hand, yields, Doing::GivingWay).await
+    }
+
+    /// Lets both hands stand where they are (s).
+    pub(super) async fn stand(&mut self, seconds: f64) -> Result<(), Failure> {
+        let speed = self.settings.speed;
+        let orders = self
+            .arms
+            .map(|arm| Some(Behaviour::Joints { target: arm.desired_joints, speed, seconds }));
+        let outcomes = self.behave(orders, Until::All, Doing::Adjusting).await?;
+        match alarm(&outcomes, Doing::Adjusting) {
+            Some(met) => Err(Failure::Final(met.why)),
+            None => Ok(()),
+        }
+    }
+
+    /// Moves joints; `None` leaves an arm where it is.
+    pub(super) async fn joints(
+        &mut self,
+        targets: [Option<JointPositions>; 2],
+    ) -> Result<(), Failure> {
+        let (speed, speeds) = (self.settings.speed, &self.settings.speeds);
+        // The ways between meetings are free of collisions when both arms go evenly: the quicker
+        // one waits for the other at every point.
+        let seconds = targets
+            .iter()
+            .zip(&self.arms)
+            .filter_map(|(target, arm)| target.map(|to| (arm.desired_joints, to)))
+            .map(|(from, to)| speeds.joints_seconds(&from, &to, speed))
+            .fold(0.0, f64::max);
+        let orders =
+            targets.map(|to| to.map(|target| Behaviour::Joints { target, speed, seconds }));
+        self.follow(orders, Until::All, Doing::Travelling).await
+    }
+
+    /// Moves the track alone, as fast as the scenario lets it.
+    async fn track_joints(&mut self, target: JointPositions, doing: Doing) -> Result<(), Failure> {
+        let order = Behaviour::Joints { target, speed: self.settings.speed, seconds: 0.0 };
+        let until = Until::Effector(Hand::Track.index());
+        self.follow(alone(Hand::Track, order), until, doing).await
+    }
+
+    /// Retracts the track from the meeting, unless it is apart already.
+    pub(super) async fn move_apart(&mut self) -> Result<(), Failure> {
+        if self.apart {
+            return Ok(());
+        }
+        self.check_hold()?;
+        self.apart = true;
+        let mut target = self.arms[Hand::Track.index()].desired_joints;
+        let back = target.0[0] - self.settings.meetings.separation;
+        target.0[0] = self.least_track.map_or(back, |least| back.max(least));
+        self.track_joints(target, Doing::Travelling).await
+    }
+
+    /// Moves the track up to the meeting.
+    pub(super) async fn move_together(&mut self, track: JointPositions) -> Result<(), Failure> {
+        self.check_hold()?;
+        self.apart = false;
+        self.track_joints(track, Doing::Adjusting).await
+    }
+
+    /// Orders a line to a place of the tool.
+    pub(super) fn line(&self, target: Pose) -> Behaviour {
+        Behaviour::Line { target, speed: self.settings.speed }
+    }
+
+    /// Follows a line that is given relative to the set pose of the tool.
+    async fn relative(&mut self, hand: Hand, by: Pose, doing: Doing) -> Result<(), Failure> {
+        let line = self.line(self.arms[hand.index()].desired_base_from_tool * by);
+        self.follow(alone(hand, line), Until::Effector(hand.index()), doing).await
+    }
+
+    /// Moves a hand along its tool's own z (m).
+    pub(super) async fn along(&mut self, hand: Hand, way: f64) -> Result<(), Failure> {
+        self.relative(hand, Pose::translation(0.0, 0.0, way), Doing::Travelling).await
+    }
+
+    /// Moves a hand along its tool's axes by a small step (m).
+    pub(super) async fn nudge(&mut self, hand: Hand, [x, y, z]: [f64; 3]) -> Result<(), Failure> {
+        self.relative(hand, Pose::translation(x, y, z), Doing::Adjusting).await
+    }
+
+    /// Rolls a hand about its tool's own z (rad).
+    pub(super) async fn roll(&mut self, hand: Hand, angle: f64) -> Result<(), Failure> {
+        let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
+        let by = Pose::from_parts(nalgebra::Translation3::identity(), roll);
+        self.relative(hand, by, Doing::Adjusting).await
+    }
+
+    /// Moves a hand to where its guarded approach to the partner's cube begins.
+    pub(super) async fn pre_grasp(&mut self, hand: Hand, grip: Grip) -> Result<(), Failure> {
+        let seat = self.grasp_pose(hand, grip)?;
+        let line = self.line(seat * Pose::translation(0.0, 0.0, -self.settings.pre_grasp));
+        let until = Until::Effector(hand.index());
+        self.follow(alone(hand, line), until, Doing::Adjusting).await
+    }
+
+    fn grasp_pose(&self, hand: Hand, grip: Grip) -> Result<Pose, Failure> {
+        let pose = self.belief.grasp_pose(hand, grip.hold, grip.half_roll, &self.arms);
+        Ok(pose.ok_or("the partner does not hold the cube")?)
+    }
+
+    /// Moves an open hand onto the partner's cube, until the palm touches.
+    pub(super) async fn approach(&mut self, hand: Hand, grip: Grip) -> Result<(), Failure> {
+        let s = &self.settings;
+        let order = if s.compliance == ComplianceChoice::None {
+            Behaviour::Line { target: self.grasp_pose(hand, grip)?, speed: 0.2 * s.speed }
+        } else {
+            Behaviour::Approach {
+                speed: s.approach_speed,
+                distance: s.pre_grasp + 0.015,
+                force: s.touch,
+                selector: [false; 6],
+            }
+        };
+        let outcomes = self.behave_alone(hand, order, Doing::Approaching).await?;
+        if let Some(met) = alarm(&outcomes, Doing::Approaching) {
+            return Err(Failure::NotGrasped { hand, why: met.why });
+        }
+        match outcomes[hand.index()] {
+            Some(Outcome::Touched(_) | Outcome::Reached) => Ok(()),
+            other => {
+                let (name, found) = (hand.name(), Outcome::words(other));
+                let why = format!(
+                    "the {name} hand did not find the cube where the partner holds it: {found}"
+                );
+                Err(Failure::NotGrasped { hand, why })
+            }
+        }
+    }
+
+    /// Orders the jaws to close on a cube.
+    pub(super) fn grasp(&self, stops: Depth) -> Behaviour {
+        let s = &self.settings;
+        Behaviour::Grasp {
+            force: s.grip,
+            least_width: LEAST_WIDTH * s.edge,
+            selector: s.grasp_selector(),
+            stops,
+        }
+    }
+
+    /// Closes the jaws of a hand on the cube.
+    pub(super) async fn close(
+        &mut self,
+        hand: Hand,
+        hold: Hold,
+        closing: Closing,
+    ) -> Result<(), Failure> {
+        self.stops[hand.index()] = hold.depth;
+        let outcomes = self.behave_alone(hand, self.grasp(hold.depth), Doing::ClosingJaws).await?;
+        if let Some(met) = alarm(&outcomes, Doing::ClosingJaws) {
+            return Err(Failure::NotGrasped { hand, why: met.why });
+        }
+        match outcomes[hand.index()] {
+            Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
+                self.log.grasps += 1;
+                let known = self.widths[hand.index()].filter(|_| closing == Closing::OnLayer);
+                self.widths[hand.index()] = Some(known.map_or(width, |known| known.min(width)));
+                Ok(())
+            }
+            // Jaws that were opening when the other run ended looked like jaws on a cube.
+            Some(Outcome::Empty(_))
+                if hand == Hand::Track && self.maybe_offered.is_some_and(|cube| cube.opening) =>
+            {
+                Err(Failure::WithOperator("the jaws close on nothing".to_owned()))
+            }
+            other => {
+                let (name, found) = (hand.name(), Outcome::words(other));
+                let why = format!("the {name} hand's jaws do not hold the cube: {found}");
+                Err(Failure::NotGrasped { hand, why })
+            }
+        }
+    }
+
+    /// Presses the cube into the palm and the partner's, and learns where the partner stands.
+    pub(super) async fn secure(&mut self, hand: Hand, grip: Grip) -> Result<(), Failure> {
+        let Grip { hold, half_roll } = grip;
+        let s = &self.settings;
+        let order = Behaviour::Secure {
+            press: s.press,
+            force: s.grip,
+            selector: s.grasp_selector(),
+            stops: hold.depth,
+        };
+        self.stops[hand.index()] = hold.depth;
+        let outcomes = self.behave_alone(hand, order, Doing::Securing).await?;
+        if let Some(met) = alarm(&outcomes, Doing::Securing) {
+            return Err(Failure::NotGrasped { hand, why: met.why });
+        }
+        let miss = self.belief.secured(hand, hold, half_roll, &self.arms);
+        if miss > 0.004 {
+            let (name, mm) = (hand.name(), miss * 1e3);
+            self.note(format!(
+                "the {name} hand found the cube {mm:.1} mm from where it was expected"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Opens the jaws of a hand. Whether what strains them hinders depends on who holds the cube.
+    pub(super) async fn open(&mut self, hand: Hand, stops: Depth) -> Result<(), Failure> {
+        self.open_to(hand, stops, self.given_back).await
+    }
+
+    /// Opens the jaws. `theirs`: the person who takes the cube, however hard, gets it.
+    pub(super) async fn open_to(
+        &mut self,
+        hand: Hand,
+        stops: Depth,
+        theirs: bool,
+    ) -> Result<(), Failure> {
+        // Opening relieves what strains the jaws: they try again after giving way for a while.
+        for tries in 0.. {
+            let order = self.jaws_open(hand, stops, theirs);
+            self.stops[hand.index()] = stops;
+            let outcomes = self.behave_alone(hand, order, Doing::OpeningJaws).await?;
+            let Some(met) = alarm(&outcomes, Doing::OpeningJaws) else { break };
+            if tries >= MOST_STRAINED {
+                return Err(Failure::Final(met.why));
+            }
+            self.note(format!("{}: once more", met.why));
+            self.wait(hand, STRAINED_SECONDS).await?;
+        }
+        Ok(())
+    }
+
+    fn jaws_open(&self, hand: Hand, stops: Depth, theirs: bool) -> Behaviour {
+        // While the partner or the operator holds the cube too, what is strained between the hands
+        // gives way before the pads do.
+        let chained = self.belief.held[hand.other().index()].is_some() && !self.apart;
+        let yields = (chained || theirs) && self.trust == Trust::Believed;
+        let (opening, force_limit) = (self.settings.opening, self.settings.grip);
+        Behaviour::Jaw {
+            jaw: JawCommand { opening, force_limit, stops },
+            seconds: LEAVE_SECONDS,
+            selector: if yields { self.settings.grasp_selector() } else { [false; 6] },
+            // A strain that is only believed does not hinder either.
+            strained: theirs || self.trust == Trust::Doubted,
+        }
+    }
+
+    /// Orders the visual servo to the cube that is held out or lies on the table.
+    pub(super) fn servo_to_cube(&self) -> Behaviour {
+        let (s, visual) = (&self.settings, self.settings.visual);
+        Behaviour::VisualServo(visual_servo::Order {
+            world_from_base: self.belief.world_from_base(Hand::Track),
+            seat: s.edge / 3.0,
+            patience: self.seeks.map_or(visual.patience, |time| time.min(visual.patience)),
+            ..visual
+        })
+    }
+
+    /// Pulls a little at the cube in the track hand, and returns how that ended: touched means that
+    /// somebody holds it. `share` is the force that tells, as a share of the operator's pull.
+    pub(super) async fn pull(
+        &mut self,
+        share: f64,
+        doing: Doing,
+    ) -> Result<Option<Outcome>, Failure> {
+        let s = &self.settings;
+        let mut selector = s.grasp_selector();
+        selector[2] = false;
+        let order = Behaviour::Withdraw {
+            speed: s.approach_speed,
+            distance: PULL_WAY,
+            force: share * s.pull,
+            selector,
+        };
+        let outcomes = self.behave_alone(Hand::Track, order, doing).await?;
+        Ok(outcomes[Hand::Track.index()])
+    }
+
+    /// Holds the cube out and waits for a pull.
+    pub(super) async fn present(&mut self) -> Result<Outcomes, Failure> {
+        self.check_hold()?;
+        self.given_back = true;
+        let (pull, selector) = (self.settings.pull, self.settings.grasp_selector());
+        let order = Behaviour::Present { pull, selector, seconds: PRESENT_SECONDS };
+        self.behave_alone(Hand::Track, order, Doing::HandingBack).await
+    }
+
+    /// Turns a layer while the partner gives way; the turn stands still at a torque (Nm).
+    pub(super) async fn turn(
+        &mut self,
+        turner: Hand,
+        angle: f64,
+        torque: f64,
+    ) -> Result<Outcomes, Failure> {
+        self.straight = self.straight.or_else(|| self.straight_now(turner));
+        let s = &self.settings;
+        let body = turner.other();
+        let axis = self.belief.turn_axis(turner).ok_or("a hand is empty in a turn")?;
+        let (turner_selector, body_selector) = match s.compliant_arm {
+            CompliantArm::Body => ([false; 6], s.turn_selector(axis)),
+            CompliantArm::Turner => (s.turn_selector(2), [false; 6]),
+        };
+        let mut orders = alone(
+            turner,
+            Behaviour::Turn {
+                angle,
+                speed: s.turn_speed,
+                torque,
+                least_torque: s.turn_least_torque,
+                selector: turner_selector,
+                stiff: s.compliance == ComplianceChoice::None,
+            },
+        );
+        orders[body.index()] = Some(Behaviour::Comply { selector: body_selector });
+        self.behave(orders, Until::Effector(turner.index()), Doing::Turning).await
+    }
+}

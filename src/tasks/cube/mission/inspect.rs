@@ -1,0 +1,449 @@
+//! The sides of the cube that the free hand can see are compared with what the turns should have
+//! made of them.
+//!
+//! Any single layer that stands otherwise shows on one of these three sides. A cube that could not
+//! be looked at is not called done: it is looked at once more, then the operator is asked, and else
+//! it goes back with the reason.
+//!
+//! - in: readings of three sides, the cube as it should look
+//! - out: `Ok`, or the failure that has it read anew or given back
+//! - source: own work
+//!
+//! | limit | value | reason |
+//! |---|---|---|
+//! | [`CLEARLY`] | 0.6 | a sticker looks otherwise when another colour is nearer than this share of the way to its own |
+//! | [`ODD_STICKERS`] | 2 | a turn of a layer changes three stickers on a side, a reflection changes one |
+//! | [`ROW_SEEN`] | 2 of 3 | a turn changes all three stickers of a row at the rim |
+//! | [`CHECK_TRIES`], [`INSPECTIONS`] | 3, 2 | looks at a side; inspections before the operator is asked |
+
+use super::failure::Failure;
+use super::look::{NUDGES, exposure};
+use super::questions;
+use super::regrasp::{self, Coming};
+use super::robot::Robot;
+use super::sight::Palette;
+use crate::cube::Face;
+use crate::tasks::cube::hold::Hand;
+use crate::vision::sensor::FaceReading;
+use nalgebra::Vector3;
+
+/// Looks at one side before it goes uninspected.
+const CHECK_TRIES: u32 = 3;
+/// Inspections before the operator is asked, or the cube goes back as it is.
+const INSPECTIONS: u32 = 2;
+/// Time between inspections, in which what hides the cube may pass (s).
+const LATER: f64 = 5.0;
+/// Stickers of a row at the rim of a side that must be seen.
+const ROW_SEEN: usize = 2;
+/// The rows at the rim of a side, in reading order.
+const ROWS: [[usize; 3]; 4] = [[0, 1, 2], [6, 7, 8], [0, 3, 6], [2, 5, 8]];
+/// Share of the way to a sticker's own colour within which another colour is clearly nearer.
+const CLEARLY: f64 = 0.6;
+/// Stickers that must look otherwise before the cube is read anew.
+const ODD_STICKERS: usize = 2;
+
+/// What the looks at the sides brought.
+#[derive(Debug, Default)]
+struct Inspection {
+    /// Stickers that do not look as the turns should have left them.
+    unexpected: Vec<(Face, usize)>,
+    /// Why a side could not be inspected, the first reason.
+    uninspected: Option<String>,
+}
+
+/// Inspects the cube in the hand that holds it alone. `turns_remain`: the plan goes on afterwards.
+pub(super) async fn inspect(robot: &mut Robot, turns_remain: bool) -> Result<(), Failure> {
+    let mut inspections = 0;
+    loop {
+        let Inspection { unexpected, uninspected } = look_at_sides(robot).await?;
+        robot.check_hold()?;
+        if unexpected.len() >= ODD_STICKERS {
+            return Err(not_as_turned(robot, &unexpected));
+        }
+        let Some(why) = uninspected else { break };
+        if turns_remain {
+            robot.note(format!("{why}: it is, before the cube goes back"));
+            break;
+        }
+        inspections += 1;
+        if inspections < INSPECTIONS {
+            robot.note(format!("{why}: the cube is inspected once more"));
+            robot.stand(LATER).await?;
+        } else {
+            questions::ask_for_inspection(robot, why).await?;
+            inspections = 0;
+        }
+    }
+    if turns_remain { robot.phase("solve").await } else { Ok(()) }
+}
+
+/// Decides what becomes of a cube that is not as the turns should have left it.
+fn not_as_turned(robot: &mut Robot, unexpected: &[(Face, usize)]) -> Failure {
+    let names: Vec<String> =
+        unexpected.iter().map(|(face, i)| format!("{}{i}", face.letter())).collect();
+    let why = format!("stickers {} are not as the turns should have left them", names.join(", "));
+    if !robot.may_recover() {
+        return Failure::GiveBack(why);
+    }
+    robot.note(format!("{why}: the cube is read anew"));
+    Failure::ReadAnew { release: None }
+}
+
+/// Looks at the sides that the free hand sees without another grasp.
+async fn look_at_sides(robot: &mut Robot) -> Result<Inspection, Failure> {
+    let holder = robot.holder()?;
+    let viewer = holder.other();
+    let held = robot.belief.held[holder.index()].ok_or("nobody holds the cube")?;
+    let rotation = held.hold.cube_from_tool(held.half_roll, robot.settings.edge).rotation;
+    let sides = [Vector3::z(), Vector3::x(), -Vector3::x()];
+    let views = robot.settings.meetings.views[holder.index()];
+    // A layer beside the palm's axis shows on the side before it, one across it on either of the
+    // others.
+    let enough = views[0].is_some() && (views[1].is_some() || views[2].is_some());
+    let none = || "the cube could not be inspected: the cell has no pose for the looks".to_owned();
+    let mut inspection = Inspection { uninspected: (!enough).then(none), unexpected: Vec::new() };
+
+    robot.phase("inspect").await?;
+    for (side, meeting) in sides.iter().zip(views) {
+        let normal = rotation * side;
+        let face = Face::ALL.into_iter().find(|f| f.normal().dot(&normal) > 0.9);
+        if let (Some(face), Some(meeting)) = (face, meeting) {
+            regrasp::meet(robot, viewer, meeting, Coming::ToLook).await?;
+            check_side(robot, viewer, face, &mut inspection).await?;
+        }
+    }
+    Ok(inspection)
+}
+
+/// Compares one side with what it should look like, each time from elsewhere.
+async fn check_side(
+    robot: &mut Robot,
+    viewer: Hand,
+    face: Face,
+    inspection: &mut Inspection,
+) -> Result<(), Failure> {
+    let letter = face.letter();
+    for tries in 1.. {
+        let exposure = exposure(robot, tries);
+        let reading = robot.look(viewer, face, exposure).await?;
+        match reading.and_then(|reading| compare(robot, face, reading)) {
+            Ok((reading, unexpected)) => {
+                robot.belief.seen(viewer, face, &reading.camera_from_face, &robot.arms);
+                inspection.unexpected.extend(unexpected.into_iter().map(|i| (face, i)));
+                break;
+            }
+            Err(reason) if tries < CHECK_TRIES => {
+                robot.note(format!("face {letter} could not be inspected ({reason}), try {tries}"));
+                robot.nudge(viewer, NUDGES[tries as usize - 1]).await?;
+            }
+            Err(reason) => {
+                let why = format!("face {letter} could not be inspected: {reason}");
+                inspection.uninspected.get_or_insert(why);
+                break;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Returns the stickers of a side that look otherwise than they should, with the reading itself.
+fn compare(
+    robot: &Robot,
+    face: Face,
+    reading: FaceReading,
+) -> Result<(FaceReading, Vec<usize>), String> {
+    if let Some(why) = hides(&reading) {
+        return Err(why);
+    }
+    let known = robot.palette.zip(robot.shown.facelets);
+    let (palette, facelets) = known.ok_or("nothing is known of the cube")?;
+    let expected = std::array::from_fn(|i| facelets.colours()[face as usize * 9 + i]);
+    let unexpected = otherwise(&reading, &expected, &palette);
+    Ok((reading, unexpected))
+}
+
+/// Says why a reading does not tell how each layer stands, if too much is covered.
+fn hides(reading: &FaceReading) -> Option<String> {
+    let seen = |row: &[usize; 3]| row.iter().filter(|&&i| !reading.occluded[i]).count();
+    if ROWS.iter().all(|row| seen(row) >= ROW_SEEN) {
+        return None;
+    }
+    let covered = (0..9).filter(|&i| reading.occluded[i]);
+    let covered: Vec<String> = covered.map(|i| (i + 1).to_string()).collect();
+    Some(format!("stickers {} are covered", covered.join(", ")))
+}
+
+/// Returns the stickers of a face, 1..=9, that clearly have another colour than they should. The
+/// centre, which no turn moves, tells how bright the face is.
+fn otherwise(reading: &FaceReading, expected: &[u8; 9], palette: &Palette) -> Vec<usize> {
+    let norm = |rgb: &[f64; 3]| Vector3::from(*rgb).norm();
+    let centre = norm(&palette[usize::from(expected[4])]);
+    let gain = norm(&reading.rgb[4]) / centre.max(1.0);
+    let far = |i: usize, colour: usize| {
+        (Vector3::from(reading.rgb[i]) - gain * Vector3::from(palette[colour])).norm()
+    };
+    let odd = |&i: &usize| {
+        let own = usize::from(expected[i]);
+        let other = (0..6).filter(|&c| c != own).map(|c| far(i, c)).fold(f64::INFINITY, f64::min);
+        !reading.occluded[i] && other < CLEARLY * far(i, own)
+    };
+    (0..9).filter(odd).map(|i| i + 1).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{
+        PALETTE, Stage, count, goes_well, one_colour, order, reading, settings, words,
+    };
+    use super::super::{sight, steps};
+    use super::*;
+    use crate::cube::{Axis, Facelets, Turn};
+    use crate::generators::{Behaviour, Outcome};
+    use crate::motion::Depth;
+    use crate::operator::Answer;
+    use crate::tasks::cube::hold::{Hold, Step};
+    use crate::tasks::cube::settings::CubeSettings;
+    use crate::tasks::{Action, Event};
+
+    const SOLVED: &str = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
+
+    /// The turns are made, so that each side has one colour; the track holds the cube.
+    fn stage(patience: Option<f64>) -> Stage {
+        let mut stage = Stage::holding(settings());
+        stage.robot.palette = Some(PALETTE);
+        stage.robot.shown.facelets = SOLVED.parse().ok();
+        stage.robot.patience = patience;
+        stage
+    }
+
+    /// Inspects the cube; `look` knows how often it looked before. Returns the end, the looks and
+    /// the questions.
+    fn inspects(
+        stage: &mut Stage,
+        mut answers: Vec<Option<Answer>>,
+        look: impl Fn(usize, Face) -> Result<FaceReading, String>,
+    ) -> (Result<(), Failure>, usize, usize) {
+        let (port, mut looks) = (stage.port.clone(), 0);
+        let inspects = async |robot: &mut Robot| inspect(robot, false).await;
+        let (end, actions) = stage.play(inspects, &mut |action, arms| match action {
+            Action::Look { .. } => {
+                let (face, _) = port.state(|shared| shared.looking).unwrap();
+                looks += 1;
+                Event::Looked(look(looks - 1, face))
+            }
+            Action::Ask(question) => {
+                assert!(question.text.contains("could not be inspected"), "{}", question.text);
+                Event::Answered(answers.pop().flatten())
+            }
+            _ => goes_well(action, arms),
+        });
+        (end, looks, count(&actions, "ask"))
+    }
+
+    fn dark() -> Result<FaceReading, String> {
+        Err("the picture is black".to_owned())
+    }
+
+    #[test]
+    fn uninspected_cube_goes_back_with_the_reason() {
+        let covered = |face: Face| Ok(FaceReading { occluded: [true; 9], ..one_colour(face) });
+        for black in [true, false] {
+            let look = |_, face| if black { dark() } else { covered(face) };
+
+            let (end, ..) = inspects(&mut stage(None), vec![], look);
+
+            let Err(Failure::GiveBack(why)) = end else { panic!("{end:?}") };
+            let reason =
+                if black { ": the picture is black" } else { "1, 2, 3, 4, 5, 6, 7, 8, 9 are" };
+            assert!(why.contains("could not be inspected") && why.contains(reason), "{why}");
+        }
+        // One side is enough to doubt it.
+        let look = |_, face| if face == Face::U { dark() } else { Ok(one_colour(face)) };
+        let (end, ..) = inspects(&mut stage(None), vec![], look);
+        let Err(Failure::GiveBack(why)) = end else { panic!("{end:?}") };
+        assert!(why.starts_with("face U could not"), "{why}");
+    }
+
+    #[test]
+    fn too_few_views_inspect_no_cube() {
+        let meeting = settings().meetings.views[0][0];
+        for (views, enough) in [
+            ([meeting; 3], true),
+            // A layer shows on either of both.
+            ([meeting, None, meeting], true),
+            ([meeting, meeting, None], true),
+            ([meeting, None, None], false),
+            ([None, meeting, meeting], false),
+        ] {
+            let mut stage = stage(None);
+            stage.robot.settings.meetings.views = [views; 2];
+
+            let (end, ..) = inspects(&mut stage, vec![], |_, face| Ok(one_colour(face)));
+
+            assert_eq!(end.is_ok(), enough, "{end:?}");
+            assert_eq!(format!("{end:?}").contains("no pose for the looks"), !enough, "{end:?}");
+        }
+    }
+
+    #[test]
+    fn two_odd_stickers_are_a_turned_layer() {
+        for (covered, anew) in [(0, true), (1, true), (2, false)] {
+            // One sticker is a reflection. Some of the three at the rim may be covered.
+            let look = |looks, face: Face| {
+                let own = face as u8;
+                let other = (own + 1) % 6;
+                let mut reading = reading([other, other, other, own, own, own, own, own, own], 1.0);
+                if looks > 0 {
+                    return Ok(one_colour(face));
+                }
+                reading.rgb[..covered].copy_from_slice(&one_colour(face).rgb[..covered]);
+                reading.occluded[0] = covered > 0;
+                Ok(reading)
+            };
+
+            let (end, ..) = inspects(&mut stage(None), vec![], look);
+
+            let expected = if anew { Err(Failure::ReadAnew { release: None }) } else { Ok(()) };
+            assert_eq!(end, expected, "{covered}");
+        }
+    }
+
+    #[test]
+    fn hidden_cube_is_inspected_once_more() {
+        // Three tries at each of three sides.
+        let look = |looks, face| if looks < 9 { dark() } else { Ok(one_colour(face)) };
+
+        let (end, looks, asked) = inspects(&mut stage(Some(30.0)), vec![], look);
+
+        assert_eq!((end, looks, asked), (Ok(()), 12, 0));
+    }
+
+    #[test]
+    fn operator_has_a_hidden_cube_inspected_again() {
+        let again = || Some(Answer::Choice { option: 0 });
+        let look = |looks, face| if looks < 18 { dark() } else { Ok(one_colour(face)) };
+        let (end, looks, asked) = inspects(&mut stage(Some(30.0)), vec![again()], look);
+        assert_eq!((end, looks, asked), (Ok(()), 21, 1));
+
+        // The operator is asked again only after as many looks in vain.
+        let look = |looks, face| if looks < 27 { dark() } else { Ok(one_colour(face)) };
+        let (end, looks, asked) = inspects(&mut stage(Some(30.0)), vec![again()], look);
+        assert_eq!((end, looks, asked), (Ok(()), 30, 1));
+
+        for answer in [Some(Answer::Choice { option: 1 }), Some(Answer::Declined), None] {
+            let (end, ..) = inspects(&mut stage(Some(30.0)), vec![answer], |_, _| dark());
+            let Err(Failure::GiveBack(why)) = end else { panic!("{end:?}") };
+            assert!(why.contains("the picture is black"), "{why}");
+        }
+    }
+
+    #[test]
+    fn unturned_row_is_seen_at_any_brightness() {
+        for gain in [0.5, 1.0, 1.15] {
+            let expected = [4; 9];
+            assert!(otherwise(&reading(expected, gain), &expected, &PALETTE).is_empty());
+
+            let seen = [1, 1, 1, 4, 4, 4, 4, 4, 4];
+            assert_eq!(otherwise(&reading(seen, gain), &expected, &PALETTE), [1, 2, 3]);
+        }
+    }
+
+    #[test]
+    fn covered_stickers_are_not_compared() {
+        let mut covered = reading([1, 1, 1, 4, 4, 4, 4, 4, 4], 1.0);
+        covered.occluded[..3].fill(true);
+
+        assert!(otherwise(&covered, &[4; 9], &PALETTE).is_empty());
+    }
+
+    #[test]
+    fn given_colour_looks_as_usual() {
+        let colours = std::array::from_fn(|i| (i / 9) as u8);
+        let seen = std::array::from_fn(|i| (i >= 9).then(|| PALETTE[i / 9]));
+        let palette = sight::palette(&seen, &colours);
+
+        assert_eq!(palette[1..], PALETTE[1..]);
+        assert!(otherwise(&reading([0; 9], 1.0), &[0; 9], &palette).is_empty());
+        let seen = [0, 0, 0, 3, 3, 3, 3, 3, 3];
+        assert_eq!(otherwise(&reading(seen, 1.0), &[3; 9], &palette), [1, 2, 3]);
+    }
+
+    /// Carries out turns that undo each other, the first one in two goes if it stalls, with grasps
+    /// between them. Returns how often it looked, and how that ended.
+    fn turns_twice(stalls: bool, seen: Facelets) -> (usize, Result<(), Failure>) {
+        let mut stage = stage(None);
+        let robot = &mut stage.robot;
+        let hold = |palm: Face| Hold { palm, jaws: Axis::X, depth: Depth::One };
+        robot.hold(Hand::Postument);
+        robot.belief.taken(Hand::Track, hold(Face::U), false);
+        robot.belief.taken(Hand::Postument, hold(Face::F), false);
+        (robot.apart, robot.meeting) = (false, settings().meetings.grasps[0]);
+        let turn =
+            |quarters| Step::Turn { turner: Hand::Track, turn: Turn { face: Face::U, quarters } };
+        let hand = Hand::Track;
+        let grasp = Step::Grasp { hand, hold: hold(Face::U), half_roll: false };
+        // At the second grasp everything is as it should be, whatever was before the first.
+        let steps = [turn(1), grasp, turn(3), grasp, turn(1), turn(3)];
+
+        let (port, mut looks, mut turns) = (stage.port.clone(), 0, 0);
+        let between = if stalls { 3 } else { 0 };
+        let goes = async |robot: &mut Robot| {
+            steps::carry_out(robot, &steps).await?;
+            inspect(robot, false).await
+        };
+        let (end, _) = stage.play(goes, &mut |action, arms| match (action, order(action)) {
+            (Action::Look { .. }, _) => {
+                looks += 1;
+                let (face, _) = port.state(|shared| shared.looking).unwrap();
+                let first = 9 * face.index();
+                let turned = std::array::from_fn(|i| seen.colours()[first + i]);
+                let colours = if looks <= between { turned } else { [face as u8; 9] };
+                Event::Looked(Ok(reading(colours, 1.0)))
+            }
+            (_, Some(Behaviour::Turn { .. })) => {
+                turns += 1;
+                if stalls && turns == 1 {
+                    Event::Behaved([Some(Outcome::Stalled(0.5, 2.0)), Some(Outcome::Ended)])
+                } else {
+                    goes_well(action, arms)
+                }
+            }
+            _ => goes_well(action, arms),
+        });
+        (looks, end)
+    }
+
+    #[test]
+    fn stalled_turn_is_inspected_before_the_next_grasp() {
+        let solved: Facelets = SOLVED.parse().unwrap();
+        let after = solved.turned(Turn { face: Face::U, quarters: 1 });
+
+        assert_eq!(turns_twice(false, after), (3, Ok(())));
+        assert_eq!(turns_twice(true, after), (6, Ok(())));
+        // The layer has not gone along: all faces are read anew.
+        assert_eq!(turns_twice(true, solved), (3, Err(Failure::ReadAnew { release: None })));
+    }
+
+    #[test]
+    fn inspection_shows_three_sides() {
+        let mut stage = Stage::holding(CubeSettings { ..settings() });
+        stage.robot.palette = Some(PALETTE);
+        stage.robot.shown.facelets = SOLVED.parse().ok();
+        let port = stage.port.clone();
+
+        let inspects = async |robot: &mut Robot| inspect(robot, true).await;
+        let (end, actions) = stage.play(inspects, &mut |action, arms| match action {
+            Action::Look { .. } => {
+                let (face, _) = port.state(|shared| shared.looking).unwrap();
+                Event::Looked(Ok(one_colour(face)))
+            }
+            _ => goes_well(action, arms),
+        });
+
+        let side = ["joints", "joints", "look"];
+        // Both arms stand apart at first.
+        let again = ["joints", "joints", "joints", "look"];
+        let all = [&["inspect"][..], &side, &again, &again, &["solve"]].concat();
+        assert_eq!((end, words(&actions)), (Ok(()), all));
+    }
+}

@@ -1,0 +1,303 @@
+//! The six faces are read by the cameras in the hands, and the cube is decided and planned.
+//!
+//! A face that stays hidden is looked at in another grasp; a doubt about stickers has their faces
+//! looked at again, and no others.
+//!
+//! - in: the looks that the planner finds; the conclusion of the long work
+//! - out: the steps of the plan
+//! - source: Zieliński et al. (2007), pp. 372-373; heuristics: own work
+//!
+//! | limit | value | reason |
+//! |---|---|---|
+//! | [`LOOK_ROUNDS`] | 2 | rounds of looks, the second at another exposure |
+//! | [`MOST_HIDDEN`] | 3 | hidden faces before no other grasp is tried |
+
+use super::failure::Failure;
+use super::robot::Robot;
+use super::steps::carry_out_step;
+use super::{questions, sight};
+use crate::cube::{Face, facelet_place};
+use crate::tasks::cube::hold::Step;
+use crate::tasks::cube::plan::Planner;
+use crate::tasks::cube::think::{Answer, Conclusion, Doubt, NoAnswer, Thought};
+
+/// Rounds of looks, the second at another exposure.
+const LOOK_ROUNDS: u32 = 2;
+/// Faces that stay hidden in the grasp in which they were looked at, before no other is tried.
+const MOST_HIDDEN: usize = 3;
+/// Reads the cube in the hand that holds it, and returns the steps of the plan.
+pub(super) async fn read_and_plan(robot: &mut Robot) -> Result<Vec<Step>, Failure> {
+    robot.check_hold()?;
+    let steps = missing_looks(robot)?;
+    show_all(robot, steps).await?;
+    robot.phase("plan").await?;
+    loop {
+        if let Some(doubt) = unreadable(robot) {
+            questions::ask_for_colours(robot, doubt).await?;
+            continue;
+        }
+        let thought = thought(robot)?;
+        match robot.think(thought).await? {
+            Conclusion(Ok(answer)) => return Ok(decide(robot, answer)),
+            Conclusion(Err(NoAnswer::Unplanned(why))) => return Err(Failure::GiveBack(why)),
+            Conclusion(Err(NoAnswer::Unread(doubt))) => match looks_again(robot, &doubt) {
+                Some(steps) => {
+                    robot.phase("identify again").await?;
+                    show_all(robot, steps).await?;
+                    robot.phase("plan").await?;
+                }
+                None => questions::ask_for_colours(robot, *doubt).await?,
+            },
+        }
+    }
+}
+
+/// Returns the looks that show what was not seen yet.
+fn missing_looks(robot: &mut Robot) -> Result<Vec<Step>, String> {
+    let start = robot.held_alone()?;
+    let planner = Planner::new(&robot.settings);
+    planner.looks_at(start, robot.sight.wanted()).map_err(|e| e.to_string())
+}
+
+/// Carries out looks. A face that stays hidden is looked at in another grasp, with all that is
+/// still missing.
+async fn show_all(robot: &mut Robot, mut steps: Vec<Step>) -> Result<(), Failure> {
+    let mut next = 0;
+    while let Some(step) = steps.get(next) {
+        next += 1;
+        match carry_out_step(robot, *step, false).await {
+            Err(Failure::Hidden { face, why }) => {
+                if let Some(others) = other_looks(robot, face, why)? {
+                    (steps, next) = (others, 0);
+                }
+            }
+            shown => shown?,
+        }
+    }
+    Ok(())
+}
+
+/// Returns looks in other grasps at a face that is hidden in this one. Without any the face stays
+/// unread if somebody can be asked about it.
+fn other_looks(robot: &mut Robot, face: Face, why: String) -> Result<Option<Vec<Step>>, Failure> {
+    let (holder, grip) = robot.held_alone()?;
+    if robot.sight.hide(holder, grip.hold, face) < MOST_HIDDEN
+        && let Ok(steps) = missing_looks(robot)
+    {
+        robot.note(format!("{why}: the cube is grasped otherwise"));
+        return Ok(Some(steps));
+    }
+    if robot.patience.is_none() {
+        return Err(Failure::GiveBack(why));
+    }
+    robot.note(why);
+    Ok(None)
+}
+
+/// Returns the doubt about stickers that were never seen, if somebody can be asked about them.
+fn unreadable(robot: &Robot) -> Option<Doubt> {
+    let missing = robot.sight.missing();
+    if robot.given.is_some() || robot.patience.is_none() || missing.is_empty() {
+        return None;
+    }
+    let names: Vec<String> = missing.iter().map(|&i| facelet_place(i).to_string()).collect();
+    let reason = format!("stickers {} cannot be read", names.join(", "));
+    Some(Doubt { reason, read: None, doubtful: missing, possible: false })
+}
+
+/// Collects what the long work needs.
+fn thought(robot: &Robot) -> Result<Thought, String> {
+    let mut rgb = [[0.0; 3]; 54];
+    for (i, seen) in robot.sight.levels().into_iter().enumerate() {
+        let given = robot.given.map(|_| [0.0; 3]);
+        rgb[i] = seen.or(given).ok_or_else(|| format!("sticker {i} was never seen"))?;
+    }
+    let s = &robot.settings;
+    Ok(Thought {
+        rgb,
+        given: robot.given,
+        start: robot.held_alone()?,
+        strategy: s.strategy.clone(),
+        planner: Planner::new(s),
+        nodes: s.nodes,
+        candidates: s.candidates,
+        seconds_per_node: s.seconds_per_node,
+    })
+}
+
+/// Takes a plan over, and returns its steps.
+fn decide(robot: &mut Robot, answer: Answer) -> Vec<Step> {
+    robot.shown.decide(&answer);
+    let levels = robot.sight.levels();
+    robot.palette = Some(sight::palette(&levels, answer.read.colours()));
+    // The summary tells what the mission found and planned at first.
+    if robot.log.identified.is_none() {
+        robot.log.identified = Some(answer.identified);
+        robot.log.solution = answer.turns;
+        robot.log.plan = answer.lines;
+        robot.log.grasps = 0;
+    }
+    robot.belief.renamed(answer.rotation);
+    robot.sight.rename();
+    answer.steps
+}
+
+/// Returns the looks at the faces in doubt, in the first round; forgets their stickers for that.
+fn looks_again(robot: &mut Robot, doubt: &Doubt) -> Option<Vec<Step>> {
+    if robot.rounds >= LOOK_ROUNDS {
+        return None;
+    }
+    let mut again = [doubt.doubtful.is_empty(); 6];
+    doubt.doubtful.iter().for_each(|facelet| again[facelet / 9] = true);
+    let before = robot.sight.clone();
+    robot.sight.forget(again);
+    let Ok(steps) = missing_looks(robot) else {
+        robot.sight = before;
+        return None;
+    };
+    let faces: String =
+        Face::ALL.iter().filter(|face| again[face.index()]).map(|face| face.letter()).collect();
+    robot.note(format!("{}: faces {faces} are looked at again", doubt.reason));
+    robot.rounds += 1;
+    Some(steps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::look::{LOOK_TRIES, NUDGES};
+    use super::super::testing::{Stage, goes_well, order, settings};
+    use super::*;
+    use crate::generators::Behaviour;
+    use crate::tasks::cube::hold::Hold;
+    use crate::tasks::{Action, Event};
+    use crate::vision::sensor::FaceReading;
+
+    /// A look at a face in a hold, and whether the camera moved aside or nearer for it.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    struct Look {
+        face: Face,
+        hold: Hold,
+        nudged: bool,
+    }
+
+    /// What a reading came to.
+    #[derive(Debug)]
+    struct Read {
+        end: Result<Vec<Step>, Failure>,
+        /// Looks before each thought; the last ones are those after the last thought.
+        looks: Vec<Vec<Look>>,
+        questions: Vec<String>,
+    }
+
+    /// Reads the cube on a stage. `hides` says which stickers of a face cannot be seen in a hold.
+    /// The doubts are the conclusions of the first thoughts, in turn; the next one finds no plan.
+    fn read(
+        stage: &mut Stage,
+        mut doubts: Vec<Doubt>,
+        hides: impl Fn(Face, Hold) -> [bool; 9],
+    ) -> Read {
+        let port = stage.port.clone();
+        let (mut looks, mut questions, mut nudged) = (vec![Vec::new()], Vec::new(), false);
+        let (end, _) =
+            stage.play(
+                async |robot| read_and_plan(robot).await,
+                &mut |action, arms| match action {
+                    Action::Look { effector, view } => {
+                        let (face, held) = port.state(|shared| shared.looking).unwrap();
+                        let hold = held[1 - effector].unwrap().hold;
+                        let look = Look { face, hold, nudged: std::mem::take(&mut nudged) };
+                        looks.last_mut().unwrap().push(look);
+                        let reading = super::super::testing::reading([0; 9], 1.0);
+                        let camera_from_face = view.camera_from_face;
+                        let occluded = hides(face, hold);
+                        Event::Looked(Ok(FaceReading { camera_from_face, occluded, ..reading }))
+                    }
+                    Action::Think(_) => {
+                        looks.push(Vec::new());
+                        Event::Thought(Conclusion(Err(match doubts.pop() {
+                            Some(doubt) => NoAnswer::Unread(Box::new(doubt)),
+                            None => NoAnswer::Unplanned("thought".to_owned()),
+                        })))
+                    }
+                    Action::Ask(question) => {
+                        questions.push(question.text.clone());
+                        Event::Answered(None)
+                    }
+                    action => {
+                        if let Some(Behaviour::Line { target, .. }) = order(action) {
+                            let by: [f64; 3] = target.translation.vector.into();
+                            nudged |= NUDGES.contains(&by);
+                        }
+                        goes_well(action, arms)
+                    }
+                },
+            );
+        Read { end, looks, questions }
+    }
+
+    /// Sticker 3 of the upper face is covered as long as the palm is on the lower one.
+    fn under_a_finger(face: Face, hold: Hold) -> [bool; 9] {
+        std::array::from_fn(|i| i == 2 && face == Face::U && hold.palm == Face::D)
+    }
+
+    fn upper(looks: &[Look]) -> Vec<Hold> {
+        looks.iter().filter(|look| look.face == Face::U).map(|look| look.hold).collect()
+    }
+
+    #[test]
+    fn covered_sticker_is_seen_in_another_grasp() {
+        let mut stage = Stage::holding(settings());
+
+        let Read { looks, .. } = read(&mut stage, vec![], under_a_finger);
+
+        assert_eq!(looks.len(), 2, "one thought");
+        assert!(stage.robot.sight.missing().is_empty());
+        let upper = upper(&looks[0]);
+        let covered = upper.iter().filter(|hold| hold.palm == Face::D).count();
+        assert_eq!(covered, LOOK_TRIES as usize, "not twice in one hold");
+        assert_eq!(upper.len(), covered + 1);
+        // The other faces are looked at once each.
+        assert_eq!(looks[0].len(), upper.len() + 5, "{looks:?}");
+    }
+
+    #[test]
+    fn hidden_sticker_is_never_guessed() {
+        let always = |face: Face, _: Hold| std::array::from_fn(|i| i == 2 && face == Face::U);
+
+        let Read { end, looks, .. } = read(&mut Stage::holding(settings()), vec![], always);
+
+        let mut holds = upper(&looks[0]);
+        assert_eq!(holds.len(), MOST_HIDDEN * LOOK_TRIES as usize);
+        holds.dedup();
+        assert_eq!(holds.len(), MOST_HIDDEN, "{holds:?}");
+        assert!(looks.len() == 1 && matches!(end, Err(Failure::GiveBack(_))), "{end:?}");
+
+        let mut stage = Stage::holding(settings());
+        stage.robot.patience = Some(60.0);
+        let Read { questions, .. } = read(&mut stage, vec![], always);
+        assert!(questions[0].contains("U3 cannot be read"), "{questions:?}");
+    }
+
+    #[test]
+    fn doubt_has_only_its_faces_read_again() {
+        let doubt = || Doubt {
+            reason: "red?".into(),
+            read: None,
+            doubtful: vec![9, 12, 40],
+            possible: true,
+        };
+        let mut stage = Stage::holding(settings());
+
+        let Read { end, looks, .. } = read(&mut stage, vec![doubt(), doubt()], |_, _| [false; 9]);
+
+        assert_eq!(looks[0].len(), 6);
+        assert!(looks[0].iter().all(|look| !look.nudged), "{looks:?}");
+        let mut faces: Vec<Face> = looks[1].iter().map(|look| look.face).collect();
+        faces.sort_unstable();
+        assert_eq!(faces, [Face::R, Face::L]);
+        assert!(looks[1].iter().all(|look| look.nudged), "from elsewhere: {looks:?}");
+        // The same doubt once more, and nobody can be asked.
+        assert!(looks[2].is_empty(), "{looks:?}");
+        assert_eq!(end, Err(Failure::GiveBack("red?".to_owned())));
+    }
+}

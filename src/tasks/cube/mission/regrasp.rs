@@ -1,0 +1,89 @@
+//! The hands meet, grasp and let go.
+//!
+//! - in: a grip, the meeting tables, what both hands hold
+//! - out: the cube in the other hand, or in both
+
+use super::actions::Closing;
+use super::failure::Failure;
+use super::robot::Robot;
+use super::take::draw_back;
+use crate::cube::rotation_index;
+use crate::reach::Meeting;
+use crate::tasks::cube::hold::{Grip, Hand};
+
+/// What the newcomer to a meeting does there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Coming {
+    /// Looks at the cube: it goes to its place at once.
+    ToLook,
+    /// Grasps the cube: it stops short, and approaches from there.
+    ToGrasp,
+}
+
+/// Brings both hands to a meeting: apart, to their joint positions, and together.
+pub(super) async fn meet(
+    robot: &mut Robot,
+    newcomer: Hand,
+    meeting: Meeting,
+    coming: Coming,
+) -> Result<(), Failure> {
+    robot.check_hold()?;
+    let short = |hand: Hand| hand == newcomer && coming == Coming::ToGrasp;
+    let track = if short(Hand::Track) { meeting.track_back } else { meeting.track };
+    let postument = if short(Hand::Postument) { meeting.postument_back } else { meeting.postument };
+    let mut apart = track;
+    apart.0[0] -= robot.settings.meetings.separation;
+    robot.meeting = Some(meeting);
+    robot.move_apart().await?;
+    robot.joints([Some(apart), Some(postument)]).await?;
+    robot.move_together(track).await
+}
+
+/// Lets go of the cube and retracts.
+pub(super) async fn let_go(robot: &mut Robot, hand: Hand) -> Result<(), Failure> {
+    robot.check_hold()?;
+    // Stops that came forward now would push the cube out of both hands.
+    let stops = robot.stops[hand.index()];
+    robot.belief.released(hand);
+    robot.open(hand, stops).await?;
+    let back = robot.settings.back;
+    // Two arms meet where both can draw back; where a person or a table holds the cube, the track's
+    // folds as far as it does.
+    if robot.given_back && hand == Hand::Track {
+        draw_back(robot, back).await
+    } else {
+        robot.along(hand, -back).await
+    }
+}
+
+/// Lets go of the cube with a hand that holds it, for what that hand does next.
+pub(super) async fn free(robot: &mut Robot, hand: Hand) -> Result<(), Failure> {
+    if robot.belief.held[hand.index()].is_some() { let_go(robot, hand).await } else { Ok(()) }
+}
+
+/// Grasps the cube that the partner holds.
+pub(super) async fn grasp(robot: &mut Robot, hand: Hand, grip: Grip) -> Result<(), Failure> {
+    let held = robot.belief.held[hand.other().index()];
+    let held = held.ok_or("nobody would hold the cube meanwhile")?;
+    let edge = robot.settings.edge;
+    let partner = held.hold.cube_from_tool(held.half_roll, edge).rotation;
+    let own = grip.hold.cube_from_tool(grip.half_roll, edge).rotation;
+    let (track, postument) = if hand == Hand::Track { (own, partner) } else { (partner, own) };
+    let meeting = robot.settings.meetings.grasps[rotation_index(&(track.inverse() * postument))]
+        .ok_or("the arms cannot meet in this pair of holds")?;
+
+    free(robot, hand).await?;
+    meet(robot, hand, meeting, Coming::ToGrasp).await?;
+    // The palm's stops stand where the grasp has them before the hand comes near.
+    robot.open(hand, grip.hold.depth).await?;
+    robot.zero_forces([true, true]).await?;
+    close_on(robot, hand, grip).await?;
+    robot.secure(hand, grip).await
+}
+
+/// Approaches the partner's cube with an open hand, and closes the jaws on it.
+pub(super) async fn close_on(robot: &mut Robot, hand: Hand, grip: Grip) -> Result<(), Failure> {
+    robot.pre_grasp(hand, grip).await?;
+    robot.approach(hand, grip).await?;
+    robot.close(hand, grip.hold, Closing::Straight).await
+}

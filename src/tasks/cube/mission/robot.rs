@@ -1,0 +1,434 @@
+//! What the mission knows, and how it has an action carried out.
+//!
+//! - in: the states of both arms and the event that ends an action, by the port
+//! - out: actions; a [`Failure`] where an action did not bring what it should
+//!
+//! Before each action the jaws are compared with the cube that they hold ([`Robot::check_hold`]), so a
+//! lost cube interrupts a procedure at its next action, wherever that is.
+//!
+//! | limit | value | reason |
+//! |---|---|---|
+//! | [`LEAST_WIDTH`] | 0.948 edge | a cube under the grip reads 56.5 mm, 1 mm less with a wrong zero of the jaws; jaws that met nothing close to 53 mm; each by 0.3 mm rms |
+//! | [`MOST_WIDER`] | 6 mm | a layer that is misaligned by 7 deg makes the cube wider by this |
+//! | [`MOST_CLOSER`] | 1.2 mm | jaws that closed farther since they took the cube hold it no more; pads of rubber give by a fifth of it |
+
+use super::assignment::{Assignment, Goal};
+use super::failure::{Failure, Orders, Outcomes, alone};
+use super::shared::{Doing, MissionLog, Shared, Shown};
+use super::sight::{Palette, Sight};
+use super::turn_in_progress::TurnInProgress;
+use crate::cube::{Face, Facelets, Keeper, Turn};
+use crate::generators::Behaviour;
+use crate::motion::{ArmState, Depth, JointPositions};
+use crate::operator::{Answer, Question};
+use crate::reach::Meeting;
+use crate::tasks::cube::belief::Belief;
+use crate::tasks::cube::hold::{Grip, Hand};
+use crate::tasks::cube::settings::CubeSettings;
+use crate::tasks::cube::think::{Conclusion, Thought};
+use crate::tasks::procedure::Port;
+use crate::tasks::{Action, Entry, Event, Picture, Turning, Until, View};
+use crate::vision::sensor::FaceReading;
+use nalgebra::UnitQuaternion;
+use std::sync::Arc;
+
+/// The port of the mission's procedure.
+pub(super) type MissionPort = Port<Thought, Conclusion, Shared>;
+
+/// Letters of a reason that the journal keeps.
+const MOST_NOTED: usize = 500;
+/// Least width of a cube between the jaws, as a share of its edge.
+pub(super) const LEAST_WIDTH: f64 = 0.948;
+/// A cube that is given may be wider than its edge by this (m).
+pub(super) const MOST_WIDER: f64 = 0.006;
+/// Jaws that are closer than when they closed on the cube by more than this have lost it (m).
+pub(super) const MOST_CLOSER: f64 = 0.0012;
+/// Whether the force sensors are believed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Trust {
+    Believed,
+    /// The sensors contradict each other, and must be zeroed first.
+    Doubted,
+}
+
+/// A cube that an earlier run may have held out to a person.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct MaybeOffered {
+    /// The jaws stood as they do when they begin to open, too.
+    pub(super) opening: bool,
+}
+
+/// The mission's knowledge, and its way to act.
+#[derive(Debug)]
+pub(super) struct Robot {
+    port: MissionPort,
+    pub(super) settings: CubeSettings,
+    pub(super) goal: Goal,
+    /// Both arms as the shell knew them at the last event.
+    pub(super) arms: [ArmState; 2],
+    pub(super) belief: Belief,
+    /// The meeting in which the hands are, or were last.
+    pub(super) meeting: Option<Meeting>,
+    /// The track stands back from the meeting, so that both arms are free to move.
+    pub(super) apart: bool,
+    /// What the cameras saw of the stickers.
+    pub(super) sight: Sight,
+    /// How often all faces were looked at.
+    pub(super) rounds: u32,
+    /// The cube as the operator gave it.
+    pub(super) given: Option<Facelets>,
+    /// How the cube's colours look, once they were decided.
+    pub(super) palette: Option<Palette>,
+    /// Where the track stood when it had taken the cube.
+    pub(super) hand_over: Option<JointPositions>,
+    /// Where the track's tool closed on the cube, in its base (m).
+    pub(super) taken_at: Option<[f64; 3]>,
+    /// By how much less than usual the track retracted from there (m).
+    pub(super) retract_shortfall: f64,
+    /// Distance of the jaws when they had closed on the cube (m).
+    pub(super) widths: [Option<f64>; 2],
+    /// Where the palms' stops were put last.
+    pub(super) stops: [Depth; 2],
+    /// Where the cube fell, in words.
+    pub(super) drop_site: Option<String>,
+    /// The cube is still where it was given.
+    pub(super) untouched: bool,
+    /// The cube was offered to the operator, or stands on the table.
+    pub(super) given_back: bool,
+    /// Why the cube goes back unsolved.
+    pub(super) failure: Option<String>,
+    /// The turn of the plan that is carried out.
+    pub(super) turning: Option<Turn>,
+    /// The turning hand, its layer's face, and `cube_from_tool` while the layer is in line.
+    pub(super) straight: Option<(Hand, Face, UnitQuaternion<f64>)>,
+    /// The turn that is carried out, or undone.
+    pub(super) turn_in_progress: Option<TurnInProgress>,
+    /// A turn that stalled on its way: the cube is inspected as soon as one hand holds it alone.
+    pub(super) stalled: Option<Turn>,
+    /// How often the cube was read and planned anew.
+    pub(super) recoveries: u32,
+    /// How often something was met on the present way.
+    pub(super) contacts: u32,
+    pub(super) trust: Trust,
+    /// Time that the operator has for an answer (s); `None` when nobody can be asked.
+    pub(super) patience: Option<f64>,
+    /// Questions asked so far.
+    pub(super) questions: u64,
+    /// What an earlier run may have held out, until it is known whether somebody holds it.
+    pub(super) maybe_offered: Option<MaybeOffered>,
+    /// How long a cube is looked for that an earlier run was handing back (s).
+    pub(super) seeks: Option<f64>,
+    /// What an earlier run noted last, if this one goes on from there.
+    pub(super) earlier: Option<Entry>,
+    /// The track retracts no farther than this (m); known to a mission that goes on from anywhere.
+    pub(super) least_track: Option<f64>,
+    /// What is shown of the cube and the plan.
+    pub(super) shown: Shown,
+    pub(super) log: MissionLog,
+    /// Notes for the operator that were not published yet.
+    notes: Vec<String>,
+}
+
+impl Robot {
+    /// Makes a robot that has done nothing yet.
+    pub(super) fn new(port: MissionPort, settings: CubeSettings, assignment: Assignment) -> Self {
+        let Assignment { goal, held, patience, earlier } = assignment;
+        let mut belief = Belief::new(settings.arms, settings.edge, settings.calibrated_at);
+        if let Some((hand, hold, half_roll)) = held {
+            belief.taken(hand, hold, half_roll);
+        }
+        Self {
+            port,
+            settings,
+            goal,
+            arms: [ArmState::default(); 2],
+            belief,
+            meeting: None,
+            apart: true,
+            sight: Sight::default(),
+            rounds: 1,
+            given: None,
+            palette: None,
+            hand_over: None,
+            taken_at: None,
+            retract_shortfall: 0.0,
+            widths: [None; 2],
+            stops: [Depth::One; 2],
+            drop_site: None,
+            untouched: earlier.is_none() && (goal == Goal::Solve || goal == Goal::Acquire),
+            given_back: false,
+            failure: None,
+            turning: None,
+            straight: None,
+            turn_in_progress: None,
+            stalled: None,
+            recoveries: 0,
+            contacts: 0,
+            trust: Trust::Believed,
+            patience,
+            questions: 0,
+            maybe_offered: None,
+            seeks: None,
+            earlier,
+            least_track: None,
+            shown: Shown::default(),
+            log: MissionLog::default(),
+            notes: Vec::new(),
+        }
+    }
+
+    /// Takes over the states that the shell delivered with the first event.
+    pub(super) fn begin(&mut self) {
+        self.arms = self.port.state(|shared| shared.arms);
+    }
+
+    /// Keeps a note for the operator; it is published with the next action.
+    pub(super) fn note(&mut self, text: impl Into<String>) {
+        self.notes.push(text.into());
+    }
+
+    /// Publishes what page, journal and summary show: the action that begins, and what is believed.
+    pub(super) fn publish(&mut self, doing: Doing) {
+        let (entry, picture) = (self.entry(doing), self.picture(doing));
+        let (whereabouts, log) = (self.whereabouts(), self.log.clone());
+        let notes = std::mem::take(&mut self.notes);
+        self.port.state(|shared| {
+            (shared.entry, shared.picture) = (entry, Some(picture));
+            (shared.whereabouts, shared.log) = (whereabouts, log);
+            shared.notes.extend(notes);
+        });
+    }
+
+    /// Returns what must be durable before an action. Only a mission that solves can be resumed.
+    pub(super) fn entry(&self, doing: Doing) -> Option<Entry> {
+        let noted = self.goal == Goal::Solve && doing.is_noted();
+        noted.then(|| Entry {
+            doing: doing.word().to_owned(),
+            held: self.belief.held.map(|held| held.map(|held| held.hold.depth)),
+            hand_over: self.hand_over,
+            taken_at: self.taken_at,
+            short: self.retract_shortfall,
+            stops: self.stops.map(Some),
+            handing_back: self.given_back,
+            undone: self.failure.as_ref().map(|why| why.chars().take(MOST_NOTED).collect()),
+            over: doing == Doing::Over,
+        })
+    }
+
+    /// Returns what is believed of the cube and the arms while an action lasts.
+    pub(super) fn picture(&self, doing: Doing) -> Picture {
+        let turning = self.straight.filter(|_| doing == Doing::Turning);
+        Picture {
+            world_from_base: Hand::BOTH.map(|hand| Some(self.belief.world_from_base(hand))),
+            tool_from_cube: Hand::BOTH.map(|hand| self.belief.tool_from_cube(hand)),
+            handed_back: self.given_back,
+            facelets: self.shown.facelets,
+            turning: turning.map(|(hand, face, cube_from_tool)| Turning {
+                effector: hand.index(),
+                face,
+                cube_from_tool,
+            }),
+            net: self.shown.net.clone(),
+            plan: Arc::clone(&self.shown.plan),
+            step: self.shown.step.and_then(|step| step.checked_sub(1)),
+        }
+    }
+
+    /// Checks the hold, publishes, has the shell carry out an action, and returns its event.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Lost`] before the action; [`Failure::Final`] if the shell reports trouble.
+    async fn act(
+        &mut self,
+        action: Action<Thought>,
+        doing: Doing,
+    ) -> Result<Event<Conclusion>, Failure> {
+        self.check_hold()?;
+        self.publish(doing);
+        let event = self.port.request(action).await;
+        self.begin();
+        match event {
+            Event::Trouble(reason) => Err(Failure::Final(reason)),
+            event => Ok(event),
+        }
+    }
+
+    /// Begins a phase of the mission.
+    pub(super) async fn phase(&mut self, name: &'static str) -> Result<(), Failure> {
+        self.act(Action::Phase(name), Doing::Nothing).await.map(drop)
+    }
+
+    /// Lets the stand-alone camera's sensor begin or end to watch for the cube.
+    pub(super) async fn watch(&mut self, on: bool) -> Result<(), Failure> {
+        self.act(Action::Watch(on), Doing::Nothing).await.map(drop)
+    }
+
+    /// Zeroes force sensors. Zeroing both ends a doubt about them.
+    pub(super) async fn zero_forces(&mut self, which: [bool; 2]) -> Result<(), Failure> {
+        if which == [true; 2] {
+            self.trust = Trust::Believed;
+        }
+        self.act(Action::Bias(which), Doing::Nothing).await.map(drop)
+    }
+
+    /// Has the long work done.
+    pub(super) async fn think(&mut self, thought: Thought) -> Result<Conclusion, Failure> {
+        match self.act(Action::Think(thought), Doing::Nothing).await? {
+            Event::Thought(conclusion) => Ok(conclusion),
+            other => Err(Failure::unexpected(&other)),
+        }
+    }
+
+    /// Asks the operator; `None` means that no answer came in time.
+    pub(super) async fn ask(&mut self, question: Question) -> Result<Option<Answer>, Failure> {
+        match self.act(Action::Ask(question), Doing::Nothing).await? {
+            Event::Answered(answer) => Ok(answer),
+            other => Err(Failure::unexpected(&other)),
+        }
+    }
+
+    /// Looks at a face from where the viewer's camera is; the inner error says why it was not read.
+    pub(super) async fn look(
+        &mut self,
+        viewer: Hand,
+        face: Face,
+        exposure: f64,
+    ) -> Result<Result<FaceReading, String>, Failure> {
+        let camera_from_face = self
+            .belief
+            .face_in_camera(viewer, face, &self.arms)
+            .ok_or("there is no camera in that hand, or no cube in the other")?;
+        #[cfg(test)]
+        self.port.state(|shared| shared.looking = Some((face, self.belief.held)));
+        let view = View { camera_from_face, exposure };
+        let look = Action::Look { effector: viewer.index(), view };
+        match self.act(look, Doing::Nothing).await? {
+            Event::Looked(reading) => Ok(reading),
+            other => Err(Failure::unexpected(&other)),
+        }
+    }
+
+    /// Has behaviours carried out and returns how they ended, alarms included.
+    pub(super) async fn behave(
+        &mut self,
+        orders: Orders,
+        until: Until,
+        doing: Doing,
+    ) -> Result<Outcomes, Failure> {
+        match self.act(Action::Behave { orders, until }, doing).await? {
+            Event::Behaved(outcomes) => Ok(outcomes),
+            other => Err(Failure::unexpected(&other)),
+        }
+    }
+
+    /// Has one hand carry out a behaviour while the other one stays as it is.
+    pub(super) async fn behave_alone(
+        &mut self,
+        hand: Hand,
+        behaviour: Behaviour,
+        doing: Doing,
+    ) -> Result<Outcomes, Failure> {
+        self.behave(alone(hand, behaviour), Until::Effector(hand.index()), doing).await
+    }
+
+    /// Returns how the turner's tool stands to the cube while its layer is in line.
+    pub(super) fn straight_now(&self, turner: Hand) -> Option<(Hand, Face, UnitQuaternion<f64>)> {
+        let held = self.belief.held[turner.index()]?;
+        let cube_from_tool = held.hold.cube_from_tool(held.half_roll, self.settings.edge);
+        Some((turner, held.hold.palm, cube_from_tool.rotation))
+    }
+
+    /// Checks whether a hand has lost what it held: its jaws have closed farther than on a cube.
+    pub(super) fn check_hold(&self) -> Result<(), Failure> {
+        let lost = |hand: &Hand| {
+            let (i, gap) = (hand.index(), self.arms[hand.index()].jaw_opening);
+            self.belief.held[i].is_some()
+                && self.widths[i].is_some_and(|width| gap < width - MOST_CLOSER)
+        };
+        Hand::BOTH.into_iter().find(lost).map_or(Ok(()), |hand| Err(Failure::Lost(hand)))
+    }
+
+    /// Returns the hand that holds the cube, the track if both do.
+    pub(super) fn holder(&self) -> Result<Hand, String> {
+        let holds = |hand: &Hand| self.belief.held[hand.index()].is_some();
+        Hand::BOTH.into_iter().find(holds).ok_or_else(|| "nobody holds the cube".to_owned())
+    }
+
+    /// Returns the hand that holds the cube, with its grip.
+    pub(super) fn held_alone(&self) -> Result<(Hand, Grip), String> {
+        let holder = self.holder()?;
+        let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
+        Ok((holder, Grip { hold: held.hold, half_roll: held.half_roll }))
+    }
+
+    /// Returns what becomes of a cube that goes back, in words.
+    pub(super) fn goes_back(&self) -> &'static str {
+        match self.settings.keeper {
+            Keeper::Person => "is handed back",
+            Keeper::Table => "is laid on the table again",
+        }
+    }
+
+    /// Returns where the cube is, as the mission believes.
+    pub(super) fn whereabouts(&self) -> String {
+        match self.belief.held.map(|held| held.is_some()) {
+            [true, true] => "both hands hold the cube".to_owned(),
+            [true, false] => "the track hand holds the cube".to_owned(),
+            [false, true] => "the postument hand holds the cube".to_owned(),
+            [false, false] => match (&self.drop_site, self.settings.keeper) {
+                (Some(site), _) => site.clone(),
+                (None, _) if !self.given_back && !self.untouched => {
+                    "no hand of the robot holds the cube, and where it is is not known".to_owned()
+                }
+                (None, Keeper::Person) => "the operator has the cube".to_owned(),
+                (None, Keeper::Table) => "the cube lies on the table".to_owned(),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{Stage, settings};
+    use super::*;
+
+    #[test]
+    fn entry_carries_what_another_run_needs() {
+        let mut stage = Stage::holding(settings());
+        let robot = &mut stage.robot;
+        (robot.given_back, robot.retract_shortfall) = (true, 0.02);
+        (robot.taken_at, robot.stops) = (Some([0.5, 0.1, 0.7]), [Depth::Two, Depth::One]);
+        robot.hand_over = Some(JointPositions::default());
+        robot.failure = Some("a layer stands askew".to_owned());
+
+        for doing in [
+            Doing::ClosingJaws,
+            Doing::OpeningJaws,
+            Doing::Turning,
+            Doing::HandingBack,
+            Doing::LayingDown,
+            Doing::Travelling,
+        ] {
+            let entry = robot.entry(doing).unwrap_or_else(|| panic!("{doing:?}"));
+            assert!(!entry.over && entry.handing_back, "{doing:?}");
+            assert_eq!(entry.held, [Some(Depth::One), None]);
+            assert_eq!(entry.hand_over, Some(JointPositions::default()));
+            assert_eq!((entry.taken_at, entry.short), (Some([0.5, 0.1, 0.7]), 0.02));
+            assert_eq!(entry.stops, [Some(Depth::Two), Some(Depth::One)]);
+            assert_eq!(entry.undone.as_deref(), Some("a layer stands askew"));
+        }
+        assert!(robot.entry(Doing::Over).is_some_and(|entry| entry.over));
+        for doing in [Doing::Nothing, Doing::Adjusting, Doing::Approaching, Doing::GivingWay] {
+            assert_eq!(robot.entry(doing), None, "{doing:?}");
+        }
+    }
+
+    #[test]
+    fn only_a_solving_mission_is_noted() {
+        let mut stage = Stage::holding(settings());
+        stage.robot.goal = Goal::Acquire;
+
+        assert_eq!(stage.robot.entry(Doing::Turning), None);
+    }
+}

@@ -1,0 +1,147 @@
+//! What lies behind the mission's port: noted before an action, shown while it lasts, summed up.
+//!
+//! All of it lies behind the procedure's port: the robot publishes it with each action, and page,
+//! journal, recording and summary read it there, whatever becomes of the procedure.
+
+#[cfg(test)]
+use crate::cube::Face;
+use crate::cube::{Facelets, Turn, facelet_at, facelet_place};
+use crate::motion::ArmState;
+use crate::operator::{Net, PlanLine, Reading};
+#[cfg(test)]
+use crate::tasks::cube::belief::Held;
+use crate::tasks::cube::plan::explain::Line;
+use crate::tasks::cube::think::Answer;
+use crate::tasks::{Entry, Picture};
+use std::sync::Arc;
+
+/// What lies behind the port.
+#[derive(Debug, Default)]
+pub(super) struct Shared {
+    /// Both arms as the shell delivered them with the last event.
+    pub(super) arms: [ArmState; 2],
+    /// What must be durable before the present action.
+    pub(super) entry: Option<Entry>,
+    pub(super) picture: Option<Picture>,
+    pub(super) whereabouts: String,
+    pub(super) log: MissionLog,
+    /// Notes that the shell has not taken yet.
+    pub(super) notes: Vec<String>,
+    /// The face that is looked at, and the grips of both hands: tests cannot see the robot.
+    #[cfg(test)]
+    pub(super) looking: Option<(Face, [Option<Held>; 2])>,
+}
+
+/// What the controller did, as it believes.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct MissionLog {
+    /// Colours read, letters URFDLB by the centres' colours.
+    pub identified: Option<String>,
+    /// Face turns of the first plan.
+    pub solution: Vec<Turn>,
+    /// Turns that were carried out.
+    pub executed: Vec<Turn>,
+    /// Jaw closings on the cube between identification and hand-back.
+    pub grasps: u32,
+    /// How often the cube was read and planned anew after a failure.
+    pub recoveries: u32,
+    /// How often the jaws reported that the cube had fallen.
+    pub drops: u32,
+    /// The plan's steps in words.
+    pub plan: Vec<Line>,
+}
+
+/// The cube as read, and the plan.
+#[derive(Debug, Default)]
+pub(super) struct Shown {
+    pub(super) net: Net,
+    pub(super) plan: Arc<Vec<PlanLine>>,
+    /// How many steps of the plan have begun.
+    pub(super) step: Option<usize>,
+    /// Named by the centres' colours, after the turns that were carried out.
+    pub(super) facelets: Option<Facelets>,
+}
+
+impl Shown {
+    /// Shows the decided cube and its plan, all in the frame of the centres' colours.
+    pub(super) fn decide(&mut self, answer: &Answer) {
+        let (colours, rotation) = (answer.read.colours(), answer.rotation);
+        self.net = Net { facelets: vec![None; 54], decided: true };
+        for (index, (colour, confidence)) in colours.iter().zip(answer.margins).enumerate() {
+            let place = facelet_place(index);
+            let to = facelet_at(rotation.cell(place.cell()), rotation.face(place.face));
+            self.net.facelets[to] = Some(Reading { colour: *colour, confidence });
+        }
+        self.facelets = answer.identified.parse().ok();
+        let line = |line: &Line| PlanLine {
+            what: line.what.clone(),
+            why: line.why.clone(),
+            seconds: line.seconds,
+        };
+        self.plan = Arc::new(answer.lines.iter().map(line).collect());
+        self.step = Some(0);
+    }
+
+    /// Counts a step of the plan that begins.
+    pub(super) fn begin_step(&mut self) {
+        self.step = self.step.map(|step| step + 1);
+    }
+}
+
+/// What a hand does in an action: a word for messages, and whether the journal notes it before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Doing {
+    /// No motion.
+    Nothing,
+    /// A way that another run must know of.
+    Travelling,
+    /// A small or repeated way.
+    Adjusting,
+    Approaching,
+    ClosingJaws,
+    Securing,
+    OpeningJaws,
+    GivingWay,
+    Turning,
+    HandingBack,
+    LayingDown,
+    /// The mission is over.
+    Over,
+}
+
+impl Doing {
+    /// Returns the word for messages and journal entries.
+    pub(super) fn word(self) -> &'static str {
+        match self {
+            Self::Nothing | Self::Travelling | Self::Adjusting => "moving",
+            Self::Approaching => "approaching",
+            Self::ClosingJaws => "closing the jaws",
+            Self::Securing => "securing",
+            Self::OpeningJaws => "opening the jaws",
+            Self::GivingWay => "giving way",
+            Self::Turning => "turning",
+            Self::HandingBack => "handing back",
+            Self::LayingDown => "laying it down",
+            Self::Over => "over",
+        }
+    }
+
+    /// Whether another run must know that this was about to be done: whatever moves the cube, or a
+    /// hand at it.
+    pub(super) fn is_noted(self) -> bool {
+        match self {
+            Self::Travelling
+            | Self::ClosingJaws
+            | Self::OpeningJaws
+            | Self::Turning
+            | Self::HandingBack
+            | Self::LayingDown
+            | Self::Over => true,
+            Self::Nothing
+            | Self::Adjusting
+            | Self::Approaching
+            | Self::Securing
+            | Self::GivingWay => false,
+        }
+    }
+}

@@ -1,0 +1,532 @@
+//! The cube is taken from the operator's hand, or from the table.
+//!
+//! - in: the visual servo's outcome, the width between the jaws, small pulls at the cube
+//! - out: the cube in the track hand, drawn back; or the failure that leaves it where it is
+//! - source: Zieliński et al. (2007), pp. 371-372
+//!
+//! | limit | value | reason |
+//! |---|---|---|
+//! | [`TAKE_TRIES`] | 3 | approaches, and closings of the jaws |
+//! | [`RELEASE_TRIES`] | 20 | pulls of 20 mm, 1.2 s apart: half a minute for the operator to let go |
+//! | [`CLEAR`] | 2/3 of the way back | nobody else's fingers are where the hand is then |
+
+use super::failure::Failure;
+use super::questions;
+use super::robot::{LEAST_WIDTH, MOST_WIDER, Robot};
+use super::shared::Doing;
+use crate::cube::{Axis, Face, Keeper};
+use crate::generators::Outcome;
+use crate::motion::Depth;
+use crate::tasks::cube::hold::{Hand, Hold};
+use nalgebra::Vector3;
+
+/// How often the cube is approached, and how often the jaws close on it.
+const TAKE_TRIES: u32 = 3;
+/// Time between two small pulls (s), and how many there are.
+pub(super) const RELEASE_WAIT: f64 = 1.2;
+pub(super) const RELEASE_TRIES: u32 = 20;
+/// Share of the way back after which the hand is clear of where the cube was taken.
+pub(super) const CLEAR: f64 = 2.0 / 3.0;
+
+/// Takes the cube and draws it back from where it was given.
+pub(super) async fn acquire(robot: &mut Robot) -> Result<(), Failure> {
+    robot.phase("acquire").await?;
+    robot.open(Hand::Track, Depth::One).await?;
+    robot.watch(true).await?;
+    robot.zero_forces([true, true]).await?;
+    for tries in 1.. {
+        approach(robot).await?;
+        let Some(why) = close(robot).await? else { break };
+        if tries >= TAKE_TRIES {
+            return Err(leave(robot, format!("the jaws do not hold the cube: {why}")));
+        }
+        robot.note(format!("the jaws did not hold the cube ({why}), try {tries}"));
+        robot.open(Hand::Track, Depth::One).await?;
+        draw_back(robot, robot.settings.back).await?;
+        robot.zero_forces([true, false]).await?;
+    }
+    draw_back_with_cube(robot, robot.settings.back).await
+}
+
+/// Lets the visual servo lead the open hand onto the cube until the palm touches it.
+async fn approach(robot: &mut Robot) -> Result<(), Failure> {
+    let mut tries = 1;
+    loop {
+        let servo = robot.servo_to_cube();
+        let outcomes = robot.behave_alone(Hand::Track, servo, Doing::Approaching).await?;
+        let outcome = outcomes[Hand::Track.index()];
+        match outcome {
+            Some(Outcome::Touched(_)) => {
+                if robot.seeks.take().is_some() {
+                    robot.note("the cube is held out again: it is taken anew");
+                    (robot.given_back, robot.failure) = (false, None);
+                    robot.maybe_offered = None;
+                }
+                return Ok(());
+            }
+            // An operator who has the cube of an earlier run and keeps it does not hold it out.
+            Some(Outcome::LostSight(_) | Outcome::OutOfZone(_) | Outcome::TimedOut(_))
+                if robot.seeks.is_some() =>
+            {
+                return Err(Failure::NotHeldOut);
+            }
+            Some(unseen @ (Outcome::LostSight(_) | Outcome::OutOfZone(_))) => {
+                let why = not_in_reach(robot.settings.keeper, unseen);
+                questions::ask_to_show_the_cube(robot, why).await?;
+                tries = 1;
+            }
+            Some(Outcome::NotTouched | Outcome::OverForce(..)) if tries < TAKE_TRIES => {
+                let why = match outcome {
+                    Some(met @ Outcome::OverForce(..)) => {
+                        format!("{met}, while approaching: the hand draws back")
+                    }
+                    _ => "the cube was not where it was seen".to_owned(),
+                };
+                robot.note(format!("{why}, try {tries}"));
+                draw_back(robot, robot.settings.back).await?;
+                // The force may have been zeroed while something pushed.
+                robot.zero_forces([true, false]).await?;
+                tries += 1;
+            }
+            other => {
+                let found = Outcome::words(other);
+                return Err(leave(robot, format!("the cube could not be approached: {found}")));
+            }
+        }
+    }
+}
+
+/// Says why no cube can be taken where one was looked for.
+fn not_in_reach(keeper: Keeper, unseen: Outcome) -> String {
+    match (unseen, keeper) {
+        (Outcome::OutOfZone(seconds), Keeper::Person) => format!(
+            "no cube in reach: it was seen, but outside the place of hand-over for {seconds:.1} s"
+        ),
+        (Outcome::OutOfZone(seconds), Keeper::Table) => format!(
+            "no cube in reach: it was seen, but not on the part of the table where it is to lie, \
+             for {seconds:.1} s"
+        ),
+        (Outcome::LostSight(seconds), _) => {
+            format!("no cube in sight of the stand-alone camera for {seconds:.1} s")
+        }
+        (other, _) => other.to_string(),
+    }
+}
+
+/// Closes the jaws on the cube that is given; returns why they do not hold it, if so.
+async fn close(robot: &mut Robot) -> Result<Option<String>, Failure> {
+    robot.stops[Hand::Track.index()] = Depth::One;
+    let grasp = robot.grasp(Depth::One);
+    let outcomes = robot.behave_alone(Hand::Track, grasp, Doing::ClosingJaws).await?;
+    let edge = robot.settings.edge;
+    match outcomes[Hand::Track.index()] {
+        // Something wider is a cube with somebody's finger beside it.
+        Some(Outcome::Grasped(width))
+            if width > LEAST_WIDTH * edge && width < edge + MOST_WIDER =>
+        {
+            let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
+            robot.belief.taken(Hand::Track, hold, false);
+            robot.widths[Hand::Track.index()] = Some(width);
+            (robot.taken_at, robot.retract_shortfall) = (Some(robot.track_place().into()), 0.0);
+            (robot.untouched, robot.drop_site) = (false, None);
+            Ok(None)
+        }
+        other => Ok(Some(Outcome::words(other))),
+    }
+}
+
+/// Gives the cube up: the mission leaves it to the operator. Returns the failure.
+pub(super) fn leave(robot: &mut Robot, why: String) -> Failure {
+    robot.belief.released(Hand::Track);
+    robot.failure = Some(why.clone());
+    Failure::Left(why)
+}
+
+/// Draws the hand back with the cube, once the operator has let go. A table lets go by itself.
+pub(super) async fn draw_back_with_cube(robot: &mut Robot, way: f64) -> Result<(), Failure> {
+    if robot.settings.keeper == Keeper::Person {
+        wait_for_release(robot).await?;
+    }
+    robot.watch(false).await?;
+    draw_back(robot, way).await?;
+    robot.check_hold()?;
+    robot.hand_over = Some(robot.arms[Hand::Track.index()].desired_joints);
+    Ok(())
+}
+
+/// Pulls at the cube a little, again and again, until nobody holds it any more.
+pub(super) async fn wait_for_release(robot: &mut Robot) -> Result<(), Failure> {
+    for tries in 1..=RELEASE_TRIES {
+        // A person who still pulls is given these tries, so an alarm counts for nothing here.
+        robot.wait(Hand::Track, RELEASE_WAIT).await?;
+        match robot.pull(0.5, Doing::Adjusting).await? {
+            Some(Outcome::Touched(_) | Outcome::OverForce(..)) => {
+                if tries == 1 {
+                    robot.note("the operator still holds the cube");
+                }
+            }
+            other => return released(robot, other),
+        }
+    }
+    // A person who holds it pulls at it again, a sensor that lies does not.
+    robot.zero_forces([true, false]).await?;
+    let last = robot.pull(0.5, Doing::Adjusting).await?;
+    released(robot, last)?;
+    // The force was zeroed in the operator's hand: it is zeroed again out of it.
+    robot.zero_forces([true, false]).await
+}
+
+/// Judges the pull that was the last one.
+fn released(robot: &mut Robot, pull: Option<Outcome>) -> Result<(), Failure> {
+    let why = match pull {
+        Some(Outcome::NotTouched) => {
+            robot.maybe_offered = None;
+            return Ok(());
+        }
+        Some(Outcome::Touched(_) | Outcome::OverForce(..)) if robot.maybe_offered.is_some() => {
+            return Err(Failure::WithOperator("somebody holds the cube".to_owned()));
+        }
+        Some(Outcome::Touched(_)) => "the operator does not let go of the cube".to_owned(),
+        other => format!("the cube could not be taken away: {}", Outcome::words(other)),
+    };
+    Err(leave(robot, why))
+}
+
+/// Draws the track hand back, as far as its arm folds (m).
+pub(super) async fn draw_back(robot: &mut Robot, way: f64) -> Result<(), Failure> {
+    robot.check_hold()?;
+    let goes = robot.track_folds(way);
+    // Without a cube nothing is drawn back from where one was taken. A run that goes on may hold it
+    // without knowing where that was.
+    if robot.belief.held[Hand::Track.index()].is_some() {
+        robot.retract_shortfall += way - goes;
+    }
+    robot.along(Hand::Track, -goes).await
+}
+
+impl Robot {
+    /// Returns how far an arm retracts: `way`, or less if its joints allow less but at least
+    /// `least`. Below `least` it returns `way`, so that the servo reports the limit (m).
+    pub(super) fn folds(&mut self, hand: Hand, way: f64, least: f64) -> f64 {
+        let goes = self.free_way(hand, way);
+        if goes >= way || goes < least {
+            return way;
+        }
+        let (short, all) = (goes * 1e3, way * 1e3);
+        self.note(format!(
+            "the {} arm folds no farther: drawn back by {short:.0} of {all:.0} mm",
+            hand.name()
+        ));
+        goes
+    }
+
+    /// Returns how much of a way back an arm's joints allow (m).
+    pub(super) fn free_way(&self, hand: Hand, way: f64) -> f64 {
+        let (fold, arm) = (&self.settings.folds[hand.index()], &self.arms[hand.index()]);
+        fold.way(&arm.desired_base_from_tool, &arm.desired_joints, way)
+    }
+
+    /// Returns how far the track arm retracts (m). Nearer than two thirds of the usual way to where
+    /// it took the cube, the cube is still in the operator's hand; fingers that have let go are
+    /// clear of it after an edge.
+    pub(super) fn track_folds(&mut self, way: f64) -> f64 {
+        let holds = self.belief.held[Hand::Track.index()].is_some();
+        let least = if self.given_back && !holds {
+            self.settings.edge
+        } else {
+            let gone = self.distance_from_grasp().filter(|_| holds).unwrap_or(0.0);
+            CLEAR * self.settings.back - gone
+        };
+        self.folds(Hand::Track, way, least)
+    }
+
+    /// Returns how far the track retracts with the cube from where it closed on it (m).
+    pub(super) fn way_back(&self) -> f64 {
+        self.settings.back - self.retract_shortfall
+    }
+
+    /// Returns how far the track's tool is from where it closed on the cube (m).
+    pub(super) fn distance_from_grasp(&self) -> Option<f64> {
+        let from = Vector3::from(self.taken_at?);
+        Some((self.track_place() - from).norm())
+    }
+
+    /// Returns what is left of the way back from where the track took the cube (m).
+    pub(super) fn way_back_left(&self) -> Option<f64> {
+        self.distance_from_grasp().map(|gone| (self.way_back() - gone).max(0.0))
+    }
+
+    /// Returns where the track's tool is set to be, in its base (m).
+    pub(super) fn track_place(&self) -> Vector3<f64> {
+        self.arms[Hand::Track.index()].desired_base_from_tool.translation.vector
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::assignment::{Assignment, Goal};
+    use super::super::failure::alone;
+    use super::super::testing::{
+        Stage, count, goes_well, met, order, play_mission, settings, taken, track, words,
+    };
+    use super::super::{Mission, mend};
+    use super::*;
+    use crate::generators::Behaviour;
+    use crate::motion::ArmState;
+    use crate::operator::Answer;
+    use crate::reach::Fold;
+    use crate::tasks::cube::settings::CubeSettings;
+    use crate::tasks::{Action, Event};
+
+    fn is_servo(order: &Behaviour) -> bool {
+        matches!(order, Behaviour::VisualServo(_))
+    }
+
+    #[test]
+    fn blocked_approach_draws_back_and_leaves_finally() {
+        let mut stage = Stage::new(settings());
+
+        let (end, actions) =
+            stage.play(
+                async |robot| acquire(robot).await,
+                &mut |action, arms| match order(action) {
+                    Some(order) if is_servo(order) => met(),
+                    _ => goes_well(action, arms),
+                },
+            );
+
+        let way = ["acquire", "open", "watch", "zero", "servo"];
+        let again = ["line", "zero", "servo"];
+        assert_eq!(words(&actions), [&way[..], &again, &again].concat());
+        let Err(failure) = end else { panic!("{end:?}") };
+        let mend = async |robot: &mut Robot| mend::mend(robot, failure).await;
+        let (end, actions) = stage.play(mend, &mut goes_well);
+        assert_eq!(words(&actions), ["open", "line"]);
+        let Some(Behaviour::Line { target, .. }) = order(&actions[1]) else { panic!() };
+        assert!(target.translation.vector.z < 0.0, "{target:?}");
+        let told = format!("{end:?}");
+        assert!(told.contains("over-force of 31.0 N"), "{told}");
+        assert_eq!(stage.robot.whereabouts(), "the operator has the cube");
+    }
+
+    #[test]
+    fn missed_cube_is_approached_again_with_zeroed_force() {
+        let mut tries = 0;
+        let mut stage = Stage::new(settings());
+
+        let (end, actions) = stage.play(
+            async |robot| approach(robot).await,
+            &mut |action, arms| match order(action) {
+                Some(order) if is_servo(order) => {
+                    tries += 1;
+                    track(if tries == 1 { Outcome::NotTouched } else { Outcome::Touched(0.0) })
+                }
+                _ => goes_well(action, arms),
+            },
+        );
+
+        assert_eq!((end, words(&actions)), (Ok(()), vec!["servo", "line", "zero", "servo"]));
+    }
+
+    /// Waits for a release where `holds` pulls are held on to, the last one ends as told.
+    fn release(last: Outcome) -> (Result<(), Failure>, Vec<&'static str>, Stage) {
+        let mut stage = Stage::holding(settings());
+        let mut pulls = 0;
+        let (end, actions) = stage.play(
+            async |robot| wait_for_release(robot).await,
+            &mut |action, arms| match order(action) {
+                Some(Behaviour::Withdraw { .. }) => {
+                    pulls += 1;
+                    track(if pulls <= RELEASE_TRIES { Outcome::Touched(3.0) } else { last })
+                }
+                _ => goes_well(action, arms),
+            },
+        );
+        (end, words(&actions), stage)
+    }
+
+    #[test]
+    fn stuck_force_is_zeroed_before_the_last_pull() {
+        let (end, words, mut stage) = release(Outcome::NotTouched);
+
+        assert_eq!(end, Ok(()));
+        let pulls = ["give way", "pull"].repeat(RELEASE_TRIES as usize);
+        // In free air it is zeroed again.
+        assert_eq!(words, [&pulls[..], &["zero", "pull", "zero"]].concat());
+        assert_eq!(stage.robot.whereabouts(), "the track hand holds the cube");
+        assert_eq!(stage.notes(), ["the operator still holds the cube"]);
+    }
+
+    #[test]
+    fn operator_who_holds_on_keeps_the_cube() {
+        let (end, _, mut stage) = release(Outcome::Touched(3.0));
+
+        let Err(failure) = end else { panic!() };
+        let mend = async |robot: &mut Robot| mend::mend(robot, failure).await;
+        let (_, actions) = stage.play(mend, &mut goes_well);
+        let Some(Behaviour::Jaw { strained, jaw, .. }) = order(&actions[0]) else { panic!() };
+        assert!(*strained && jaw.opening > 0.08, "whatever strains them, the jaws open");
+        assert!(stage.robot.whereabouts().contains("not known"));
+    }
+
+    #[test]
+    fn jaws_keep_only_widths_of_a_cube() {
+        for (width, kept) in [(0.0565, true), (0.062, true), (0.065, false), (0.053, false)] {
+            let mut stage = Stage::new(settings());
+
+            let (end, _) = stage
+                .play(async |robot| close(robot).await, &mut |_, _| track(Outcome::Grasped(width)));
+
+            assert_eq!(end.unwrap().is_none(), kept, "{width}");
+            assert_eq!(stage.robot.belief.held[0].is_some(), kept, "{width}");
+        }
+    }
+
+    /// Plays a mission that sees no cube, with somebody who answers once, or nobody.
+    fn unseen(patience: Option<f64>, answer: Option<Answer>) -> (Vec<&'static str>, String) {
+        let assignment = Assignment { patience, ..Assignment::new(Goal::Solve) };
+        let mut mission = Mission::new(settings(), assignment);
+        let arms = [ArmState { jaw_opening: 0.09, ..ArmState::default() }; 2];
+        let mut answers = vec![answer];
+        let (end, actions) = play_mission(&mut mission, arms, &mut |action, arms| match action {
+            Action::Ask(question) => {
+                assert!(question.text.contains("no cube in sight"), "{}", question.text);
+                Event::Answered(answers.pop().flatten())
+            }
+            _ if order(action).is_some_and(is_servo) => track(Outcome::LostSight(60.0)),
+            _ => goes_well(action, arms),
+        });
+        assert!(!end.achieved && end.reason.contains("no cube in sight"), "{}", end.reason);
+        (words(&actions), end.reason)
+    }
+
+    #[test]
+    fn operator_has_an_unseen_cube_looked_for_again() {
+        let (words, _) = unseen(Some(30.0), Some(Answer::Choice { option: 0 }));
+        assert_eq!(words[4..], ["servo", "ask", "servo", "ask"]);
+
+        for answer in [Some(Answer::Choice { option: 1 }), Some(Answer::Declined), None] {
+            let (words, _) = unseen(Some(30.0), answer);
+            assert_eq!(words[4..], ["servo", "ask"]);
+        }
+        let (words, _) = unseen(None, None);
+        assert_eq!(words[4..], ["servo"], "nobody is there");
+    }
+
+    /// An arm that folds by a part of the way back only, and that part (m).
+    fn folding() -> (ArmState, f64) {
+        let (desired_joints, desired_base_from_tool) = Fold::example_stand();
+        let goes = settings().folds[0].way(&desired_base_from_tool, &desired_joints, 0.3);
+        let arm = ArmState { desired_joints, desired_base_from_tool, ..ArmState::default() };
+        (arm, goes)
+    }
+
+    #[test]
+    fn shortfall_counts_only_with_a_cube() {
+        let (arm, goes) = folding();
+        for (holds, known) in [(true, true), (true, false), (false, false)] {
+            let mut stage = Stage::new(CubeSettings { back: 1.2 * goes, ..settings() });
+            stage.robot.arms[0] = arm;
+            if holds {
+                stage.robot.hold(Hand::Track);
+            }
+            let place = stage.robot.track_place().into();
+            stage.robot.taken_at = known.then_some(place);
+
+            let draws = async |robot: &mut Robot| draw_back(robot, 1.2 * goes).await;
+            let (end, _) = stage.play(draws, &mut goes_well);
+
+            assert_eq!(end, Ok(()));
+            let expected = if holds { 0.2 * goes } else { 0.0 };
+            assert!((stage.robot.retract_shortfall - expected).abs() < 1e-12, "{holds} {known}");
+        }
+    }
+
+    #[test]
+    fn retraction_counts_the_way_already_gone() {
+        let (arm, goes) = folding();
+        let back = goes / 0.6;
+        let drawn = |before: f64| {
+            let mut stage = Stage::holding(CubeSettings { back, ..settings() });
+            stage.robot.arms[0] = arm;
+            let taken_at = arm.desired_base_from_tool * nalgebra::Point3::new(0.0, 0.0, before);
+            stage.robot.taken_at = Some(taken_at.into());
+            stage.robot.track_folds(back)
+        };
+
+        assert_eq!(drawn(0.0), back, "the cube would stay in the operator's hand: the arm refuses");
+        assert_eq!(drawn(0.1 * back), goes, "far enough in all");
+    }
+
+    #[test]
+    fn empty_fingers_are_clear_after_an_edge() {
+        let (arm, goes) = folding();
+        let drawn = |edge: f64| {
+            let mut stage = Stage::new(CubeSettings { back: 2.0 * goes, edge, ..settings() });
+            stage.robot.arms[0] = arm;
+            (stage.robot.given_back, stage.robot.taken_at) = (true, Some([0.0; 3]));
+            stage.robot.track_folds(2.0 * goes)
+        };
+
+        assert_eq!(drawn(0.9 * goes), goes);
+        assert_eq!(drawn(1.1 * goes), 2.0 * goes, "the arm refuses");
+    }
+
+    #[test]
+    fn blocked_way_is_followed_again_three_times() {
+        let mut stage = Stage::new(settings());
+        let to = crate::motion::JointPositions([0.4; 7]);
+        let goes = async |robot: &mut Robot| robot.joints([Some(to), Some(to)]).await;
+
+        let (end, actions) = stage.play(goes, &mut |action, _| match order(action) {
+            Some(Behaviour::Joints { .. }) => met(),
+            _ => track(Outcome::TimedOut(1.0)),
+        });
+
+        let again = ["give way", "joints"].repeat(3);
+        assert_eq!(words(&actions), [&["joints"][..], &again].concat());
+        let joints: Vec<_> =
+            actions.iter().filter(|a| count(&[(*a).clone()], "joints") == 1).collect();
+        let sent = |action: &Action<_>| match action {
+            Action::Behave { orders, .. } => *orders,
+            _ => [None; 2],
+        };
+        assert!(joints.iter().all(|action| sent(action) == sent(joints[0])), "{joints:?}");
+        assert!(matches!(end, Err(Failure::Final(why)) if why.contains("while moving")));
+    }
+
+    #[test]
+    fn strained_jaws_try_as_often_each_time() {
+        use super::super::actions::MOST_STRAINED;
+        let mut stage = Stage::new(settings());
+        let open = |stage: &mut Stage, strained: u32| {
+            let mut left = strained;
+            let opens = async |robot: &mut Robot| robot.open(Hand::Postument, Depth::One).await;
+            let (end, actions) = stage.play(opens, &mut |action, arms| match order(action) {
+                Some(Behaviour::Jaw { .. }) if left > 0 => {
+                    left -= 1;
+                    Event::Behaved([None, Some(Outcome::OverForce(0, 30.0))])
+                }
+                _ => goes_well(action, arms),
+            });
+            (end.is_ok(), count(&actions, "open"))
+        };
+
+        for _ in 0..2 {
+            assert_eq!(open(&mut stage, MOST_STRAINED), (true, MOST_STRAINED as usize + 1));
+        }
+        assert_eq!(open(&mut stage, MOST_STRAINED + 1), (false, MOST_STRAINED as usize + 1));
+    }
+
+    #[test]
+    fn lost_cube_stops_the_next_action() {
+        let mut stage = Stage::holding(settings());
+        stage.robot.arms[0].jaw_opening = 0.053;
+
+        let waits = async |robot: &mut Robot| robot.wait(Hand::Track, 1.0).await;
+        let (end, actions) = stage.play(waits, &mut goes_well);
+
+        assert_eq!((end, actions.len()), (Err(Failure::Lost(Hand::Track)), 0));
+        assert_eq!(alone(Hand::Track, stage.robot.grasp(taken().depth))[1], None);
+    }
+}

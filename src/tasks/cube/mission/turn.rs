@@ -1,0 +1,159 @@
+//! One layer is turned, while the partner's arm gives way.
+//!
+//! - in: a turn of the plan, or an angle
+//! - out: the layer turned; a [`Failure::TurnFailed`] where it jammed or slipped
+//! - source: Zieliński et al. (2007), p. 373
+//!
+//! | limit | value | reason |
+//! |---|---|---|
+//! | [`TURN_TRIES`] | 2 | a layer that stalls is eased back and turned on, this often |
+//! | [`EASE_BACK`] | 0.09 rad | what a stalled layer is turned back by, at most |
+
+use super::actions::Closing;
+use super::assignment::Goal;
+use super::failure::{Failure, alarm};
+use super::regrasp;
+use super::robot::Robot;
+use super::shared::Doing;
+use super::turn_in_progress::TurnInProgress;
+use crate::cube::{Face, Turn};
+use crate::generators::Outcome;
+use crate::motion::Depth;
+use crate::tasks::Finish;
+use crate::tasks::cube::hold::{Grip, Hand, Hold};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// How often a stalled turn is tried again.
+const TURN_TRIES: u32 = 2;
+/// The angle by which a stalled layer is eased back at most (rad).
+const EASE_BACK: f64 = 0.09;
+
+/// Turns a layer as the plan says. The belief takes the turn for done from its beginning: what
+/// fails is brought back into line from there.
+pub(super) async fn turn_layer(robot: &mut Robot, turner: Hand, turn: Turn) -> Result<(), Failure> {
+    robot.straight = robot.straight_now(turner);
+    let angle = turn_angle(robot, turner, turn.quarters)?;
+    robot.turning = Some(turn);
+    let held = robot.belief.held[turner.index()].ok_or("the turner holds nothing")?;
+    let grip = Grip { hold: held.hold, half_roll: held.half_roll };
+    let roll = robot.arms[turner.index()].desired_joints.0[6];
+    robot.turn_in_progress = Some(TurnInProgress::new(turner, grip, roll, angle.signum()));
+    let (hold, half_roll) = held.hold.after_turn(held.half_roll, turn.quarters);
+    robot.belief.turned(turner, hold, half_roll);
+    turn_through(robot, turner, angle).await.map(drop)
+}
+
+/// Turns by an angle in as many goes as it takes, and returns the angle of all of them (rad).
+pub(super) async fn turn_through(
+    robot: &mut Robot,
+    turner: Hand,
+    angle: f64,
+) -> Result<f64, Failure> {
+    let mut turned = 0.0;
+    // What is left to turn, the next go last, each with the number of its try.
+    let mut goes = vec![(angle, 1)];
+    while let Some((angle, tries)) = goes.pop() {
+        let outcomes = robot.turn(turner, angle, robot.settings.turn_torque).await?;
+        if let Some(met) = alarm(&outcomes, Doing::Turning) {
+            return Err(failed(robot, turner, &met.why));
+        }
+        match outcomes[turner.index()] {
+            Some(Outcome::Turned(by)) => turned += by,
+            Some(Outcome::Stalled(by, torque)) if tries <= TURN_TRIES => {
+                let (done, all) = (by.to_degrees(), angle.to_degrees());
+                robot.note(format!(
+                    "the face stood still after {done:.0} deg of {all:.0} under {torque:.1} Nm: \
+                     eased back, try {tries}"
+                ));
+                turned += by;
+                robot.stalled = robot.turning.or(robot.stalled);
+                let ease = -angle.signum() * EASE_BACK.min(by.abs());
+                // A stall on the way back is one more try of the same turn.
+                goes.push((angle - by - ease, tries + 1));
+                goes.push((ease, tries + 1));
+            }
+            Some(Outcome::Stalled(by, torque)) => {
+                let degrees = (turned + by).to_degrees();
+                let why = format!(
+                    "jam: the face stands still after {degrees:.0} deg under {torque:.1} Nm"
+                );
+                return Err(failed(robot, turner, &why));
+            }
+            Some(slipped @ Outcome::Slipped(..)) => {
+                return Err(failed(robot, turner, &slipped.to_string()));
+            }
+            other => {
+                let why = format!("the turn ended otherwise: {}", Outcome::words(other));
+                return Err(Failure::Final(why));
+            }
+        }
+    }
+    if let Some(turn) = robot.turning.take() {
+        robot.shown.facelets = robot.shown.facelets.map(|facelets| facelets.turned(turn));
+        robot.log.executed.push(turn);
+        (robot.straight, robot.turn_in_progress) = (None, None);
+    }
+    Ok(turned)
+}
+
+/// Reports a turn that did not go through: its layer is to be brought back into line.
+fn failed(robot: &mut Robot, turner: Hand, why: &str) -> Failure {
+    let solves = robot.goal == Goal::Solve;
+    let Some(turn) = robot.turn_in_progress.as_mut().filter(|turn| solves && turn.is_of(turner))
+    else {
+        return Failure::Final(why.to_owned());
+    };
+    turn.failed(why);
+    robot.note(format!("{why}: the layer is brought back into line"));
+    (robot.turning, robot.straight) = (None, None);
+    Failure::TurnFailed { turner }
+}
+
+/// Returns the roll of the turner's tool for a number of clockwise quarter turns (rad). The tool's z
+/// points into the cube, so clockwise seen from outside is positive about it.
+fn turn_angle(robot: &Robot, turner: Hand, quarters: u8) -> Result<f64, String> {
+    let meeting = robot.meeting.ok_or("the arms have not met")?;
+    let room = match turner {
+        Hand::Track => meeting.track_roll,
+        Hand::Postument => meeting.postument_roll,
+    };
+    Ok(match quarters {
+        1 => FRAC_PI_2,
+        3 => -FRAC_PI_2,
+        _ => half_turn(room),
+    })
+}
+
+/// Returns a half turn in the sense in which the wrist has room (rad).
+fn half_turn(room: (f64, f64)) -> f64 {
+    if room.1 > -room.0 { PI } else { -PI }
+}
+
+/// Grasps the cube in the postument's hand, turns the layer under the track's palm by an angle, and
+/// lets go: the task `face_turn`.
+pub(super) async fn turn_face(robot: &mut Robot, angle: f64) -> Result<Finish, Failure> {
+    let held = robot.belief.held[Hand::Postument.index()].ok_or("nobody holds the cube")?;
+    let hold = Hold { palm: held.hold.palm.opposite(), depth: Depth::One, ..held.hold };
+    let grip = Grip { hold, half_roll: false };
+    robot.apart = false;
+    robot.phase("grasp").await?;
+    robot.close(Hand::Postument, held.hold, Closing::Straight).await?;
+    robot.open(Hand::Track, Depth::One).await?;
+    robot.zero_forces([true, true]).await?;
+    regrasp::close_on(robot, Hand::Track, grip).await?;
+    robot.secure(Hand::Track, grip).await?;
+    robot.phase("turn").await?;
+    let turned = turn_through(robot, Hand::Track, angle).await?;
+    robot.phase("release").await?;
+    regrasp::let_go(robot, Hand::Track).await?;
+    robot.check_hold()?;
+
+    let quarters = (turned / FRAC_PI_2).round() as i32;
+    robot.log.executed.extend(Turn::new(Face::U, quarters.rem_euclid(4) as u8));
+    robot.publish(Doing::Nothing);
+    let achieved = (turned - angle).abs() < 0.05;
+    Ok(Finish {
+        achieved,
+        reason: format!("the face was turned by {:.1} deg", turned.to_degrees()),
+    })
+}

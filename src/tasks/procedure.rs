@@ -1,0 +1,324 @@
+//! A task that is written as a procedure: an `async fn` that is resumed with each event.
+//!
+//! The kernel of a task stays pure and synchronous outside: [`Procedure::next`] takes an event and
+//! returns the next action. Inside it is straight-line Rust, and the compiler writes the state
+//! machine. No runtime is involved: the future is polled by hand with a waker that does nothing.
+//!
+//! - in: the event that answers an action, stored behind the [`Port`]
+//! - out: the action at whose `.await` the procedure stopped, or the task's end
+//!
+//! Rules:
+//!
+//! - A port holds any number of outstanding requests, each with an id that its answer repeats.
+//!   The shell of today carries out one action at a time, in the order in which they were posted.
+//! - Futures are joined in a fixed order ([`both`]), so that a run is repeatable to the bit.
+//! - A procedure that waits although nothing is outstanding is a defect of the task and ends it
+//!   with [`Action::Defect`]; it never hangs.
+//! - The procedure borrows nothing from outside. Whatever page, journal or summary show lies behind
+//!   the port, since terminating a run drops the procedure together with its locals.
+
+use super::{Action, Event, Finish};
+use std::collections::{BTreeMap, VecDeque};
+use std::future::{Future, poll_fn};
+use std::pin::{Pin, pin};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll, Waker};
+
+/// Number of a request, unique within its port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct RequestId(u64);
+
+/// What a procedure and its shell share: requests, answers, and a state `S` that both may see.
+/// `T` is what the kernel thinks about, `C` what it concludes.
+#[derive(Debug)]
+pub struct Port<T, C, S>(Arc<Mutex<Shared<T, C, S>>>);
+
+#[derive(Debug)]
+struct Shared<T, C, S> {
+    last_id: u64,
+    /// Requests that the shell has not taken yet.
+    posted: VecDeque<(RequestId, Action<T>)>,
+    /// Every request that the procedure still waits for, with its answer once that is there.
+    awaited: BTreeMap<RequestId, Option<Event<C>>>,
+    state: S,
+}
+
+impl<T, C, S> Clone for Port<T, C, S> {
+    fn clone(&self) -> Self {
+        Self(Arc::clone(&self.0))
+    }
+}
+
+impl<T, C, S> Port<T, C, S> {
+    /// Makes a port without requests.
+    #[must_use]
+    pub fn new(state: S) -> Self {
+        let (posted, awaited) = (VecDeque::new(), BTreeMap::new());
+        Self(Arc::new(Mutex::new(Shared { last_id: 0, posted, awaited, state })))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Shared<T, C, S>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Lets `look` read or change the shared state. It must not use the port meanwhile.
+    pub fn state<R>(&self, look: impl FnOnce(&mut S) -> R) -> R {
+        look(&mut self.lock().state)
+    }
+
+    /// Makes a request, which is posted when it is first polled. Its output is the event that the
+    /// shell delivers for it.
+    #[must_use]
+    pub fn request(&self, action: Action<T>) -> Request<T, C, S> {
+        Request { port: self.clone(), state: RequestState::New(Some(action)) }
+    }
+
+    fn post(&self, action: Action<T>) -> RequestId {
+        let mut shared = self.lock();
+        shared.last_id += 1;
+        let id = RequestId(shared.last_id);
+        shared.posted.push_back((id, action));
+        shared.awaited.insert(id, None);
+        id
+    }
+
+    /// Takes the oldest request that was posted and not taken yet.
+    #[must_use]
+    pub fn take_posted(&self) -> Option<(RequestId, Action<T>)> {
+        self.lock().posted.pop_front()
+    }
+
+    /// Delivers the answer to a request. An answer that the procedure no longer waits for is dropped.
+    pub fn deliver(&self, id: RequestId, event: Event<C>) {
+        if let Some(answer) = self.lock().awaited.get_mut(&id) {
+            *answer = Some(event);
+        }
+    }
+
+    /// Whether some request has no answer yet.
+    fn is_waiting(&self) -> bool {
+        self.lock().awaited.values().any(Option::is_none)
+    }
+}
+
+/// A request of a procedure. Dropping it withdraws the request, or its answer.
+#[derive(Debug)]
+pub struct Request<T, C, S> {
+    port: Port<T, C, S>,
+    state: RequestState<T>,
+}
+
+#[derive(Debug)]
+enum RequestState<T> {
+    /// Not polled yet.
+    New(Option<Action<T>>),
+    Posted(RequestId),
+}
+
+impl<T: Unpin, C, S> Future for Request<T, C, S> {
+    type Output = Event<C>;
+
+    fn poll(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Event<C>> {
+        let Self { port, state } = self.get_mut();
+        match state {
+            RequestState::New(action) => {
+                if let Some(action) = action.take() {
+                    *state = RequestState::Posted(port.post(action));
+                }
+                Poll::Pending
+            }
+            RequestState::Posted(id) => {
+                let answer = port.lock().awaited.get_mut(id).and_then(Option::take);
+                answer.map_or(Poll::Pending, Poll::Ready)
+            }
+        }
+    }
+}
+
+impl<T, C, S> Drop for Request<T, C, S> {
+    fn drop(&mut self) {
+        if let RequestState::Posted(id) = &self.state {
+            let mut shared = self.port.lock();
+            shared.awaited.remove(id);
+            shared.posted.retain(|(posted, _)| posted != id);
+        }
+    }
+}
+
+/// Waits for two futures, and polls `first` before `second` each time.
+pub async fn both<A: Future, B: Future>(first: A, second: B) -> (A::Output, B::Output) {
+    let (mut first, mut second) = (pin!(first), pin!(second));
+    let (mut a, mut b) = (None, None);
+    poll_fn(move |context| {
+        if a.is_none()
+            && let Poll::Ready(output) = first.as_mut().poll(context)
+        {
+            a = Some(output);
+        }
+        if b.is_none()
+            && let Poll::Ready(output) = second.as_mut().poll(context)
+        {
+            b = Some(output);
+        }
+        match (a.take(), b.take()) {
+            (Some(a), Some(b)) => Poll::Ready((a, b)),
+            (one, other) => {
+                (a, b) = (one, other);
+                Poll::Pending
+            }
+        }
+    })
+    .await
+}
+
+/// A procedure with its port: the kernel of a task.
+pub struct Procedure<T, C, S> {
+    /// `None` once it has ended.
+    future: Option<Pin<Box<dyn Future<Output = Finish> + Send>>>,
+    port: Port<T, C, S>,
+    /// The request that the shell carries out now.
+    current: Option<RequestId>,
+    /// How it ended.
+    finish: Option<Finish>,
+}
+
+impl<T, C, S> std::fmt::Debug for Procedure<T, C, S> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { current, finish, .. } = self;
+        f.debug_struct("Procedure").field("current", current).field("finish", finish).finish()
+    }
+}
+
+impl<T, C, S> Procedure<T, C, S> {
+    /// Makes a procedure that begins at the first event.
+    #[must_use]
+    pub fn new(
+        port: Port<T, C, S>,
+        procedure: impl Future<Output = Finish> + Send + 'static,
+    ) -> Self {
+        Self { future: Some(Box::pin(procedure)), port, current: None, finish: None }
+    }
+
+    /// Returns the port, for what lies behind it.
+    #[must_use]
+    pub fn port(&self) -> &Port<T, C, S> {
+        &self.port
+    }
+
+    /// Delivers the event for the action that was carried out, resumes the procedure and returns
+    /// its next action. An ended procedure returns its end again.
+    pub fn next(&mut self, event: Event<C>) -> Action<T> {
+        if let Some(id) = self.current.take() {
+            self.port.deliver(id, event);
+        }
+        if let Some(future) = &mut self.future
+            && let Poll::Ready(finish) =
+                future.as_mut().poll(&mut Context::from_waker(Waker::noop()))
+        {
+            (self.future, self.finish) = (None, Some(finish));
+        }
+        if let Some(finish) = &self.finish {
+            return Action::Finish(finish.clone());
+        }
+        if let Some((id, action)) = self.port.take_posted() {
+            self.current = Some(id);
+            return action;
+        }
+        debug_assert!(!self.port.is_waiting(), "a request was taken and never answered");
+        Action::Defect("the task waits although it has asked for nothing".to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    type Bare = Port<(), (), Vec<&'static str>>;
+
+    fn run<F: Future<Output = Finish> + Send + 'static>(
+        procedure: impl FnOnce(Bare) -> F,
+    ) -> Procedure<(), (), Vec<&'static str>> {
+        let port = Port::new(Vec::new());
+        Procedure::new(port.clone(), procedure(port))
+    }
+
+    fn done() -> Finish {
+        Finish { achieved: true, reason: "done".to_owned() }
+    }
+
+    #[test]
+    fn procedure_returns_one_action_an_event() {
+        let mut procedure = run(|port| async move {
+            for name in ["a", "b"] {
+                port.request(Action::Phase(name)).await;
+                port.state(|seen| seen.push(name));
+            }
+            done()
+        });
+
+        assert_eq!(procedure.next(Event::Start), Action::Phase("a"));
+        assert_eq!(procedure.next(Event::Done), Action::Phase("b"));
+        assert_eq!(procedure.next(Event::Done), Action::Finish(done()));
+        assert_eq!(procedure.next(Event::Done), Action::Finish(done()), "ended stays ended");
+        assert_eq!(procedure.port().state(|seen| seen.clone()), ["a", "b"]);
+    }
+
+    #[test]
+    fn answers_reach_their_own_requests() {
+        let port: Bare = Port::new(Vec::new());
+        let (first, second) = (port.request(Action::Watch(true)), port.request(Action::Await));
+        let mut joined = pin!(both(first, second));
+        let mut context = Context::from_waker(Waker::noop());
+        assert!(joined.as_mut().poll(&mut context).is_pending());
+        let (a, _) = port.take_posted().unwrap();
+        let (b, _) = port.take_posted().unwrap();
+
+        port.deliver(b, Event::Answered(None));
+        assert!(joined.as_mut().poll(&mut context).is_pending());
+        port.deliver(a, Event::Done);
+
+        let Poll::Ready(answers) = joined.as_mut().poll(&mut context) else { panic!() };
+        assert!(matches!(answers, (Event::Done, Event::Answered(None))), "{answers:?}");
+    }
+
+    #[test]
+    fn joined_requests_are_carried_out_in_order() {
+        let mut procedure = run(|port| async move {
+            let first = async {
+                port.request(Action::Phase("a")).await;
+                port.request(Action::Phase("c")).await;
+            };
+            both(first, port.request(Action::Phase("b"))).await;
+            done()
+        });
+
+        let phases: Vec<_> = std::iter::repeat_with(|| procedure.next(Event::Done))
+            .take_while(|action| !matches!(action, Action::Finish(_)))
+            .collect();
+
+        assert_eq!(phases, ["a", "b", "c"].map(Action::Phase));
+    }
+
+    #[test]
+    fn waiting_for_nothing_is_a_defect() {
+        let mut procedure = run(|_| std::future::pending());
+
+        assert!(matches!(procedure.next(Event::Start), Action::Defect(_)));
+    }
+
+    #[test]
+    fn dropped_request_is_withdrawn() {
+        let mut procedure = run(|port| async move {
+            {
+                let mut given_up = pin!(port.request(Action::Await));
+                let polled = given_up.as_mut().poll(&mut Context::from_waker(Waker::noop()));
+                assert!(polled.is_pending());
+            }
+            port.request(Action::Phase("a")).await;
+            done()
+        });
+
+        assert_eq!(procedure.next(Event::Start), Action::Phase("a"));
+        assert_eq!(procedure.next(Event::Done), Action::Finish(done()));
+    }
+}
