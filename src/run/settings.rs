@@ -18,7 +18,7 @@ use crate::tasks::cube::hold::Hold;
 use crate::tasks::cube::mission::Goal;
 use crate::tasks::cube::plan::{Planner, Rule};
 use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
-use crate::tasks::cube::think::Strategy;
+use crate::tasks::cube::strategy::Strategy;
 use crate::tasks::panel::{Bench, Panel};
 use crate::vision::Method;
 use nalgebra::{Point3, Vector3};

@@ -10,4 +10,5 @@ pub mod mission;
 pub mod plan;
 pub mod replay;
 pub mod settings;
+pub mod strategy;
 pub mod think;

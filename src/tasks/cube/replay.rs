@@ -6,7 +6,7 @@
 //! cell, and a turning layer sweeps the ring of cells around it.
 
 use super::hold::{Grip, Hand, Hands, Hold, Step, hands_after};
-use super::plan::Rule;
+use super::plan::terms::Rule;
 use crate::cube::{Axis, Face, Facelets, Turn};
 use crate::motion::Depth;
 

@@ -6,8 +6,8 @@ use crate::reach::{Fold, MeetingTable};
 use crate::spatial::Pose;
 use nalgebra::Point3;
 
-use super::plan::{Costs, Depths, Rule, Terms};
-use super::think::Strategy;
+use super::plan::terms::{Costs, Depths, Rule, Terms};
+use super::strategy::Strategy;
 
 /// Which arm yields while a face is turned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

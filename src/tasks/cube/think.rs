@@ -6,48 +6,16 @@
 use super::hold::{Grip, Hand, Step};
 use super::plan::Planner;
 use super::plan::explain::Line;
+use super::strategy::{Strategy, TwoPhase};
 use crate::cube::{Cube, Facelets, Rotation24, Turn, facelet_place};
 use crate::solver::korf::Korf;
 use crate::solver::optimal::{Answer as Exact, Limits};
 use crate::solver::table::InTurn;
 use crate::solver::tables::Bytes;
-use crate::solver::{self, Budget, Solution, Tables};
+use crate::solver::{self, Budget, Solution};
 use crate::tasks::Effort;
 use crate::vision::colours::{self, Decision, Undecided};
-use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
-
-/// The tables of two-phase, had from wherever they are kept when a cube first needs them. They are the default set: what
-/// a search finds, and how long it is declared to take, must not depend on what else was kept.
-pub type TwoPhase = &'static LazyLock<Tables>;
-
-/// Which solution of the cube is carried out.
-#[derive(Clone)]
-pub enum Strategy {
-    /// Of many that two-phase finds, the one that takes two arms the least time.
-    Robot {
-        /// Of two-phase.
-        tables: TwoPhase,
-    },
-    /// The paper's (p. 374): Korf's search up to 16 turns, and two-phase where that takes too long.
-    Paper {
-        /// Of two-phase.
-        tables: TwoPhase,
-        /// Korf's tables, in the order of [`korf::TABLES`](crate::solver::korf::TABLES).
-        korf: [Bytes; 3],
-        /// Nodes that Korf's search may visit.
-        nodes: u64,
-    },
-}
-
-impl std::fmt::Debug for Strategy {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Robot { .. } => f.write_str("Robot"),
-            Self::Paper { nodes, .. } => write!(f, "Paper {{ nodes: {nodes} }}"),
-        }
-    }
-}
 
 /// The longest solution that Korf's search is asked for.
 const KORF_LENGTH: u8 = 16;

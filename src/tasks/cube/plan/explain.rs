@@ -2,8 +2,8 @@
 
 use super::super::hold::{Grip, Hand, Hands, Hold, Step, hands_after};
 use super::search::Episode;
+use super::terms::{Costs, Terms, compatible, turnable};
 use super::travel::Reach;
-use super::{Costs, Plan, Terms, compatible, turnable};
 use crate::cube::{Turn, format_turns};
 use crate::motion::Depth;
 use serde::Serialize;
@@ -16,168 +16,206 @@ pub struct Line {
     pub what: String,
     /// Why it is needed.
     pub why: String,
-    /// How long it takes, as planned [s].
+    /// How long it takes, as planned (s).
     pub seconds: f64,
 }
 
-/// The episodes as steps, a line for each.
+/// A plan as steps and lines.
+pub(super) struct Written {
+    /// The face turns in the order in which they are made.
+    pub(super) turns: Vec<Turn>,
+    /// The hands' steps.
+    pub(super) steps: Vec<Step>,
+    /// For each step who holds what, and why.
+    pub(super) lines: Vec<Line>,
+}
+
+/// Writes episodes as steps, a line for each.
 pub(super) fn written(
     start: (Hand, Grip),
     episodes: &[Episode],
-    cost: f64,
     terms: &Terms,
     reach: &impl Reach,
-) -> Plan {
-    let turns: Vec<Turn> =
-        episodes.iter().flat_map(|e| e.turns.iter().flatten()).map(|(_, turn)| *turn).collect();
-    let mut hands: Hands = [None; 2];
-    hands[start.0.index()] = Some(start.1);
-    let (mut steps, mut lines) = (Vec::new(), Vec::new());
-    let (mut rolled, mut holder, mut made) = ([false; 2], start.0, 0);
-    // As the hands met last: their wrists' room counts from there.
-    let mut met = hands;
+) -> Written {
+    let mut writer = Writer::new(start, episodes, terms, reach);
     for episode in episodes {
-        let (hand, grip) = episode.newcomer;
-        let partner = hands[holder.index()].unwrap_or(start.1);
-        let why = match turns.get(made) {
-            Some(next) => needed((hands, met), rolled, *next, episode, terms, reach),
-            None => format!("{} is to hold the cube in the end", name(episode.stays.0)),
-        };
-        let turning = episode.turns.iter().flatten().map(|(_, t)| seconds_of(*t, &terms.costs));
-        lines.push(Line {
-            what: format!(
-                "{} takes {} while {} holds {}",
-                name(hand),
-                described(grip.hold),
-                name(holder),
-                described(partner.hold)
-            ),
-            why,
-            seconds: episode.seconds - turning.sum::<f64>(),
-        });
-        steps.push(Step::Grasp { hand, hold: grip.hold, half_roll: grip.half_roll });
-        // The hand that does not stay has let go before it grasps again.
-        hands[holder.index()] = Some(partner);
-        hands[hand.index()] = Some(grip);
-        met = hands;
-        rolled = [false; 2];
+        writer.grasp(episode);
         for (turner, turn) in episode.turns.iter().flatten() {
-            let step = Step::Turn { turner: *turner, turn: *turn };
-            let body = turner.other();
-            let held = hands[body.index()].map_or_else(String::new, |g| described(g.hold));
-            lines.push(Line {
-                what: format!(
-                    "{} turns {} while {} holds {held}",
-                    name(*turner),
-                    format_turns(&[*turn]),
-                    name(body)
-                ),
-                why: format!("turn {} of {}", made + 1, turns.len()),
-                seconds: seconds_of(*turn, &terms.costs),
-            });
-            hands = hands_after(hands, &step);
-            rolled[turner.index()] = true;
-            steps.push(step);
-            made += 1;
+            writer.turn(*turner, *turn);
         }
-        holder = episode.stays.0;
+        writer.holder = episode.stays.0;
     }
     if episodes.is_empty() {
-        lines.push(Line {
-            what: format!("{} holds the cube", name(start.0)),
+        writer.lines.push(Line {
+            what: format!("{} holds the cube", start.0.name()),
             why: "there is nothing to do".to_owned(),
             seconds: 0.0,
         });
     } else {
-        let hand = holder.other();
-        steps.push(Step::Leave { hand });
-        lines.push(Line {
-            what: format!("{} leaves", name(hand)),
-            why: format!("{} keeps the cube", name(holder)),
-            seconds: terms.costs.leave,
+        writer.leave();
+    }
+    let Writer { turns, steps, lines, .. } = writer;
+    Written { turns, steps, lines }
+}
+
+/// A plan that is being written, and how the hands hold the cube where it stands.
+struct Writer<'a, R> {
+    terms: &'a Terms,
+    reach: &'a R,
+    start: (Hand, Grip),
+    turns: Vec<Turn>,
+    /// Turns that are written already.
+    made: usize,
+    hands: Hands,
+    /// The grips in which the hands met last: their wrists' room counts from there.
+    met: Hands,
+    /// The hands that have turned since they met.
+    rolled: [bool; 2],
+    /// The hand that keeps the cube until the next grasp.
+    holder: Hand,
+    steps: Vec<Step>,
+    lines: Vec<Line>,
+}
+
+impl<'a, R: Reach> Writer<'a, R> {
+    fn new(start: (Hand, Grip), episodes: &[Episode], terms: &'a Terms, reach: &'a R) -> Self {
+        let turns = episodes.iter().flat_map(|e| e.turns.iter().flatten()).map(|(_, turn)| *turn);
+        let mut hands: Hands = [None; 2];
+        hands[start.0.index()] = Some(start.1);
+        Self {
+            terms,
+            reach,
+            start,
+            turns: turns.collect(),
+            made: 0,
+            hands,
+            met: hands,
+            rolled: [false; 2],
+            holder: start.0,
+            steps: Vec::new(),
+            lines: Vec::new(),
+        }
+    }
+
+    /// Writes the grasp with which an episode begins.
+    fn grasp(&mut self, episode: &Episode) {
+        let (hand, grip) = episode.newcomer;
+        let partner = self.hands[self.holder.index()].unwrap_or(self.start.1);
+        let why = match self.turns.get(self.made) {
+            Some(next) => self.needed(*next, episode),
+            None => format!("{} is to hold the cube in the end", episode.stays.0.name()),
+        };
+        let costs = &self.terms.costs;
+        let turning = episode.turns.iter().flatten().map(|(_, turn)| seconds_of(*turn, costs));
+        let (own, other) = (described(grip.hold), described(partner.hold));
+        self.lines.push(Line {
+            what: format!("{} takes {own} while {} holds {other}", hand.name(), self.holder.name()),
+            why,
+            seconds: episode.seconds - turning.sum::<f64>(),
+        });
+        self.steps.push(Step::Grasp { hand, hold: grip.hold, half_roll: grip.half_roll });
+        // The hand that does not stay has let go before it grasps again.
+        self.hands[self.holder.index()] = Some(partner);
+        self.hands[hand.index()] = Some(grip);
+        self.met = self.hands;
+        self.rolled = [false; 2];
+    }
+
+    /// Writes a turn.
+    fn turn(&mut self, turner: Hand, turn: Turn) {
+        let step = Step::Turn { turner, turn };
+        let body = turner.other();
+        let held = self.hands[body.index()].map_or_else(String::new, |g| described(g.hold));
+        let (turner_name, turned) = (turner.name(), format_turns(&[turn]));
+        self.lines.push(Line {
+            what: format!("{turner_name} turns {turned} while {} holds {held}", body.name()),
+            why: format!("turn {} of {}", self.made + 1, self.turns.len()),
+            seconds: seconds_of(turn, &self.terms.costs),
+        });
+        self.hands = hands_after(self.hands, &step);
+        self.rolled[turner.index()] = true;
+        self.steps.push(step);
+        self.made += 1;
+    }
+
+    /// Writes that the hand which does not keep the cube leaves.
+    fn leave(&mut self) {
+        let hand = self.holder.other();
+        self.steps.push(Step::Leave { hand });
+        self.lines.push(Line {
+            what: format!("{} leaves", hand.name()),
+            why: format!("{} keeps the cube", self.holder.name()),
+            seconds: self.terms.costs.leave,
         });
     }
-    Plan { turns, steps, grasps: episodes.len(), cost, lines }
+
+    /// Says why the next turn cannot be made as the hands hold, and what the new grasp is for.
+    fn needed(&self, next: Turn, episode: &Episode) -> String {
+        let turn = format_turns(&[next]);
+        let obstacle = self.obstacle(next).unwrap_or_else(|| {
+            "the hands could make it as they are; grasped anew it costs less in the end".to_owned()
+        });
+        let purpose = match episode.turns[0] {
+            Some((turner, _)) if turner == episode.newcomer.0 => String::new(),
+            Some(_) => ", and now the body is held for it".to_owned(),
+            None => {
+                format!(": a hand-over, so that {} can let go", episode.newcomer.0.other().name())
+            }
+        };
+        format!("{turn} is next: {obstacle}{purpose}")
+    }
+
+    /// Says what is in the way of a turn, if anything.
+    fn obstacle(&self, turn: Turn) -> Option<String> {
+        let face = turn.face.letter();
+        let [Some(track), Some(postument)] = self.hands else {
+            return Some("one hand alone holds the cube".to_owned());
+        };
+        let has_palm = |h: &Hand| self.hands[h.index()].is_some_and(|g| g.hold.palm == turn.face);
+        let Some(turner) = Hand::BOTH.into_iter().find(has_palm) else {
+            return Some(format!("no palm is on {face}"));
+        };
+        let (own, body) =
+            if turner == Hand::Track { (track, postument) } else { (postument, track) };
+        let (turner_name, body_name) = (turner.name(), turner.other().name());
+        if self.rolled[turner.index()] {
+            return Some(format!(
+                "{turner_name}'s palm is on {face}, but its wrist has rolled already"
+            ));
+        }
+        if own.hold.depth == Depth::Two {
+            return Some(format!("{turner_name} reaches over two layers"));
+        }
+        if !turnable(own.hold, body.hold, self.terms.rule) {
+            return Some(format!("{body_name}'s fingers are not on the middle layer of that axis"));
+        }
+        let after = own.after_turn(turn.quarters);
+        if !compatible(after.hold, body.hold, self.terms.rule) {
+            return Some(format!("{turner_name}'s fingers would run into {body_name}'s"));
+        }
+        self.wrist_room(turner, turn)
+    }
+
+    /// Says that the turner's wrist has no room for a turn where the hands meet, if so.
+    fn wrist_room(&self, turner: Hand, turn: Turn) -> Option<String> {
+        let [Some(track), Some(postument)] = self.met else { return None };
+        let (track, postument) = (track.rotation(), postument.rotation());
+        let limits = self.reach.grasp(track.quaternion(), postument.quaternion())?;
+        let (low, high) = if turner == Hand::Track { limits.track } else { limits.postument };
+        let angle = match turn.quarters {
+            1 => FRAC_PI_2,
+            3 => -FRAC_PI_2,
+            _ if high > -low => PI,
+            _ => -PI,
+        };
+        let turner = turner.name();
+        (!(low..=high).contains(&angle))
+            .then(|| format!("{turner}'s wrist has no room for it where the hands meet"))
+    }
 }
 
 fn seconds_of(turn: Turn, costs: &Costs) -> f64 {
     if turn.quarters == 2 { costs.half } else { costs.quarter }
-}
-
-/// Why the next turn cannot be made as the hands hold, and what the new grasp is for.
-fn needed(
-    (hands, met): (Hands, Hands),
-    rolled: [bool; 2],
-    next: Turn,
-    episode: &Episode,
-    terms: &Terms,
-    reach: &impl Reach,
-) -> String {
-    let turn = format_turns(&[next]);
-    let obstacle = obstacle((hands, met), rolled, next, terms, reach).unwrap_or_else(|| {
-        "the hands could make it as they are; grasped anew it costs less in the end".to_owned()
-    });
-    let purpose = match episode.turns[0] {
-        Some((turner, _)) if turner == episode.newcomer.0 => String::new(),
-        Some(_) => ", and now the body is held for it".to_owned(),
-        None => format!(": a hand-over, so that {} can let go", name(episode.newcomer.0.other())),
-    };
-    format!("{turn} is next: {obstacle}{purpose}")
-}
-
-/// What is in the way of a turn.
-fn obstacle(
-    (hands, met): (Hands, Hands),
-    rolled: [bool; 2],
-    turn: Turn,
-    terms: &Terms,
-    reach: &impl Reach,
-) -> Option<String> {
-    let face = turn.face.letter();
-    let [Some(track), Some(postument)] = hands else {
-        return Some("one hand alone holds the cube".to_owned());
-    };
-    let Some(turner) = [Hand::Track, Hand::Postument]
-        .into_iter()
-        .find(|h| hands[h.index()].is_some_and(|g| g.hold.palm == turn.face))
-    else {
-        return Some(format!("no palm is on {face}"));
-    };
-    let (own, body) = if turner == Hand::Track { (track, postument) } else { (postument, track) };
-    let (turner_name, body_name) = (name(turner), name(turner.other()));
-    if rolled[turner.index()] {
-        return Some(format!(
-            "{turner_name}'s palm is on {face}, but its wrist has rolled already"
-        ));
-    }
-    if own.hold.depth == Depth::Two {
-        return Some(format!("{turner_name} reaches over two layers"));
-    }
-    if !turnable(own.hold, body.hold, terms.rule) {
-        return Some(format!("{body_name}'s fingers are not on the middle layer of that axis"));
-    }
-    let after = own.after_turn(turn.quarters);
-    if !compatible(after.hold, body.hold, terms.rule) {
-        return Some(format!("{turner_name}'s fingers would run into {body_name}'s"));
-    }
-    let [Some(track), Some(postument)] = met else { return None };
-    let limits = reach.grasp(track.rotation().quaternion(), postument.rotation().quaternion())?;
-    let (low, high) = if turner == Hand::Track { limits.track } else { limits.postument };
-    let angle = match turn.quarters {
-        1 => FRAC_PI_2,
-        3 => -FRAC_PI_2,
-        _ if high > -low => PI,
-        _ => -PI,
-    };
-    (!(low..=high).contains(&angle))
-        .then(|| format!("{turner_name}'s wrist has no room for it where the hands meet"))
-}
-
-pub(super) fn name(hand: Hand) -> &'static str {
-    match hand {
-        Hand::Track => "track",
-        Hand::Postument => "postument",
-    }
 }
 
 fn described(hold: Hold) -> String {

@@ -4,98 +4,26 @@
 //! - out: the steps of the cheapest solution, each grasp with its reason
 //! - source: the original's rule is that of Zieliński et al. (2007); the model with clearance is ours
 //!
-//! [`travel`] knows where the arms meet and how long they take, `search` finds the cheapest episodes of one solution,
-//! [`explain`] says why. The plan is chosen over many solutions: the shortest one is seldom the one that two hands make
-//! in the least time.
+//! [`terms`] says what is allowed and what it costs, [`travel`] where the arms meet and how long they
+//! take; `search` finds the cheapest episodes of one solution, [`explain`] says why. The plan is
+//! chosen over many solutions: the shortest one is seldom the one that two hands make in the least
+//! time.
 
 pub mod explain;
 mod planner;
 mod search;
+pub mod terms;
 pub mod travel;
 
 pub use planner::{Effort, Planner, taken};
+pub use terms::{Costs, Depths, Rule, Terms, compatible, turnable};
 pub use travel::{Everywhere, Reach, Reachable, RollLimits, Stand};
 
-use super::hold::{Grip, Hand, Hands, Hold, Step};
+use super::hold::{Grip, Hand, Hands, Step};
 use super::replay::{Illegal, replay};
 use crate::cube::{Facelets, Turn};
-use crate::motion::Depth;
+use explain::Written;
 use search::{Episode, Moves, Scratch};
-use serde::{Deserialize, Serialize};
-
-/// Which pairs of holds and which turns are allowed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Rule {
-    /// As in 2007: only the track arm turns; a face change and a face turn for each, two of both for the face
-    /// opposite the last one.
-    Original,
-    /// Palms touch the cube: no finger under the other's palm, layers turn between opposed hands.
-    Strict,
-    /// Palms stand off: fingers pass under the other's palm, layers turn between hands at right angles, too.
-    Clearance,
-}
-
-/// How deep the hands may reach.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Depths {
-    /// Over one layer only: the palms' stops never move.
-    One,
-    /// Over one or two.
-    Both,
-}
-
-/// What motions cost [s].
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Costs {
-    /// Let go, draw back, come again, close.
-    pub grasp: f64,
-    /// A quarter turn of a layer.
-    pub quarter: f64,
-    /// A half turn of a layer.
-    pub half: f64,
-    /// Open and leave at the end.
-    pub leave: f64,
-    /// One look at one face.
-    pub look: f64,
-}
-
-impl Default for Costs {
-    fn default() -> Self {
-        Self { grasp: 14.0, quarter: 4.0, half: 7.0, leave: 6.0, look: 5.0 }
-    }
-}
-
-/// What a plan must keep to.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Terms {
-    /// Which rule.
-    pub rule: Rule,
-    /// How deep the hands may reach.
-    pub depths: Depths,
-    /// Who holds the cube in the end, alone; `None`: whoever.
-    pub finish: Option<Hand>,
-    /// How deep that hand may reach then: fingers over two layers are too near a table to lay the cube down.
-    pub finish_depths: Depths,
-    /// What motions cost.
-    pub costs: Costs,
-}
-
-impl Terms {
-    /// The usual terms of a rule: the track arm hands back; with clearance one layer is enough.
-    #[must_use]
-    pub fn of(rule: Rule) -> Self {
-        let depths = if rule == Rule::Clearance { Depths::One } else { Depths::Both };
-        Self {
-            rule,
-            depths,
-            finish: Some(Hand::Track),
-            finish_depths: Depths::Both,
-            costs: Costs::default(),
-        }
-    }
-}
 
 /// Steps that carry out one of the solutions.
 #[derive(Debug, Clone, PartialEq)]
@@ -129,37 +57,6 @@ pub enum NoPlan {
     Unsolved,
 }
 
-/// Whether two hands can hold the cube like this at the same time.
-#[must_use]
-pub fn compatible(a: Hold, b: Hold, rule: Rule) -> bool {
-    if a.palm == b.palm || a.palm.axis() == a.jaws || b.palm.axis() == b.jaws {
-        return false;
-    }
-    let both_one = a.depth == Depth::One && b.depth == Depth::One;
-    let both_two = a.depth == Depth::Two && b.depth == Depth::Two;
-    if a.palm == b.palm.opposite() {
-        return a.jaws != b.jaws || !both_two;
-    }
-    match (a.jaws == b.palm.axis(), b.jaws == a.palm.axis()) {
-        // The fingers of both would cross beside the edge between the palms.
-        (true, true) => false,
-        (false, false) => !both_two,
-        _ => rule == Rule::Clearance && both_one,
-    }
-}
-
-/// Whether of two compatible holds the first can turn its face while the second holds the body.
-#[must_use]
-pub fn turnable(turner: Hold, body: Hold, rule: Rule) -> bool {
-    if turner.depth == Depth::Two {
-        return false;
-    }
-    if turner.palm == body.palm.opposite() {
-        return body.depth == Depth::Two;
-    }
-    rule == Rule::Clearance && body.depth == Depth::One && body.jaws != turner.palm.axis()
-}
-
 /// The cheapest plan that carries out one of `candidates`, replayed and found to be right. `start` is the hand that
 /// holds the cube now, alone, in the frame that the turns are named in. An empty candidate is a solved cube: then
 /// the plan only brings it into the hand that is to finish.
@@ -180,7 +77,8 @@ pub fn plan(
         best = moves.shortest(turns, bound, &mut scratch).or(best);
     }
     let (cost, episodes) = best.ok_or(NoPlan::OutOfReach(candidates.len()))?;
-    let plan = explain::written(start, &episodes, cost, terms, reach);
+    let Written { turns, steps, lines } = explain::written(start, &episodes, terms, reach);
+    let plan = Plan { turns, steps, grasps: episodes.len(), cost, lines };
     check(&plan, start, terms.rule)?;
     Ok(plan)
 }
@@ -203,8 +101,10 @@ fn hands_at((hand, grip): (Hand, Grip)) -> Hands {
 
 #[cfg(test)]
 mod tests {
+    use super::super::hold::Hold;
     use super::*;
     use crate::cube::{Axis, Face, parse_turns};
+    use crate::motion::Depth;
     use nalgebra::UnitQuaternion;
 
     const RULES: [Rule; 3] = [Rule::Original, Rule::Strict, Rule::Clearance];

@@ -10,8 +10,9 @@
 use super::super::hold::{Grip, Hand, Hold, Step, hands_after};
 use super::super::identify::{self, Wanted};
 use super::super::settings::CubeSettings;
+use super::terms::{Rule, Terms};
 use super::travel::Reachable;
-use super::{NoPlan, Plan, Rule, Terms};
+use super::{NoPlan, Plan};
 use crate::cube::{Axis, Cube, Face, Turn};
 use crate::motion::Depth;
 use crate::solver::{self, Budget, Tables};

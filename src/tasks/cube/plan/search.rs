@@ -8,8 +8,8 @@
 //!   programming over the turns that are done and the grip of the hand that stays.
 
 use super::super::hold::{Grip, Hand, Hold};
+use super::terms::{Depths, Rule, Terms, compatible, turnable};
 use super::travel::{Reach, Stand};
-use super::{Depths, Rule, Terms, compatible, turnable};
 use crate::cube::{Face, Rotation24, Turn, rotation_index};
 use crate::motion::Depth;
 use std::f64::consts::FRAC_PI_2;
