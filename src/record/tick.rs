@@ -75,8 +75,8 @@ pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
         reading.sync_switches,
         reading.encoder_zeros,
         reading.synchronised,
-        reading.guessed,
-        reading.unheard,
+        reading.extrapolated,
+        reading.no_answer,
     ] {
         to.u8(bits);
     }
@@ -149,8 +149,8 @@ impl Tick {
             &mut reading.sync_switches,
             &mut reading.encoder_zeros,
             &mut reading.synchronised,
-            &mut reading.guessed,
-            &mut reading.unheard,
+            &mut reading.extrapolated,
+            &mut reading.no_answer,
         ] {
             *bits = from.u8()?;
         }
@@ -248,8 +248,8 @@ impl Tick {
             .or_else(|| one("sync_switches", &a.sync_switches, &b.sync_switches))
             .or_else(|| one("encoder_zeros", &a.encoder_zeros, &b.encoder_zeros))
             .or_else(|| one("synchronised", &a.synchronised, &b.synchronised))
-            .or_else(|| one("guessed", &a.guessed, &b.guessed))
-            .or_else(|| one("unheard", &a.unheard, &b.unheard))
+            .or_else(|| one("guessed", &a.extrapolated, &b.extrapolated))
+            .or_else(|| one("unheard", &a.no_answer, &b.no_answer))
             .or_else(|| {
                 let (a, b) = (wrench(&a.wrench_on_sensor), wrench(&b.wrench_on_sensor));
                 each("wrench_on_sensor", &a, &b, |x, y| bits(*x) == bits(*y))

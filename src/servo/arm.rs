@@ -3,9 +3,9 @@
 use super::homing::{Homing, HomingStep};
 use super::io::{ArmDrive, ArmReading, JAW, Outside};
 use super::jaw::Jaw;
+use super::lateness::StepFilter;
 use super::path::{Path, SetValues, check_end};
 use super::regulator::Regulator;
-use super::stride::Stride;
 use super::tff::{ForceLaw, heeds_force};
 use super::watch::{Wanted, Watch};
 use super::wrench::WristForce;
@@ -26,7 +26,7 @@ pub struct ArmServo {
     /// How far the set motors went in the last period [rad].
     steps: [f64; AXES],
     regulators: [Regulator; AXES],
-    strides: [Stride; AXES],
+    step_filters: [StepFilter; AXES],
     last_counts: [i64; AXES],
     last_joints: JointPositions,
     jaw: Jaw,
@@ -101,7 +101,7 @@ impl ArmServo {
                 .axes
                 .map(|g| Regulator::new(g.for_period(config.period), config.gains.pwm_limit))
                 .map(|r| r.slowed(config.gains.pwm_slew * config.period.ratio())),
-            strides: config.model.increments.map(|i| Stride::new(i, config.period)),
+            step_filters: config.model.increments.map(|i| StepFilter::new(i, config.period)),
             last_counts: first.counts,
             last_joints: set.joints,
             jaw: Jaw::new(config.gripper, &config.gains, first.jaw_count, config.period),
@@ -142,7 +142,7 @@ impl ArmServo {
         if matches!(self.gap, Gap::GivenUp(_)) && self.fault.is_none() {
             let (model, tool) = (&self.config.model, &self.flange_from_tool);
             self.set = self.set.moved_to(model, tool, measured.motors);
-            self.strides.iter_mut().for_each(Stride::forgive);
+            self.step_filters.iter_mut().for_each(StepFilter::clear);
         }
         if let Some(command) = command {
             self.accept(period, reading, command);
@@ -336,7 +336,7 @@ impl ArmServo {
         self.steps = [0.0; AXES];
         self.synchronised = is_synchronised(&self.config, reading);
         self.regulators.iter_mut().for_each(Regulator::reset);
-        self.strides.iter_mut().for_each(Stride::reset);
+        self.step_filters.iter_mut().for_each(StepFilter::reset);
         self.last_counts = reading.counts;
         self.watch.reset(reading.counts);
         // The jaw keeps its set value and its regulator: what it grips must not fall.
@@ -439,8 +439,8 @@ impl ArmServo {
         }
         let first = self.first_axis();
         let increments = &self.config.model.increments;
-        let owed = std::array::from_fn(|i| self.strides[i].owed() * TAU / increments[i]);
-        let wanted = Wanted { set: &self.set.motors, steps: &self.steps, owed: &owed };
+        let backlog = std::array::from_fn(|i| self.step_filters[i].backlog() * TAU / increments[i]);
+        let wanted = Wanted { set: &self.set.motors, steps: &self.steps, backlog: &backlog };
         let axes = self.watch.check(reading, &measured.motors, &wanted, first, increments);
         let by_force = self.running.as_ref().and_then(Path::directions).is_some_and(heeds_force);
         // What is met on the way to a place is known by the force alone: a silent sensor says nothing of a person's hand.
@@ -528,8 +528,8 @@ impl ArmServo {
         for axis in self.first_axis()..AXES {
             let wanted = self.steps[axis] * self.config.model.increments[axis] / TAU;
             let moved = (reading.counts[axis] - self.last_counts[axis]) as f64;
-            let measured = self.strides[axis].of(moved, self.regulators[axis].drive());
-            let current = (reading.unheard >> axis & 1 == 0).then_some(reading.currents[axis]);
+            let measured = self.step_filters[axis].filter(moved, self.regulators[axis].drive());
+            let current = (reading.no_answer >> axis & 1 == 0).then_some(reading.currents[axis]);
             drive.pwm[axis] = self.regulators[axis].step(wanted, measured, current);
         }
         self.last_counts = reading.counts;

@@ -68,12 +68,14 @@ pub struct ArmReading {
     pub encoder_zeros: u8,
     /// Bit i: the counter of axis i is zero at the synchronisation position.
     pub synchronised: u8,
-    /// Bit i: nothing was read of axis i in time; its counter is carried on as it went before, the rest is what it last showed.
-    /// Not set where a bridge is late steadily, or has been late for long: its counters are carried on, and are all that there
-    /// is to judge.
-    pub guessed: u8,
+    /// Bit i: the counter of axis i was not read in time. It is carried on as it went before; the rest is what the axis last
+    /// showed. Not set if a bridge is late steadily, or has been late for long: its counters are carried on, and are all
+    /// that there is to judge. See [`super::lateness`].
+    #[serde(rename = "guessed")]
+    pub extrapolated: u8,
     /// Bit i: nothing new came of axis i since the last period; its power stage stands at the width that it took last.
-    pub unheard: u8,
+    #[serde(rename = "unheard")]
+    pub no_answer: u8,
     /// What the surroundings and the weight of the tool exert on the sensor, in the sensor's frame.
     /// Components are NaN when the sensor is silent.
     pub wrench_on_sensor: Wrench,
@@ -101,8 +103,8 @@ impl Default for ArmReading {
             sync_switches: 0,
             encoder_zeros: 0,
             synchronised: u8::MAX,
-            guessed: 0,
-            unheard: 0,
+            extrapolated: 0,
+            no_answer: 0,
             wrench_on_sensor: Wrench::default(),
             wrench_is_old: false,
             inputs: 0,

@@ -4,9 +4,9 @@
 //! leaves to the wanted grip. The controller's own limit of the current stands above that and trips; it makes no grip.
 
 use super::io::{ArmDrive, ArmReading};
+use super::lateness::Interval;
 use super::period::Length;
 use super::regulator::{JawGains, ServoGains};
-use super::span::Span;
 use crate::cell::Gripper;
 use crate::motion::{AXES, ArmFault, Depth, JawCommand, MoveRefused};
 use std::f64::consts::TAU;
@@ -46,10 +46,10 @@ pub struct Jaw {
     opening: f64,
     set_increments: f64,
     last_count: i64,
-    /// Periods since that was read or guessed.
+    /// Periods since that was read or extrapolated.
     periods: u64,
-    /// Since it was read.
-    span: Span,
+    /// Time since it was read.
+    interval: Interval,
     /// Measured speed, smoothed [rad/s of the motor].
     speed: f64,
     /// Periods in a row in which it should have opened and did not.
@@ -80,7 +80,7 @@ impl Jaw {
             set_increments: count as f64,
             last_count: count,
             periods: 1,
-            span: Span::default(),
+            interval: Interval::default(),
             speed: 0.0,
             still: 0,
             held: 0.0,
@@ -176,13 +176,13 @@ impl Jaw {
     /// So many periods were missed before the next reading.
     pub fn skipped(&mut self, missed: u64) {
         self.periods = self.periods.saturating_add(missed);
-        self.span.pass(missed as f64);
+        self.interval.pass(missed as f64);
     }
 
     /// What the encoder shows that no jaw does; before [`Jaw::drive`] of the same period.
     pub fn watch(&mut self, reading: &ArmReading) -> Option<ArmFault> {
-        self.span.pass(1.0);
-        if reading.guessed >> AXES & 1 == 1 {
+        self.interval.pass(1.0);
+        if reading.extrapolated >> AXES & 1 == 1 {
             return None;
         }
         let radian = self.gripper.increments / TAU;
@@ -191,8 +191,8 @@ impl Jaw {
         let still = by == 0.0 && self.width < -OPENS;
         self.still = if still { self.still + 1 } else { 0 };
         let within = |periods: f64| FASTER * FASTEST * (periods * self.seconds + LATE);
-        let (possible, plain) = (within(self.span.room()), within(1.0));
-        self.span.read(by.abs() > plain);
+        let (possible, plain) = (within(self.interval.longest()), within(1.0));
+        self.interval.read(by.abs() > plain);
         if by.abs() > possible {
             Some(ArmFault::EncoderJump { axis: AXES, by })
         } else if f64::from(self.still) * self.seconds > FROZEN {
@@ -211,7 +211,8 @@ impl Jaw {
 
     /// The drive is off, whatever the jaw does.
     pub fn off(&mut self, reading: &ArmReading) {
-        (self.last_count, self.periods, self.span) = (reading.jaw_count, 1, Span::default());
+        (self.last_count, self.periods) = (reading.jaw_count, 1);
+        self.interval = Interval::default();
         (self.speed, self.still) = (0.0, 0);
         (self.width, self.held) = (self.at_rest(), self.at_rest());
     }

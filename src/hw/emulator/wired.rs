@@ -185,9 +185,9 @@ mod tests {
             let mut readings = [ArmReading::default()];
             wired.exchange(period, &[drive], &mut readings).unwrap();
             let [reading] = readings;
-            assert!(reading.unheard == 0 || reading.unheard == u8::MAX, "all at once");
+            assert!(reading.no_answer == 0 || reading.no_answer == u8::MAX, "all at once");
             let told = *wired.world().0.last().unwrap();
-            silent.push((reading.unheard != 0).then_some(told));
+            silent.push((reading.no_answer != 0).then_some(told));
         }
 
         let stalls: Vec<_> = silent.chunk_by(|a, b| a.is_some() == b.is_some()).collect();

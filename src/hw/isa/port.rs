@@ -411,8 +411,8 @@ impl<R: Registers> Port for IsaPort<R> {
                 arm.read(&mut now);
                 arm.last = now;
             }
-            let guessed = if came { 0 } else { u8::MAX };
-            *reading = ArmReading { guessed, unheard: guessed, ..arm.last };
+            let missing = if came { 0 } else { u8::MAX };
+            *reading = ArmReading { extrapolated: missing, no_answer: missing, ..arm.last };
             let (wrench, new) = arm.parts.force.read(period, effector, &mut self.notes);
             (reading.wrench_on_sensor, reading.wrench_is_old) = (wrench, !new);
             lost = lost.and(arm.watch(came, period, effector, &mut self.notes));

@@ -269,16 +269,16 @@ fn a_card_without_interrupts_is_told_after_20_ms_and_given_up_after_30() {
 }
 
 #[test]
-fn a_card_that_is_behind_loses_no_word_and_its_counters_count_as_guessed() {
+fn late_card_loses_no_word_and_marks_its_counters() {
     let mut rig = Rig::new(ENCODER, 6);
     let before = rig.go(20, on(100));
     for _ in 0..20 {
         rig.cards.bank(0).card().stalls = 2;
         // The last period's interrupt, then none.
         let reading = rig.go(3, on(100));
-        assert_eq!((reading.guessed, reading.unheard), (u8::MAX, u8::MAX));
+        assert_eq!((reading.extrapolated, reading.no_answer), (u8::MAX, u8::MAX));
         let reading = rig.go(5, on(-100));
-        assert_eq!((reading.guessed, reading.unheard), (0, 0));
+        assert_eq!((reading.extrapolated, reading.no_answer), (0, 0));
         assert_eq!(rig.widths()[0], -100);
     }
     assert!(rig.go(1, on(100)).counts[3] < before.counts[3]);

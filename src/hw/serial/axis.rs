@@ -13,7 +13,7 @@
 //!   synchronisation must show twice as well.
 
 use super::frame::{Mode, Order, Parameter, STATUS, Status};
-use crate::servo::span::Span;
+use crate::servo::lateness::Interval;
 
 /// What the servo wants of an axis in a period.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -116,7 +116,7 @@ pub struct Axis {
     count: i32,
     step: f64,
     /// Periods by the clock since that answer, and those of them since the order before the last.
-    span: Span,
+    interval: Interval,
     passed: f64,
     /// How far it went in a period before the last gap.
     fast: f64,
@@ -176,7 +176,7 @@ impl Axis {
             status: Status::default(),
             count: 0,
             step: 0.0,
-            span: Span::default(),
+            interval: Interval::default(),
             passed: 0.0,
             fast: 0.0,
             from: 0,
@@ -234,8 +234,8 @@ impl Axis {
     pub fn pass(&mut self, periods: f64) {
         self.passed = periods;
         self.age += periods;
-        self.span.pass(periods);
-        self.count = self.expected(self.span.since());
+        self.interval.pass(periods);
+        self.count = self.expected(self.interval.since());
     }
 
     fn expected(&self, since: f64) -> i32 {
@@ -251,7 +251,7 @@ impl Axis {
         }
         let told = Status::decode(answer);
         let off = |count: i32| f64::from(told.count.wrapping_sub(count)).abs();
-        let since = self.span.since();
+        let since = self.interval.since();
         self.step.abs() > NOISE
             && off(self.expected(since - self.passed)) * CLEARLY < off(self.expected(since))
     }
@@ -289,9 +289,9 @@ impl Axis {
         }
         let told = (self.begins == Some(bytes[0])).then(|| Status::decode(bytes));
         let jump = f64::from(self.rules.jump);
-        let most = jump * self.span.room();
-        let plain = self.step.abs() + LEAP * self.span.since().max(1.0).powi(2);
-        let hidden = (self.fast + 2.0 * LEAP).min(jump) * self.span.older();
+        let most = jump * self.interval.longest();
+        let plain = self.step.abs() + LEAP * self.interval.since().max(1.0).powi(2);
+        let hidden = (self.fast + 2.0 * LEAP).min(jump) * self.interval.older();
         let doubted = self.doubted.take();
         let possible = told.filter(|now| {
             let off = |count: i32| f64::from(now.count.wrapping_sub(count)).abs();
@@ -329,11 +329,11 @@ impl Axis {
         self.settled = self.settled.saturating_add(1);
         if !settled || self.finds_zero(&now) {
             self.step = 0.0;
-            self.span = Span::default();
+            self.interval = Interval::default();
         } else {
             let gone = f64::from(now.count.wrapping_sub(self.status.count)).abs();
-            let since = self.span.since();
-            if self.span.older() == 0.0 {
+            let since = self.interval.since();
+            if self.interval.older() == 0.0 {
                 self.fast = self.step.abs();
             }
             if self.age > APART {
@@ -343,9 +343,9 @@ impl Axis {
             // Periods by the clock are never quite one.
             let gap = since > 1.0 + APART;
             let explained = (self.fast + 2.0 * LEAP) * since.max(1.0);
-            self.span.read(gap && gone > 0.5 * self.fast * since || gone > explained);
+            self.interval.read(gap && gone > 0.5 * self.fast * since || gone > explained);
         }
-        if self.span.older() == 0.0 {
+        if self.interval.older() == 0.0 {
             (self.from, self.age) = (now.count, 0.0);
         }
         (self.status, self.count) = (now, now.count);
@@ -407,8 +407,8 @@ impl Axis {
 
     /// Whether the counter is carried on: the last order was not answered.
     #[must_use]
-    pub fn is_guessed(&self) -> bool {
-        self.span.since() > 0.0
+    pub fn is_extrapolated(&self) -> bool {
+        self.interval.since() > 0.0
     }
 
     /// Motor current [A].
@@ -636,7 +636,7 @@ mod tests {
         for k in 32..40 {
             let taken = after_a_period(&mut axis, Some(&at(300 * k)));
             assert_eq!(taken, Ok(Answer::Taken), "now is told of now");
-            // What is guessed after it is right at once.
+            // The extrapolation after it is right at once.
             let mut guess = axis.clone();
             after_a_period(&mut guess, None).unwrap();
             assert!((guess.count() - i64::from(300 * (k + 1))).abs() <= 2, "{}", guess.count());

@@ -380,8 +380,8 @@ pub(crate) fn hand_over(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut 
         let (upper, lower) = axis.at_limits();
         reading.upper_limits |= bit(upper);
         reading.lower_limits |= bit(lower);
-        reading.guessed |= bit(axis.is_guessed());
-        reading.unheard = reading.guessed;
+        reading.extrapolated |= bit(axis.is_extrapolated());
+        reading.no_answer = reading.extrapolated;
         if index == AXES {
             reading.jaw_count = axis.count();
         } else {
@@ -534,9 +534,9 @@ mod tests {
         let mut read = 0;
         for period in 1..most {
             assert_eq!(port.exchange(period, &drives, &mut readings), Ok(()), "{period}");
-            let silent = |reading: &ArmReading| reading.guessed & reading.unheard == 1 << 1;
+            let silent = |reading: &ArmReading| reading.extrapolated & reading.no_answer == 1 << 1;
             assert!(readings[1..].iter().all(silent));
-            read += u64::from(readings[0].guessed == 0);
+            read += u64::from(readings[0].extrapolated == 0);
         }
         assert!(read > most / 2, "this processor may be another's for some of them");
         port.patience = Duration::from_millis(500);

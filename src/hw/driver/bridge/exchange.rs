@@ -1,0 +1,154 @@
+//! The loop of the bridge thread: one exchange with the port for each period's drives.
+//!
+//! - in: drives, by a ring; the newest only, unless the port counts each
+//! - out: readings, by a triple buffer; the port and its fault when the loop ends
+//! - the drives are switched off when the servo has been silent for 0.2 s, and when its side is dropped
+//! - a port that failed repeats its stop in each period until the run is over
+
+use super::Drives;
+use crate::hw::port::{Port, PortFault};
+use crate::servo::io::ArmDrive;
+use crate::servo::lateness::{MOST_ARMS, Readings};
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Time without drives after which the arms are switched off: the servo is stuck.
+pub(super) const SILENCE: Duration = Duration::from_millis(200);
+
+/// Time without drives after which controllers may have stopped by themselves.
+pub(super) const STALL: Duration = Duration::from_millis(40);
+
+/// Time after a stall in which it may be the cause of a fault: lines believe a controller's error mode the second time.
+const LATELY: Duration = Duration::from_millis(40);
+
+/// Longest sleep while no drives come.
+const NAP: Duration = Duration::from_millis(10);
+
+/// What the bridge thread works with.
+pub(super) struct Exchange<P, H> {
+    pub(super) port: P,
+    /// Called after each exchange.
+    pub(super) hook: H,
+    /// Number of effectors.
+    pub(super) arms: usize,
+    /// Length of a period [ns].
+    pub(super) length: u64,
+    pub(super) incoming: rtrb::Consumer<Drives>,
+    pub(super) outgoing: triple_buffer::Input<Readings>,
+    /// The latest readings.
+    pub(super) latest: Readings,
+    /// Set when the port has failed.
+    pub(super) broken: Arc<AtomicBool>,
+    /// Set by the owner when the run is over.
+    pub(super) over: Arc<AtomicBool>,
+}
+
+/// When the servo and the port were last at work.
+struct Times {
+    /// When drives last came from the servo, or were switched off in its place.
+    heard: Instant,
+    /// When drives last went out. `None` before the first order: the arms are not driven while the servo gets its rights.
+    driven: Option<Instant>,
+    /// When the last stall ended, and how long it was.
+    stall: Option<(Instant, Duration)>,
+}
+
+impl Times {
+    /// Returns the time since drives last went out.
+    fn gap(&self, now: Instant) -> Duration {
+        self.driven.map_or(Duration::ZERO, |at| now - at)
+    }
+}
+
+/// Whether the loop goes on; the fault of the port, if it ends with one.
+type Flow = ControlFlow<Option<PortFault>>;
+
+impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
+    /// Exchanges until the servo's side is dropped or the port fails; returns the port and its fault.
+    pub(super) fn run(mut self) -> (P, Option<PortFault>) {
+        let mut times = Times { heard: Instant::now(), driven: None, stall: None };
+        loop {
+            let flow = match self.incoming.pop() {
+                Ok(next) => self.carry_out(next, &mut times),
+                Err(_) => self.wait(&mut times),
+            };
+            match flow {
+                Flow::Continue(()) => {}
+                Flow::Break(None) => return (self.port, None),
+                Flow::Break(Some(fault)) => return self.give_up(fault),
+            }
+        }
+    }
+
+    /// Sends drives to the port and its readings to the servo.
+    fn carry_out(&mut self, mut next: Drives, times: &mut Times) -> Flow {
+        let now = Instant::now();
+        let gap = times.gap(now);
+        (times.heard, times.driven) = (now, Some(now));
+        if gap > STALL {
+            times.stall = Some((now, gap));
+        }
+        while !self.port.each_counts()
+            && let Ok(newer) = self.incoming.pop()
+        {
+            next = newer.instead_of(&next);
+        }
+        let Drives { period, drives } = next;
+        if let Err(mut fault) = self.exchange(period, &drives) {
+            let lately = times.stall.filter(|(since, _)| since.elapsed() < LATELY);
+            fault.reason += &after_stall(lately.map_or(Duration::ZERO, |(_, gap)| gap));
+            return Flow::Break(Some(fault));
+        }
+        self.latest.period = period;
+        self.outgoing.write(self.latest);
+        (self.hook)(period, &mut self.port);
+        Flow::Continue(())
+    }
+
+    /// Waits for drives; switches the arms off when the servo is silent for too long or gone.
+    fn wait(&mut self, times: &mut Times) -> Flow {
+        let gone = self.incoming.is_abandoned();
+        if gone || times.heard.elapsed() > SILENCE {
+            let gap = times.gap(Instant::now());
+            // The servo no longer drives the arms: brakes on.
+            match self.exchange(self.latest.period + 1, &[ArmDrive::OFF; MOST_ARMS]) {
+                Err(mut fault) => {
+                    fault.reason += &after_stall(gap);
+                    return Flow::Break(Some(fault));
+                }
+                Ok(()) if gone => return Flow::Break(None),
+                Ok(()) => times.driven = Some(Instant::now()),
+            }
+            times.heard = Instant::now();
+        }
+        std::thread::park_timeout(NAP);
+        Flow::Continue(())
+    }
+
+    fn exchange(&mut self, period: u64, drives: &[ArmDrive; MOST_ARMS]) -> Result<(), PortFault> {
+        let readings = &mut self.latest.arms[..self.arms];
+        self.port.exchange(period, &drives[..self.arms], readings)
+    }
+
+    /// Reports the fault to the servo and repeats the stop until the run is over.
+    fn give_up(mut self, fault: PortFault) -> (P, Option<PortFault>) {
+        self.broken.store(true, Ordering::Release);
+        while !self.over.load(Ordering::Acquire) {
+            self.port.insist();
+            std::thread::park_timeout(Duration::from_nanos(self.length));
+        }
+        (self.port, Some(fault))
+    }
+}
+
+/// Returns what a fault's reason ends with if no order had gone out for long before it: controllers stop by themselves
+/// then.
+fn after_stall(gap: Duration) -> String {
+    if gap > STALL {
+        format!("; before that this machine sent nothing for {} ms", gap.as_millis())
+    } else {
+        String::new()
+    }
+}

@@ -1,0 +1,123 @@
+//! The bridge: a thread that owns the port, so that the servo thread never waits for a device.
+//!
+//! Drives go over by a ring, the latest readings come back by a triple buffer. The exchange of period k takes
+//! place within that period, so its readings are there for period k + 1, just as on the virtual driver.
+//! The hook after each exchange (scenes, the witness) costs this thread's time, never the servo's.
+//!
+//! - [`Bridge`]: the running thread, for the owner of the driver
+//! - [`BridgePort`]: the servo's side
+//! - `exchange`: the loop of the thread
+
+mod exchange;
+mod port;
+#[cfg(test)]
+mod tests;
+
+pub use port::{BridgeLost, BridgePort};
+
+use super::realtime::RealTime;
+use crate::hw::port::{Port, PortFault};
+use crate::servo::io::{ArmDrive, ArmReading};
+use crate::servo::lateness::{MOST_ARMS, Readings};
+use exchange::Exchange;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+/// Number of drives that the ring holds.
+const RING: usize = 64;
+
+/// Drives of all arms for one period.
+#[derive(Debug, Clone, Copy)]
+struct Drives {
+    period: u64,
+    drives: [ArmDrive; MOST_ARMS],
+}
+
+impl Drives {
+    /// Merges `earlier` drives that were not carried out into these: an order to switch off and an order to
+    /// synchronise must not be left out.
+    fn instead_of(mut self, earlier: &Self) -> Self {
+        for (drive, earlier) in self.drives.iter_mut().zip(&earlier.drives) {
+            drive.enabled &= earlier.enabled;
+            drive.synchronise |= earlier.synchronise;
+        }
+        self
+    }
+}
+
+/// The running bridge thread.
+#[derive(Debug)]
+pub struct Bridge<P> {
+    thread: Option<JoinHandle<(P, Option<PortFault>)>>,
+    /// The run is over: a port that failed no longer needs to repeat its stop.
+    over: Arc<AtomicBool>,
+}
+
+impl<P: Port + 'static> Bridge<P> {
+    /// Starts the thread under `SCHED_FIFO` at `priority`, if it may. `first` are the readings of period 0,
+    /// `length` that of a period [ns]; `hook` is called after each exchange.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    ///
+    /// # Panics
+    /// For more than four effectors.
+    pub fn spawn(
+        port: P,
+        first: &[ArmReading],
+        priority: i32,
+        length: u64,
+        hook: impl FnMut(u64, &mut P) + Send + 'static,
+    ) -> std::io::Result<(Self, BridgePort)> {
+        assert!(first.len() <= MOST_ARMS, "at most {MOST_ARMS} effectors");
+        let mut start = Readings::default();
+        start.arms[..first.len()].copy_from_slice(first);
+        let (drives, incoming) = rtrb::RingBuffer::<Drives>::new(RING);
+        let (outgoing, readings) = triple_buffer::triple_buffer(&start);
+        let (broken, over) = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default());
+        let exchange = Exchange {
+            port,
+            hook,
+            arms: first.len(),
+            length,
+            incoming,
+            outgoing,
+            latest: start,
+            broken: Arc::clone(&broken),
+            over: Arc::clone(&over),
+        };
+        let work = move || {
+            // Rights that are denied here were denied to the servo too, which reports it.
+            let _rights = RealTime::acquire(priority, None);
+            exchange.run()
+        };
+        let thread = std::thread::Builder::new().name("bridge".into()).spawn(work)?;
+        let bridge = thread.thread().clone();
+        let port = BridgePort::new(drives, readings, (broken, bridge), start, length);
+        Ok((Self { thread: Some(thread), over }, port))
+    }
+}
+
+impl<P> Bridge<P> {
+    /// Waits for the thread, which ends when the servo's side is dropped or the port fails; returns the port
+    /// and its fault. `None` when the thread panicked.
+    #[must_use]
+    pub fn join(mut self) -> Option<(P, Option<PortFault>)> {
+        self.end()?.join().ok()
+    }
+
+    /// Lets a port that failed stop repeating its stop.
+    fn end(&mut self) -> Option<JoinHandle<(P, Option<PortFault>)>> {
+        self.over.store(true, Ordering::Release);
+        let thread = self.thread.take()?;
+        thread.thread().unpark();
+        Some(thread)
+    }
+}
+
+impl<P> Drop for Bridge<P> {
+    fn drop(&mut self) {
+        self.end();
+    }
+}

@@ -1,0 +1,148 @@
+use super::exchange::{SILENCE, STALL};
+use super::*;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+/// Makes the servo's side alone, and the place where a bridge would put its readings.
+fn port() -> (triple_buffer::Input<Readings>, BridgePort) {
+    let (drives, _) = rtrb::RingBuffer::<Drives>::new(RING);
+    let start = Readings::default();
+    let (outgoing, readings) = triple_buffer::triple_buffer(&start);
+    let link = (Arc::default(), std::thread::current());
+    (outgoing, BridgePort::new(drives, readings, link, start, 2_000_000))
+}
+
+fn fetch(port: &mut BridgePort, period: u64) -> Result<ArmReading, BridgeLost> {
+    let mut readings = [ArmReading::default()];
+    port.fetch(period, &mut readings).map(|()| readings[0])
+}
+
+#[test]
+fn silent_bridge_is_lost_but_a_late_one_is_not() {
+    let (mut bridge, mut servo) = port();
+    for period in 1..=200 {
+        bridge.write(Readings { period, ..Readings::default() });
+        fetch(&mut servo, period + 2).unwrap();
+    }
+    assert_eq!(servo.late(), 200);
+
+    let lost = (203..400).find(|period| fetch(&mut servo, *period).is_err());
+
+    assert_eq!(lost, Some(203 + 50));
+}
+
+/// A port that answers until its second order to stop, as a line does whose controller has stopped by itself.
+#[derive(Default)]
+struct Stopped(u32);
+
+impl Port for Stopped {
+    fn exchange(
+        &mut self,
+        _: u64,
+        drives: &[ArmDrive],
+        _: &mut [ArmReading],
+    ) -> Result<(), PortFault> {
+        self.0 += u32::from(!drives[0].enabled);
+        let reason = "in its error mode".to_owned();
+        if self.0 < 2 { Ok(()) } else { Err(PortFault { effector: 0, reason }) }
+    }
+}
+
+#[test]
+fn fault_after_a_stall_names_the_stall() {
+    let first = [ArmReading::default()];
+    let (bridge, mut servo) =
+        Bridge::spawn(Stopped::default(), &first, 6, 2_000_000, |_, _| ()).unwrap();
+    servo.send(1, &[ArmDrive { enabled: true, ..ArmDrive::OFF }]);
+
+    let fault = bridge.join().unwrap().1.unwrap();
+
+    assert!(fault.reason.contains("error mode; before that this machine sent nothing for"));
+}
+
+#[test]
+fn fault_names_only_a_stall_just_before_it() {
+    let first = [ArmReading::default()];
+    let fails_after = |pause: Duration| {
+        let heard = Arc::new(AtomicBool::new(false));
+        let hears = Arc::clone(&heard);
+        let hook = move |_, _: &mut Stopped| hears.store(true, Ordering::Release);
+        let (bridge, mut servo) =
+            Bridge::spawn(Stopped::default(), &first, 6, 2_000_000, hook).unwrap();
+        let begun = Instant::now();
+        servo.send(1, &[ArmDrive { enabled: true, ..ArmDrive::OFF }]);
+        while !heard.load(Ordering::Acquire) {
+            assert!(begun.elapsed() < Duration::from_secs(30), "it never hears");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::thread::sleep(pause);
+        servo.send(2, &[ArmDrive::OFF]);
+        servo.send(3, &[ArmDrive::OFF]);
+        let reason = bridge.join().unwrap().1.unwrap().reason;
+        (reason.contains("sent nothing for"), begun.elapsed())
+    };
+
+    assert!(fails_after(STALL + Duration::from_millis(20)).0);
+    let (said, lasted) = fails_after(Duration::from_millis(5));
+    assert!(!said || lasted > STALL, "after {lasted:?}");
+}
+
+#[test]
+fn newer_drives_keep_an_overtaken_stop() {
+    let on = ArmDrive { enabled: true, ..ArmDrive::OFF };
+    let zero = ArmDrive { synchronise: 1 << 2, ..on };
+    let of = |drive| Drives { period: 1, drives: [drive; MOST_ARMS] };
+
+    assert!(!of(on).instead_of(&of(ArmDrive::OFF)).drives[0].enabled);
+    assert!(!of(ArmDrive::OFF).instead_of(&of(on)).drives[0].enabled);
+    assert_eq!(of(on).instead_of(&of(zero)).drives[3].synchronise, 1 << 2);
+}
+
+/// A port that keeps the time of each order, and whether it was to drive.
+#[derive(Clone, Default)]
+struct Told(Arc<Mutex<Vec<(Instant, bool)>>>);
+
+impl Port for Told {
+    fn exchange(
+        &mut self,
+        _: u64,
+        drives: &[ArmDrive],
+        _: &mut [ArmReading],
+    ) -> Result<(), PortFault> {
+        self.0.lock().unwrap().push((Instant::now(), drives[0].enabled));
+        Ok(())
+    }
+}
+
+#[test]
+fn silent_or_dropped_servo_switches_drives_off() {
+    let told = Told::default();
+    let first = [ArmReading::default()];
+    let (bridge, mut servo) = Bridge::spawn(told.clone(), &first, 6, 2_000_000, |_, _| ()).unwrap();
+    let on = ArmDrive { enabled: true, ..ArmDrive::OFF };
+    let off = |count: usize| {
+        let begun = Instant::now();
+        loop {
+            let told = told.0.lock().unwrap();
+            // A slow start may be a silence, too.
+            let driven = told.iter().skip_while(|(_, on)| !on);
+            let offs: Vec<_> = driven.filter(|(_, on)| !on).map(|(at, _)| *at).collect();
+            if offs.len() >= count {
+                return offs[count - 1];
+            }
+            drop(told);
+            assert!(begun.elapsed() < Duration::from_secs(30), "it is never told to stop");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    };
+
+    let silent_since = Instant::now();
+    servo.send(1, &[on]);
+    assert!(off(1) - silent_since >= SILENCE);
+
+    servo.send(2, &[on]);
+    drop(servo);
+    off(2);
+    assert!(bridge.join().unwrap().1.is_none());
+    assert!(told.0.lock().unwrap().last().is_some_and(|(_, on)| !on));
+}

@@ -1,0 +1,121 @@
+//! The time in which the step between two readings of a counter may have been made.
+//!
+//! - in: periods that pass, missed ones too; readings, when they come
+//! - out: the longest time for the next step; by how much the last reading may be older than it seems
+//! - after a gap it is not known at which end of the gap the first reading was taken: a device, or the answer of a
+//!   line, may have stood still together with this machine. This reading shows next to no step, and the one after it
+//!   shows the whole step of the gap
+
+/// Number of readings after a gap that may still be as old as the gap.
+const DOUBTFUL_READINGS: u32 = 4;
+/// A gap is longer by this than the period between readings that follow each other, or more [periods]. In shorter
+/// gaps single answers were missed: the machine did not stand still, and the step that they show is believed.
+const GAP: f64 = 2.5;
+
+/// Time between the readings of one counter [periods].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Interval {
+    since: f64,
+    older: f64,
+    doubtful: u32,
+}
+
+impl Interval {
+    /// Adds time that has passed [periods].
+    pub fn pass(&mut self, periods: f64) {
+        debug_assert!(periods.is_finite() && periods >= 0.0, "time passes forwards: {periods}");
+        self.since += periods;
+    }
+
+    /// Returns the time since the last reading, if that was as new as it seemed [periods].
+    #[must_use]
+    pub fn since(&self) -> f64 {
+        self.since
+    }
+
+    /// Returns by how much the last reading may be older than it seemed [periods].
+    #[must_use]
+    pub fn older(&self) -> f64 {
+        self.older
+    }
+
+    /// Returns the longest time in which the step to a reading of now can have been made, at least one period
+    /// [periods].
+    #[must_use]
+    pub fn longest(&self) -> f64 {
+        self.since.max(1.0) + self.older
+    }
+
+    /// Notes that the counter was read. If the reading `shows_gap`, that is, the step that a gap hid, the readings
+    /// after it are as new as they seem.
+    pub fn read(&mut self, shows_gap: bool) {
+        let gap = self.since - 1.0;
+        if shows_gap {
+            (self.older, self.doubtful) = (0.0, 0);
+        } else if gap > GAP {
+            (self.older, self.doubtful) = (self.older.max(gap), DOUBTFUL_READINGS);
+        } else {
+            self.doubtful = self.doubtful.saturating_sub(1);
+            if self.doubtful == 0 {
+                self.older = 0.0;
+            }
+        }
+        self.since = 0.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn consecutive_readings_are_one_period_apart() {
+        let mut interval = Interval::default();
+        for _ in 0..3 {
+            interval.pass(1.0);
+            assert_eq!((interval.since(), interval.longest(), interval.older()), (1.0, 1.0, 0.0));
+            interval.read(false);
+        }
+    }
+
+    /// The step of a gap may show in one of the next four readings.
+    #[test]
+    fn gap_leaves_four_readings_in_doubt() {
+        let mut interval = Interval::default();
+        interval.pass(8.0);
+        assert_eq!(interval.longest(), 8.0);
+        interval.read(false);
+
+        let times: Vec<_> = (0..6)
+            .map(|_| {
+                interval.pass(1.0);
+                let longest = interval.longest();
+                interval.read(false);
+                longest
+            })
+            .collect();
+
+        assert_eq!(times, [8.0, 8.0, 8.0, 8.0, 1.0, 1.0]);
+    }
+
+    #[test]
+    fn reading_that_shows_the_gap_ends_doubt() {
+        let mut interval = Interval::default();
+        interval.pass(8.0);
+        interval.read(true);
+        interval.pass(1.0);
+
+        assert_eq!((interval.longest(), interval.older()), (1.0, 0.0));
+    }
+
+    #[test]
+    fn shorter_gap_keeps_the_longer_one() {
+        let mut interval = Interval::default();
+        interval.pass(8.0);
+        interval.read(false);
+        interval.pass(5.0);
+        interval.read(false);
+
+        assert_eq!(interval.older(), 7.0);
+    }
+}

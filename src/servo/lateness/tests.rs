@@ -1,0 +1,314 @@
+//! All four parts together: a servo and its bridge, with the watchdog that judges what comes out.
+
+use super::*;
+use crate::motion::{AXES, ArmFault, MotorPositions};
+use crate::servo::io::ArmReading;
+use crate::servo::period::Length;
+use crate::servo::regulator::{IRP6, ServoGains};
+use crate::servo::watch::{Wanted, Watch};
+use crate::spatial::Wrench;
+
+/// A bridge without a thread: readings of one arm as they come, and as the servo gets them.
+struct Link {
+    latest: Readings,
+    extrapolator: Extrapolator,
+}
+
+impl Default for Link {
+    fn default() -> Self {
+        let latest = Readings::default();
+        Self { latest, extrapolator: Extrapolator::new(latest, 2_000_000) }
+    }
+}
+
+impl Link {
+    fn write(&mut self, readings: Readings) {
+        self.latest = readings;
+    }
+
+    fn fetch(&mut self, period: u64) -> ArmReading {
+        let mut readings = [ArmReading::default()];
+        self.extrapolator.read(period, &self.latest, &mut readings);
+        assert!(!self.extrapolator.is_lost(), "in period {period}");
+        readings[0]
+    }
+}
+
+fn read(period: u64, count: i64, synchronised: u8) -> Readings {
+    let mut readings = Readings { period, ..Readings::default() };
+    readings.arms[0].counts[3] = count;
+    readings.arms[0].synchronised = synchronised;
+    readings
+}
+
+#[test]
+fn late_counter_is_extrapolated_for_ten_periods() {
+    let mut link = Link::default();
+    for period in 1..=40 {
+        link.write(read(period, 90 * period as i64, u8::MAX));
+        let reading = link.fetch(period + 1);
+        assert_eq!((reading.extrapolated, reading.no_answer), (0, 0));
+        assert!(!reading.wrench_is_old);
+    }
+
+    let late: Vec<_> = (42..62).map(|p| link.fetch(p)).collect();
+
+    let steps: Vec<_> = late.windows(2).map(|g| g[1].counts[3] - g[0].counts[3]).collect();
+    assert!(steps[..9].iter().all(|step| (80..=90).contains(step)), "{steps:?}");
+    assert!(steps[9..].iter().all(|step| *step == 0), "{steps:?}");
+    assert!(late.iter().all(|g| g.extrapolated == u8::MAX && g.no_answer == u8::MAX));
+    assert!(late.iter().all(|g| g.wrench_is_old), "a wrench counts once");
+}
+
+#[test]
+fn steadily_late_bridge_is_judged_by_its_readings() {
+    let mut link = Link::default();
+    for period in 1..=10 {
+        link.write(read(period, 90 * period as i64, u8::MAX));
+        let reading = link.fetch(period + 2);
+        assert_eq!((reading.extrapolated, reading.no_answer), (u8::MAX, 0));
+    }
+    let mut counts = vec![];
+    for period in 11..=60 {
+        // Every other period brings nothing, as from a line that is slower than the servo.
+        let new = period < 40 || period % 2 == 0;
+        if new {
+            link.write(read(period, 90 * period as i64, u8::MAX));
+        }
+        let reading = link.fetch(period + 2);
+        let bits = if new { 0 } else { u8::MAX };
+        assert_eq!((reading.extrapolated, reading.no_answer), (bits, bits), "{period}");
+        counts.push(reading.counts[3]);
+    }
+    // No step that watchdogs would take for a jump, at the end neither.
+    link.write(read(62, 90 * 62, u8::MAX));
+    counts.push(link.fetch(63).counts[3]);
+    assert!(counts.windows(2).all(|c| (80..=100).contains(&(c[1] - c[0]))), "{counts:?}");
+
+    // A reading that is late by chance is not judged.
+    link.write(read(63, 90 * 63, u8::MAX));
+    let reading = link.fetch(65);
+    assert_eq!((reading.extrapolated, reading.no_answer), (u8::MAX, 0));
+}
+
+#[test]
+fn first_reading_after_silence_is_not_judged() {
+    for late in [0, 1] {
+        for stall in [4, 11, 20, 40] {
+            for left in [1, 2, 15] {
+                let mut link = Link::default();
+                for period in 1..=40 {
+                    link.write(read(period, 90 * period as i64, u8::MAX));
+                    link.fetch(period + 1 + late);
+                }
+                let from = 42 + late;
+                for period in from..from + stall {
+                    link.fetch(period);
+                }
+                // The bridge has caught up but for some periods.
+                let period = from + stall - 1 - left.min(stall - 2);
+                link.write(read(period, 90 * period as i64, u8::MAX));
+                let reading = link.fetch(from + stall);
+                let case = format!("{late} before, {stall} periods, {left} left");
+                assert_eq!((reading.extrapolated, reading.no_answer), (u8::MAX, 0), "{case}");
+            }
+        }
+    }
+}
+
+/// A servo and a bridge whose exchanges take time, on a machine that sometimes stands still; times in periods.
+struct Machine<E> {
+    /// Length of an exchange, by the period in which it begins, and the share of it at which counters are read.
+    exchange: E,
+    sampled: f64,
+    /// Time at which both threads stand still first, for how long, and after how many periods again.
+    stands: (f64, f64, f64),
+    /// Speed of a motor [rad/s]; the time from which it differs from the set value's, and the speed then.
+    speed: f64,
+    runaway: (f64, f64),
+}
+
+impl<E: Fn(u64) -> f64> Machine<E> {
+    const INCREMENTS: f64 = 4000.0;
+    const PERIODS: u64 = 600;
+
+    /// Returns how far the motor has gone [rad].
+    fn motor(&self, time: f64) -> f64 {
+        let (from, speed) = self.runaway;
+        (self.speed * time.min(from) + speed * (time - from).max(0.0)) * 0.002
+    }
+
+    /// Returns the first fault of a watchdog with its time, and the longest time in which nothing is judged.
+    fn run(&self) -> (Option<(f64, ArmFault)>, f64) {
+        let mut link = Link::default();
+        let gains = ServoGains::parse(IRP6).unwrap();
+        let mut watch = Watch::new(&gains, [0; AXES], Length::default());
+        let radian = Self::INCREMENTS / std::f64::consts::TAU;
+        let (first, stands, every) = self.stands;
+        let frozen = |begun: f64, end: f64| {
+            let stand = first + every * ((begun - first) / every).ceil().max(0.0);
+            if begun <= stand && stand < end { end + stands } else { end }
+        };
+        // The present exchange: its number, when its counters are read, when it ends.
+        let mut going: Option<(u64, f64, f64)> = None;
+        let (mut next, mut last, mut set) = (1.0, 0.0, 0.0);
+        let (mut judged, mut unjudged) = (0.0, 0.0_f64);
+        for period in 1..=Self::PERIODS {
+            let now = frozen(last, next);
+            last = now;
+            let begin = |number: u64, at: f64| {
+                let takes = (self.exchange)(number);
+                (number, frozen(at, at + self.sampled * takes), frozen(at, at + takes))
+            };
+            while let Some((number, sampled, end)) = going.filter(|(.., end)| *end <= now) {
+                let count = (self.motor(sampled) * radian).floor() as i64;
+                link.write(read(number, count, u8::MAX));
+                // It goes on with the newest order that was there then.
+                going = (number + 1 < period).then(|| begin(period - 1, end));
+            }
+            next += 1.0;
+            let missed = if now < next { 0.0 } else { (now - next).floor() + 1.0 };
+            if missed > 0.0 {
+                next += missed;
+                link.extrapolator.skipped(missed as u64);
+                watch.skipped(missed as u64);
+            }
+            let reading = link.fetch(period);
+            if reading.extrapolated == 0 {
+                judged = now;
+            }
+            unjudged = unjudged.max(now - judged);
+            let told = if now <= self.runaway.0 { self.speed * 0.002 } else { 0.0 };
+            let (mut measured, mut wanted) = (MotorPositions::default(), MotorPositions::default());
+            let (mut steps, mut backlog) = ([0.0; AXES], [0.0; AXES]);
+            measured.0[3] = reading.counts[3] as f64 / radian;
+            // The way of missed periods is backlog.
+            let behind = now.min(self.runaway.0).floor() - period as f64;
+            (backlog[3], steps[3]) = (behind.max(0.0) * self.speed * 0.002, told);
+            wanted.0[3] = set;
+            set += told;
+            let wanted = Wanted { set: &wanted, steps: &steps, backlog: &backlog };
+            let fault = watch.check(&reading, &measured, &wanted, 1, &[Self::INCREMENTS; AXES]);
+            if let Some(fault) = fault {
+                return (Some((now, fault)), unjudged);
+            }
+            if going.is_none() {
+                going = Some(begin(period, now));
+            }
+        }
+        (None, unjudged)
+    }
+}
+
+/// Lengths of exchanges, and of a long one among them [periods].
+const LENGTHS: [(f64, f64); 9] = [
+    (0.6, 0.6),
+    (0.6, 3.4),
+    (1.1, 1.1),
+    (1.2, 3.4),
+    (1.3, 1.3),
+    (1.9, 2.6),
+    (2.0, 2.0),
+    (2.5, 2.5),
+    (4.6, 9.0),
+];
+
+/// For how long the machine stands still, and after how many periods again.
+const STALLS: [(f64, f64); 6] =
+    [(0.0, 1e9), (1.5, 1e9), (4.5, 1e9), (9.5, 1e9), (18.5, 1e9), (1.5, 9.25)];
+
+#[test]
+fn late_exchanges_and_stalls_are_no_fault() {
+    for (usual, long) in LENGTHS {
+        for sampled in [0.05, 0.5, 0.95] {
+            for speed in [60.0, 150.0, 250.0] {
+                for (stands, every) in STALLS {
+                    for phase in 0..8 {
+                        let machine = Machine {
+                            exchange: |number| if number % 37 == 0 { long } else { usual },
+                            sampled,
+                            stands: (120.0 + f64::from(phase) / 8.0, stands, every),
+                            speed,
+                            runaway: (f64::INFINITY, 0.0),
+                        };
+                        let (fault, unjudged) = machine.run();
+                        let case = format!(
+                            "{usual} or {long}, read at {sampled}, {speed} rad/s, {stands} of stall every {every}, phase {phase}"
+                        );
+                        assert_eq!(fault, None, "{case}");
+                        assert!(unjudged <= 65.0 + stands, "{unjudged} periods unjudged: {case}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn watchdog_finds_runaway_behind_late_exchanges() {
+    for (usual, long) in LENGTHS {
+        for (runaway, (stands, every)) in
+            [60.0, 240.0].into_iter().flat_map(|runaway| STALLS.map(|stall| (runaway, stall)))
+        {
+            let from = 250.0;
+            let machine = Machine {
+                exchange: |number| if number % 37 == 0 { long } else { usual },
+                sampled: 0.5,
+                stands: (120.0, stands, every),
+                speed: 100.0,
+                runaway: (from, runaway),
+            };
+            let (fault, _) = machine.run();
+            let case = format!(
+                "{usual} or {long}, {stands} of stall every {every}, {runaway} rad/s: {fault:?}"
+            );
+            let (found, _) = fault.expect(&case);
+            let gone = runaway * 0.002 * (found - from);
+            // If it is judged every tenth of a second only, it may have gone on for two of these.
+            let unjudged = if usual > 2.0 { 26.0 + 51.0 * 0.002 * runaway } else { 0.0 };
+            assert!(found > from && gone < 16.0 + unjudged, "{gone} rad: {case}");
+        }
+    }
+}
+
+#[test]
+fn wrench_between_two_fetches_is_not_lost() {
+    let mut link = Link::default();
+    let told = |period, newtons, wrench_is_old| {
+        let mut readings = read(period, 0, 0);
+        readings.arms[0].wrench_on_sensor =
+            Wrench::from_directions([newtons, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        readings.arms[0].wrench_is_old = wrench_is_old;
+        readings
+    };
+    link.write(told(1, 1.0, false));
+    assert!(!link.fetch(2).wrench_is_old);
+    link.write(told(2, 2.0, false));
+    link.write(told(3, 2.0, true));
+    assert!(!link.fetch(4).wrench_is_old);
+    link.write(told(4, 2.0, true));
+    assert!(link.fetch(5).wrench_is_old);
+}
+
+#[test]
+fn standing_counter_is_not_carried_on() {
+    let mut link = Link::default();
+    for period in 1..=60 {
+        link.write(read(period, 90 * period.min(30) as i64, u8::MAX));
+        link.fetch(period + 2);
+    }
+    assert_eq!(link.fetch(66).counts[3], 90 * 30);
+}
+
+#[test]
+fn zeroed_counter_has_no_step() {
+    let mut link = Link::default();
+    for period in 1..=20 {
+        link.write(read(period, 50_000, 0));
+        link.fetch(period + 1);
+    }
+    link.write(read(21, 12, 1 << 3));
+    assert_eq!(link.fetch(22).counts[3], 12);
+
+    assert_eq!(link.fetch(23).counts[3], 12);
+}
