@@ -5,7 +5,7 @@
 //! - the drives are switched off when the servo has been silent for 0.2 s, and when its side is dropped
 //! - a port that failed repeats its stop in each period until the run is over
 
-use super::Drives;
+use super::drives::Drives;
 use crate::hw::port::{Port, PortFault};
 use crate::servo::io::ArmDrive;
 use crate::servo::lateness::{MOST_ARMS, Readings};

@@ -8,6 +8,7 @@
 //! - [`BridgePort`]: the servo's side
 //! - `exchange`: the loop of the thread
 
+mod drives;
 mod exchange;
 mod port;
 #[cfg(test)]
@@ -17,8 +18,9 @@ pub use port::{BridgeLost, BridgePort};
 
 use super::realtime::RealTime;
 use crate::hw::port::{Port, PortFault};
-use crate::servo::io::{ArmDrive, ArmReading};
+use crate::servo::io::ArmReading;
 use crate::servo::lateness::{MOST_ARMS, Readings};
+use drives::Drives;
 use exchange::Exchange;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -26,25 +28,6 @@ use std::thread::JoinHandle;
 
 /// Number of drives that the ring holds.
 const RING: usize = 64;
-
-/// Drives of all arms for one period.
-#[derive(Debug, Clone, Copy)]
-struct Drives {
-    period: u64,
-    drives: [ArmDrive; MOST_ARMS],
-}
-
-impl Drives {
-    /// Merges `earlier` drives that were not carried out into these: an order to switch off and an order to
-    /// synchronise must not be left out.
-    fn instead_of(mut self, earlier: &Self) -> Self {
-        for (drive, earlier) in self.drives.iter_mut().zip(&earlier.drives) {
-            drive.enabled &= earlier.enabled;
-            drive.synchronise |= earlier.synchronise;
-        }
-        self
-    }
-}
 
 /// The running bridge thread.
 #[derive(Debug)]

@@ -3,7 +3,7 @@
 //! - in: the drives of a period
 //! - out: the readings for a period, late ones carried on and marked: see [`crate::servo::lateness`]
 
-use super::Drives;
+use super::drives::Drives;
 use crate::servo::io::{ArmDrive, ArmReading};
 use crate::servo::lateness::{Extrapolator, MOST_ARMS, Readings};
 use std::sync::Arc;

@@ -1,5 +1,6 @@
 use super::exchange::{SILENCE, STALL};
 use super::*;
+use crate::servo::io::ArmDrive;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
