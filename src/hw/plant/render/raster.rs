@@ -12,15 +12,18 @@
 #![allow(clippy::inline_always, reason = "the inner loops are these functions")]
 #![allow(clippy::needless_bitwise_bool, reason = "branches keep the loops from becoming vectors")]
 
+mod lamp;
 mod resolve;
 mod shade;
+mod vector;
 
 use super::look::{Look, Rgb};
 use super::rays::{NEAR, Rays, Window, sphere_extent, window_of_polygon};
 use super::solids::{Plate, Rod, Skin, Solids};
 use crate::spatial::Pose;
+use lamp::Lamp;
 use nalgebra::{Point3, Vector3};
-use shade::Lamp;
+use vector::{V3, dot, v3};
 
 /// Surfaces seen by a camera, and who is in front at each pixel.
 #[derive(Debug, Clone)]
@@ -86,7 +89,7 @@ impl View {
         }
     }
 
-    /// Finds who is in front.
+    /// Finds the nearest surface of each pixel.
     pub(super) fn look_at(
         &mut self,
         rays: &Rays,
@@ -101,11 +104,37 @@ impl View {
             Extent::Inside(clip, behind) => (Some(clip), behind),
         };
         self.set_light(camera_from_world, look);
+        let all = matches!(extent, Extent::All);
+        self.spans.fill(if all { (0, rays.width) } else { (usize::MAX, 0) });
+        self.collect(rays, solids, camera_from_world, clip);
+        self.clear_rows(rays, behind);
+        for index in 0..self.facets.len() {
+            self.cast_facet(index, self.windows[index], rays);
+        }
+        for index in 0..self.rounds.len() {
+            self.cast_round(index, self.windows[self.facets.len() + index], rays);
+        }
+        if let Some(clip) = clip {
+            // The outermost pixels lack neighbours; nothing has changed there.
+            let inner = clip.inner(rays);
+            for (row, span) in self.spans.iter_mut().enumerate() {
+                let inside = (inner.y0..inner.y1).contains(&row);
+                *span = if inside { (span.0.max(inner.x0), span.1.min(inner.x1)) } else { (1, 0) };
+            }
+        }
+    }
+
+    /// Collects the surfaces that the camera sees inside `clip`, and their windows.
+    fn collect(
+        &mut self,
+        rays: &Rays,
+        solids: &Solids,
+        camera_from_world: &Pose,
+        clip: Option<Window>,
+    ) {
         self.facets.clear();
         self.rounds.clear();
         self.windows.clear();
-        let all = matches!(extent, Extent::All);
-        self.spans.fill(if all { (0, rays.width) } else { (usize::MAX, 0) });
         for plate in &solids.plates {
             if let Some((facet, window)) = self.facet(plate, camera_from_world, rays) {
                 let Some(window) = window.within(clip) else { continue };
@@ -122,6 +151,10 @@ impl View {
                 self.windows.push(window);
             }
         }
+    }
+
+    /// Puts the pixels that will be touched back to what is behind them.
+    fn clear_rows(&mut self, rays: &Rays, behind: Option<&[f32]>) {
         for row in 0..rays.height {
             // As wide as the spans of the neighbour rows, which edges look at.
             let beside = &self.spans[row.max(1) - 1..(row + 2).min(rays.height)];
@@ -136,20 +169,6 @@ impl View {
             match behind {
                 Some(behind) => self.depth[from..to].copy_from_slice(&behind[from..to]),
                 None => self.depth[from..to].fill(0.0),
-            }
-        }
-        for index in 0..self.facets.len() {
-            self.cast_facet(index, self.windows[index], rays);
-        }
-        for index in 0..self.rounds.len() {
-            self.cast_round(index, self.windows[self.facets.len() + index], rays);
-        }
-        if let Some(clip) = clip {
-            // The outermost pixels lack neighbours; nothing has changed there.
-            let inner = clip.inner(rays);
-            for (row, span) in self.spans.iter_mut().enumerate() {
-                let inside = (inner.y0..inner.y1).contains(&row);
-                *span = if inside { (span.0.max(inner.x0), span.1.min(inner.x1)) } else { (1, 0) };
             }
         }
     }
@@ -338,17 +357,6 @@ impl View {
             }
         }
     }
-}
-
-type V3 = [f32; 3];
-
-fn v3(v: Vector3<f64>) -> V3 {
-    [v.x as f32, v.y as f32, v.z as f32]
-}
-
-#[inline(always)]
-fn dot(a: &V3, x: f32, y: f32) -> f32 {
-    a[0] * x + (a[1] * y + a[2])
 }
 
 /// A plate as seen by the camera.

@@ -1,8 +1,10 @@
 //! From who is in front to colours: runs of one surface, and edges mixed from samples of the aperture.
 
-use super::{Skin, View, dot};
+use super::View;
+use super::vector::dot;
 use crate::hw::plant::render::look::Rgb;
 use crate::hw::plant::render::rays::{Rays, Window};
+use crate::hw::plant::render::solids::Skin;
 
 impl View {
     /// Colours a touched row: `put(column, colour)` for each pixel that differs from the background, and,

@@ -1,41 +1,19 @@
 //! How bright a surface is where a ray meets it: lamp, sky, mirrored lamp, shadow edge, stickers.
 
-use super::{Facet, Round, V3, View, dot, v3};
+use super::lamp::Lamp;
+use super::vector::{V3, dot, v3};
+use super::{Facet, Round, View};
 use crate::hw::plant::render::look::{Look, Rgb};
 use crate::hw::plant::render::solids::Skin;
 use crate::spatial::Pose;
 use nalgebra::Vector3;
 
-/// The light in the camera frame.
-#[derive(Debug, Clone)]
-pub(super) struct Lamp {
-    pub(super) towards: Vector3<f64>,
-    pub(super) up: Vector3<f64>,
-    pub(super) towards_f32: V3,
-    pub(super) up_f32: V3,
-    pub(super) ambient: f32,
-    pub(super) key: f32,
-    pub(super) cast: Rgb,
-    /// Shadow: plane's normal and offset over the softness, and depth.
-    pub(super) shadow: Option<(V3, f32, f32)>,
-}
-
-impl Lamp {
-    /// Light from all around on a surface whose normal has this upward part.
-    pub(super) fn sky(&self, up: f32) -> f32 {
-        self.ambient * if self.key > 0.0 { 0.82 + 0.18 * up } else { 1.0 }
-    }
-
-    /// Share of the lamp's light that reaches the point t (x, y, 1).
-    #[inline(always)]
-    pub(super) fn lit(&self, x: f32, y: f32, t: f32) -> f32 {
-        match &self.shadow {
-            None => 1.0,
-            Some((normal, offset, depth)) => {
-                1.0 - depth * (0.5 + dot(normal, x, y) * t - offset).clamp(0.0, 1.0)
-            }
-        }
-    }
+/// A ray (x, y, 1) that meets a surface at `t` times this; `step` is how far the neighbour rays are in x and y.
+struct Ray {
+    x: f32,
+    y: f32,
+    t: f32,
+    step: (f32, f32),
 }
 
 impl View {
@@ -76,7 +54,8 @@ impl View {
         let (albedo, gloss) = match &facet.skin {
             Skin::Plain(rgb, gloss) => (*rgb, *gloss),
             Skin::Stickers(colours, pitch) => {
-                (self.stickers_at(facet, colours, *pitch as f32, x, y, t, step), self.gloss)
+                let ray = Ray { x, y, t, step };
+                (self.stickers_at(facet, colours, *pitch as f32, &ray), self.gloss)
             }
         };
         let light = facet.ambient + facet.key * lit;
@@ -84,19 +63,10 @@ impl View {
         std::array::from_fn(|c| albedo[c] * light + shine * self.lamp.cast[c])
     }
 
-    /// Colour of stickers and body around the point that a ray meets, averaged over the aperture.
-    #[allow(clippy::too_many_arguments, reason = "the shader's locals, in registers")]
+    /// Returns the colour of stickers and body around the point that a ray meets, averaged over the aperture.
     #[inline(always)]
-    fn stickers_at(
-        &self,
-        facet: &Facet,
-        colours: &[u8; 9],
-        pitch: f32,
-        x: f32,
-        y: f32,
-        t: f32,
-        step: (f32, f32),
-    ) -> Rgb {
+    fn stickers_at(&self, facet: &Facet, colours: &[u8; 9], pitch: f32, ray: &Ray) -> Rgb {
+        let Ray { x, y, t, step } = *ray;
         let (u, v) = (dot(&facet.u, x, y) * t, dot(&facet.v, x, y) * t);
         let per = 1.0 / pitch;
         let (u, v) = (u * per, v * per);
