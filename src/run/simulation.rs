@@ -7,9 +7,9 @@ use super::settings::{FaceTurnStart, meeting_place};
 use crate::cell::Cell;
 use crate::cube::Keeper;
 use crate::hw::emulator::{LineFaults, Wired};
+use crate::hw::plant::Identity;
 use crate::hw::plant::fault::{Fault, Trigger, What, When};
 use crate::hw::plant::render::{Look, Renderer, Setting};
-use crate::hw::plant::saved::Identity;
 use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
 use crate::hw::plant::{
     CubeMechanics, HandScript, Jaws, Lying, Plant, PlantConfig, SensorNoise, Start, sagging,

@@ -3,23 +3,15 @@
 //! - in: the plant's state
 //! - out: its [`Verdict`](super::Verdict), and what the operator sees and feels
 
-use super::collision::HeldCube;
-use super::fault::Undoing;
+use super::collision::{Bodies, HeldCube};
 use super::frame::rotation_vector;
 use super::grasp::{FRONT_STIFFNESS, Grasp, Hold, Touch};
 use super::hand::Sight;
+use super::undoing::Undoing;
 use super::verdict::MOST_EVENTS;
-use super::{Event, Incident, Part, Plant, State, lowest_face};
+use super::{Event, Incident, Part, Plant, State, StillWatch, lowest_face};
 use crate::cube::Axis;
 use crate::spatial::Twist;
-
-/// Looks for a loaded layer that does not move.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct StillWatch {
-    pub(super) angle: f64,
-    pub(super) since: u64,
-    pub(super) reported: bool,
-}
 
 impl Plant {
     /// The end of a period: what happened.
@@ -141,7 +133,8 @@ impl Plant {
             *was = is;
         }
         let table = self.config.cell.table_height;
-        self.collisions.look(&self.arms, &openings, grippers, &cube, table, found);
+        let bodies = Bodies { arms: &self.arms, openings, grippers, cube, table };
+        self.collisions.look(&bodies, found);
     }
 
     fn looks_solved(&self) -> bool {

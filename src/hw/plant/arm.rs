@@ -12,13 +12,13 @@ use super::dynamics::{Placement, Screw};
 use super::encoder::Encoder;
 use super::frame::{Frame, solve};
 use super::plausible::Wrong;
-use super::saved::SavedArm;
 use crate::cell::Arm;
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions, MotorPositions};
 use crate::servo::io::{ArmDrive, ArmReading};
 use crate::spatial::Pose;
 use nalgebra::{Matrix6, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// Presliding of a motor's friction [rad of the shaft]: below it friction is a spring.
 const PRESLIDING: f64 = 0.005;
@@ -60,6 +60,16 @@ pub(super) struct PlantArm {
     pub(super) placement: Placement,
     pub(super) world_from_flange: Frame,
     pub(super) world_from_tool: Frame,
+}
+
+/// What a file keeps of an arm.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct SavedArm {
+    joints: [f64; AXES],
+    motors: [f64; AXES],
+    bristles: [f64; AXES],
+    counterbalance: [f64; AXES],
+    pub(super) encoders: Vec<Encoder>,
 }
 
 /// Joints of links at rest whose weight stretches the springs behind the encoders, and their weight there [Nm, N].
@@ -257,7 +267,7 @@ impl PlantArm {
             self.placement.dynamics(&self.dynamics.links, &self.v, &self.gravity);
     }
 
-    /// One substep of `dt` seconds under joint torques from outside (contact). `grip` is the stiffness of
+    /// Takes one substep of `dt` seconds under joint torques from outside (contact). `grip` is the stiffness of
     /// the contact about the base's origin in base axes, which the step takes implicitly.
     pub(super) fn step(
         &mut self,
@@ -266,21 +276,48 @@ impl PlantArm {
         grip: Option<&Matrix6<f64>>,
         dt: f64,
     ) {
-        let d = &self.dynamics;
         let theta = self.model.joints_unchecked(&MotorPositions(self.m)).0;
-        let (mass, bias) = (&self.mass, &self.bias);
         let ratios = self.motors_per_joint(&theta);
+        let (inertia, impulse) = self.motor_loads(drive, &ratios, dt);
+        let springs = self.springs(&theta, dt);
+        let motors = MotorSide::new(&ratios, &inertia, &springs.implicit);
+        let mut bw: [f64; AXES] = std::array::from_fn(|j| {
+            (j..AXES).map(|k| ratios[k][j] * impulse[k]).sum::<f64>() - dt * springs.force[j]
+        });
+        let at_rest = motors.solve(&bw);
+        let (mut a, mut v) = self.link_side(&motors, &springs, &at_rest, outside, dt);
+        if let Some(grip) = grip {
+            self.add_grip(&mut a, grip, dt * dt);
+        }
+        if !self.model.has_track {
+            hold_track(&mut a, &mut v);
+        }
+        solve(&mut a, &mut v);
+        for j in 0..AXES {
+            bw[j] += springs.implicit[j] * v[j];
+        }
+        let w = motors.solve(&bw);
+        self.advance(&v, &w, &ratios, dt);
+        self.measure_currents(drive);
+        self.place();
+    }
 
-        // Motors: diagonal inertia, linear speed term, friction as a bristle with a limit.
+    /// Returns inertia and impulse of the motors at their shafts: diagonal inertia, linear speed term, friction as a
+    /// bristle with a limit.
+    fn motor_loads(
+        &self,
+        drive: &ArmDrive,
+        ratios: &[[f64; AXES]; AXES],
+        dt: f64,
+    ) -> ([f64; AXES], [f64; AXES]) {
         let mut inertia = [0.0; AXES];
         let mut impulse = [0.0; AXES];
         for j in 0..AXES {
-            let motor = &d.motors[j];
+            let motor = &self.dynamics.motors[j];
             let coulomb = motor.coulomb / ratios[j][j].abs();
             let bristle = coulomb / PRESLIDING;
             let (torque, back_emf) = if drive.enabled {
-                let u = f64::from(drive.pwm[j].clamp(-255, 255)) / 255.0;
-                (motor.stall_torque * u, motor.stall_torque / motor.no_load_speed)
+                (motor.stall_torque * duty(drive, j), motor.stall_torque / motor.no_load_speed)
             } else {
                 // The brake: so stiff that the shaft stands.
                 (0.0, 1e6)
@@ -294,76 +331,53 @@ impl PlantArm {
             inertia[j] = motor.inertia + dt * (motor.viscous + back_emf) + dt * dt * stiffness;
             impulse[j] = motor.inertia * self.vm[j] + dt * (load + friction);
         }
+        (inertia, impulse)
+    }
 
-        // Joint springs.
-        let spring: [f64; AXES] = std::array::from_fn(|j| d.stiffness[j] * (theta[j] - self.q[j]));
-        let s: [f64; AXES] = std::array::from_fn(|j| dt * (d.damping[j] + dt * d.stiffness[j]));
-
-        // Motor side in joint coordinates: (Mm + S) w = bw + S v. Axes 2..=5 are coupled.
-        let mut bw: [f64; AXES] = std::array::from_fn(|j| {
-            (j..AXES).map(|k| ratios[k][j] * impulse[k]).sum::<f64>() - dt * spring[j]
-        });
-        let mut coupled = [[0.0; 4]; 4];
-        for a in 0..4 {
-            for b in 0..=a {
-                let sum: f64 = (a.max(b)..4)
-                    .map(|k| ratios[k + 2][a + 2] * inertia[k + 2] * ratios[k + 2][b + 2])
-                    .sum();
-                coupled[a][b] = sum;
-                coupled[b][a] = sum;
-            }
-            coupled[a][a] += s[a + 2];
+    /// Returns the springs between motors, which take the joints to `theta`, and links.
+    fn springs(&self, theta: &[f64; AXES], dt: f64) -> Springs {
+        let d = &self.dynamics;
+        Springs {
+            force: std::array::from_fn(|j| d.stiffness[j] * (theta[j] - self.q[j])),
+            implicit: std::array::from_fn(|j| dt * (d.damping[j] + dt * d.stiffness[j])),
         }
-        let inverse = inverse4(&coupled);
-        let single = |j: usize| inertia[j] * ratios[j][j] * ratios[j][j] + s[j];
+    }
 
-        // Link side with the motors eliminated: (M + S - S (Mm + S)^-1 S) v = bv + S (Mm + S)^-1 bw.
+    /// Returns matrix and right side of the links' equation with the motors eliminated:
+    /// `(M + S - S (Mm + S)^-1 S) v = bv + S (Mm + S)^-1 bw`. `at_rest` are the motors' speeds with links that stand.
+    fn link_side(
+        &self,
+        motors: &MotorSide,
+        springs: &Springs,
+        at_rest: &[f64; AXES],
+        outside: &[f64; AXES],
+        dt: f64,
+    ) -> ([[f64; AXES]; AXES], [f64; AXES]) {
+        let (mass, bias, s) = (&self.mass, &self.bias, &springs.implicit);
         let mut a = *mass;
         let mut b = [0.0; AXES];
-        let solve_motors = |r: &[f64; AXES]| -> [f64; AXES] {
-            let mut w = [0.0; AXES];
-            for j in [0, 1, 6] {
-                w[j] = r[j] / single(j);
-            }
-            for i in 0..4 {
-                w[i + 2] = (0..4).map(|k| inverse[i][k] * r[k + 2]).sum();
-            }
-            w
-        };
-        let w0 = solve_motors(&bw);
         for i in 0..AXES {
             let momentum: f64 = (0..AXES).map(|k| mass[i][k] * self.v[k]).sum();
-            b[i] = momentum + dt * (spring[i] - bias[i] + outside[i]) + s[i] * w0[i];
+            b[i] = momentum + dt * (springs.force[i] - bias[i] + outside[i]) + s[i] * at_rest[i];
             a[i][i] += s[i];
         }
-        for j in [0, 1, 6] {
-            a[j][j] -= s[j] * s[j] / single(j);
+        for j in MotorSide::SINGLE {
+            a[j][j] -= s[j] * s[j] / motors.single[j];
         }
         for i in 0..4 {
             for k in 0..4 {
-                a[i + 2][k + 2] -= s[i + 2] * inverse[i][k] * s[k + 2];
+                a[i + 2][k + 2] -= s[i + 2] * motors.inverse[i][k] * s[k + 2];
             }
         }
-        if let Some(grip) = grip {
-            self.add_grip(&mut a, grip, dt * dt);
-        }
-        if !self.model.has_track {
-            a[0] = [0.0; AXES];
-            for row in &mut a {
-                row[0] = 0.0;
-            }
-            a[0][0] = 1.0;
-            b[0] = 0.0;
-        }
-        solve(&mut a, &mut b);
-        for j in 0..AXES {
-            bw[j] += s[j] * b[j];
-        }
-        let w = solve_motors(&bw);
+        (a, b)
+    }
 
-        self.v = b;
+    /// Moves links with the velocities `v` and motors with those that `w`, in joint coordinates, makes of them; hard
+    /// stops hold the motors.
+    fn advance(&mut self, v: &[f64; AXES], w: &[f64; AXES], ratios: &[[f64; AXES]; AXES], dt: f64) {
+        self.v = *v;
         for j in 0..AXES {
-            self.q[j] += dt * b[j];
+            self.q[j] += dt * v[j];
             let vm: f64 = (0..=j).map(|k| ratios[j][k] * w[k]).sum();
             self.vm[j] = if j == 0 && !self.model.has_track { 0.0 } else { vm };
             self.m[j] += dt * self.vm[j];
@@ -375,16 +389,19 @@ impl PlantArm {
                 self.m[j] = stopped;
                 self.vm[j] = 0.0;
             }
-            let motor = &d.motors[j];
-            let u =
-                if drive.enabled { f64::from(drive.pwm[j].clamp(-255, 255)) / 255.0 } else { 0.0 };
+        }
+    }
+
+    /// Takes the motors' currents at their present speeds.
+    fn measure_currents(&mut self, drive: &ArmDrive) {
+        for j in 0..AXES {
+            let motor = &self.dynamics.motors[j];
             self.currents[j] = if drive.enabled {
-                motor.stall_current * (u - self.vm[j] / motor.no_load_speed)
+                motor.stall_current * (duty(drive, j) - self.vm[j] / motor.no_load_speed)
             } else {
                 0.0
             };
         }
-        self.place();
     }
 
     /// Adds `factor J^T K J` of a contact stiffness.
@@ -484,6 +501,70 @@ impl PlantArm {
         }
         sum
     }
+}
+
+/// Springs between motors and links, seen at the joints.
+struct Springs {
+    /// Their force [N, Nm].
+    force: [f64; AXES],
+    /// The factor of the relative velocity when the step takes them implicitly: `dt (D + dt K)`.
+    implicit: [f64; AXES],
+}
+
+/// The motors' equation in joint coordinates, `(Mm + S) w = b`, ready to be solved.
+struct MotorSide {
+    /// Inverse of the block of axes 2..=5, which are coupled.
+    inverse: [[f64; 4]; 4],
+    /// The diagonal; of [`MotorSide::SINGLE`] axes it is all there is.
+    single: [f64; AXES],
+}
+
+impl MotorSide {
+    /// Axes that are coupled with no other one.
+    const SINGLE: [usize; 3] = [0, 1, 6];
+
+    fn new(ratios: &[[f64; AXES]; AXES], inertia: &[f64; AXES], s: &[f64; AXES]) -> Self {
+        let mut coupled = [[0.0; 4]; 4];
+        for a in 0..4 {
+            for b in 0..=a {
+                let sum: f64 = (a.max(b)..4)
+                    .map(|k| ratios[k + 2][a + 2] * inertia[k + 2] * ratios[k + 2][b + 2])
+                    .sum();
+                coupled[a][b] = sum;
+                coupled[b][a] = sum;
+            }
+            coupled[a][a] += s[a + 2];
+        }
+        let single = std::array::from_fn(|j| inertia[j] * ratios[j][j] * ratios[j][j] + s[j]);
+        Self { inverse: inverse4(&coupled), single }
+    }
+
+    /// Returns the motors' velocities in joint coordinates for a right side `b`.
+    fn solve(&self, b: &[f64; AXES]) -> [f64; AXES] {
+        let mut w = [0.0; AXES];
+        for j in Self::SINGLE {
+            w[j] = b[j] / self.single[j];
+        }
+        for i in 0..4 {
+            w[i + 2] = (0..4).map(|k| self.inverse[i][k] * b[k + 2]).sum();
+        }
+        w
+    }
+}
+
+/// Returns an axis's pulse width as a share of the full one.
+fn duty(drive: &ArmDrive, axis: usize) -> f64 {
+    f64::from(drive.pwm[axis].clamp(-255, 255)) / 255.0
+}
+
+/// Takes axis 0 out of the links' equation: an arm without a track does not move there.
+fn hold_track(a: &mut [[f64; AXES]; AXES], b: &mut [f64; AXES]) {
+    a[0] = [0.0; AXES];
+    for row in a.iter_mut() {
+        row[0] = 0.0;
+    }
+    a[0][0] = 1.0;
+    b[0] = 0.0;
 }
 
 /// Inverse of a symmetric positive definite 4 x 4 matrix.

@@ -13,7 +13,7 @@
 use super::cube::{Layers, MIDDLE, Puzzle};
 use super::frame::{Frame, about, rotation_vector, skew, solve};
 use super::grasp::{Grasp, Hands, Touch};
-use super::rest::Rest;
+use super::rest::{Bearing, Rest};
 use crate::cube::Axis;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use std::ops::{AddAssign, SubAssign};
@@ -198,7 +198,7 @@ impl Balance {
         self.interface = Interface::default();
     }
 
-    /// One substep.
+    /// Takes one substep: finds where all forces balance, and commits the slip of grips and layers.
     pub(super) fn step(
         &mut self,
         puzzle: &mut Puzzle,
@@ -206,52 +206,46 @@ impl Balance {
         around: &Surroundings,
         dt: f64,
     ) {
-        let Surroundings { tools, hands, hold, weight } = around;
-        let bodies = if self.split.is_some() { 2 } else { 1 };
-        if hold.is_none() {
-            self.carry(grasps, tools);
+        if around.hold.is_none() {
+            self.carry(grasps, &around.tools);
         }
-        self.tools_before = Some(*tools);
-        let mut borne = None;
+        self.tools_before = Some(around.tools);
+        let borne = self.find_balance(puzzle, grasps, around, dt);
+        self.rest.commit(borne);
+        if around.hold.is_none() {
+            self.hand_force = Vector3::zeros();
+        }
+        for (grasp, touch) in grasps.iter_mut().zip(&self.touches) {
+            grasp.commit(touch, dt);
+        }
+        self.slip_layers(puzzle);
+        self.before = self.nodes[0];
+        if let Some(hold) = &around.hold {
+            self.hand_before = hold.world_from_cube;
+        }
+    }
+
+    /// Moves the bodies, round by round, to where all forces on them balance; returns what the table bears there.
+    fn find_balance(
+        &mut self,
+        puzzle: &Puzzle,
+        grasps: &[Grasp; 2],
+        around: &Surroundings,
+        dt: f64,
+    ) -> Option<Bearing> {
+        let bodies = self.bodies();
         let mut step: Option<Step> = None;
         let mut stalled = 0;
         for round in 0..=MOST_ROUNDS {
-            let mut system = System::new();
-            for (i, hands) in hands.iter().enumerate() {
-                self.touches[i] = Touch::NONE;
-                let Some(hands) = hands else { continue };
-                let body = &self.nodes[self.body_of(&grasps[i])];
-                self.touches[i] = grasps[i].touch(&tools[i], body, hands);
-                system.load(self.body_of(&grasps[i]), &tools[i], body, &self.touches[i]);
-            }
-            for residual in system.residual.iter_mut().take(bodies) {
-                residual.fixed_rows_mut::<3>(0).add_assign(&(weight / bodies as f64));
-            }
-            if let Some(hold) = hold {
-                self.hand_force =
-                    system.add_hold(hold, &self.nodes[0], &self.before, &self.hand_before, dt);
-                // The hand carries the cube's weight without sinking.
-                system.residual[0].fixed_rows_mut::<3>(0).sub_assign(weight);
-            }
-            borne = if bodies == 1 { self.rest.bear(&self.nodes[0], dt) } else { None };
-            if let Some(borne) = &borne {
-                system.residual[0].fixed_rows_mut::<3>(0).add_assign(&borne.force);
-                system.residual[0].fixed_rows_mut::<3>(3).add_assign(&borne.torque);
-            }
-            let joint = self.split.map(|split| {
-                let (interface, joint) = self.join(split, puzzle);
-                self.interface = interface;
-                system.load_joint(&joint, &self.nodes);
-                joint
-            });
-            let left = system.imbalance(bodies);
+            let mut load = self.load(puzzle, grasps, around, dt);
+            let left = load.system.imbalance(bodies);
             let enough = if round < ROUNDS { 1.0 } else { FAR };
             let before = step.as_ref().map_or(f64::INFINITY, |s| s.imbalance);
             let overshot = round > ROUNDS && left > OVERSHOT * before;
             let stalls = round > ROUNDS && left > 0.97 * before && !overshot;
             stalled = if stalls { stalled + 1 } else { 0 };
             if left < enough || round == MOST_ROUNDS || stalled == STALLED {
-                break;
+                return load.borne;
             }
             // Too far: it met a contact, or left one, that the stiffness did not know.
             if overshot && let Some(step) = &mut step {
@@ -259,44 +253,91 @@ impl Balance {
                 step.go(&mut self.nodes[..bodies]);
                 continue;
             }
-            for (i, touch) in self.touches.iter().enumerate() {
-                if touch.any() || grasps[i].attached() {
-                    let body = self.body_of(&grasps[i]);
-                    let lever = tools[i].p - self.nodes[body].p;
-                    system.stiffness[body][body] +=
-                        moved(&touch.stiffness, &tools[i].r, &lever, &lever);
-                }
-            }
-            if let Some(borne) = &borne {
-                system.stiffness[0][0] += borne.stiffness;
-            }
-            if let Some(joint) = joint {
-                system.stiffen_joint(&joint, &self.nodes);
-            }
-            let moves = system.solve(bodies);
+            self.stiffen(&mut load, grasps, &around.tools);
+            let moves = load.system.solve(bodies);
             let step = step.insert(Step { from: self.nodes, moves, imbalance: left });
             step.go(&mut self.nodes[..bodies]);
         }
-        self.rest.commit(borne);
-        if hold.is_none() {
-            self.hand_force = Vector3::zeros();
+        // The last round has returned above.
+        None
+    }
+
+    /// Returns all forces on the bodies where they are now: grippers, weight, the operator's hand, the table, and the
+    /// interface between two bodies.
+    fn load(
+        &mut self,
+        puzzle: &Puzzle,
+        grasps: &[Grasp; 2],
+        around: &Surroundings,
+        dt: f64,
+    ) -> Load {
+        let Surroundings { tools, hands, hold, weight } = around;
+        let bodies = self.bodies();
+        let mut system = System::new();
+        for (i, hands) in hands.iter().enumerate() {
+            self.touches[i] = Touch::NONE;
+            let Some(hands) = hands else { continue };
+            let body = &self.nodes[self.body_of(&grasps[i])];
+            self.touches[i] = grasps[i].touch(&tools[i], body, hands);
+            system.load(self.body_of(&grasps[i]), &tools[i], body, &self.touches[i]);
         }
-        for (grasp, touch) in grasps.iter_mut().zip(&self.touches) {
-            grasp.commit(touch, dt);
+        for residual in system.residual.iter_mut().take(bodies) {
+            residual.fixed_rows_mut::<3>(0).add_assign(&(weight / bodies as f64));
         }
-        if let Some(split) = self.split {
-            let body = self.interface.slipping;
-            let slip = if body == 0 { self.interface.slip } else { -self.interface.slip };
-            for side in 0..2 {
-                if split.layers[body] & (1 << (2 * side)) != 0 {
-                    puzzle.angles[split.axis][side] += slip;
-                }
+        if let Some(hold) = hold {
+            self.hand_force =
+                system.add_hold(hold, &self.nodes[0], &self.before, &self.hand_before, dt);
+            // The hand carries the cube's weight without sinking.
+            system.residual[0].fixed_rows_mut::<3>(0).sub_assign(weight);
+        }
+        let borne = if bodies == 1 { self.rest.bear(&self.nodes[0], dt) } else { None };
+        if let Some(borne) = &borne {
+            system.residual[0].fixed_rows_mut::<3>(0).add_assign(&borne.force);
+            system.residual[0].fixed_rows_mut::<3>(3).add_assign(&borne.torque);
+        }
+        let joint = self.split.map(|split| {
+            let (interface, joint) = self.join(split, puzzle);
+            self.interface = interface;
+            system.load_joint(&joint, &self.nodes);
+            joint
+        });
+        Load { system, borne, joint }
+    }
+
+    /// Adds the stiffness of the contacts that bear the load.
+    fn stiffen(&self, load: &mut Load, grasps: &[Grasp; 2], tools: &[Frame; 2]) {
+        let Load { system, borne, joint } = load;
+        for (i, touch) in self.touches.iter().enumerate() {
+            if touch.any() || grasps[i].attached() {
+                let body = self.body_of(&grasps[i]);
+                let lever = tools[i].p - self.nodes[body].p;
+                system.stiffness[body][body] +=
+                    moved(&touch.stiffness, &tools[i].r, &lever, &lever);
             }
         }
-        self.before = self.nodes[0];
-        if let Some(hold) = hold {
-            self.hand_before = hold.world_from_cube;
+        if let Some(borne) = borne {
+            system.stiffness[0][0] += borne.stiffness;
         }
+        if let Some(joint) = joint {
+            system.stiffen_joint(joint, &self.nodes);
+        }
+    }
+
+    /// Turns the layers of the body that gives way by what the interface slipped.
+    fn slip_layers(&self, puzzle: &mut Puzzle) {
+        let Some(split) = self.split else { return };
+        let body = self.interface.slipping;
+        let slip = if body == 0 { self.interface.slip } else { -self.interface.slip };
+        for side in 0..2 {
+            if split.layers[body] & (1 << (2 * side)) != 0 {
+                puzzle.angles[split.axis][side] += slip;
+            }
+        }
+    }
+
+    /// Returns the number of bodies.
+    fn bodies(&self) -> usize {
+        if self.split.is_some() { 2 } else { 1 }
     }
 
     /// First guess: a cube that one gripper alone holds goes with its tool. From where it was, a tool at 0.5 m/s would
@@ -419,6 +460,15 @@ struct Joint {
     force: Vector3<f64>,
     moment: Vector3<f64>,
     stiffness: Matrix6<f64>,
+}
+
+/// All forces on the bodies in one round.
+struct Load {
+    system: System,
+    /// What the table bears.
+    borne: Option<Bearing>,
+    /// The interface between two bodies.
+    joint: Option<Joint>,
 }
 
 /// A round's step: where from, by how much (metres, radians), and what was out of balance there, in tolerances.

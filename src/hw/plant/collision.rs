@@ -82,132 +82,56 @@ pub(super) struct HeldCube {
     pub(super) holder: Option<usize>,
 }
 
+/// Everything that may touch, once a servo period.
+pub(super) struct Bodies<'a> {
+    pub(super) arms: &'a [PlantArm],
+    /// Openings of the jaws [m].
+    pub(super) openings: [f64; 2],
+    pub(super) grippers: [&'a Gripper; 2],
+    pub(super) cube: HeldCube,
+    /// Height of the table [m].
+    pub(super) table: f64,
+}
+
 impl Collisions {
-    /// Looks at the way since the last period and at where everything is now; `found` is told each new contact.
-    pub(super) fn look(
-        &mut self,
-        arms: &[PlantArm],
-        openings: &[f64; 2],
-        grippers: [&Gripper; 2],
-        cube: &HeldCube,
-        table: f64,
-        mut found: impl FnMut(Incident),
-    ) {
+    /// Looks at the way since the last period and at where everything is now; `found` is called with each new contact.
+    pub(super) fn look(&mut self, bodies: &Bodies<'_>, mut found: impl FnMut(Incident)) {
         self.torques = [[0.0; AXES]; 2];
-        let now = Scene {
-            arms: std::array::from_fn(|i| {
-                arms.get(i).map(|arm| Shape::new(arm, openings[i], grippers[i]))
-            }),
-            corners: std::array::from_fn(|i| {
-                let side = |bit: usize| if i >> bit & 1 == 0 { -0.5 } else { 0.5 } * cube.edge;
-                cube.frame.point(&Vector3::new(side(0), side(1), side(2)))
-            }),
-        };
+        let now = Scene::of(bodies);
         if let Some(before) = self.before.replace(now) {
             let looks = (before.farthest(&now) / STEP).ceil().min(LOOKS);
             for k in 1..looks as u32 {
                 let on_the_way = before.towards(&now, f64::from(k) / looks);
-                self.look_at(&on_the_way, arms, cube, table, false, &mut found);
+                self.look_at(&on_the_way, bodies, false, &mut found);
             }
         }
-        self.look_at(&now, arms, cube, table, true, &mut found);
+        self.look_at(&now, bodies, true, &mut found);
     }
 
     /// Looks at one instant; `push`: contacts act on the arms.
     fn look_at(
         &mut self,
         scene: &Scene,
-        arms: &[PlantArm],
-        cube: &HeldCube,
-        table: f64,
+        bodies: &Bodies<'_>,
         push: bool,
         found: &mut impl FnMut(Incident),
     ) {
-        let [first, second] = [scene.arms[0].as_ref(), scene.arms[1].as_ref()];
-        let mut index = 0;
-        let mut touched = |me: &mut Self, contact: Option<Contact>, a: Part, b: Part| {
-            let bit = 1_u128 << index;
-            index += 1;
-            let depth = contact.map_or(f64::NEG_INFINITY, |c| c.depth);
-            if depth > 0.0 && me.active & bit == 0 {
-                me.active |= bit;
-                found(Incident::Collision { what: a, with: b, depth });
-            } else if depth < -APART {
-                me.active &= !bit;
-            }
-            if let Some(contact) = contact
-                && push
-                && depth > 0.0
-            {
-                me.push(arms, &contact, a, b, cube.holder);
-            }
-        };
-
-        // Each arm and the table; forearms stand well above it.
-        for (i, shape) in [first, second].into_iter().enumerate() {
-            for k in 0..4 {
-                let contact = shape.map(|s| above_table(&s.capsules[k], table));
-                touched(self, contact, part(i, k), Part::Table);
-            }
-        }
-
-        // The two arms.
-        let near = second.is_some()
-            && (arms[0].world_from_flange.p - arms[1].world_from_flange.p).norm_squared()
+        let mut look = Look { collisions: self, bodies, push, found, index: 0 };
+        let near = scene.arms[1].is_some()
+            && (bodies.arms[0].world_from_flange.p - bodies.arms[1].world_from_flange.p)
+                .norm_squared()
                 < FAR * FAR;
-        for k in 0..CAPSULES {
-            for l in 0..CAPSULES {
-                let contact = match (first, second) {
-                    (Some(f), Some(s)) if near => Some(capsules(&f.capsules[k], &s.capsules[l])),
-                    _ => None,
-                };
-                touched(self, contact, part(0, k), part(1, l));
-            }
-        }
-        for (owner, plate, other) in [(0, first, second), (1, second, first)] {
-            for k in 0..2 {
-                let contact = match (plate, other) {
-                    (Some(plate), Some(other)) if near => Some(plate.meets(&other.capsules[k])),
-                    _ => None,
-                };
-                touched(self, contact, part(1 - owner, k), Part::Palm(owner));
-            }
-        }
-
-        // The cube in one arm's hand, against the other arm and the table.
-        let deepest = |f: &dyn Fn(&Capsule) -> Contact| {
-            let mut worst: Option<Contact> = None;
-            for at in &scene.corners {
-                let contact = f(&Capsule { a: *at, b: *at, radius: 0.0 });
-                if worst.is_none_or(|w| contact.depth > w.depth) {
-                    worst = Some(contact);
-                }
-            }
-            worst
-        };
-        let held = |by: usize| cube.holder == Some(by);
-        let any = cube.holder.is_some();
-        let table_contact =
-            if any { deepest(&|c| above_table(c, table - LAID_DOWN)) } else { None };
-        touched(self, table_contact, Part::Cube, Part::Table);
-        for (i, shape) in [first, second].into_iter().enumerate() {
-            let other = if any && near && !held(i) { shape } else { None };
-            for k in 2..CAPSULES {
-                let contact = other.and_then(|s| deepest(&|c| capsules(c, &s.capsules[k])));
-                touched(self, contact, Part::Cube, part(i, k));
-            }
-            let contact = other.and_then(|s| deepest(&|c| s.meets(c)));
-            touched(self, contact, Part::Cube, Part::Palm(i));
-        }
+        look.arms_and_table(scene);
+        look.two_arms(scene, near);
+        look.cube(scene, near);
     }
 
-    /// `holder` is who a load on the cube is passed on to.
+    /// Pushes the two parts of a contact apart; `holder` is the arm that a load on the cube is passed on to.
     fn push(
         &mut self,
         arms: &[PlantArm],
         contact: &Contact,
-        a: Part,
-        b: Part,
+        (a, b): (Part, Part),
         holder: Option<usize>,
     ) {
         let owner = |p: Part| match p {
@@ -239,6 +163,103 @@ impl Collisions {
     }
 }
 
+/// One look at one instant. Each pair of parts has a bit of [`Collisions::active`], in the order of the calls.
+struct Look<'a, F> {
+    collisions: &'a mut Collisions,
+    bodies: &'a Bodies<'a>,
+    /// Contacts act on the arms.
+    push: bool,
+    found: &'a mut F,
+    /// Number of pairs that were looked at.
+    index: u32,
+}
+
+impl<F: FnMut(Incident)> Look<'_, F> {
+    /// Looks at one pair of parts: reports a contact that is new, and pushes.
+    fn touched(&mut self, contact: Option<Contact>, a: Part, b: Part) {
+        let bit = 1_u128 << self.index;
+        self.index += 1;
+        let active = &mut self.collisions.active;
+        let depth = contact.map_or(f64::NEG_INFINITY, |c| c.depth);
+        if depth > 0.0 && *active & bit == 0 {
+            *active |= bit;
+            (self.found)(Incident::Collision { what: a, with: b, depth });
+        } else if depth < -APART {
+            *active &= !bit;
+        }
+        if let Some(contact) = contact
+            && self.push
+            && depth > 0.0
+        {
+            let Bodies { arms, cube, .. } = self.bodies;
+            self.collisions.push(arms, &contact, (a, b), cube.holder);
+        }
+    }
+
+    /// Looks at each arm and the table; forearms stand well above it.
+    fn arms_and_table(&mut self, scene: &Scene) {
+        let table = self.bodies.table;
+        for (i, shape) in scene.arms.iter().enumerate() {
+            for k in 0..4 {
+                let contact = shape.as_ref().map(|s| above_table(&s.capsules[k], table));
+                self.touched(contact, part(i, k), Part::Table);
+            }
+        }
+    }
+
+    /// Looks at the two arms: capsules against capsules, then palms against fingers.
+    fn two_arms(&mut self, scene: &Scene, near: bool) {
+        let [first, second] = [scene.arms[0].as_ref(), scene.arms[1].as_ref()];
+        for k in 0..CAPSULES {
+            for l in 0..CAPSULES {
+                let contact = match (first, second) {
+                    (Some(f), Some(s)) if near => Some(capsules(&f.capsules[k], &s.capsules[l])),
+                    _ => None,
+                };
+                self.touched(contact, part(0, k), part(1, l));
+            }
+        }
+        for (owner, plate, other) in [(0, first, second), (1, second, first)] {
+            for k in 0..2 {
+                let contact = match (plate, other) {
+                    (Some(plate), Some(other)) if near => Some(plate.meets(&other.capsules[k])),
+                    _ => None,
+                };
+                self.touched(contact, part(1 - owner, k), Part::Palm(owner));
+            }
+        }
+    }
+
+    /// Looks at the cube in one arm's hand, against the other arm and the table.
+    fn cube(&mut self, scene: &Scene, near: bool) {
+        let deepest = |f: &dyn Fn(&Capsule) -> Contact| {
+            let mut worst: Option<Contact> = None;
+            for at in &scene.corners {
+                let contact = f(&Capsule { a: *at, b: *at, radius: 0.0 });
+                if worst.is_none_or(|w| contact.depth > w.depth) {
+                    worst = Some(contact);
+                }
+            }
+            worst
+        };
+        let holder = self.bodies.cube.holder;
+        let table = self.bodies.table;
+        let any = holder.is_some();
+        let table_contact =
+            if any { deepest(&|c| above_table(c, table - LAID_DOWN)) } else { None };
+        self.touched(table_contact, Part::Cube, Part::Table);
+        for (i, shape) in scene.arms.iter().enumerate() {
+            let other = if any && near && holder != Some(i) { shape.as_ref() } else { None };
+            for k in 2..CAPSULES {
+                let contact = other.and_then(|s| deepest(&|c| capsules(c, &s.capsules[k])));
+                self.touched(contact, Part::Cube, part(i, k));
+            }
+            let contact = other.and_then(|s| deepest(&|c| s.meets(c)));
+            self.touched(contact, Part::Cube, Part::Palm(i));
+        }
+    }
+}
+
 fn part(arm: usize, capsule: usize) -> Part {
     match capsule {
         0 | 1 => Part::Finger(arm),
@@ -248,6 +269,19 @@ fn part(arm: usize, capsule: usize) -> Part {
 }
 
 impl Scene {
+    fn of(bodies: &Bodies<'_>) -> Self {
+        let shape = |i: usize| {
+            let arm = bodies.arms.get(i)?;
+            Some(Shape::new(arm, bodies.openings[i], bodies.grippers[i]))
+        };
+        let corner = |i: usize| {
+            let cube = &bodies.cube;
+            let side = |bit: usize| if i >> bit & 1 == 0 { -0.5 } else { 0.5 } * cube.edge;
+            cube.frame.point(&Vector3::new(side(0), side(1), side(2)))
+        };
+        Self { arms: std::array::from_fn(shape), corners: std::array::from_fn(corner) }
+    }
+
     /// How far anything moved that is in both [m].
     fn farthest(&self, later: &Self) -> f64 {
         let mut most = 0.0_f64;

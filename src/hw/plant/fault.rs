@@ -6,7 +6,6 @@
 //!   and end (cameras, lines: whoever owns those takes [`Plant::upsets`](super::Plant::upsets))
 //! - nothing is drawn at random, and a plant without faults does what it did before there were any
 
-use super::balance::Split;
 use super::verdict::Incident;
 use crate::motion::AXES;
 use crate::servo::io::{ArmReading, JAW};
@@ -412,30 +411,6 @@ fn counter(reading: &mut ArmReading, axis: usize) -> &mut i64 {
     if axis < AXES { &mut reading.counts[axis] } else { &mut reading.jaw_count }
 }
 
-/// What becomes of a turn that a fault undoes: the layers slip back until that turn is over, and of no other one.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) enum Undoing {
-    /// There is no such fault, or nothing turns yet.
-    #[default]
-    Not,
-    /// Of this turn.
-    Turn(Split),
-    /// That turn is over.
-    Over,
-}
-
-impl Undoing {
-    /// A period later, in which the fault acts or not, and this turns.
-    pub(super) fn after(self, acts: bool, turns: Option<Split>) -> Self {
-        match (self, turns) {
-            _ if !acts => Self::Not,
-            (Self::Not, Some(split)) => Self::Turn(split),
-            (Self::Turn(split), turns) if turns != Some(split) => Self::Over,
-            (same, _) => same,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -480,22 +455,6 @@ mod tests {
         assert_eq!(begun(&[1], 3.0), 0, "the delay");
         assert_eq!(begun(&[1], 3.1), 1);
         assert_eq!(begun(&[1, 1], 3.2), 0, "once");
-    }
-
-    #[test]
-    fn a_turn_is_undone_until_it_is_over_and_no_other_one() {
-        let split = |axis| Some(Split { axis, layers: [6, 1] });
-        let acts =
-            [(true, None), (true, split(1)), (true, split(1)), (true, None), (true, split(1))];
-        let mut undoing = Undoing::default();
-        let states = acts.map(|(acts, turns)| {
-            undoing = undoing.after(acts, turns);
-            matches!(undoing, Undoing::Turn(_))
-        });
-
-        assert_eq!(states, [false, true, true, false, false]);
-        assert_eq!(Undoing::Turn(split(1).unwrap()).after(true, split(2)), Undoing::Over);
-        assert_eq!(Undoing::Over.after(false, split(1)), Undoing::Not, "the fault is over");
     }
 
     #[test]

@@ -72,6 +72,16 @@ pub(super) struct Sight {
     pub(super) fallen: bool,
 }
 
+/// For how long something has been so [s]; negative if it is not.
+struct Felt {
+    /// Jaws hold the cube.
+    closed: f64,
+    /// A gripper pulls at it.
+    loaded: f64,
+    /// It stands still.
+    still: f64,
+}
+
 /// What is kept of a hand; times count from the moment at which it was kept [s].
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub(super) struct Saved {
@@ -286,49 +296,24 @@ impl OperatorHand {
                 -1.0
             }
         };
-        let closed = since(&mut self.closed_since, sight.grippers > 0);
-        let loaded = since(&mut self.loaded_since, sight.load > s.release_load);
-        let still = since(&mut self.still_since, sight.speed < STILL.0);
+        let felt = Felt {
+            closed: since(&mut self.closed_since, sight.grippers > 0),
+            loaded: since(&mut self.loaded_since, sight.load > s.release_load),
+            still: since(&mut self.still_since, sight.speed < STILL.0),
+        };
         let fallen = since(&mut self.fallen_since, sight.fallen);
         match self.phase {
             Phase::Outside if t >= s.appears => self.phase = Phase::Bringing { since: s.appears },
-            Phase::Bringing { since } | Phase::DrawingBack { since } => {
-                let bringing = matches!(self.phase, Phase::Bringing { .. });
-                let arrival = if bringing { s.arrival } else { 2.0 + AWAY };
-                let arrived = t > since + arrival;
-                if closed >= s.release_time || (closed >= 0.0 && loaded >= LOAD_TIME) {
-                    self.phase = Phase::Leaving { since: t, from: sight.cube };
-                    self.let_go_at = t;
-                } else if arrived
-                    && self.withdrawals_left > 0
-                    && sight.grippers == 0
-                    && t > since + arrival + 0.5 * s.stills
-                {
-                    self.withdrawals_left -= 1;
-                    self.phase = Phase::DrawingBack { since: t };
-                }
-            }
+            Phase::Bringing { since } => self.offer(t, since + s.arrival, sight, &felt),
+            Phase::DrawingBack { since } => self.offer(t, since + (2.0 + AWAY), sight, &felt),
             Phase::Leaving { since, .. } if t > since + EMPTY_TRIP => self.phase = Phase::Gone,
             Phase::Gone if fallen >= s.picks_up_after => {
                 self.cube_left_zone = false;
                 self.phase = Phase::Bringing { since: t };
             }
-            Phase::Gone => {
-                let inside = self.in_zone(&sight.cube);
-                self.cube_left_zone |= !inside;
-                // A hand that reached deep into the zone need not leave it again to give the cube back.
-                let early = if self.cube_left_zone { 0.0 } else { HELD_OUT };
-                if inside
-                    && t > self.let_go_at + s.return_after + early
-                    && sight.grippers == 1
-                    && still >= early.max(STILL.1)
-                    && (sight.solved || !s.return_solved_only)
-                {
-                    self.phase = Phase::Coming { since: t, to: sight.cube };
-                }
-            }
+            Phase::Gone => self.wait_for_return(t, sight, &felt),
             Phase::Coming { since, to } => {
-                // Whoever moves the cube away now does not want to give it.
+                // A cube that is moved away now is not meant for the hand.
                 if (sight.cube.p - to.p).norm() > 0.03 {
                     self.phase = Phase::Leaving { since: t, from: to };
                     self.let_go_at = t - s.return_after;
@@ -340,12 +325,51 @@ impl OperatorHand {
                 if sight.grippers == 0 {
                     self.phase = Phase::Carrying { since: t, from: sight.cube };
                 } else if (sight.cube.p - from.p).norm() > 0.1 {
-                    self.phase = Phase::Leaving { since: t, from: sight.cube };
-                    self.let_go_at = t;
+                    self.leave(t, sight);
                 }
             }
             Phase::Carrying { since, .. } if t > since + 2.0 => self.phase = Phase::Done,
             _ => {}
+        }
+    }
+
+    /// Offers the cube: lets go when jaws hold it long or firmly enough, draws it back when it is not taken. The hand
+    /// has arrived at `arrived` [s].
+    fn offer(&mut self, t: f64, arrived: f64, sight: &Sight, felt: &Felt) {
+        let s = self.script;
+        let Felt { closed, loaded, .. } = *felt;
+        if closed >= s.release_time || (closed >= 0.0 && loaded >= LOAD_TIME) {
+            self.leave(t, sight);
+        } else if t > arrived
+            && self.withdrawals_left > 0
+            && sight.grippers == 0
+            && t > arrived + 0.5 * s.stills
+        {
+            self.withdrawals_left -= 1;
+            self.phase = Phase::DrawingBack { since: t };
+        }
+    }
+
+    /// Lets go of the cube and leaves.
+    fn leave(&mut self, t: f64, sight: &Sight) {
+        self.phase = Phase::Leaving { since: t, from: sight.cube };
+        self.let_go_at = t;
+    }
+
+    /// Comes for a cube that one hand holds still in the zone.
+    fn wait_for_return(&mut self, t: f64, sight: &Sight, felt: &Felt) {
+        let s = self.script;
+        let inside = self.in_zone(&sight.cube);
+        self.cube_left_zone |= !inside;
+        // A hand that reached deep into the zone need not leave it again to give the cube back.
+        let early = if self.cube_left_zone { 0.0 } else { HELD_OUT };
+        if inside
+            && t > self.let_go_at + s.return_after + early
+            && sight.grippers == 1
+            && felt.still >= early.max(STILL.1)
+            && (sight.solved || !s.return_solved_only)
+        {
+            self.phase = Phase::Coming { since: t, to: sight.cube };
         }
     }
 

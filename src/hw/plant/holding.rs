@@ -3,7 +3,7 @@
 //! - in: the pads' contacts
 //! - out: grasps that close and open, the split of the cube
 
-use super::account::StillWatch;
+use super::StillWatch;
 use super::balance::{Split, layer_angle};
 use super::cube::{Layers, MIDDLE};
 use super::frame::{Frame, about, nearest_alignment};

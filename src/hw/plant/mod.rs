@@ -20,17 +20,20 @@ mod frame;
 mod grasp;
 mod hand;
 mod holding;
+mod identity;
 mod jaw;
 mod plausible;
 pub mod render;
 mod rest;
 pub mod saved;
 mod sensor;
+mod start;
 #[cfg(test)]
 pub(in crate::hw) mod testing;
 #[cfg(test)]
 mod tests;
 pub mod truth;
+mod undoing;
 pub mod verdict;
 
 pub use arm::sagging;
@@ -38,20 +41,20 @@ pub use config::{
     ArmDynamics, CubeMechanics, HandScript, Jaws, Lying, MotorDynamics, PlantConfig, SensorNoise,
     Start,
 };
+pub use identity::Identity;
 pub use verdict::{Counts, Event, Incident, Part, Verdict, Whereabouts};
 
-use self::account::StillWatch;
 use self::arm::PlantArm;
 use self::balance::{Balance, HandHold, Surroundings, moved};
 use self::collision::Collisions;
 use self::cube::Puzzle;
-use self::fault::{Faults, Undoing, Upset};
+use self::fault::{Faults, Upset};
 use self::frame::{Frame, about};
 use self::grasp::{Grasp, Hands, Touch};
 use self::hand::OperatorHand;
 use self::jaw::PlantJaw;
-use self::saved::Identity;
 use self::sensor::WristSensor;
+use self::undoing::Undoing;
 use super::port::{Port, PortFault};
 use super::scene::{Scene, SceneArm, SceneCube};
 use crate::cell::{Cell, Gripper};
@@ -60,8 +63,6 @@ use crate::motion::{AXES, Depth};
 use crate::servo::io::{ArmDrive, ArmReading, JAW};
 use crate::spatial::Twist;
 use nalgebra::{Point3, Vector3};
-use rand_distr::{Distribution, StandardNormal};
-use rand_pcg::Pcg64;
 
 /// Where the cube is, as a state.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -75,6 +76,15 @@ enum State {
         down: Face,
         fell: bool,
     },
+}
+
+/// Watches for a loaded layer that does not move.
+#[derive(Debug, Clone, Copy, Default)]
+struct StillWatch {
+    /// The layer's angle when it last moved [rad], and the period.
+    angle: f64,
+    since: u64,
+    reported: bool,
 }
 
 /// The simulated cell. See the module.
@@ -113,7 +123,7 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// A plant at rest.
+    /// Makes a plant at rest.
     ///
     /// # Errors
     /// [`PortFault`] when the cell has no arm or more than two, or the lists of the configuration do not fit.
@@ -123,73 +133,37 @@ impl Plant {
             let reason = format!("the plant needs 1 or 2 arms with dynamics, not {count}");
             return Err(PortFault { effector: 0, reason });
         }
-        let identity = Identity::of(&config, seed);
-        let stream = |which: u64| Pcg64::new(u128::from(seed), 0xcafe_f00d + u128::from(which));
+        let mut this = Self::at_start(config, seed)?;
+        if let Start::Held { arm, .. } = this.config.start {
+            if this.in_the_way_of_stops(arm) {
+                this.stops[arm] = Depth::Two;
+            }
+            this.close(arm);
+        }
+        this.account();
+        // How it begins is no event.
+        this.faults = Faults::new(&this.config.faults);
+        Ok(this)
+    }
+
+    /// Puts all parts where the run begins, without faults and before jaws close.
+    fn at_start(config: PlantConfig, seed: u64) -> Result<Self, PortFault> {
         let cell = &config.cell;
-        let edge = cell.cube.edge;
-        let arms: Vec<PlantArm> = (cell.arms.iter().zip(&config.arms))
-            .zip(config.synchronised)
-            .map(|((a, d), synchronised)| PlantArm::new(a, d, synchronised))
-            .collect();
-        let pad = 0.5 * config.jaws.stiffness[1];
-        let closed = edge - 2.0 * config.start_grip / pad;
-        let jaws = cell.arms.iter().enumerate().map(|(i, a)| {
-            let opening = match config.start {
-                Start::Hand | Start::Table(_) => {
-                    a.gripper.opening_of_motor[0] + a.gripper.opening_offset
-                }
-                Start::Held { arm, .. } if arm == i => closed,
-                Start::Held { .. } => a.gripper.opening.1 - 0.005,
-            };
-            PlantJaw::new(&a.gripper, &config.jaws, opening, config.synchronised[i])
-        });
-        let jaws = jaws.collect();
-        let sensors = cell
-            .arms
-            .iter()
-            .enumerate()
-            .map(|(i, a)| {
-                WristSensor::new(&a.sensor, &config.noise, config.period, stream(10 + i as u64))
-            })
-            .collect();
-        let mut friction = stream(1);
-        let spread = config.cube.spread;
-        let factors = std::array::from_fn(|_| {
-            std::array::from_fn(|_| {
-                let x: f64 = StandardNormal.sample(&mut friction);
-                1.0 + spread * x.clamp(-2.0, 2.0)
-            })
-        });
-        let puzzle = Puzzle::new(config.facelets, config.cube, factors);
-        let mut hand = OperatorHand::new(&config.hand, &cell.hand, edge, &mut stream(2));
-        let world_from_cube = match config.start {
-            Start::Hand => hand.hold(0.0).unwrap_or(Frame::IDENTITY),
-            Start::Table(lying) => {
-                hand.keep_out();
-                lying.drawn(cell, &mut stream(3))
-            }
-            Start::Held { arm, tool_from_cube } => {
-                let Some(arm) = arms.get(arm) else {
-                    let reason = "the cube is held by an arm that is not there".to_owned();
-                    return Err(PortFault { effector: arm, reason });
-                };
-                hand.stay_away();
-                arm.world_from_tool.times(&Frame::from_pose(&tool_from_cube))
-            }
-        };
+        let arms = start::arms(&config);
+        let mut hand = start::hand(&config, seed);
+        let world_from_cube = start::cube(&config, seed, &mut hand, &arms)?;
         let (keeper, state) = match config.start {
             Start::Table(_) => {
                 (Keeper::Table, State::Tray { down: lowest_face(&world_from_cube), fell: false })
             }
             Start::Hand | Start::Held { .. } => (Keeper::Person, State::Held),
         };
-        let mut this = Self {
-            arms,
-            jaws,
-            sensors,
+        Ok(Self {
+            jaws: start::jaws(&config),
+            sensors: start::sensors(&config, seed),
             stops: [Depth::One; 2],
-            puzzle,
-            balance: Balance::new(world_from_cube, edge, cell.table_height),
+            puzzle: start::puzzle(&config, seed),
+            balance: Balance::new(world_from_cube, cell.cube.edge, cell.table_height),
             grasps: [Grasp::OPEN; 2],
             hand,
             state,
@@ -209,19 +183,10 @@ impl Plant {
             angle_at_split: 0.0,
             undoing: Undoing::default(),
             verdict: Verdict::empty(&world_from_cube.to_pose(), keeper),
-            identity,
+            identity: Identity::of(&config, seed),
+            arms,
             config,
-        };
-        if let Start::Held { arm, .. } = this.config.start {
-            if this.in_the_way_of_stops(arm) {
-                this.stops[arm] = Depth::Two;
-            }
-            this.close(arm);
-        }
-        this.account();
-        // How it begins is no event.
-        this.faults = Faults::new(&this.config.faults);
-        Ok(this)
+        })
     }
 
     /// What there is to be seen now.

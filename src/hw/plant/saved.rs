@@ -6,18 +6,19 @@
 //! - a file that was cut off by a crash cannot be: a new one replaces the old one whole
 //! - it goes with one plant only, see [`Identity`]; what no plant can be is refused with its place
 
+use super::arm::SavedArm;
 use super::balance::Split;
 use super::encoder::Encoder;
 use super::frame::Frame;
 use super::grasp::Grasp;
 use super::hand::Saved as SavedHand;
+use super::identity::Identity;
 use super::plausible::{self, Wrong};
 use super::verdict::Counts;
-use super::{Plant, PlantConfig, State};
-use crate::motion::{AXES, Depth, JointPositions};
+use super::{Plant, State};
+use crate::motion::{AXES, Depth};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-use std::fmt::Debug;
 use std::io::{Read as _, Write as _};
 use std::path::Path;
 
@@ -50,72 +51,6 @@ pub struct Saved {
     angle_at_split: f64,
     counts: Counts,
     grasped: [u32; 2],
-}
-
-/// What a plant is, whatever became of it: a state goes with any plant of the same identity.
-///
-/// How a run begins is not in it, since the state tells; nor are faults and the period's length, which may be others when
-/// a run goes on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Identity {
-    seed: u64,
-    /// CRC-32 over the true cell.
-    cell: u32,
-    /// CRC-32 over the rest: drives, cube, pads, sensors, the operator's hand.
-    mechanics: u32,
-}
-
-impl Identity {
-    /// Of a plant that is to be made.
-    #[must_use]
-    pub fn of(config: &PlantConfig, seed: u64) -> Self {
-        // Each is named: whoever adds one decides.
-        let PlantConfig {
-            cell,
-            arms,
-            cube,
-            jaws,
-            noise,
-            hand,
-            start: _,
-            start_grip: _,
-            facelets: _,
-            synchronised: _,
-            faults: _,
-            period: _,
-            substeps,
-        } = config;
-        let mut cell = cell.clone();
-        for arm in &mut cell.arms {
-            arm.start = JointPositions::default();
-        }
-        // All digits of each number, in the order of the fields.
-        let sum = |what: &dyn Debug| crc32fast::hash(format!("{what:?}").as_bytes());
-        let mechanics = sum(&(arms, cube, jaws, noise, hand, substeps));
-        Self { seed, cell: sum(&cell), mechanics }
-    }
-
-    /// What hinders a plant of this identity from going on with a state of `other`.
-    fn differs(&self, other: &Self) -> Option<String> {
-        if self.seed != other.seed {
-            return Some(format!("its seed is {}, not {}", other.seed, self.seed));
-        }
-        if self.cell != other.cell {
-            return Some("it was made in another cell, or with other plant.errors".to_owned());
-        }
-        let same = self.mechanics == other.mechanics;
-        (!same).then(|| "it was made with other plant keys".to_owned())
-    }
-}
-
-/// What is kept of an arm.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) struct SavedArm {
-    pub(super) joints: [f64; AXES],
-    pub(super) motors: [f64; AXES],
-    pub(super) bristles: [f64; AXES],
-    pub(super) counterbalance: [f64; AXES],
-    pub(super) encoders: Vec<Encoder>,
 }
 
 /// Why a plant cannot go on from a file.
@@ -351,7 +286,7 @@ impl Plant {
 #[cfg(test)]
 mod tests {
     use super::super::fault::{Fault, What, When};
-    use super::super::{CubeMechanics, Jaws, testing};
+    use super::super::{CubeMechanics, Jaws, PlantConfig, testing};
     use super::*;
 
     #[test]

@@ -1,0 +1,62 @@
+//! Which plants a kept state goes with.
+
+use super::config::PlantConfig;
+use crate::motion::JointPositions;
+use serde::{Deserialize, Serialize};
+use std::fmt::Debug;
+
+/// What a plant is made of, whatever became of it: a state goes with any plant of the same identity.
+///
+/// How a run begins is not in it, since the state tells; nor are faults and the period's length, which may be others when
+/// a run goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity {
+    seed: u64,
+    /// CRC-32 over the true cell.
+    cell: u32,
+    /// CRC-32 over the rest: drives, cube, pads, sensors, the operator's hand.
+    mechanics: u32,
+}
+
+impl Identity {
+    /// Returns the identity of a plant that is to be made.
+    #[must_use]
+    pub fn of(config: &PlantConfig, seed: u64) -> Self {
+        // All fields are named, so that a new one needs a decision here.
+        let PlantConfig {
+            cell,
+            arms,
+            cube,
+            jaws,
+            noise,
+            hand,
+            start: _,
+            start_grip: _,
+            facelets: _,
+            synchronised: _,
+            faults: _,
+            period: _,
+            substeps,
+        } = config;
+        let mut cell = cell.clone();
+        for arm in &mut cell.arms {
+            arm.start = JointPositions::default();
+        }
+        // All digits of each number, in the order of the fields.
+        let sum = |what: &dyn Debug| crc32fast::hash(format!("{what:?}").as_bytes());
+        let mechanics = sum(&(arms, cube, jaws, noise, hand, substeps));
+        Self { seed, cell: sum(&cell), mechanics }
+    }
+
+    /// Returns why a plant of this identity cannot go on with a state of `other`.
+    pub(super) fn differs(&self, other: &Self) -> Option<String> {
+        if self.seed != other.seed {
+            return Some(format!("its seed is {}, not {}", other.seed, self.seed));
+        }
+        if self.cell != other.cell {
+            return Some("it was made in another cell, or with other plant.errors".to_owned());
+        }
+        let same = self.mechanics == other.mechanics;
+        (!same).then(|| "it was made with other plant keys".to_owned())
+    }
+}

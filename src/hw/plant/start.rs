@@ -1,0 +1,108 @@
+//! The parts of the plant as a run begins, each with its own stream of chance.
+//!
+//! - in: the configuration, the seed
+//! - out: arms, jaws, sensors, layers, the operator's hand, and where the cube is
+
+use super::arm::PlantArm;
+use super::config::{PlantConfig, Start};
+use super::cube::Puzzle;
+use super::frame::Frame;
+use super::hand::OperatorHand;
+use super::jaw::PlantJaw;
+use super::sensor::WristSensor;
+use crate::hw::port::PortFault;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+
+/// Streams of chance; wrist sensors have one each, from the last of these on.
+const FRICTION: u64 = 1;
+const HAND: u64 = 2;
+const TABLE: u64 = 3;
+const SENSORS: u64 = 10;
+
+/// By how much the jaws of the hand that does not hold the cube are short of their stroke's end [m].
+const SHORT_OF_END: f64 = 0.005;
+
+/// Returns the generator of one source of chance.
+fn stream(seed: u64, which: u64) -> Pcg64 {
+    Pcg64::new(u128::from(seed), 0xcafe_f00d + u128::from(which))
+}
+
+/// Returns the arms in their start poses.
+pub(super) fn arms(config: &PlantConfig) -> Vec<PlantArm> {
+    (config.cell.arms.iter().zip(&config.arms))
+        .zip(config.synchronised)
+        .map(|((arm, dynamics), synchronised)| PlantArm::new(arm, dynamics, synchronised))
+        .collect()
+}
+
+/// Returns the jaws: closed on a cube that their arm holds, wide open if the other arm holds it.
+pub(super) fn jaws(config: &PlantConfig) -> Vec<PlantJaw> {
+    let pad = 0.5 * config.jaws.stiffness[1];
+    let closed = config.cell.cube.edge - 2.0 * config.start_grip / pad;
+    let jaws = config.cell.arms.iter().enumerate().map(|(i, arm)| {
+        let gripper = &arm.gripper;
+        let opening = match config.start {
+            Start::Hand | Start::Table(_) => gripper.opening_of_motor[0] + gripper.opening_offset,
+            Start::Held { arm, .. } if arm == i => closed,
+            Start::Held { .. } => gripper.opening.1 - SHORT_OF_END,
+        };
+        PlantJaw::new(gripper, &config.jaws, opening, config.synchronised[i])
+    });
+    jaws.collect()
+}
+
+/// Returns the wrist sensors.
+pub(super) fn sensors(config: &PlantConfig, seed: u64) -> Vec<WristSensor> {
+    let arms = config.cell.arms.iter().zip(SENSORS..);
+    arms.map(|(arm, which)| {
+        WristSensor::new(&arm.sensor, &config.noise, config.period, stream(seed, which))
+    })
+    .collect()
+}
+
+/// Returns the cube's layers, whose friction is drawn.
+pub(super) fn puzzle(config: &PlantConfig, seed: u64) -> Puzzle {
+    let mut friction = stream(seed, FRICTION);
+    let spread = config.cube.spread;
+    let factors = std::array::from_fn(|_| {
+        std::array::from_fn(|_| {
+            let x: f64 = StandardNormal.sample(&mut friction);
+            1.0 + spread * x.clamp(-2.0, 2.0)
+        })
+    });
+    Puzzle::new(config.facelets, config.cube, factors)
+}
+
+/// Returns the operator's hand.
+pub(super) fn hand(config: &PlantConfig, seed: u64) -> OperatorHand {
+    let cell = &config.cell;
+    OperatorHand::new(&config.hand, &cell.hand, cell.cube.edge, &mut stream(seed, HAND))
+}
+
+/// Returns where the cube is; a hand that does not bring it keeps out.
+///
+/// # Errors
+/// [`PortFault`] when an arm that does not exist is to hold it.
+pub(super) fn cube(
+    config: &PlantConfig,
+    seed: u64,
+    hand: &mut OperatorHand,
+    arms: &[PlantArm],
+) -> Result<Frame, PortFault> {
+    match config.start {
+        Start::Hand => Ok(hand.hold(0.0).unwrap_or(Frame::IDENTITY)),
+        Start::Table(lying) => {
+            hand.keep_out();
+            Ok(lying.drawn(&config.cell, &mut stream(seed, TABLE)))
+        }
+        Start::Held { arm, tool_from_cube } => {
+            let Some(arm) = arms.get(arm) else {
+                let reason = "the cube is held by an arm that is not there".to_owned();
+                return Err(PortFault { effector: arm, reason });
+            };
+            hand.stay_away();
+            Ok(arm.world_from_tool.times(&Frame::from_pose(&tool_from_cube)))
+        }
+    }
+}
