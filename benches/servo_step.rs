@@ -13,7 +13,7 @@ use rubik_robot::hw::driver::{Core, ServoLink, ServoRecord, Switches, link};
 use rubik_robot::hw::port::Port;
 use rubik_robot::motion::{Frame, JointPositions};
 use rubik_robot::servo::regulator::Regulator;
-use rubik_robot::servo::tff::ForceLaw;
+use rubik_robot::servo::tff::{ForceLaw, TaskMotion};
 use rubik_robot::spatial::{Pose, Wrench};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::hint::black_box;
@@ -188,10 +188,11 @@ fn parts(c: &mut Criterion) {
         Translation3::new(0.6, 0.1, 1.2),
         UnitQuaternion::from_euler_angles(0.1, 0.2, 0.3),
     );
+    let task = TaskMotion { frame: Frame::Tool, directions: [COMPLIANT; 6] };
     group.bench_function("tff", |b| {
         b.iter_batched_ref(
             ForceLaw::default,
-            |law| law.step(1, Frame::Tool, black_box(&[COMPLIANT; 6]), &wrench, &pose, 0.002),
+            |law| law.step(1, black_box(&task), &wrench, &pose, 0.002),
             BatchSize::SmallInput,
         );
     });

@@ -4,7 +4,7 @@ use super::homing::{Homing, HomingStep};
 use super::io::{ArmDrive, ArmReading, JAW, Outside};
 use super::jaw::Jaw;
 use super::lateness::StepFilter;
-use super::path::{Path, SetValues, check_end};
+use super::path::{Chain, Path, SetValues, check_end};
 use super::regulator::Regulator;
 use super::tff::{ForceLaw, heeds_force};
 use super::watch::{Wanted, Watch};
@@ -31,7 +31,7 @@ pub struct ArmServo {
     last_joints: JointPositions,
     jaw: Jaw,
     wrist: WristForce,
-    late: Late,
+    seen_wrench: SeenWrench,
     law: ForceLaw,
     watch: Watch,
     running: Option<Path>,
@@ -89,9 +89,9 @@ impl ArmServo {
     /// Stands where the first reading says.
     #[must_use]
     pub fn new(config: ServoConfig, first: &ArmReading) -> Self {
-        let (model, tool) = (&config.model, &config.flange_from_tool);
-        let set = SetValues::of_joints(model, tool, JointPositions::default());
-        let set = set.moved_to(model, tool, motors_at(&config, first));
+        let chain = Chain { model: &config.model, flange_from_tool: &config.flange_from_tool };
+        let set = SetValues::of_joints(chain, JointPositions::default());
+        let set = set.moved_to(chain, motors_at(&config, first));
         Self {
             flange_from_tool: config.flange_from_tool,
             set,
@@ -106,7 +106,7 @@ impl ArmServo {
             last_joints: set.joints,
             jaw: Jaw::new(config.gripper, &config.gains, first.jaw_count, config.period),
             wrist: WristForce::new(config.sensor),
-            late: Late::default(),
+            seen_wrench: SeenWrench::default(),
             law: ForceLaw::default(),
             watch: Watch::new(&config.gains, first.counts, config.period),
             running: None,
@@ -140,8 +140,7 @@ impl ArmServo {
             self.command_end = self.command_end.max(period + u64::from(wants));
         }
         if matches!(self.gap, Gap::GivenUp(_)) && self.fault.is_none() {
-            let (model, tool) = (&self.config.model, &self.flange_from_tool);
-            self.set = self.set.moved_to(model, tool, measured.motors);
+            self.set = self.set.moved_to(self.chain(), measured.motors);
             self.step_filters.iter_mut().for_each(StepFilter::clear);
         }
         if let Some(command) = command {
@@ -151,7 +150,7 @@ impl ArmServo {
         self.begin_waiting(period);
         self.watch(period, reading, &measured);
         let before = self.set.motors;
-        let wrench = self.late.through(measured.wrench);
+        let wrench = self.seen_wrench.next(measured.wrench);
         if self.fault.is_none() {
             self.advance(period, &wrench);
             self.jaw.advance(period);
@@ -276,7 +275,7 @@ impl ArmServo {
                     self.refused = Some(MoveRefused::NotANumber);
                 }
             }
-            ServoCommand::ForceSettings(settings) => self.late.settings = settings,
+            ServoCommand::ForceSettings(settings) => self.seen_wrench.settings = settings,
             ServoCommand::Reset => self.reset(reading),
             ServoCommand::Synchronise if self.stands_by => {
                 self.refused = Some(MoveRefused::HeldBack);
@@ -324,7 +323,7 @@ impl ArmServo {
             return;
         }
         self.flange_from_tool = flange_from_tool;
-        self.set = self.set.moved_to(&self.config.model, &flange_from_tool, self.set.motors);
+        self.set = self.set.moved_to(self.chain(), self.set.motors);
         if let Some(path) = &mut self.running {
             path.retarget(self.set.base_from_tool, period);
         }
@@ -332,7 +331,7 @@ impl ArmServo {
 
     fn reset(&mut self, reading: &ArmReading) {
         let motors = motors_at(&self.config, reading);
-        self.set = self.set.moved_to(&self.config.model, &self.flange_from_tool, motors);
+        self.set = self.set.moved_to(self.chain(), motors);
         self.steps = [0.0; AXES];
         self.synchronised = is_synchronised(&self.config, reading);
         self.regulators.iter_mut().for_each(Regulator::reset);
@@ -371,8 +370,7 @@ impl ArmServo {
             Ok(None) => {
                 self.homing = None;
                 self.synchronised = true;
-                let (model, tool) = (&self.config.model, &self.flange_from_tool);
-                self.set = self.set.moved_to(model, tool, self.set.motors);
+                self.set = self.set.moved_to(self.chain(), self.set.motors);
                 self.jaw.rebase(reading.jaw_count);
             }
             Err(fault) => self.trip(period, fault),
@@ -400,9 +398,8 @@ impl ArmServo {
         self.waiting = None;
         let periods = u64::from(command.periods.max(1));
         let end = period + periods - 1;
-        let model = &self.config.model;
         let seconds = periods as f64 * self.config.period.seconds();
-        let allowed = check_end(&command.motion, seconds, &self.set, model, &self.flange_from_tool)
+        let allowed = check_end(&command.motion, seconds, &self.set, self.chain())
             .and_then(|()| command.jaw.map_or(Ok(()), |jaw| self.jaw.check(&jaw, seconds)));
         if let Err(refused) = allowed {
             self.refuse(period, refused);
@@ -464,9 +461,11 @@ impl ArmServo {
             return;
         }
         let Some(path) = self.running else { return };
-        let (model, seconds) = (&self.config.model, self.config.period.seconds());
+        let seconds = self.config.period.seconds();
+        // Not by `chain()`: the law is changed beside it.
+        let chain = Chain { model: &self.config.model, flange_from_tool: &self.flange_from_tool };
         let next = path
-            .at((period, seconds), &self.set, model, &self.flange_from_tool, &mut self.law, wrench)
+            .at((period, seconds), &self.set, chain, &mut self.law, wrench)
             .and_then(|next| self.check(&next).map(|()| next));
         match next {
             Ok(next) => {
@@ -498,7 +497,7 @@ impl ArmServo {
                 self.braking = None;
             }
         }
-        let next = self.set.moved_to(&self.config.model, &self.flange_from_tool, motors);
+        let next = self.set.moved_to(self.chain(), motors);
         if self.check(&next).is_ok() {
             self.set = next;
         } else {
@@ -564,6 +563,11 @@ impl ArmServo {
         }
     }
 
+    /// Returns the chain from the base to the present tool.
+    fn chain(&self) -> Chain<'_> {
+        Chain { model: &self.config.model, flange_from_tool: &self.flange_from_tool }
+    }
+
     /// An arm without a track has no axis 0.
     fn first_axis(&self) -> usize {
         usize::from(!self.config.model.has_track)
@@ -572,22 +576,23 @@ impl ArmServo {
 
 /// The wrench as the force law sees it: late or with the wrong sign when it is to be spoilt.
 #[derive(Debug, Clone, Copy)]
-struct Late {
+struct SeenWrench {
     settings: ForceSettings,
-    past: [Wrench; Late::LENGTH],
+    past: [Wrench; SeenWrench::LENGTH],
     now: usize,
 }
 
-impl Default for Late {
+impl Default for SeenWrench {
     fn default() -> Self {
         Self { settings: ForceSettings::default(), past: [Wrench::default(); Self::LENGTH], now: 0 }
     }
 }
 
-impl Late {
+impl SeenWrench {
     const LENGTH: usize = ForceSettings::LONGEST_DELAY as usize + 1;
 
-    fn through(&mut self, wrench: Wrench) -> Wrench {
+    /// Takes the wrench of this period; returns the one that the force law is to see.
+    fn next(&mut self, wrench: Wrench) -> Wrench {
         self.now = (self.now + 1) % Self::LENGTH;
         self.past[self.now] = wrench;
         let delay = self.settings.delay_periods.min(ForceSettings::LONGEST_DELAY) as usize;

@@ -85,8 +85,19 @@ pub struct HomingStep {
     pub zeroed: bool,
 }
 
+/// What is read of the axis whose turn it is.
+struct Seen {
+    axis: usize,
+    /// Its synchronisation switch, once that is known.
+    pressed: Option<bool>,
+    /// Its limit switches.
+    at_lower: bool,
+    at_upper: bool,
+    synchronised: bool,
+}
+
 impl Homing {
-    /// Begins.
+    /// Begins with the first axis.
     #[must_use]
     pub fn new(has_track: bool, period: Length) -> Self {
         Self {
@@ -102,86 +113,113 @@ impl Homing {
         }
     }
 
-    /// One period; `None` when all axes are synchronised.
+    /// Takes one period; returns `None` when all axes are synchronised.
     ///
     /// # Errors
     /// [`ArmFault::SwitchExpected`], [`ArmFault::SwitchHeld`], [`ArmFault::ZeroExpected`].
     pub fn step(&mut self, reading: &ArmReading) -> Result<Option<HomingStep>, ArmFault> {
+        if self.phase == Phase::Rest(0) {
+            self.next += 1;
+            self.switch = (false, 0);
+            self.enter(Phase::Coarse);
+        }
         let Some(axis) = self.axis(reading) else { return Ok(None) };
         let bit = 1u8 << axis;
-        let pressed = self.read_switch(reading.sync_switches & bit != 0);
-        let (coarse, fine) = speeds(axis);
-        let mut zeroed = false;
-        let goal = match self.phase {
-            Phase::Coarse if pressed == Some(true) => {
-                self.enter(Phase::Stand(self.stands.0));
-                0.0
-            }
-            // Which way it is not known yet: who stands on the switch does not go further on.
-            Phase::Coarse if pressed.is_none() && self.travelled == 0.0 => 0.0,
-            Phase::Coarse => {
-                // It may have been left standing on its upper one; on the lower one, or behind it, may be the cam.
-                let at_limit = reading.lower_limits & bit != 0 && pressed == Some(false);
-                if at_limit || self.travelled.abs() > LONGEST {
-                    let travelled = self.travelled.abs();
-                    return Err(ArmFault::SwitchExpected { axis, travelled });
-                }
-                coarse
-            }
-            Phase::Stand(0) => {
-                // A switch that was run over is no place to begin from.
-                if pressed != Some(true) {
-                    let travelled = self.travelled.abs();
-                    return Err(ArmFault::SwitchExpected { axis, travelled });
-                }
-                self.enter(Phase::Leave);
-                fine
-            }
-            Phase::Stand(left) => {
-                self.phase = Phase::Stand(left - 1);
-                0.0
-            }
-            // A controller that took a zero on the switch would be whole revolutions off.
-            Phase::Leave if reading.synchronised & bit != 0 && pressed == Some(true) => {
-                return Err(ArmFault::ZeroExpected { axis, travelled: self.travelled });
-            }
-            Phase::Leave => {
-                if pressed == Some(false) {
-                    self.enter(Phase::Zero);
-                } else if self.travelled > CAM * fine || reading.upper_limits & bit != 0 {
-                    return Err(ArmFault::SwitchHeld { axis, travelled: self.travelled });
-                }
-                fine
-            }
-            Phase::Zero if reading.synchronised & bit != 0 => {
-                self.enter(Phase::Rest(self.stands.1));
-                zeroed = true;
-                0.0
-            }
-            Phase::Zero => {
-                if self.travelled > TO_ZERO {
-                    return Err(ArmFault::ZeroExpected { axis, travelled: self.travelled });
-                }
-                fine
-            }
-            Phase::Rest(0) => {
-                self.next += 1;
-                self.switch = (false, 0);
-                self.enter(Phase::Coarse);
-                return self.step(reading);
-            }
+        let seen = Seen {
+            axis,
+            pressed: self.read_switch(reading.sync_switches & bit != 0),
+            at_lower: reading.lower_limits & bit != 0,
+            at_upper: reading.upper_limits & bit != 0,
+            synchronised: reading.synchronised & bit != 0,
+        };
+        let before = self.phase;
+        let goal = match before {
+            Phase::Coarse => self.seek_switch(&seen)?,
+            Phase::Stand(left) => self.stand(left, &seen)?,
+            Phase::Leave => self.leave_switch(&seen)?,
+            Phase::Zero => self.seek_zero(&seen)?,
             Phase::Rest(left) => {
-                self.phase = Phase::Rest(left - 1);
+                // The next axis's turn comes before it is 0.
+                self.phase = Phase::Rest(left.saturating_sub(1));
                 0.0
             }
         };
+        let zeroed = before == Phase::Zero && matches!(self.phase, Phase::Rest(_));
+        let (coarse, fine) = speeds(axis);
         let change = coarse.abs().max(fine) / self.ramp;
         self.speed += (goal - self.speed).clamp(-change, change);
         let step = self.speed * self.seconds;
         self.travelled += step;
-        // Told before the switch lets go: the controller takes the first zero behind it, however near that lies.
+        // Set before the switch lets go: the controller takes the first zero behind it, however near that lies.
         let synchronise = if matches!(self.phase, Phase::Leave | Phase::Zero) { bit } else { 0 };
         Ok(Some(HomingStep { axis, step, synchronise, zeroed }))
+    }
+
+    /// Goes backwards until the switch is pressed; returns the speed that is wanted.
+    fn seek_switch(&mut self, seen: &Seen) -> Result<f64, ArmFault> {
+        match seen.pressed {
+            Some(true) => {
+                self.enter(Phase::Stand(self.stands.0));
+                Ok(0.0)
+            }
+            // It is not known yet whether the axis stands on the switch; if it does, it must not go further on.
+            None if self.travelled == 0.0 => Ok(0.0),
+            pressed => {
+                // It may have been left standing on its upper one; on the lower one, or behind it, may be the cam.
+                let at_limit = seen.at_lower && pressed == Some(false);
+                if at_limit || self.travelled.abs() > LONGEST {
+                    return Err(self.switch_expected(seen));
+                }
+                Ok(speeds(seen.axis).0)
+            }
+        }
+    }
+
+    /// Stands on the switch.
+    fn stand(&mut self, left: u32, seen: &Seen) -> Result<f64, ArmFault> {
+        if left > 0 {
+            self.phase = Phase::Stand(left - 1);
+            return Ok(0.0);
+        }
+        // A switch that was run over is no place to begin from.
+        if seen.pressed != Some(true) {
+            return Err(self.switch_expected(seen));
+        }
+        self.enter(Phase::Leave);
+        Ok(speeds(seen.axis).1)
+    }
+
+    /// Goes forwards off the switch.
+    fn leave_switch(&mut self, seen: &Seen) -> Result<f64, ArmFault> {
+        let (axis, travelled) = (seen.axis, self.travelled);
+        let fine = speeds(axis).1;
+        // A controller that took a zero on the switch would be whole revolutions off.
+        if seen.synchronised && seen.pressed == Some(true) {
+            return Err(ArmFault::ZeroExpected { axis, travelled });
+        }
+        if seen.pressed == Some(false) {
+            self.enter(Phase::Zero);
+        } else if travelled > CAM * fine || seen.at_upper {
+            return Err(ArmFault::SwitchHeld { axis, travelled });
+        }
+        Ok(fine)
+    }
+
+    /// Goes on until the controller has set its counter to zero.
+    fn seek_zero(&mut self, seen: &Seen) -> Result<f64, ArmFault> {
+        let (axis, travelled) = (seen.axis, self.travelled);
+        if seen.synchronised {
+            self.enter(Phase::Rest(self.stands.1));
+            return Ok(0.0);
+        }
+        if travelled > TO_ZERO {
+            return Err(ArmFault::ZeroExpected { axis, travelled });
+        }
+        Ok(speeds(axis).1)
+    }
+
+    fn switch_expected(&self, seen: &Seen) -> ArmFault {
+        ArmFault::SwitchExpected { axis: seen.axis, travelled: self.travelled.abs() }
     }
 
     /// The axis whose turn it is; passes over those that need none.

@@ -1,11 +1,19 @@
 //! The course of a macrostep: set values of each of its periods, linearly between start and end.
 
-use super::tff::{FALLS, ForceLaw};
+use super::tff::{FALLS, ForceLaw, TaskMotion};
 use crate::kinematics::ArmModel;
-use crate::motion::Direction;
-use crate::motion::{AXES, Frame, JointPositions, Motion, MotorPositions, MoveRefused};
+use crate::motion::{AXES, Direction, JointPositions, Motion, MotorPositions, MoveRefused};
 use crate::spatial::{Pose, Wrench};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
+
+/// The kinematic chain from an arm's base to its tool.
+#[derive(Debug, Clone, Copy)]
+pub struct Chain<'a> {
+    /// Geometry, transmissions and limits.
+    pub model: &'a ArmModel,
+    /// The tool on the flange.
+    pub flange_from_tool: &'a Pose,
+}
 
 /// Set values of one period; the three agree.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,46 +27,42 @@ pub struct SetValues {
 }
 
 impl SetValues {
-    /// Of joint positions.
+    /// Returns the set values of joint positions.
     #[must_use]
-    pub fn of_joints(model: &ArmModel, flange_from_tool: &Pose, joints: JointPositions) -> Self {
+    pub fn of_joints(chain: Chain<'_>, joints: JointPositions) -> Self {
         Self {
-            motors: model.motors(&joints),
+            motors: chain.model.motors(&joints),
             joints,
-            base_from_tool: model.base_from_flange(&joints) * flange_from_tool,
+            base_from_tool: chain.model.base_from_flange(&joints) * chain.flange_from_tool,
         }
     }
 
-    /// Of motor positions.
+    /// Returns the set values of motor positions.
     #[must_use]
-    pub fn of_motors(model: &ArmModel, flange_from_tool: &Pose, motors: MotorPositions) -> Self {
-        let joints = model.joints_unchecked(&motors);
-        let base_from_tool = model.base_from_flange(&joints) * flange_from_tool;
+    pub fn of_motors(chain: Chain<'_>, motors: MotorPositions) -> Self {
+        let joints = chain.model.joints_unchecked(&motors);
+        let base_from_tool = chain.model.base_from_flange(&joints) * chain.flange_from_tool;
         Self { motors, joints, base_from_tool }
     }
 
-    /// With other motor positions, whatever they mean: where they have no joints, those of before stay.
+    /// Returns these with other motor positions, whatever they mean: if the motor positions have no joints, the
+    /// present joints stay.
     #[must_use]
-    pub fn moved_to(
-        &self,
-        model: &ArmModel,
-        flange_from_tool: &Pose,
-        motors: MotorPositions,
-    ) -> Self {
-        let next = Self::of_motors(model, flange_from_tool, motors);
+    pub fn moved_to(&self, chain: Chain<'_>, motors: MotorPositions) -> Self {
+        let next = Self::of_motors(chain, motors);
         if next.joints.0.iter().all(|q| q.is_finite()) { next } else { Self { motors, ..*self } }
     }
 
-    /// Of a pose, by the solution nearest to `near`.
+    /// Returns the set values of a pose, by the solution nearest to `near`.
     ///
     /// # Errors
     /// As [`ArmModel::inverse`].
     pub fn of_pose(
-        model: &ArmModel,
-        flange_from_tool: &Pose,
+        chain: Chain<'_>,
         base_from_tool: Pose,
         near: &JointPositions,
     ) -> Result<Self, MoveRefused> {
+        let Chain { model, flange_from_tool } = chain;
         let joints = model.inverse(&(base_from_tool * flange_from_tool.inverse()), near)?;
         Ok(Self { motors: model.motors(&joints), joints, base_from_tool })
     }
@@ -127,10 +131,7 @@ enum Kind {
         to: Pose,
         rotation: Vector3<f64>,
     },
-    Task {
-        frame: Frame,
-        directions: [Direction; 6],
-    },
+    Task(TaskMotion),
 }
 
 impl Path {
@@ -145,7 +146,7 @@ impl Path {
             }
             Motion::Joints(to) => Kind::Joints { from: from.joints, to },
             Motion::Pose(to) => straight(from.base_from_tool, to),
-            Motion::Task { frame, directions } => Kind::Task { frame, directions },
+            Motion::Task { frame, directions } => Kind::Task(TaskMotion { frame, directions }),
         };
         Self { kind, begin, end }
     }
@@ -157,7 +158,7 @@ impl Path {
         matches!(self.kind, Kind::Motors { .. } | Kind::Joints { .. } | Kind::Pose { .. })
     }
 
-    /// Set values of a period, given as its number and its length [s]; the last ones are `last`.
+    /// Returns the set values of a period, given as its number and its length [s]; the last ones are `last`.
     ///
     /// # Errors
     /// Why there are none: the pose cannot be reached.
@@ -165,11 +166,11 @@ impl Path {
         &self,
         (period, seconds): (u64, f64),
         last: &SetValues,
-        model: &ArmModel,
-        flange_from_tool: &Pose,
+        chain: Chain<'_>,
         law: &mut ForceLaw,
         wrench: &Wrench,
     ) -> Result<SetValues, MoveRefused> {
+        debug_assert!((self.begin..=self.end).contains(&period), "{period} is not of {self:?}");
         let share = (period + 1 - self.begin) as f64 / (self.end + 1 - self.begin) as f64;
         let mix = |a: &[f64; AXES], b: &[f64; AXES]| {
             // The end itself, not its neighbour by rounding.
@@ -179,16 +180,16 @@ impl Path {
             Kind::Hold => Ok(*last),
             Kind::Motors { from, to } => {
                 let motors = MotorPositions(mix(&from.0, &to.0));
-                model.check_motors(&motors)?;
-                Ok(SetValues::of_motors(model, flange_from_tool, motors))
+                chain.model.check_motors(&motors)?;
+                Ok(SetValues::of_motors(chain, motors))
             }
             Kind::MotorsBy { from, to } => {
                 let motors = MotorPositions(mix(&from.0, &to.0));
-                Ok(last.moved_to(model, flange_from_tool, motors))
+                Ok(last.moved_to(chain, motors))
             }
             Kind::Joints { from, to } => {
                 let joints = JointPositions(mix(&from.0, &to.0));
-                Ok(SetValues::of_joints(model, flange_from_tool, joints))
+                Ok(SetValues::of_joints(chain, joints))
             }
             Kind::Pose { from, to, rotation } => {
                 let (a, b) = (from.translation.vector, to.translation.vector);
@@ -196,14 +197,13 @@ impl Path {
                     Translation3::from(a + share * (b - a)),
                     from.rotation * UnitQuaternion::from_scaled_axis(share * rotation),
                 );
-                SetValues::of_pose(model, flange_from_tool, pose, &last.joints)
+                SetValues::of_pose(chain, pose, &last.joints)
             }
-            Kind::Task { frame, directions } => {
-                let mut pose =
-                    law.step(period, *frame, directions, wrench, &last.base_from_tool, seconds);
+            Kind::Task(task) => {
+                let mut pose = law.step(period, task, wrench, &last.base_from_tool, seconds);
                 // Rounding would make the rotation drift from unit length over a long contact.
                 pose.rotation.renormalize();
-                SetValues::of_pose(model, flange_from_tool, pose, &last.joints)
+                SetValues::of_pose(chain, pose, &last.joints)
             }
         }
     }
@@ -212,7 +212,7 @@ impl Path {
     #[must_use]
     pub fn directions(&self) -> Option<&[Direction; 6]> {
         match &self.kind {
-            Kind::Task { directions, .. } => Some(directions),
+            Kind::Task(task) => Some(&task.directions),
             _ => None,
         }
     }
@@ -221,7 +221,7 @@ impl Path {
     /// falls off as that of any motion that is broken off: set values that stop dead trip the power stages.
     pub fn yields(&mut self, end: u64) {
         self.end = end;
-        if let Kind::Task { directions, .. } = &mut self.kind {
+        if let Kind::Task(TaskMotion { directions, .. }) = &mut self.kind {
             *directions = directions.map(|direction| {
                 let (admittance, inertia) = match direction {
                     // As stiff as makes no difference.
@@ -253,7 +253,7 @@ fn straight(from: Pose, to: Pose) -> Kind {
     Kind::Pose { from, to, rotation }
 }
 
-/// Whether a motion can be begun from `from` and ended within `seconds`: its end is checked beforehand, so
+/// Checks whether a motion can be begun from `from` and ended within `seconds`: its end is checked beforehand, so
 /// that a wrong command does not move the arm at all.
 ///
 /// # Errors
@@ -262,9 +262,9 @@ pub fn check_end(
     motion: &Motion,
     seconds: f64,
     from: &SetValues,
-    model: &ArmModel,
-    flange_from_tool: &Pose,
+    chain: Chain<'_>,
 ) -> Result<(), MoveRefused> {
+    let model = chain.model;
     let motors = match motion {
         Motion::Hold => return Ok(()),
         Motion::Motors(to) => {
@@ -285,7 +285,7 @@ pub fn check_end(
         }
         // Limits are checked on the way: which solution it ends in depends on the way.
         Motion::Pose(to) => {
-            return SetValues::of_pose(model, flange_from_tool, *to, &from.joints).map(|_| ());
+            return SetValues::of_pose(chain, *to, &from.joints).map(|_| ());
         }
         Motion::Task { directions, .. } => {
             let finite = directions.iter().all(|d| match *d {

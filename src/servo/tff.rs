@@ -13,6 +13,15 @@
 use crate::motion::{Direction, Frame};
 use crate::spatial::{Pose, Twist, Wrench};
 
+/// Six directions, and the frame in which they are expressed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TaskMotion {
+    /// The frame.
+    pub frame: Frame,
+    /// What each direction does: x, y, z, then rotations about them.
+    pub directions: [Direction; 6],
+}
+
 /// The law's memory: the displacement of the last period, in base orientation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ForceLaw {
@@ -24,13 +33,12 @@ impl ForceLaw {
     /// Periods without a task motion after which the momentum is forgotten.
     const MEMORY: u64 = 10;
 
-    /// The commanded `base_from_tool` after this period of so many `seconds`; `wrench` is what the tool exerts on its
-    /// surroundings, about the tool point, in tool axes.
+    /// Returns the commanded `base_from_tool` after this period, which lasts `seconds`; `wrench` is what the tool exerts on
+    /// its surroundings, about the tool point, in tool axes.
     pub fn step(
         &mut self,
         period: u64,
-        frame: Frame,
-        directions: &[Direction; 6],
+        task: &TaskMotion,
         wrench: &Wrench,
         base_from_tool: &Pose,
         seconds: f64,
@@ -38,7 +46,7 @@ impl ForceLaw {
         if period.saturating_sub(self.last_period) > Self::MEMORY {
             self.last = Twist::default();
         }
-        let base_from_axes = match frame {
+        let base_from_axes = match task.frame {
             Frame::Base => Pose::identity().rotation,
             Frame::Tool => base_from_tool.rotation,
         };
@@ -46,7 +54,7 @@ impl ForceLaw {
         let force = wrench.rotated(&tool_from_axes.inverse());
         let last = self.last.rotated(&base_from_axes.inverse());
 
-        let moved = displacement(directions, &force, &last, seconds);
+        let moved = displacement(&task.directions, &force, &last, seconds);
 
         self.last = moved.rotated(&base_from_axes);
         self.last_period = period;
@@ -138,7 +146,13 @@ mod tests {
         for period in 1..=periods {
             let n = forces.len();
             let seen = 0.5 * (forces[n - 1 - delay] + forces[n - 2 - delay]);
-            pose = law.step(period, Frame::Base, &directions, &along(2, seen), &pose, PERIOD);
+            pose = law.step(
+                period,
+                &TaskMotion { frame: Frame::Base, directions },
+                &along(2, seen),
+                &pose,
+                PERIOD,
+            );
             forces.push(stiffness * pose.translation.z);
         }
         forces
@@ -196,7 +210,13 @@ mod tests {
 
         for period in 1..=3000 {
             let force = stiffness * pose.translation.x;
-            pose = law.step(period, Frame::Tool, &directions, &along(0, force), &pose, PERIOD);
+            pose = law.step(
+                period,
+                &TaskMotion { frame: Frame::Tool, directions },
+                &along(0, force),
+                &pose,
+                PERIOD,
+            );
         }
 
         assert!((stiffness * pose.translation.x - 2.0).abs() < 1e-6);
@@ -234,7 +254,13 @@ mod tests {
 
         for period in 1..=1000 {
             let force = -1e4 * pose.translation.z;
-            pose = law.step(period, Frame::Base, &directions, &along(2, force), &pose, PERIOD);
+            pose = law.step(
+                period,
+                &TaskMotion { frame: Frame::Base, directions },
+                &along(2, force),
+                &pose,
+                PERIOD,
+            );
         }
 
         assert!(1e4 * pose.translation.z > 65.0);
@@ -251,7 +277,13 @@ mod tests {
         directions[5] = Direction::Unguarded { velocity: 0.2 };
 
         let by = |frame| {
-            ForceLaw::default().step(1, frame, &directions, &Wrench::default(), &turned, PERIOD)
+            ForceLaw::default().step(
+                1,
+                &TaskMotion { frame, directions },
+                &Wrench::default(),
+                &turned,
+                PERIOD,
+            )
         };
 
         let (base, tool) = (by(Frame::Base), by(Frame::Tool));
@@ -266,13 +298,29 @@ mod tests {
         let mut directions = [HOLD; 6];
         directions[0] = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
         let mut law = ForceLaw::default();
-        law.step(1, Frame::Base, &directions, &along(0, -5.0), &Pose::identity(), PERIOD);
+        law.step(
+            1,
+            &TaskMotion { frame: Frame::Base, directions },
+            &along(0, -5.0),
+            &Pose::identity(),
+            PERIOD,
+        );
         let mut later = law;
 
-        let soon =
-            law.step(11, Frame::Base, &directions, &Wrench::default(), &Pose::identity(), PERIOD);
-        let late =
-            later.step(12, Frame::Base, &directions, &Wrench::default(), &Pose::identity(), PERIOD);
+        let soon = law.step(
+            11,
+            &TaskMotion { frame: Frame::Base, directions },
+            &Wrench::default(),
+            &Pose::identity(),
+            PERIOD,
+        );
+        let late = later.step(
+            12,
+            &TaskMotion { frame: Frame::Base, directions },
+            &Wrench::default(),
+            &Pose::identity(),
+            PERIOD,
+        );
 
         assert!(soon.translation.x > 0.0);
         assert_eq!(late.translation.x, 0.0);
@@ -295,8 +343,8 @@ mod tests {
             let (mut one, mut two) = (Pose::identity(), turn);
 
             for period in 1..=20 {
-                one = a.step(period, Frame::Tool, &directions, &wrench, &one, PERIOD);
-                two = b.step(period, Frame::Tool, &directions, &wrench, &two, PERIOD);
+                one = a.step(period, &TaskMotion { frame: Frame::Tool, directions }, &wrench, &one, PERIOD);
+                two = b.step(period, &TaskMotion { frame: Frame::Tool, directions }, &wrench, &two, PERIOD);
             }
 
             let difference = (turn * one).to_homogeneous() - two.to_homogeneous();
