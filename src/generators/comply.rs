@@ -3,7 +3,9 @@
 //! - in: the wrench
 //! - out: directions that seek zero force, until ended from above or until the operator pulls
 
-use super::{Compliance, Inputs, Next, Outcome, Selector};
+use super::compliance::{Compliance, Selector};
+use super::inputs::Inputs;
+use super::outcome::{Next, Outcome};
 use crate::motion::PERIOD;
 
 /// Time that a pull must last [s].

@@ -4,7 +4,9 @@
 //! - out: jaw set values that close at constant speed, directions that seek zero force
 //! - source: Zieliński et al. (2007), p. 374; the 2008 sources close by 0.05 mm in 16 ms
 
-use super::{Compliance, Inputs, Next, Outcome, Selector};
+use super::compliance::{Compliance, Selector};
+use super::inputs::Inputs;
+use super::outcome::{Next, Outcome};
 use crate::motion::{ArmState, Depth, JawCommand, PERIOD};
 
 /// How far below the width that is held the jaw's set value goes, so that the grip rules [m].

@@ -5,7 +5,8 @@
 //! - the profile is `s(u) = 10u^3 - 15u^4 + 6u^5`, whose peak speed is 1.875 and peak acceleration 5.774 of the
 //!   mean (Flash and Hogan 1985); the duration is the shortest that keeps both below the full values
 
-use super::{Inputs, Next, Outcome};
+use super::inputs::Inputs;
+use super::outcome::{Next, Outcome};
 use crate::motion::{AXES, JointPositions, Motion, MoveCommand, PERIOD};
 use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};

@@ -5,7 +5,9 @@
 //!   clenched jaws (secure); or the same backwards, to feel whether somebody else still holds the cube (withdraw)
 //! - source: Zieliński et al. (2007), p. 374: the cube is slightly forced into the palm, finally the jaws clench
 
-use super::{Compliance, Inputs, Next, Outcome, Selector};
+use super::compliance::{Compliance, Selector};
+use super::inputs::Inputs;
+use super::outcome::{Next, Outcome};
 use crate::motion::{Depth, Direction, JawCommand, PERIOD};
 use nalgebra::Vector3;
 

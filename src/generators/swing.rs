@@ -5,7 +5,8 @@
 //! - why: a force loop that is late or has too much gain grows a swing whose peaks may stay below the force limit
 //!   for long; the limit's own words would then name the wrong cause
 
-use super::{Inputs, Outcome};
+use super::inputs::Inputs;
+use super::outcome::Outcome;
 use crate::motion::PERIOD;
 
 /// A component counts beyond this [N], [Nm]: contact makes steps to one side, seldom to both.

@@ -7,8 +7,10 @@
 //!   which is the same law with velocity = B * torque. They have no stall detection and do not slow down at the
 //!   end; both are added here.
 
-use super::{Compliance, Inputs, Next, Outcome, Selector};
-use crate::motion::{Direction, PERIOD};
+use super::compliance::{Compliance, Selector};
+use super::inputs::Inputs;
+use super::outcome::{Next, Outcome};
+use crate::motion::{ArmState, Direction, PERIOD};
 
 /// A stall: less than this [rad] in [`STALL_SECONDS`].
 const STALL_ANGLE: f64 = 0.0175;
@@ -39,24 +41,39 @@ const BRAKING: f64 = 4.0;
 /// Time to come to rest at the end [s].
 const SETTLE: f64 = 0.15;
 
+/// What is to be turned, and how.
+#[derive(Debug, Clone, Copy)]
+pub struct Order {
+    /// How far, about the tool's z [rad].
+    pub angle: f64,
+    /// Speed in free motion [rad/s].
+    pub speed: f64,
+    /// Torque at which the turn stands still [Nm].
+    pub torque: f64,
+    /// Least mean torque that a turning face must show [Nm].
+    pub least_torque: f64,
+    /// Directions that yield besides the turn's own.
+    pub selector: Selector,
+    /// Whether the rotation itself follows the velocity whatever the torque.
+    pub stiff: bool,
+}
+
 /// Memory of a turn.
 #[derive(Debug, Clone)]
 pub struct Turn {
-    angle: f64,
-    speed: f64,
-    torque: f64,
-    least_torque: f64,
-    /// Sum and number of the torques felt in the middle of the turn [Nm].
-    felt: (f64, u32),
-    selector: Selector,
-    stiff: bool,
+    order: Order,
     compliance: Compliance,
+    /// Sum and number of the torques in the middle of the turn [Nm].
+    felt: (f64, u32),
+    /// Roll of the last joint at the beginning [rad].
     start: Option<f64>,
     /// How far apart the jaws were at least [m].
     jaws: Option<f64>,
     steps: u32,
+    /// The last step with progress, and the angle then [rad].
     progress_at: u32,
     progress: f64,
+    /// The step in which the angle was reached.
     arrived: Option<u32>,
     /// Speed that was ordered last [rad/s].
     ordered: f64,
@@ -66,27 +83,26 @@ pub struct Turn {
     broken_off: Option<(u32, f64, Outcome)>,
 }
 
+/// How far a turn is in one step; angles in its own sense.
+struct Progress {
+    /// How far the wrist has turned [rad].
+    turned: f64,
+    /// How far the layer lags behind the wrist [rad].
+    twist: f64,
+    /// How far the wrist still has to turn [rad].
+    left: f64,
+    /// Torque about the tool's z, in the tool's sense [Nm].
+    torque: f64,
+}
+
 impl Turn {
-    /// By `angle` [rad] about the tool's z; `torques` are the least mean one of a turning face and the one at which
-    /// the turn stands still [Nm].
+    /// Begins a turn.
     #[must_use]
-    pub fn new(
-        angle: f64,
-        speed: f64,
-        (least_torque, torque): (f64, f64),
-        selector: Selector,
-        stiff: bool,
-        compliance: Compliance,
-    ) -> Self {
+    pub fn new(order: Order, compliance: Compliance) -> Self {
         Self {
-            angle,
-            speed,
-            torque,
-            least_torque,
-            felt: (0.0, 0),
-            selector,
-            stiff,
+            order,
             compliance,
+            felt: (0.0, 0),
             start: None,
             jaws: None,
             steps: 0,
@@ -101,77 +117,121 @@ impl Turn {
 
     /// See [`super::Generator::next`].
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
-        let arm = inputs.arm;
-        // The last joint turns about the tool's z: its angle is the turn's, free of wrap-around.
-        let roll = arm.joints.0[6];
-        let start = *self.start.get_or_insert(roll);
         self.steps += 1;
-        let step = f64::from(self.compliance.macrostep) * PERIOD;
-        let turned = (roll - start) * self.angle.signum();
-        let torque = arm.wrench_in_tool.torque.z;
-        self.strained = if torque.abs() > MOST_TORQUE { self.strained + 1 } else { 0 };
-        let strained = (f64::from(self.strained) * step > TOO_LONG)
-            .then_some(Outcome::Stalled(turned * self.angle.signum(), torque));
-        let apart = Compliance::forced_apart(&mut self.jaws, arm);
-        if let Some(why) = self.compliance.excess(arm).or(apart).or(strained)
+        let progress = self.progress(inputs.arm);
+        if let Some(why) = self.reason_to_break_off(inputs.arm, &progress)
             && self.broken_off.is_none()
         {
-            if self.stiff {
+            if self.order.stiff {
                 return Next::Done(why);
             }
             self.broken_off = Some((self.steps, self.ordered, why));
         }
-        if let Some((since, speed, why)) = self.broken_off {
-            let left = speed - BRAKING * f64::from(self.steps - since) * step;
-            if left <= 0.0 {
-                return Next::Done(why);
-            }
-            let mut directions = self.compliance.yielding(&self.selector);
-            directions[5] = Direction::Unguarded { velocity: left * self.angle.signum() };
-            return Next::Go(self.compliance.task(directions, None));
+        if let Some(broken_off) = self.broken_off {
+            return self.brake(broken_off);
         }
-        let twist = (arm.wrench_in_tool.torque.z * self.angle.signum() / TWIST_STIFFNESS)
-            .clamp(0.0, MOST_TWIST);
-        let left = self.angle.abs() + twist - turned;
-        if turned > self.progress + STALL_ANGLE {
-            self.progress = turned;
+        self.note(&progress);
+        if let Some(arrived) = self.arrived {
+            return self.settle(arrived, &progress);
+        }
+        if f64::from(self.steps - self.progress_at) * self.seconds() > STALL_SECONDS {
+            return Next::Done(self.stalled(&progress));
+        }
+        let velocity = self.velocity(progress.left);
+        self.go(velocity)
+    }
+
+    /// Length of a macrostep [s].
+    fn seconds(&self) -> f64 {
+        f64::from(self.compliance.macrostep) * PERIOD
+    }
+
+    /// Returns how far the turn is, from joints and wrench.
+    fn progress(&mut self, arm: &ArmState) -> Progress {
+        // The last joint turns about the tool's z: its angle is the turn's, free of wrap-around.
+        let roll = arm.joints.0[6];
+        let start = *self.start.get_or_insert(roll);
+        let sense = self.order.angle.signum();
+        let turned = (roll - start) * sense;
+        let torque = arm.wrench_in_tool.torque.z;
+        let twist = (torque * sense / TWIST_STIFFNESS).clamp(0.0, MOST_TWIST);
+        Progress { turned, twist, left: self.order.angle.abs() + twist - turned, torque }
+    }
+
+    /// Returns why the turn must not go on: a force beyond the limits, jaws that are forced apart, a torque that the
+    /// grips do not carry.
+    fn reason_to_break_off(&mut self, arm: &ArmState, progress: &Progress) -> Option<Outcome> {
+        self.strained = if progress.torque.abs() > MOST_TORQUE { self.strained + 1 } else { 0 };
+        let too_long = f64::from(self.strained) * self.seconds() > TOO_LONG;
+        let apart = Compliance::forced_apart(&mut self.jaws, arm);
+        let strained = too_long.then(|| self.stalled(progress));
+        self.compliance.excess(arm).or(apart).or(strained)
+    }
+
+    /// Notes progress, arrival, and the torque in the middle of the turn.
+    fn note(&mut self, progress: &Progress) {
+        if progress.turned > self.progress + STALL_ANGLE {
+            self.progress = progress.turned;
             self.progress_at = self.steps;
         }
-        if left < TOLERANCE && self.arrived.is_none() {
+        if progress.left < TOLERANCE && self.arrived.is_none() {
             self.arrived = Some(self.steps);
         }
-        let share = turned / self.angle.abs();
+        let share = progress.turned / self.order.angle.abs();
         if (ENDS..=1.0 - ENDS).contains(&share) {
-            self.felt.0 += arm.wrench_in_tool.torque.z * self.angle.signum();
+            self.felt.0 += progress.torque * self.order.angle.signum();
             self.felt.1 += 1;
         }
-        let mut directions = self.compliance.yielding(&self.selector);
-        directions[5] = Direction::HOLD;
-        if let Some(arrived) = self.arrived {
-            if f64::from(self.steps - arrived) * step >= SETTLE {
-                let felt = self.felt.0 / f64::from(self.felt.1.max(1));
-                if felt < self.least_torque && self.angle.abs() > LEAST_SAID {
-                    return Next::Done(Outcome::Slipped(turned * self.angle.signum(), felt));
-                }
-                // What the layer did, as far as the wrist and the torque tell.
-                return Next::Done(Outcome::Turned((turned - twist) * self.angle.signum()));
-            }
-        } else if f64::from(self.steps - self.progress_at) * step > STALL_SECONDS {
-            return Next::Done(Outcome::Stalled(turned * self.angle.signum(), torque));
-        } else {
-            let ramp = ACCELERATION * f64::from(self.steps) * step;
-            // A turn may be wanted slower than it creeps at its ends.
-            let speed = (SLOWING * left).min(ramp).clamp(CREEP.min(self.speed), self.speed);
-            let velocity = speed * self.angle.signum();
-            self.ordered = speed;
-            directions[5] = if self.stiff {
-                Direction::Unguarded { velocity }
-            } else {
-                // Stands still at the set torque whatever the speed.
-                Direction::Guarded { velocity, admittance: speed / self.torque, inertia: 0.0 }
-            };
+    }
+
+    /// Brings a turn that was broken off to rest.
+    fn brake(&self, (since, speed, why): (u32, f64, Outcome)) -> Next {
+        let left = speed - BRAKING * f64::from(self.steps - since) * self.seconds();
+        if left <= 0.0 {
+            return Next::Done(why);
         }
+        self.go(Direction::Unguarded { velocity: left * self.order.angle.signum() })
+    }
+
+    /// Comes to rest at the end; then says what the layer did.
+    fn settle(&self, arrived: u32, progress: &Progress) -> Next {
+        if f64::from(self.steps - arrived) * self.seconds() < SETTLE {
+            return self.go(Direction::HOLD);
+        }
+        let Order { angle, least_torque, .. } = self.order;
+        let felt = self.felt.0 / f64::from(self.felt.1.max(1));
+        if felt < least_torque && angle.abs() > LEAST_SAID {
+            return Next::Done(Outcome::Slipped(progress.turned * angle.signum(), felt));
+        }
+        // As far as wrist and torque show it.
+        Next::Done(Outcome::Turned((progress.turned - progress.twist) * angle.signum()))
+    }
+
+    /// Returns the motion about z with `left` to go: slow at both ends.
+    fn velocity(&mut self, left: f64) -> Direction {
+        let Order { angle, speed, torque, stiff, .. } = self.order;
+        let ramp = ACCELERATION * f64::from(self.steps) * self.seconds();
+        // A turn may be wanted slower than it creeps at its ends.
+        let speed = (SLOWING * left).min(ramp).clamp(CREEP.min(speed), speed);
+        let velocity = speed * angle.signum();
+        self.ordered = speed;
+        if stiff {
+            Direction::Unguarded { velocity }
+        } else {
+            // Stands still at the set torque whatever the speed.
+            Direction::Guarded { velocity, admittance: speed / torque, inertia: 0.0 }
+        }
+    }
+
+    /// Returns the command with this motion about z; the selected directions yield.
+    fn go(&self, about_z: Direction) -> Next {
+        let mut directions = self.compliance.yielding(&self.order.selector);
+        directions[5] = about_z;
         Next::Go(self.compliance.task(directions, None))
+    }
+
+    fn stalled(&self, progress: &Progress) -> Outcome {
+        Outcome::Stalled(progress.turned * self.order.angle.signum(), progress.torque)
     }
 }
 
@@ -179,12 +239,14 @@ impl Turn {
 mod tests {
     use super::super::testing::compliance;
     use super::*;
-    use crate::motion::{ArmState, Motion};
+    use crate::motion::Motion;
     use std::f64::consts::FRAC_PI_2;
 
     /// Turns a layer that follows without resistance; the outcome and the greatest speed ordered [rad/s].
     fn turned(angle: f64, speed: f64, stiff: bool) -> (Outcome, f64) {
-        let mut turn = Turn::new(angle, speed, (0.0, 2.5), [true; 6], stiff, compliance());
+        let selector = [true; 6];
+        let order = Order { angle, speed, torque: 2.5, least_torque: 0.0, selector, stiff };
+        let mut turn = Turn::new(order, compliance());
         let (mut arm, mut fastest) = (ArmState::default(), 0.0_f64);
         for period in (0..100_000).step_by(8) {
             let command = match turn.next(&Inputs { arm: &arm, target: None, period, pace: 1.0 }) {

@@ -8,7 +8,9 @@
 //! - source: Zieliński et al. (2007), pp. 371-373: position-based, end-effector open loop, stand-alone camera; the
 //!   stages (lead, follow, back off, approach, frozen close to the cube) after the 2008 sources
 
-use super::{Compliance, Inputs, Mode, Next, Outcome, Sensing, Target, Window};
+use super::compliance::Compliance;
+use super::inputs::{Inputs, Mode, Sensing, Target, Window};
+use super::outcome::{Next, Outcome};
 use crate::motion::{Direction, Motion, MoveCommand, MoveRefused, PERIOD};
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, UnitQuaternion, Vector3};

@@ -1,0 +1,92 @@
+//! How compliant directions behave: one set of admittances and limits for all generators of an arm.
+
+use super::outcome::Outcome;
+use crate::motion::{ArmState, Direction, Frame, JawCommand, Motion, MoveCommand};
+use crate::spatial::Wrench;
+use serde::{Deserialize, Serialize};
+
+/// How compliant directions behave, the macrostep, jaws and limits: one set for all generators of an arm.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Compliance {
+    /// B of the linear directions [m/(s N)].
+    pub linear_admittance: f64,
+    /// M of the linear directions [kg].
+    pub linear_inertia: f64,
+    /// B of the angular directions [rad/(s Nm)].
+    pub angular_admittance: f64,
+    /// M of the angular directions [kg m2].
+    pub angular_inertia: f64,
+    /// Periods of a macrostep.
+    pub macrostep: u32,
+    /// Speed of closing jaws, distance of the pads [m/s].
+    pub jaw_close_speed: f64,
+    /// Largest speed of opening jaws [m/s].
+    pub jaw_open_speed: f64,
+    /// Force at which a behaviour gives up [N].
+    pub force_limit: f64,
+    /// Torque at which a behaviour gives up [Nm].
+    pub torque_limit: f64,
+}
+
+/// Jaws that hold the cube and are forced apart by more do not lie flat on it any more [m]: a cube that turns between
+/// fingers of 12 mm about the palm's axis stands askew by 6 deg then.
+pub const FORCED_APART: f64 = 0.001;
+
+/// Which directions of the tool frame yield: x, y, z, then rotations about them.
+pub type Selector = [bool; 6];
+
+impl Compliance {
+    /// The directions of a task in which the selected ones seek zero force and the others stand still.
+    #[must_use]
+    pub fn yielding(&self, selector: &Selector) -> [Direction; 6] {
+        std::array::from_fn(|i| if selector[i] { self.contact(i, 0.0) } else { Direction::HOLD })
+    }
+
+    /// A direction that seeks a force [N] or torque [Nm].
+    #[must_use]
+    pub fn contact(&self, direction: usize, wanted: f64) -> Direction {
+        let (admittance, inertia) = if direction < 3 {
+            (self.linear_admittance, self.linear_inertia)
+        } else {
+            (self.angular_admittance, self.angular_inertia)
+        };
+        Direction::Contact { wanted, admittance, inertia }
+    }
+
+    /// A task motion in the tool frame for one macrostep.
+    #[must_use]
+    pub fn task(&self, directions: [Direction; 6], jaw: Option<JawCommand>) -> MoveCommand {
+        MoveCommand {
+            motion: Motion::Task { frame: Frame::Tool, directions },
+            periods: self.macrostep,
+            jaw,
+        }
+    }
+
+    /// Returns whether jaws that were no farther apart [m] since a turn began are forced apart by the cube that they hold. A
+    /// cube that stood askew between them when the turn began comes upright before it forces them apart the other way.
+    pub(super) fn forced_apart(jaws: &mut Option<f64>, arm: &ArmState) -> Option<Outcome> {
+        let least = jaws.map_or(arm.jaw_opening, |least| least.min(arm.jaw_opening));
+        *jaws = Some(least);
+        let apart = arm.jaw_opening - least;
+        (apart > FORCED_APART).then_some(Outcome::ForcedApart(apart))
+    }
+
+    /// The first direction in which the arm's wrench is beyond the limits.
+    #[must_use]
+    pub fn excess(&self, arm: &ArmState) -> Option<Outcome> {
+        self.unyielding(&[false; 6], arm)
+    }
+
+    /// The first that is beyond the limits and does not yield: of the force, then of the torque, the direction that has
+    /// most of it, and all of it.
+    #[must_use]
+    pub fn unyielding(&self, selector: &Selector, arm: &ArmState) -> Option<Outcome> {
+        let Wrench { force, torque } = arm.wrench_in_tool;
+        [(0, force, self.force_limit), (3, torque, self.torque_limit)]
+            .into_iter()
+            .map(|(first, vector, limit)| (first + vector.iamax(), vector.norm(), limit))
+            .find(|(direction, much, limit)| much > limit && !selector[*direction])
+            .map(|(direction, much, _)| Outcome::OverForce(direction, much))
+    }
+}

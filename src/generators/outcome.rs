@@ -1,0 +1,121 @@
+//! A generator's answer: the next command, or how the behaviour ended.
+
+use crate::motion::{MoveCommand, MoveRefused};
+use serde::{Deserialize, Serialize};
+
+/// A generator's answer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Next {
+    /// Execute this and ask again.
+    Go(MoveCommand),
+    /// The behaviour has come to its end.
+    Done(Outcome),
+}
+
+/// How a behaviour ended. A failed step of the task is an outcome, not an error.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Outcome {
+    /// The target is reached.
+    Reached,
+    /// The palm's stops touch the cube, this far along the way [m].
+    Touched(f64),
+    /// Nothing was touched on the whole way.
+    NotTouched,
+    /// The jaws hold something of this width [m].
+    Grasped(f64),
+    /// The jaws closed on nothing.
+    Empty(f64),
+    /// The cube is seated and clenched.
+    Secured,
+    /// The face has been turned by this angle [rad].
+    Turned(f64),
+    /// The hand has turned by this angle [rad] against so little torque [Nm] that no face can have followed: a grip
+    /// slips.
+    Slipped(f64, f64),
+    /// The wrench swings in this direction with this amplitude [N], [Nm] at this frequency [Hz].
+    Oscillates(usize, f64, f64),
+    /// The turn stopped at this angle [rad] under this torque [Nm].
+    Stalled(f64, f64),
+    /// A force [N] or torque [Nm] beyond the set limit, in this direction.
+    OverForce(usize, f64),
+    /// What the jaws hold has forced them apart by this since the behaviour began [m]: it turns between them.
+    ForcedApart(f64),
+    /// Ended from above.
+    Ended,
+    /// The operator pulls at the cube.
+    Pulled,
+    /// The visual sensor has lost the cube for this long [s].
+    LostSight(f64),
+    /// The cube stayed outside the place of hand-over for this long [s].
+    OutOfZone(f64),
+    /// The arm cannot get to where the cube is held, for this reason.
+    OutOfReach(MoveRefused),
+    /// It took longer than allowed [s].
+    TimedOut(f64),
+}
+
+impl std::fmt::Display for Outcome {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        const DIRECTIONS: [&str; 6] =
+            ["along x", "along y", "along z", "about x", "about y", "about z"];
+        match *self {
+            Self::Reached => f.write_str("the target is reached"),
+            Self::Touched(way) => write!(f, "touched after {:.1} mm", way * 1e3),
+            Self::NotTouched => f.write_str("nothing was touched on the way"),
+            Self::Grasped(width) => write!(f, "the jaws hold {:.1} mm", width * 1e3),
+            Self::Empty(width) => write!(f, "the jaws closed to {:.1} mm on nothing", width * 1e3),
+            Self::Secured => f.write_str("the cube is seated"),
+            Self::Turned(angle) => write!(f, "turned by {:.0} deg", angle.to_degrees()),
+            Self::Stalled(angle, torque) => {
+                write!(f, "stood still after {:.0} deg under {torque:.1} Nm", angle.to_degrees())
+            }
+            Self::Slipped(angle, torque) => write!(
+                f,
+                "slip: the hand turned by {:.0} deg against {torque:.2} Nm only, so no face followed it",
+                angle.to_degrees()
+            ),
+            Self::Oscillates(direction, size, hertz) => {
+                let unit = if direction < 3 { "N" } else { "Nm" };
+                write!(
+                    f,
+                    "oscillation of {size:.1} {unit} at {hertz:.1} Hz {}",
+                    DIRECTIONS[direction.min(5)]
+                )
+            }
+            Self::OverForce(direction, size) => {
+                let unit = if direction < 3 { "N" } else { "Nm" };
+                write!(
+                    f,
+                    "over-force of {size:.1} {unit}, most of it {}",
+                    DIRECTIONS[direction.min(5)]
+                )
+            }
+            Self::ForcedApart(way) => {
+                write!(f, "slip: the cube has forced the jaws apart by {:.1} mm", way * 1e3)
+            }
+            Self::Ended => f.write_str("ended from above"),
+            Self::Pulled => f.write_str("the operator pulls"),
+            Self::LostSight(seconds) => write!(f, "the cube was out of sight for {seconds:.1} s"),
+            Self::OutOfZone(seconds) => {
+                write!(f, "the cube stayed outside the place of hand-over for {seconds:.1} s")
+            }
+            Self::OutOfReach(why) => write!(f, "the arm does not get there ({why})"),
+            Self::TimedOut(seconds) => write!(f, "not done in {seconds:.1} s"),
+        }
+    }
+}
+
+impl Outcome {
+    /// Whether it ends the partner's behaviour too.
+    #[must_use]
+    pub fn alarms(&self) -> bool {
+        matches!(self, Self::OverForce(..) | Self::Oscillates(..) | Self::ForcedApart(_))
+    }
+
+    /// A behaviour's end in words, for the operator.
+    #[must_use]
+    pub fn words(outcome: Option<Self>) -> String {
+        outcome
+            .map_or_else(|| "it did not come to an end".to_owned(), |outcome| outcome.to_string())
+    }
+}
