@@ -5,10 +5,11 @@
 //! reference, so that motions between meetings are short, and fines for narrow margins.
 
 use super::bodies::{Bodies, apart, at_the_cube, hands_fit};
-use super::stance::{Roll, Stance, stances};
+use super::meeting::{Meeting, MeetingTable, ReachSettings};
+use super::stance::{Demand, Roll, Stance, stances};
 use super::ways::way_clearance;
-use super::{Meeting, MeetingTable, ReachSettings, rotations};
 use crate::cell::{Arm, Cell, Mount};
+use crate::cube::rotations;
 use crate::motion::JointPositions;
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
@@ -49,7 +50,17 @@ struct Found {
     cost: f64,
 }
 
-pub(super) fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
+impl MeetingTable {
+    /// Searches the meetings of the track arm (`cell.arms[0]`) and the postument arm (`cell.arms[1]`), in about
+    /// a second. A cell with fewer arms, or whose first has no track to draw back on, has none.
+    #[must_use]
+    pub fn compute(cell: &Cell, settings: &ReachSettings) -> Self {
+        table(cell, settings)
+    }
+}
+
+/// Searches all meetings.
+fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
     let mut table =
         MeetingTable { grasps: [None; 24], views: [[None; 3]; 2], separation: settings.separation };
     if cell.arms.len() < 2 || !cell.arms[0].model.has_track {
@@ -241,14 +252,15 @@ impl<'a> Search<'a> {
     fn evaluate(&self, wanted: &Wanted, candidate: &Candidate, limit: f64) -> Option<Found> {
         let (tools, need) = self.tools(wanted, candidate)?;
         let stances_of = |arm: usize, limit: f64| {
-            stances(
-                &self.cell.arms[arm],
-                &tools[arm],
-                if arm == 0 { candidate.track } else { 0.0 },
-                need,
-                (&self.reference[arm], limit),
-                self.settings,
-            )
+            let demand = Demand {
+                arm: &self.cell.arms[arm],
+                track: if arm == 0 { candidate.track } else { 0.0 },
+                roll: need,
+                reference: &self.reference[arm],
+                limit,
+                settings: self.settings,
+            };
+            stances(&demand, &tools[arm])
         };
         let track = stances_of(0, limit);
         let postument = stances_of(1, limit - track.0[0]?.cost);

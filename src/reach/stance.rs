@@ -1,6 +1,6 @@
 //! One arm at one place: which joint positions take its tool there with room to work.
 
-use super::ReachSettings;
+use super::meeting::ReachSettings;
 use crate::cell::Arm;
 use crate::motion::JointPositions;
 use crate::spatial::Pose;
@@ -43,23 +43,28 @@ pub(super) enum Roll {
     Free,
 }
 
-/// The stances of the arm with its tool at `world_from_tool` that cost less than `limit` from the reference,
-/// cheapest first; d0 is `track`.
-pub(super) fn stances(
-    arm: &Arm,
-    world_from_tool: &Pose,
-    track: f64,
-    roll: Roll,
-    (reference, limit): (&JointPositions, f64),
-    settings: &ReachSettings,
-) -> Stances {
+/// What a stance must offer.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Demand<'a> {
+    pub(super) arm: &'a Arm,
+    /// d0 [m].
+    pub(super) track: f64,
+    pub(super) roll: Roll,
+    /// The place from which ways are counted.
+    pub(super) reference: &'a JointPositions,
+    /// The stance must cost less than this [s].
+    pub(super) limit: f64,
+    pub(super) settings: &'a ReachSettings,
+}
+
+/// Returns the stances of the arm with its tool at `world_from_tool`, cheapest first.
+pub(super) fn stances(demand: &Demand<'_>, world_from_tool: &Pose) -> Stances {
+    let arm = demand.arm;
     let base_from_flange =
         arm.world_from_base.inverse() * world_from_tool * arm.flange_from_tool.inverse();
     let mut found = Stances::default();
-    for joints in arm.model.branches(&base_from_flange, track).as_slice() {
-        if let Some(stance) =
-            stance(arm, &base_from_flange, joints, roll, (reference, limit), settings)
-        {
+    for joints in arm.model.branches(&base_from_flange, demand.track).as_slice() {
+        if let Some(stance) = stance(demand, &base_from_flange, joints) {
             found.push(stance);
         }
     }
@@ -85,14 +90,9 @@ impl Stances {
     }
 }
 
-fn stance(
-    arm: &Arm,
-    base_from_flange: &Pose,
-    joints: &JointPositions,
-    need: Roll,
-    (reference, limit): (&JointPositions, f64),
-    settings: &ReachSettings,
-) -> Option<Stance> {
+/// Returns the stance at these joints, if it offers enough.
+fn stance(demand: &Demand<'_>, base_from_flange: &Pose, joints: &JointPositions) -> Option<Stance> {
+    let Demand { arm, roll: need, reference, limit, settings, .. } = *demand;
     let margin = margin(arm, joints);
     let sine = libm::sin(joints.0[5]).abs();
     if margin < MARGIN || sine < WRIST {

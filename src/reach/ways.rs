@@ -1,8 +1,8 @@
 //! The ways between meetings: the track drawn back by the separation, the newcomer drawn back along its tool
 //! axis, the holder with the cube; then all joints go evenly from one meeting to the next.
 
-use super::Meeting;
 use super::bodies::{Bodies, apart};
+use super::meeting::Meeting;
 use crate::cell::Cell;
 use crate::motion::JointPositions;
 use nalgebra::Vector3;
