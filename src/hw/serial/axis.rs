@@ -282,46 +282,63 @@ impl Axis {
             self.confirm();
             return Ok(Answer::Taken);
         }
-        let settled = self.settled >= SETTLING;
+        let settled = self.has_settled();
         // The controllers' first byte is whatever they all begin with.
         if !settled && self.begins != Some(bytes[0]) {
             (self.begins, self.settled) = (Some(bytes[0]), 0);
         }
         let told = (self.begins == Some(bytes[0])).then(|| Status::decode(bytes));
-        let jump = f64::from(self.rules.jump);
-        let most = jump * self.interval.longest();
+        match told.filter(|now| self.is_possible(now, settled)) {
+            Some(now) => self.believe(now, settled),
+            None => self.doubt(told),
+        }
+    }
+
+    /// How far no counter goes until a reading of now.
+    fn most(&self) -> f64 {
+        f64::from(self.rules.jump) * self.interval.longest()
+    }
+
+    /// Returns whether a reading can be true; notes one that a motor cannot show, as another one may confirm it.
+    ///
+    /// Answers have no checksum: one wrong bit would throw an axis about. A motor that was really carried off shows so
+    /// again, somewhere near.
+    fn is_possible(&mut self, now: &Status, settled: bool) -> bool {
         let plain = self.step.abs() + LEAP * self.interval.since().max(1.0).powi(2);
+        let jump = f64::from(self.rules.jump);
         let hidden = (self.fast + 2.0 * LEAP).min(jump) * self.interval.older();
-        let doubted = self.doubted.take();
-        let possible = told.filter(|now| {
-            let off = |count: i32| f64::from(now.count.wrapping_sub(count)).abs();
-            // Answers have no checksum: one wrong bit would throw an axis about. A motor that was really carried off
-            // shows so again, somewhere near.
-            let odd = off(self.count) > plain + hidden
-                && !doubted.is_some_and(|at| off(at) <= 0.5 * most);
-            self.doubted = odd.then_some(now.count);
-            !settled || self.finds_zero(now) || (!odd && off(self.count) <= most)
-        });
-        let Some(now) = possible else {
-            self.impossible += 1;
-            self.count_try()?;
-            // A controller that was reset counts from zero and says that it is not synchronised.
-            let reset = told.is_some_and(|now| !now.synchronised) && self.was_synchronised;
-            return if self.impossible < self.rules.misses {
-                Ok(Answer::Impossible(self.impossible))
-            } else if reset {
-                Err(AxisFault::Reset)
-            } else {
-                let count = told.map_or(0, |now| now.count);
-                Err(AxisFault::Impossible {
-                    times: self.impossible,
-                    count,
-                    before: self.status.count,
-                })
-            };
-        };
+        let off = |count: i32| f64::from(now.count.wrapping_sub(count)).abs();
+        let most = self.most();
+        let confirmed = self.doubted.is_some_and(|at| off(at) <= 0.5 * most);
+        let odd = off(self.count) > plain + hidden && !confirmed;
+        self.doubted = odd.then_some(now.count);
+        !settled || self.finds_zero(now) || (!odd && off(self.count) <= most)
+    }
+
+    /// Passes over an answer that cannot be true, until too many of them have come in a row.
+    fn doubt(&mut self, told: Option<Status>) -> Result<Answer, AxisFault> {
+        if told.is_none() {
+            self.doubted = None;
+        }
+        self.impossible += 1;
+        self.count_try()?;
+        // A controller that was reset counts from zero and says that it is not synchronised.
+        let reset = told.is_some_and(|now| !now.synchronised) && self.was_synchronised;
+        if self.impossible < self.rules.misses {
+            Ok(Answer::Impossible(self.impossible))
+        } else if reset {
+            Err(AxisFault::Reset)
+        } else {
+            let count = told.map_or(0, |now| now.count);
+            let before = self.status.count;
+            Err(AxisFault::Impossible { times: self.impossible, count, before })
+        }
+    }
+
+    /// Takes a reading for true: the counter, the speed from it, the flags.
+    fn believe(&mut self, now: Status, settled: bool) -> Result<Answer, AxisFault> {
         self.impossible = 0;
-        let near = f64::from(now.count.wrapping_sub(self.status.count)).abs() <= most;
+        let near = f64::from(now.count.wrapping_sub(self.status.count)).abs() <= self.most();
         if !settled && !near {
             // One of the two is spoilt: neither says where the axis stands until others agree with it.
             self.settled = 0;
@@ -331,19 +348,7 @@ impl Axis {
             self.step = 0.0;
             self.interval = Interval::default();
         } else {
-            let gone = f64::from(now.count.wrapping_sub(self.status.count)).abs();
-            let since = self.interval.since();
-            if self.interval.older() == 0.0 {
-                self.fast = self.step.abs();
-            }
-            if self.age > APART {
-                self.step = f64::from(now.count.wrapping_sub(self.from)) / self.age;
-            }
-            // One that shows half of what a gap hid, or what the time since the last one does not explain, is of now.
-            // Periods by the clock are never quite one.
-            let gap = since > 1.0 + APART;
-            let explained = (self.fast + 2.0 * LEAP) * since.max(1.0);
-            self.interval.read(gap && gone > 0.5 * self.fast * since || gone > explained);
+            self.learn_speed(&now);
         }
         if self.interval.older() == 0.0 {
             (self.from, self.age) = (now.count, 0.0);
@@ -351,6 +356,23 @@ impl Axis {
         (self.status, self.count) = (now, now.count);
         self.confirm();
         self.see_flags(&now)
+    }
+
+    /// Takes the step in a period from a reading, and whether the reading shows what a gap hid.
+    fn learn_speed(&mut self, now: &Status) {
+        let gone = f64::from(now.count.wrapping_sub(self.status.count)).abs();
+        let since = self.interval.since();
+        if self.interval.older() == 0.0 {
+            self.fast = self.step.abs();
+        }
+        if self.age > APART {
+            self.step = f64::from(now.count.wrapping_sub(self.from)) / self.age;
+        }
+        // One that shows half of what a gap hid, or what the time since the last one does not explain, is of now.
+        // Periods by the clock are never quite one.
+        let gap = since > 1.0 + APART;
+        let explained = (self.fast + 2.0 * LEAP) * since.max(1.0);
+        self.interval.read(gap && gone > 0.5 * self.fast * since || gone > explained);
     }
 
     /// The counter jumps in the very answer that says so.
