@@ -8,7 +8,7 @@ use super::inputs::{Inputs, Sensing};
 use super::outcome::{Next, Outcome};
 use super::{comply, grasp, position, secure, swing, turn, visual_servo};
 use crate::motion::{Depth, Direction, JawCommand, JointPositions, Motion, MoveRefused};
-use crate::spatial::Pose;
+use crate::spatial::{Pose, is_rigid};
 use serde::{Deserialize, Serialize};
 
 /// What an effector is asked to do: an order from MP, complete in itself.
@@ -189,6 +189,8 @@ impl Generator {
     /// The next macrostep's set values, or the end; and how the visual sensor should look from now on, from a
     /// generator that uses it.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> (Next, Option<Sensing>) {
+        debug_assert!(is_rigid(&inputs.arm.desired_base_from_tool), "{:?}", inputs.arm);
+        debug_assert!((0.0..=1.0).contains(&inputs.pace), "pace: {}", inputs.pace);
         if let Some(oscillates) = self.swing.note(inputs) {
             return (Next::Done(oscillates), None);
         }

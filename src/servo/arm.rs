@@ -14,7 +14,7 @@ use crate::motion::{
     AXES, ArmFault, ArmState, JointPositions, Motion, MotorPositions, MoveCommand, MoveRefused,
     Synchronisation,
 };
-use crate::spatial::{Pose, Wrench};
+use crate::spatial::{Pose, Wrench, is_rigid};
 use std::f64::consts::TAU;
 
 /// The servo of one arm with its memory.
@@ -157,7 +157,11 @@ impl ArmServo {
         }
         self.steps = std::array::from_fn(|i| self.set.motors.0[i] - before.0[i]);
         self.homing_step = self.homing_step.filter(|_| self.fault.is_none());
-        (self.drive(reading), self.state(period, reading, &measured))
+        let (drive, state) = (self.drive(reading), self.state(period, reading, &measured));
+        debug_assert!(is_rigid(&state.base_from_tool), "measured pose: {state:?}");
+        debug_assert!(is_rigid(&state.desired_base_from_tool), "set pose: {state:?}");
+        debug_assert!(drive.pwm.iter().all(|width| width.abs() <= 255), "{drive:?}");
+        (drive, state)
     }
 
     /// Heeds what comes from outside, before [`ArmServo::step`] of the same period.

@@ -9,6 +9,14 @@ use serde::{Deserialize, Serialize};
 /// A rigid transform `to_from`: it takes coordinates in `from` to coordinates in `to` [m].
 pub type Pose = Isometry3<f64>;
 
+/// Returns whether a pose is made of numbers, with a rotation of unit length: for `debug_assert!` where poses cross
+/// from one part to another.
+#[must_use]
+pub fn is_rigid(pose: &Pose) -> bool {
+    pose.translation.vector.iter().all(|c| c.is_finite())
+        && (pose.rotation.coords.norm() - 1.0).abs() < 1e-6
+}
+
 /// A velocity, or a small displacement: linear [m/s or m], angular [rad/s or rad].
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Twist {

@@ -159,6 +159,7 @@ impl Core {
 
     /// Commands and readings to drives. Allocates nothing and never waits.
     pub fn compute(&mut self, period: u64) -> &[ArmDrive] {
+        debug_assert!(period >= self.last_beat_period, "periods count up");
         // Before the switches: a reset that was sent when the button was free again would find it pressed.
         for (command, end) in self.commands.iter_mut().zip(&mut self.ends) {
             *command = end.take();

@@ -299,6 +299,7 @@ impl PlantArm {
         let w = motors.solve(&bw);
         self.advance(&v, &w, &ratios, dt);
         self.measure_currents(drive);
+        debug_assert!(self.q.iter().all(|q| q.is_finite()), "joints: {:?}", self.q);
         self.place();
     }
 

@@ -180,12 +180,6 @@ impl Saved {
         }
         Ok(written?)
     }
-
-    /// Turns an outer layer by quarters behind everybody's back: axis 0..3, the positive side or the negative one.
-    pub fn meddle(&mut self, axis: usize, positive: bool, quarters: u8) {
-        self.angles[axis][usize::from(positive)] +=
-            f64::from(quarters) * std::f64::consts::FRAC_PI_2;
-    }
 }
 
 impl Plant {

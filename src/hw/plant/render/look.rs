@@ -76,12 +76,6 @@ impl CubeLook {
     pub fn white() -> Self {
         Self { body: [0.70, 0.70, 0.68], ..Self::black() }
     }
-
-    /// Coloured plastic without stickers: only a narrow dark cut between the cubies.
-    #[must_use]
-    pub fn stickerless() -> Self {
-        Self { sticker: 0.972, corner: 0.16, ..Self::black() }
-    }
 }
 
 /// Light of the room and of one lamp.

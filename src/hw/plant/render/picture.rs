@@ -279,7 +279,8 @@ impl World {
                         }
                     }
                     Solid::Rod { rod, axis, length } => {
-                        if let Some((t, normal)) = meet_rod(rod, axis, *length, from, ray, limit) {
+                        if let Some((t, normal)) = meet_rod((rod, axis, *length), from, ray, limit)
+                        {
                             limit = t;
                             best = Some(Hit { t, normal, paint: rod.paint, gloss: rod.gloss });
                         }
@@ -304,7 +305,7 @@ impl World {
                     plates.iter().any(|plate| meet_plate(plate, from, ray, reach).is_some())
                 }
                 Solid::Rod { rod, axis, length } => {
-                    meet_rod(rod, axis, *length, from, ray, reach).is_some()
+                    meet_rod((rod, axis, *length), from, ray, reach).is_some()
                 }
             })
         })
@@ -358,11 +359,10 @@ fn meet_plate(
     (u >= u0 && u <= u1 && v >= v0 && v <= v1).then_some((t, u, v))
 }
 
-/// Where a ray (of unit length) meets a rod before `limit`: distance and outward normal.
+/// Returns where a ray (of unit length) meets a rod before `limit`: distance and outward normal. The rod comes with its
+/// unit vector and its length.
 fn meet_rod(
-    rod: &Rod,
-    axis: &Vector3<f64>,
-    length: f64,
+    (rod, axis, length): (&Rod, &Vector3<f64>, f64),
     from: &Point3<f64>,
     ray: &Vector3<f64>,
     limit: f64,
@@ -394,7 +394,7 @@ pub(super) fn distance(solids: &Solids, from: &Point3<f64>, ray: &Vector3<f64>) 
         Solid::Box(plates) => {
             plates.iter().filter_map(|p| meet_plate(p, from, ray, f64::MAX)).map(|m| m.0).collect()
         }
-        Solid::Rod { rod, axis, length } => meet_rod(rod, axis, *length, from, ray, f64::MAX)
+        Solid::Rod { rod, axis, length } => meet_rod((rod, axis, *length), from, ray, f64::MAX)
             .map(|m| m.0)
             .into_iter()
             .collect::<Vec<_>>(),
