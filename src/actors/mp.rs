@@ -22,7 +22,7 @@ use crate::motion::{
     AXES, ArmState, Motion as Way, MotorPositions, MoveCommand, PERIOD, Synchronisation,
 };
 use crate::operator::{Answer, Input, Manual, Question};
-use crate::reach::guard::{Guard, Near, Way as Asked};
+use crate::reach::guard::{Guard, Near, PlannedMotion as Asked};
 use crate::record::journal::Journal;
 use crate::record::recorder::Entry;
 use crate::record::run_hash::RunHash;

@@ -141,7 +141,7 @@ pub enum Near {
 
 /// What an arm is asked to do, as far as it moves the arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Way {
+pub enum PlannedMotion {
     /// It stays, or moves by less than the guard keeps free.
     Stays,
     /// All joints evenly to there.
@@ -236,7 +236,11 @@ impl Guard {
     ///
     /// # Errors
     /// What comes too near on the way.
-    pub fn ways(&self, from: [Option<&JointPositions>; 2], ways: [&Way; 2]) -> Result<(), Near> {
+    pub fn ways(
+        &self,
+        from: [Option<&JointPositions>; 2],
+        ways: [&PlannedMotion; 2],
+    ) -> Result<(), Near> {
         let apart = self.keep_apart(from, ways);
         let as_meant = |room: Room| if apart { room } else { room.meeting() };
         let before = as_meant(self.room(from));
@@ -246,7 +250,11 @@ impl Guard {
     /// Whether the hands are not to meet on ways of both arms: they are apart at the beginning and at the end, or have nothing to
     /// meet for.
     #[must_use]
-    pub fn keep_apart(&self, from: [Option<&JointPositions>; 2], ways: [&Way; 2]) -> bool {
+    pub fn keep_apart(
+        &self,
+        from: [Option<&JointPositions>; 2],
+        ways: [&PlannedMotion; 2],
+    ) -> bool {
         let begin = self.room(from);
         let ends_apart = || self.places(from, ways).last().is_some_and(|end| end.apart());
         self.never_meet && begin.hands.is_some() || begin.apart() && ends_apart()
@@ -256,7 +264,7 @@ impl Guard {
     fn places(
         &self,
         from: [Option<&JointPositions>; 2],
-        ways: [&Way; 2],
+        ways: [&PlannedMotion; 2],
     ) -> impl Iterator<Item = Room> {
         let mut at = [0, 1].map(|i: usize| from[i].map(|from| Course::new(self, i, from, ways[i])));
         (1..=STEPS).map(move |step| {
@@ -273,7 +281,7 @@ impl Guard {
         &self,
         arm: usize,
         from: &JointPositions,
-        way: &Way,
+        way: &PlannedMotion,
         seconds: f64,
         share: impl Fn(f64) -> f64,
     ) -> f64 {
@@ -328,7 +336,7 @@ struct Course<'a> {
     guard: &'a Guard,
     arm: usize,
     from: JointPositions,
-    way: Way,
+    way: PlannedMotion,
     /// Where it was seen last.
     last: JointPositions,
     /// `base_from_tool` at the beginning.
@@ -336,7 +344,7 @@ struct Course<'a> {
 }
 
 impl<'a> Course<'a> {
-    fn new(guard: &'a Guard, arm: usize, from: &JointPositions, way: &Way) -> Self {
+    fn new(guard: &'a Guard, arm: usize, from: &JointPositions, way: &PlannedMotion) -> Self {
         let of = &guard.cell.arms[arm];
         let tool = of.model.base_from_flange(from) * of.flange_from_tool;
         Self { guard, arm, from: *from, way: *way, last: *from, tool }
@@ -345,11 +353,11 @@ impl<'a> Course<'a> {
     /// After a share of the way. Of a line that leaves the arm's reach, the last place within: its servo refuses the rest.
     fn at(&mut self, part: f64) -> JointPositions {
         self.last = match self.way {
-            Way::Stays => self.from,
-            Way::Joints(to) => JointPositions(std::array::from_fn(|j| {
+            PlannedMotion::Stays => self.from,
+            PlannedMotion::Joints(to) => JointPositions(std::array::from_fn(|j| {
                 self.from.0[j] + part * (to.0[j] - self.from.0[j])
             })),
-            Way::Line(to) => {
+            PlannedMotion::Line(to) => {
                 let arm = &self.guard.cell.arms[self.arm];
                 let tool = Pose::from_parts(
                     self.tool.translation.vector.lerp(&to.translation.vector, part).into(),
@@ -397,7 +405,9 @@ mod tests {
 
             // The way there is refused where it comes too near, the way out of there is not.
             let ends = [&meeting.track, &near].map(|track| [Some(track), Some(&meeting.postument)]);
-            let to = |ends: [Option<&JointPositions>; 2]| ends.map(|to| Way::Joints(*to.unwrap()));
+            let to = |ends: [Option<&JointPositions>; 2]| {
+                ends.map(|to| PlannedMotion::Joints(*to.unwrap()))
+            };
             assert!(guard.ways(ends[0], to(ends[1]).each_ref()).is_err());
             // Fingers and cubes that are apart on both sides may be too near on a straight way.
             let out = guard.ways(ends[1], to(ends[0]).each_ref());
@@ -412,18 +422,29 @@ mod tests {
             assert!(further.is_err() == nears || matches!(further, Err(Near::Hands(_))));
             assert_eq!(guard.may(&room(ends[1]), &room(on)).is_err(), nears);
             on_and_on += usize::from(nears);
-            assert!(guard.ways(ends[1], [&Way::Stays, &Way::Joints(low)]).is_err());
+            assert!(
+                guard.ways(ends[1], [&PlannedMotion::Stays, &PlannedMotion::Joints(low)]).is_err()
+            );
             // Of one arm alone the table and its own links are looked at.
-            assert!(guard.ways([None, ends[0][1]], [&Way::Stays, &Way::Joints(low)]).is_err());
-            assert_eq!(guard.ways([None, ends[0][1]], [&Way::Stays, &Way::Stays]), Ok(()));
+            assert!(
+                guard
+                    .ways([None, ends[0][1]], [&PlannedMotion::Stays, &PlannedMotion::Joints(low)])
+                    .is_err()
+            );
+            assert_eq!(
+                guard.ways([None, ends[0][1]], [&PlannedMotion::Stays, &PlannedMotion::Stays]),
+                Ok(())
+            );
 
             // A line is looked at by where it leads, too.
             let track = &cell.arms[0];
             let tool = |joints| track.model.base_from_flange(joints) * track.flange_from_tool;
-            let there = Way::Line(tool(&meeting.track) * Pose::translation(0.0, 0.0, 0.1));
-            let back = Way::Line(tool(&meeting.track) * Pose::translation(0.0, 0.0, -0.05));
-            into += usize::from(guard.ways(ends[0], [&there, &Way::Stays]).is_err());
-            let out = guard.ways(ends[0], [&back, &Way::Stays]);
+            let there =
+                PlannedMotion::Line(tool(&meeting.track) * Pose::translation(0.0, 0.0, 0.1));
+            let back =
+                PlannedMotion::Line(tool(&meeting.track) * Pose::translation(0.0, 0.0, -0.05));
+            into += usize::from(guard.ways(ends[0], [&there, &PlannedMotion::Stays]).is_err());
+            let out = guard.ways(ends[0], [&back, &PlannedMotion::Stays]);
             assert!(matches!(out, Ok(()) | Err(Near::Hands(_))), "{out:?}");
         }
         // Hands that look past each other may go by each other.
@@ -446,22 +467,27 @@ mod tests {
             };
             let stands = |track| [Some(track), Some(&meeting.postument)];
             let (before, behind) = (along(-0.3), along(0.3));
-            let (back, to) = (&meeting.track_back, Way::Joints(meeting.track));
-            assert!(!guard.keep_apart(stands(back), [&to, &Way::Stays]));
-            assert_eq!(guard.ways(stands(back), [&to, &Way::Stays]), Ok(()), "they are to meet");
+            let (back, to) = (&meeting.track_back, PlannedMotion::Joints(meeting.track));
+            assert!(!guard.keep_apart(stands(back), [&to, &PlannedMotion::Stays]));
+            assert_eq!(
+                guard.ways(stands(back), [&to, &PlannedMotion::Stays]),
+                Ok(()),
+                "they are to meet"
+            );
             met += 1;
 
             // By hand nobody leads them there.
             if guard.room(stands(back)).apart() {
-                let by_hand = guard.clone().by_hand().ways(stands(back), [&to, &Way::Stays]);
+                let by_hand =
+                    guard.clone().by_hand().ways(stands(back), [&to, &PlannedMotion::Stays]);
                 assert!(matches!(by_hand, Err(Near::Hands(_))), "{by_hand:?}");
             }
 
-            let past = Way::Joints(behind);
-            if !guard.keep_apart(stands(&before), [&past, &Way::Stays]) {
+            let past = PlannedMotion::Joints(behind);
+            if !guard.keep_apart(stands(&before), [&past, &PlannedMotion::Stays]) {
                 continue;
             }
-            let way = guard.ways(stands(&before), [&past, &Way::Stays]);
+            let way = guard.ways(stands(&before), [&past, &PlannedMotion::Stays]);
             assert!(way.is_err(), "through the other hand");
             passed += usize::from(matches!(way, Err(Near::Hands(_))));
             // So may they not be while they are watched, unless they are to meet.
@@ -539,12 +565,13 @@ mod tests {
         let (from, to) = ([None, Some(&low)], lower(by));
 
         assert!(height(&low) - height(&to) < WATCHED);
-        let asked = guard.ways(from, [&Way::Stays, &Way::Joints(to)]);
+        let asked = guard.ways(from, [&PlannedMotion::Stays, &PlannedMotion::Joints(to)]);
         assert!(matches!(asked, Err(Near::Table { .. })), "{asked:?}");
         assert_eq!(guard.may(&guard.room(from), &guard.room([None, Some(&to)])), Ok(()));
         // Nor where only its end is too low.
         let above = table.grasps.iter().flatten().next().unwrap().postument;
-        let down = guard.ways([None, Some(&above)], [&Way::Stays, &Way::Joints(low)]);
+        let down =
+            guard.ways([None, Some(&above)], [&PlannedMotion::Stays, &PlannedMotion::Joints(low)]);
         assert!(matches!(down, Err(Near::Table { .. })), "{down:?}");
     }
 
@@ -567,7 +594,7 @@ mod tests {
                     continue;
                 }
 
-                let end = Course::new(&guard, 0, &meeting.track, &Way::Line(to)).at(1.0);
+                let end = Course::new(&guard, 0, &meeting.track, &PlannedMotion::Line(to)).at(1.0);
 
                 assert!(tool(&end).rotation.angle_to(&to.rotation) < 1e-6);
                 led += 1;
@@ -594,8 +621,12 @@ mod tests {
             let guard = Guard::of(&cell, 0.25);
             let mut from = stands;
             from[arm] = Some(&turned[arm]);
-            let back = Way::Joints(*stands[arm].unwrap());
-            let ways = if arm == 0 { [&back, &Way::Stays] } else { [&Way::Stays, &back] };
+            let back = PlannedMotion::Joints(*stands[arm].unwrap());
+            let ways = if arm == 0 {
+                [&back, &PlannedMotion::Stays]
+            } else {
+                [&PlannedMotion::Stays, &back]
+            };
             let asked = guard.ways(from, ways);
             let watched = guard.may(&guard.room(from).meeting(), &guard.room(stands).meeting());
             assert_eq!(asked.is_err(), watched.is_err(), "{asked:?} {watched:?}");
@@ -637,7 +668,7 @@ mod tests {
         let even = |u: f64| u;
 
         // 0.2 m: in 1.2 s slow enough, in 0.6 s not.
-        for way in [Way::Line(at), Way::Joints(near)] {
+        for way in [PlannedMotion::Line(at), PlannedMotion::Joints(near)] {
             let slow = guard.haste(0, &far, &way, 1.2, even);
             let fast = guard.haste(0, &far, &way, 0.6, even);
             assert!(slow > 0.5 && slow <= 1.0, "{slow}");
@@ -668,7 +699,7 @@ mod tests {
         elsewhere.hand.world_from_cube.translation.vector.x += 1.0;
         for cell in [elsewhere, Cell { keeper: Keeper::Table, ..cell.clone() }] {
             let guard = Guard::of(&cell, 0.25);
-            assert_eq!(guard.haste(0, &far, &Way::Line(at), 0.2, even), 0.0);
+            assert_eq!(guard.haste(0, &far, &PlannedMotion::Line(at), 0.2, even), 0.0);
             assert!(guard.pace(0, &far, &near, 0.1).is_ok());
         }
     }
