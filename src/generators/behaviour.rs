@@ -97,7 +97,8 @@ pub enum Behaviour {
         least_torque: f64,
         /// Directions that yield besides the turn's own.
         selector: Selector,
-        /// Whether the rotation itself follows the velocity whatever the torque (no compliance at all).
+        /// Whether the rotation itself follows the velocity whatever the torque (no compliance at
+        /// all).
         stiff: bool,
     },
     /// Yields in the selected directions until it is ended from above, or a force limit is passed.
@@ -186,8 +187,8 @@ impl Behaviour {
 }
 
 impl Generator {
-    /// The next macrostep's set values, or the end; and how the visual sensor should look from now on, from a
-    /// generator that uses it.
+    /// The next macrostep's set values, or the end; and how the visual sensor should look from now
+    /// on, from a generator that uses it.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> (Next, Option<Sensing>) {
         debug_assert!(is_rigid(&inputs.arm.desired_base_from_tool), "{:?}", inputs.arm);
         debug_assert!((0.0..=1.0).contains(&inputs.pace), "pace: {}", inputs.pace);
@@ -214,7 +215,8 @@ impl Generator {
         (next, None)
     }
 
-    /// Whether it can go on although its last command was refused for this reason; `inputs.arm.refused` tells it.
+    /// Whether it can go on although its last command was refused for this reason;
+    /// `inputs.arm.refused` tells it.
     #[must_use]
     pub fn bears(&self, why: &MoveRefused) -> bool {
         matches!(self.kind, Kind::VisualServo(_)) && visual_servo::VisualServo::bears(why)

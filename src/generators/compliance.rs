@@ -5,7 +5,8 @@ use crate::motion::{ArmState, Direction, Frame, JawCommand, Motion, MoveCommand}
 use crate::spatial::Wrench;
 use serde::{Deserialize, Serialize};
 
-/// How compliant directions behave, the macrostep, jaws and limits: one set for all generators of an arm.
+/// How compliant directions behave, the macrostep, jaws and limits: one set for all generators of
+/// an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Compliance {
     /// B of the linear directions [m/(s N)].
@@ -28,15 +29,16 @@ pub struct Compliance {
     pub torque_limit: f64,
 }
 
-/// Jaws that hold the cube and are forced apart by more do not lie flat on it any more [m]: a cube that turns between
-/// fingers of 12 mm about the palm's axis stands askew by 6 deg then.
+/// Jaws that hold the cube and are forced apart by more do not lie flat on it any more [m]: a cube
+/// that turns between fingers of 12 mm about the palm's axis stands askew by 6 deg then.
 pub const FORCED_APART: f64 = 0.001;
 
 /// Which directions of the tool frame yield: x, y, z, then rotations about them.
 pub type Selector = [bool; 6];
 
 impl Compliance {
-    /// The directions of a task in which the selected ones seek zero force and the others stand still.
+    /// The directions of a task in which the selected ones seek zero force and the others stand
+    /// still.
     #[must_use]
     pub fn yielding(&self, selector: &Selector) -> [Direction; 6] {
         std::array::from_fn(|i| if selector[i] { self.contact(i, 0.0) } else { Direction::HOLD })
@@ -63,8 +65,9 @@ impl Compliance {
         }
     }
 
-    /// Returns whether jaws that were no farther apart [m] since a turn began are forced apart by the cube that they hold. A
-    /// cube that stood askew between them when the turn began comes upright before it forces them apart the other way.
+    /// Returns whether jaws that were no farther apart [m] since a turn began are forced apart by
+    /// the cube that they hold. A cube that stood askew between them when the turn began comes
+    /// upright before it forces them apart the other way.
     pub(super) fn forced_apart(jaws: &mut Option<f64>, arm: &ArmState) -> Option<Outcome> {
         let least = jaws.map_or(arm.jaw_opening, |least| least.min(arm.jaw_opening));
         *jaws = Some(least);
@@ -78,8 +81,8 @@ impl Compliance {
         self.unyielding(&[false; 6], arm)
     }
 
-    /// The first that is beyond the limits and does not yield: of the force, then of the torque, the direction that has
-    /// most of it, and all of it.
+    /// The first that is beyond the limits and does not yield: of the force, then of the torque,
+    /// the direction that has most of it, and all of it.
     #[must_use]
     pub fn unyielding(&self, selector: &Selector, arm: &ArmState) -> Option<Outcome> {
         let Wrench { force, torque } = arm.wrench_in_tool;

@@ -14,7 +14,8 @@ pub struct Inputs<'a> {
     pub target: Option<&'a Target>,
     /// Number of the present servo period.
     pub period: u64,
-    /// Share of its speed at which the generator may go on, 0..=1: below 1 while a pause brings the arm to rest.
+    /// Share of its speed at which the generator may go on, 0..=1: below 1 while a pause brings the
+    /// arm to rest.
     pub pace: f64,
 }
 

@@ -29,8 +29,8 @@ pub enum Outcome {
     Secured,
     /// The face has been turned by this angle [rad].
     Turned(f64),
-    /// The hand has turned by this angle [rad] against so little torque [Nm] that no face can have followed: a grip
-    /// slips.
+    /// The hand has turned by this angle [rad] against so little torque [Nm] that no face can have
+    /// followed: a grip slips.
     Slipped(f64, f64),
     /// The wrench swings in this direction with this amplitude [N], [Nm] at this frequency [Hz].
     Oscillates(usize, f64, f64),
@@ -38,7 +38,8 @@ pub enum Outcome {
     Stalled(f64, f64),
     /// A force [N] or torque [Nm] beyond the set limit, in this direction.
     OverForce(usize, f64),
-    /// What the jaws hold has forced them apart by this since the behaviour began [m]: it turns between them.
+    /// What the jaws hold has forced them apart by this since the behaviour began [m]: it turns
+    /// between them.
     ForcedApart(f64),
     /// Ended from above.
     Ended,

@@ -158,8 +158,8 @@ impl Turn {
         Progress { turned, twist, left: self.order.angle.abs() + twist - turned, torque }
     }
 
-    /// Returns why the turn must not go on: a force beyond the limits, jaws that are forced apart, a torque that the
-    /// grips do not carry.
+    /// Returns why the turn must not go on: a force beyond the limits, jaws that are forced apart,
+    /// a torque that the grips do not carry.
     fn reason_to_break_off(&mut self, arm: &ArmState, progress: &Progress) -> Option<Outcome> {
         self.strained = if progress.torque.abs() > MOST_TORQUE { self.strained + 1 } else { 0 };
         let too_long = f64::from(self.strained) * self.seconds() > TOO_LONG;

@@ -21,21 +21,22 @@ pub struct Meeting {
     pub track_roll: (f64, f64),
     /// The same of the postument arm [rad].
     pub postument_roll: (f64, f64),
-    /// Least distance between the arms' capsules, here and while either draws back and the track separates,
-    /// at most 0.1 [m].
+    /// Least distance between the arms' capsules, here and while either draws back and the track
+    /// separates, at most 0.1 [m].
     pub clearance: f64,
 }
 
 /// All meetings of a cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeetingTable {
-    /// Both hold the cube: by the rotation of the postument's tool in the track's tool frame, one of the
-    /// 24 rotations of a cube onto itself, in the order of [`rotations`]; `None` where the grippers would
-    /// collide (one palm axis and sense; or adjacent palms with a finger of each hand on the face under the
-    /// other's palm, which cross) or no pose of both arms was found.
+    /// Both hold the cube: by the rotation of the postument's tool in the track's tool frame, one
+    /// of the 24 rotations of a cube onto itself, in the order of [`rotations`]; `None` where the
+    /// grippers would collide (one palm axis and sense; or adjacent palms with a finger of each
+    /// hand on the face under the other's palm, which cross) or no pose of both arms was found.
     pub grasps: [Option<Meeting>; 24],
-    /// The camera in the other hand looks at a face of the held cube: `[holder][side]`, where `side` is
-    /// the face's outward normal in the holder's tool frame: 0 is +z (opposite the palm), 1 is +x, 2 is -x.
+    /// The camera in the other hand looks at a face of the held cube: `[holder][side]`, where
+    /// `side` is the face's outward normal in the holder's tool frame: 0 is +z (opposite the palm),
+    /// 1 is +x, 2 is -x.
     pub views: [[Option<Meeting>; 3]; 2],
     /// How far the track draws back along -y between meetings, so that both arms move freely [m].
     pub separation: f64,
@@ -56,7 +57,8 @@ pub struct ReachSettings {
     pub clearance: f64,
     /// Height above the table that wrists and tools keep [m].
     pub above_table: f64,
-    /// Random poses that are tried for each meeting, near to and far from those that are already known.
+    /// Random poses that are tried for each meeting, near to and far from those that are already
+    /// known.
     pub samples: u32,
     /// Seed of the search.
     pub seed: u64,

@@ -51,8 +51,9 @@ struct Found {
 }
 
 impl MeetingTable {
-    /// Searches the meetings of the track arm (`cell.arms[0]`) and the postument arm (`cell.arms[1]`), in about
-    /// a second. A cell with fewer arms, or whose first has no track to draw back on, has none.
+    /// Searches the meetings of the track arm (`cell.arms[0]`) and the postument arm
+    /// (`cell.arms[1]`), in about a second. A cell with fewer arms, or whose first has no track to
+    /// draw back on, has none.
     #[must_use]
     pub fn compute(cell: &Cell, settings: &ReachSettings) -> Self {
         table(cell, settings)

@@ -150,7 +150,8 @@ impl Homing {
         self.speed += (goal - self.speed).clamp(-change, change);
         let step = self.speed * self.seconds;
         self.travelled += step;
-        // Set before the switch lets go: the controller takes the first zero behind it, however near that lies.
+        // Set before the switch lets go: the controller takes the first zero behind it, however
+        // near that lies.
         let synchronise = if matches!(self.phase, Phase::Leave | Phase::Zero) { bit } else { 0 };
         Ok(Some(HomingStep { axis, step, synchronise, zeroed }))
     }
@@ -162,10 +163,12 @@ impl Homing {
                 self.enter(Phase::Stand(self.stands.0));
                 Ok(0.0)
             }
-            // It is not known yet whether the axis stands on the switch; if it does, it must not go further on.
+            // It is not known yet whether the axis stands on the switch; if it does, it must not go
+            // further on.
             None if self.travelled == 0.0 => Ok(0.0),
             pressed => {
-                // It may have been left standing on its upper one; on the lower one, or behind it, may be the cam.
+                // It may have been left standing on its upper one; on the lower one, or behind it,
+                // may be the cam.
                 let at_limit = seen.at_lower && pressed == Some(false);
                 if at_limit || self.travelled.abs() > LONGEST {
                     return Err(self.switch_expected(seen));

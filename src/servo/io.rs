@@ -68,9 +68,10 @@ pub struct ArmReading {
     pub encoder_zeros: u8,
     /// Bit i: the counter of axis i is zero at the synchronisation position.
     pub synchronised: u8,
-    /// Bit i: the counter of axis i was not read in time. It is carried on as it went before; the rest is what the axis last
-    /// showed. Not set if a bridge is late steadily, or has been late for long: its counters are carried on, and are all
-    /// that there is to judge. See [`super::lateness`].
+    /// Bit i: the counter of axis i was not read in time. It is carried on as it went before; the
+    /// rest is what the axis last showed. Not set if a bridge is late steadily, or has been late
+    /// for long: its counters are carried on, and are all that there is to judge. See
+    /// [`super::lateness`].
     #[serde(rename = "guessed")]
     pub extrapolated: u8,
     /// Bit i: nothing new came of axis i since the last period; its power stage stands at the width that it took last.

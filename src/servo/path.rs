@@ -45,8 +45,8 @@ impl SetValues {
         Self { motors, joints, base_from_tool }
     }
 
-    /// Returns these with other motor positions, whatever they mean: if the motor positions have no joints, the
-    /// present joints stay.
+    /// Returns these with other motor positions, whatever they mean: if the motor positions have no
+    /// joints, the present joints stay.
     #[must_use]
     pub fn moved_to(&self, chain: Chain<'_>, motors: MotorPositions) -> Self {
         let next = Self::of_motors(chain, motors);
@@ -158,7 +158,8 @@ impl Path {
         matches!(self.kind, Kind::Motors { .. } | Kind::Joints { .. } | Kind::Pose { .. })
     }
 
-    /// Returns the set values of a period, given as its number and its length [s]; the last ones are `last`.
+    /// Returns the set values of a period, given as its number and its length [s]; the last ones
+    /// are `last`.
     ///
     /// # Errors
     /// Why there are none: the pose cannot be reached.
@@ -253,8 +254,8 @@ fn straight(from: Pose, to: Pose) -> Kind {
     Kind::Pose { from, to, rotation }
 }
 
-/// Checks whether a motion can be begun from `from` and ended within `seconds`: its end is checked beforehand, so
-/// that a wrong command does not move the arm at all.
+/// Checks whether a motion can be begun from `from` and ended within `seconds`: its end is checked
+/// beforehand, so that a wrong command does not move the arm at all.
 ///
 /// # Errors
 /// The first limit that its end exceeds, or the speed that it would need.

@@ -33,8 +33,8 @@ impl ForceLaw {
     /// Periods without a task motion after which the momentum is forgotten.
     const MEMORY: u64 = 10;
 
-    /// Returns the commanded `base_from_tool` after this period, which lasts `seconds`; `wrench` is what the tool exerts on
-    /// its surroundings, about the tool point, in tool axes.
+    /// Returns the commanded `base_from_tool` after this period, which lasts `seconds`; `wrench` is
+    /// what the tool exerts on its surroundings, about the tool point, in tool axes.
     pub fn step(
         &mut self,
         period: u64,

@@ -9,8 +9,9 @@
 //! | frozen encoder | a counter stands although the set value goes on |
 //! | following error | motor and set value are too far apart, at this speed and after this gap |
 //!
-//! A cause is reported before its effect: of several faults the one that stands higher in this table. Of the last
-//! three, which are those of a counter, the fault of the first axis is reported. Readings that are late or missing are judged by the rules of [`super::lateness`].
+//! A cause is reported before its effect: of several faults the one that stands higher in this
+//! table. Of the last three, which are those of a counter, the fault of the first axis is reported.
+//! Readings that are late or missing are judged by the rules of [`super::lateness`].
 
 use super::io::ArmReading;
 use super::lateness::{Allowance, Interval};
@@ -32,7 +33,8 @@ pub struct Watch {
 /// What is the same for all axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Rules {
-    /// Allowed difference of set and measured motor position at rest [rad], and more of it per speed [s].
+    /// Allowed difference of set and measured motor position at rest [rad], and more of it per
+    /// speed [s].
     following_error: f64,
     following_lag: f64,
     /// Length of a period [s].
@@ -59,8 +61,8 @@ impl Watch {
     const FADE: f64 = 0.95;
     /// What no motor gains between two readings over the speed that it was told [rad].
     const JUMP: f64 = 1.0;
-    /// For how much longer than not an axis may be strained [s]: its regulator lets no current rise to what trips, so
-    /// that an axis that presses on something would do so for ever.
+    /// For how much longer than not an axis may be strained [s]: its regulator lets no current rise
+    /// to what trips, so that an axis that presses on something would do so for ever.
     const BEARS: f64 = 0.3;
     /// A step of a set value that is rounding [rad of the motor].
     const STANDS: f64 = 1e-5;
@@ -150,7 +152,8 @@ impl Watch {
         fault
     }
 
-    /// Returns the bits of the axes that have run onto a limit switch, or go on into one on which they stood.
+    /// Returns the bits of the axes that have run onto a limit switch, or go on into one on which
+    /// they stood.
     fn hit(&mut self, reading: &ArmReading, steps: &[f64; AXES]) -> u8 {
         let (upper, lower) = (reading.upper_limits, reading.lower_limits);
         if self.age < Self::SETTLES {
@@ -169,7 +172,8 @@ impl Watch {
 /// The watchdog of one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct AxisWatch {
-    /// Recent speed of the set value [rad/s]: the highest of a while, so that a sudden stop is allowed for.
+    /// Recent speed of the set value [rad/s]: the highest of a while, so that a sudden stop is
+    /// allowed for.
     speed: f64,
     /// Periods for which that speed does not fall off yet.
     holds: u32,
@@ -178,7 +182,8 @@ struct AxisWatch {
     /// How far the set value has gone since the counter last changed [rad].
     wanted: f64,
     last_count: i64,
-    /// Current that its power stage stops at [A], and for how many periods more than not the axis was strained.
+    /// Current that its power stage stops at [A], and for how many periods more than not the axis
+    /// was strained.
     trip: f64,
     strained: u32,
     /// Time since the counter was last read.
@@ -205,14 +210,16 @@ impl AxisWatch {
     const MUST_MOVE: f64 = 15.0;
     /// Periods after which a counter that does not move is taken for frozen.
     const FROZEN: u32 = 8;
-    /// The same of a slow axis: the set value has gone this far meanwhile [rad]; regulators and friction explain less.
+    /// The same of a slow axis: the set value has gone this far meanwhile [rad]; regulators and
+    /// friction explain less.
     const WANTED: f64 = 1.0;
     /// Share of the remembered speed from which on an axis is as fast as before.
     const AS_FAST: f64 = 0.9;
-    /// Time in which regulators bring an axis to where it is to stand [s]: the wrist's roll, stopped from the speed of a
-    /// turn, goes 3.4 rad of its motor beyond its set value.
+    /// Time in which regulators bring an axis to where it is to stand [s]: the wrist's roll,
+    /// stopped from the speed of a turn, goes 3.4 rad of its motor beyond its set value.
     const STANDING: f64 = 0.6;
-    /// How much faster than told a motor may be, and by how much time two readings may be further apart than told [s].
+    /// How much faster than told a motor may be, and by how much time two readings may be further
+    /// apart than told [s].
     const FASTER: f64 = 1.3;
     const OFF: f64 = 0.002;
     /// Share of the current that trips a power stage from which on an axis is strained.
@@ -351,8 +358,8 @@ mod tests {
         }
     }
 
-    /// Returns the number of periods for which a standing axis bears this current. Every tenth reading is missing, or
-    /// shows the current `tenth`.
+    /// Returns the number of periods for which a standing axis bears this current. Every tenth
+    /// reading is missing, or shows the current `tenth`.
     fn bears(amperes: f64, tenth: Option<f64>) -> Option<u32> {
         let gains = ServoGains::parse(IRP6).unwrap();
         let mut watch = Watch::new(&gains, [0; AXES], Length::default());

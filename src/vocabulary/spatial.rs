@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 /// A rigid transform `to_from`: it takes coordinates in `from` to coordinates in `to` [m].
 pub type Pose = Isometry3<f64>;
 
-/// Returns whether a pose is made of numbers, with a rotation of unit length: for `debug_assert!` where poses cross
-/// from one part to another.
+/// Returns whether a pose is made of numbers, with a rotation of unit length: for `debug_assert!`
+/// where poses cross from one part to another.
 #[must_use]
 pub fn is_rigid(pose: &Pose) -> bool {
     pose.translation.vector.iter().all(|c| c.is_finite())

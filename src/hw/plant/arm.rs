@@ -267,8 +267,9 @@ impl PlantArm {
             self.placement.dynamics(&self.dynamics.links, &self.v, &self.gravity);
     }
 
-    /// Takes one substep of `dt` seconds under joint torques from outside (contact). `grip` is the stiffness of
-    /// the contact about the base's origin in base axes, which the step takes implicitly.
+    /// Takes one substep of `dt` seconds under joint torques from outside (contact). `grip` is the
+    /// stiffness of the contact about the base's origin in base axes, which the step takes
+    /// implicitly.
     pub(super) fn step(
         &mut self,
         drive: &ArmDrive,
@@ -303,8 +304,8 @@ impl PlantArm {
         self.place();
     }
 
-    /// Returns inertia and impulse of the motors at their shafts: diagonal inertia, linear speed term, friction as a
-    /// bristle with a limit.
+    /// Returns inertia and impulse of the motors at their shafts: diagonal inertia, linear speed
+    /// term, friction as a bristle with a limit.
     fn motor_loads(
         &self,
         drive: &ArmDrive,
@@ -344,8 +345,9 @@ impl PlantArm {
         }
     }
 
-    /// Returns matrix and right side of the links' equation with the motors eliminated:
-    /// `(M + S - S (Mm + S)^-1 S) v = bv + S (Mm + S)^-1 bw`. `at_rest` are the motors' speeds with links that stand.
+    /// Returns matrix and right side of the links' equation with the motors eliminated: `(M + S - S
+    /// (Mm + S)^-1 S) v = bv + S (Mm + S)^-1 bw`. `at_rest` are the motors' speeds with links that
+    /// stand.
     fn link_side(
         &self,
         motors: &MotorSide,
@@ -373,8 +375,8 @@ impl PlantArm {
         (a, b)
     }
 
-    /// Moves links with the velocities `v` and motors with those that `w`, in joint coordinates, makes of them; hard
-    /// stops hold the motors.
+    /// Moves links with the velocities `v` and motors with those that `w`, in joint coordinates,
+    /// makes of them; hard stops hold the motors.
     fn advance(&mut self, v: &[f64; AXES], w: &[f64; AXES], ratios: &[[f64; AXES]; AXES], dt: f64) {
         self.v = *v;
         for j in 0..AXES {

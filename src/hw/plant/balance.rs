@@ -225,7 +225,8 @@ impl Balance {
         }
     }
 
-    /// Moves the bodies, round by round, to where all forces on them balance; returns what the table bears there.
+    /// Moves the bodies, round by round, to where all forces on them balance; returns what the
+    /// table bears there.
     fn find_balance(
         &mut self,
         puzzle: &Puzzle,
@@ -262,8 +263,8 @@ impl Balance {
         None
     }
 
-    /// Returns all forces on the bodies where they are now: grippers, weight, the operator's hand, the table, and the
-    /// interface between two bodies.
+    /// Returns all forces on the bodies where they are now: grippers, weight, the operator's hand,
+    /// the table, and the interface between two bodies.
     fn load(
         &mut self,
         puzzle: &Puzzle,

@@ -94,7 +94,8 @@ pub(super) struct Bodies<'a> {
 }
 
 impl Collisions {
-    /// Looks at the way since the last period and at where everything is now; `found` is called with each new contact.
+    /// Looks at the way since the last period and at where everything is now; `found` is called
+    /// with each new contact.
     pub(super) fn look(&mut self, bodies: &Bodies<'_>, mut found: impl FnMut(Incident)) {
         self.torques = [[0.0; AXES]; 2];
         let now = Scene::of(bodies);
@@ -126,7 +127,8 @@ impl Collisions {
         look.cube(scene, near);
     }
 
-    /// Pushes the two parts of a contact apart; `holder` is the arm that a load on the cube is passed on to.
+    /// Pushes the two parts of a contact apart; `holder` is the arm that a load on the cube is
+    /// passed on to.
     fn push(
         &mut self,
         arms: &[PlantArm],
@@ -163,7 +165,8 @@ impl Collisions {
     }
 }
 
-/// One look at one instant. Each pair of parts has a bit of [`Collisions::active`], in the order of the calls.
+/// One look at one instant. Each pair of parts has a bit of [`Collisions::active`], in the order of
+/// the calls.
 struct Look<'a, F> {
     collisions: &'a mut Collisions,
     bodies: &'a Bodies<'a>,

@@ -333,8 +333,8 @@ impl OperatorHand {
         }
     }
 
-    /// Offers the cube: lets go when jaws hold it long or firmly enough, draws it back when it is not taken. The hand
-    /// has arrived at `arrived` [s].
+    /// Offers the cube: lets go when jaws hold it long or firmly enough, draws it back when it is
+    /// not taken. The hand has arrived at `arrived` [s].
     fn offer(&mut self, t: f64, arrived: f64, sight: &Sight, felt: &Felt) {
         let s = self.script;
         let Felt { closed, loaded, .. } = *felt;

@@ -5,10 +5,11 @@ use crate::motion::JointPositions;
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
 
-/// What a plant is made of, whatever became of it: a state goes with any plant of the same identity.
+/// What a plant is made of, whatever became of it: a state goes with any plant of the same
+/// identity.
 ///
-/// How a run begins is not in it, since the state tells; nor are faults and the period's length, which may be others when
-/// a run goes on.
+/// How a run begins is not in it, since the state tells; nor are faults and the period's length,
+/// which may be others when a run goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     seed: u64,

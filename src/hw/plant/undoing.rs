@@ -1,4 +1,5 @@
-//! How long a fault undoes a turn: the layers slip back until that turn is over, and in no other one.
+//! How long a fault undoes a turn: the layers slip back until that turn is over, and in no other
+//! one.
 //!
 //! - in: whether the fault acts, and which turn is under way
 //! - out: whether the layers slip back in this period
@@ -18,8 +19,8 @@ pub(super) enum Undoing {
 }
 
 impl Undoing {
-    /// Returns the state one period later. `acts` says whether the fault acts in that period, `turns` which turn is
-    /// under way.
+    /// Returns the state one period later. `acts` says whether the fault acts in that period,
+    /// `turns` which turn is under way.
     pub(super) fn after(self, acts: bool, turns: Option<Split>) -> Self {
         match (self, turns) {
             _ if !acts => Self::Not,

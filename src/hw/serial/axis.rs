@@ -299,10 +299,11 @@ impl Axis {
         f64::from(self.rules.jump) * self.interval.longest()
     }
 
-    /// Returns whether a reading can be true; notes one that a motor cannot show, as another one may confirm it.
+    /// Returns whether a reading can be true; notes one that a motor cannot show, as another one
+    /// may confirm it.
     ///
-    /// Answers have no checksum: one wrong bit would throw an axis about. A motor that was really carried off shows so
-    /// again, somewhere near.
+    /// Answers have no checksum: one wrong bit would throw an axis about. A motor that was really
+    /// carried off shows so again, somewhere near.
     fn is_possible(&mut self, now: &Status, settled: bool) -> bool {
         let plain = self.step.abs() + LEAP * self.interval.since().max(1.0).powi(2);
         let jump = f64::from(self.rules.jump);
@@ -368,8 +369,8 @@ impl Axis {
         if self.age > APART {
             self.step = f64::from(now.count.wrapping_sub(self.from)) / self.age;
         }
-        // One that shows half of what a gap hid, or what the time since the last one does not explain, is of now.
-        // Periods by the clock are never quite one.
+        // One that shows half of what a gap hid, or what the time since the last one does not
+        // explain, is of now. Periods by the clock are never quite one.
         let gap = since > 1.0 + APART;
         let explained = (self.fast + 2.0 * LEAP) * since.max(1.0);
         self.interval.read(gap && gone > 0.5 * self.fast * since || gone > explained);

@@ -2,14 +2,16 @@
 //!
 //! - in: the way that a motor can have gone in a gap; the backlog of its regulator
 //! - out: the part of the backlog that is no error
-//! - a motor that went on during a gap is not at fault, and the servo works the way off: as much as the motor can have
-//!   gone while its place is not known, and on the side on which it is as soon as that is known. Gaps that follow
-//!   each other allow for the backlog of all of them, but beyond it no more than the last of them hides
+//! - a motor that went on during a gap is not at fault, and the servo works the way off: as much as
+//!   the motor can have gone while its place is not known, and on the side on which it is as soon
+//!   as that is known. Gaps that follow each other allow for the backlog of all of them, but beyond
+//!   it no more than the last of them hides
 
 use super::StepFilter;
 use crate::servo::period::Length;
 
-/// Way that a motor can have gone in gaps and that may still be in its regulator's backlog [rad of the motor].
+/// Way that a motor can have gone in gaps and that may still be in its regulator's backlog [rad of
+/// the motor].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Allowance {
     way: f64,
@@ -24,7 +26,8 @@ impl Allowance {
         Self { way: 0.0, drain: StepFilter::DRAIN * period.ratio() }
     }
 
-    /// Notes a reading: the motor can have gone `hidden` in the gap before it. Returns the whole allowance.
+    /// Notes a reading: the motor can have gone `hidden` in the gap before it. Returns the whole
+    /// allowance.
     pub fn read(&mut self, hidden: f64) -> f64 {
         self.way = (self.way - self.drain).max(0.0) + hidden;
         self.way

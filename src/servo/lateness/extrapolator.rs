@@ -1,10 +1,12 @@
 //! Readings of all arms for each period, from readings that come late.
 //!
-//! - in: the number of the period, and the latest readings with the period of theirs; missed periods
-//! - out: the readings for this period: late ones carried on by the mean step of each counter, and marked
-//! - a reading that is `extrapolated` is not judged by watchdogs until the counter is read again. If a bridge is late
-//!   steadily, or nothing could be judged for 0.1 s, its late readings are all that there is and are judged: otherwise
-//!   the watchdogs would look away for ever
+//! - in: the number of the period, and the latest readings with the period of theirs; missed
+//!   periods
+//! - out: the readings for this period: late ones carried on by the mean step of each counter, and
+//!   marked
+//! - a reading that is `extrapolated` is not judged by watchdogs until the counter is read again.
+//!   If a bridge is late steadily, or nothing could be judged for 0.1 s, its late readings are all
+//!   that there is and are judged: otherwise the watchdogs would look away for ever
 
 use crate::motion::AXES;
 use crate::servo::io::ArmReading;
@@ -36,27 +38,28 @@ pub struct Extrapolator {
     steadily_late: u64,
     /// Periods since readings were last judged.
     unjudged: u64,
-    /// How many of the next readings may span missed periods, and the most missed periods that one of them can span.
+    /// How many of the next readings may span missed periods, and the most missed periods that one
+    /// of them can span.
     unsure: u32,
     missed: u64,
 }
 
 impl Extrapolator {
-    /// Time without a new reading after which the bridge counts as lost [ns]. The original's 10 ms would
-    /// trip wherever an ordinary user's threads wait for a busy processor.
+    /// Time without a new reading after which the bridge counts as lost [ns]. The original's 10 ms
+    /// would trip wherever an ordinary user's threads wait for a busy processor.
     const LOST: u64 = 100_000_000;
-    /// Periods for which a counter is taken to go on as before while readings are late. An axis that stands still
-    /// for a period and then goes twice as far would make its regulator brake fully in between, which trips a power
-    /// stage at speed.
+    /// Periods for which a counter is taken to go on as before while readings are late. An axis
+    /// that stands still for a period and then goes twice as far would make its regulator brake
+    /// fully in between, which trips a power stage at speed.
     const GOES_ON: u64 = 10;
-    /// Periods by which readings may be late if a bridge is to count as steadily late. A counter that is carried on
-    /// farther is off by more than watchdogs allow for.
+    /// Periods by which readings may be late if a bridge is to count as steadily late. A counter
+    /// that is carried on farther is off by more than watchdogs allow for.
     const CLOSE: u64 = 3;
-    /// Number of steps over which their mean is taken, about: a step that was read late and then early says nothing
-    /// about the speed.
+    /// Number of steps over which their mean is taken, about: a step that was read late and then
+    /// early says nothing about the speed.
     const STEPS: i64 = 3;
-    /// New readings after missed periods that may show the steps of these periods: one that was not fetched yet, one of
-    /// an exchange that had begun, and the one after it.
+    /// New readings after missed periods that may show the steps of these periods: one that was not
+    /// fetched yet, one of an exchange that had begun, and the one after it.
     const UNSURE: u32 = 3;
 
     /// Begins with the readings of the period before the first one. A period lasts `length` [ns].
@@ -74,13 +77,14 @@ impl Extrapolator {
         }
     }
 
-    /// Notes that periods were missed before the next one. Missed periods have no numbers, and readings are numbered by
-    /// periods.
+    /// Notes that periods were missed before the next one. Missed periods have no numbers, and
+    /// readings are numbered by periods.
     pub fn skipped(&mut self, missed: u64) {
         self.unjudged += missed;
         self.missed = self.missed.max(missed);
         self.unsure = Self::UNSURE;
-        // The first readings may be off. They are judged again soon, because periods may be missed again and again.
+        // The first readings may be off. They are judged again soon, because periods may be missed
+        // again and again.
         self.steadily_late = self.steadily_late.min(Self::GOES_ON - u64::from(Self::UNSURE));
     }
 
@@ -106,7 +110,8 @@ impl Extrapolator {
             if !judged {
                 reading.extrapolated = u8::MAX;
             }
-            // A bridge that is always a period behind brings news in each period, and its readings are carried on.
+            // A bridge that is always a period behind brings news in each period, and its readings
+            // are carried on.
             if !new {
                 reading.no_answer = u8::MAX;
                 // A wrench counts once: no mean and no zero is made of one that was read before.
@@ -127,11 +132,12 @@ impl Extrapolator {
         self.silent * self.length > Self::LOST
     }
 
-    /// Returns whether watchdogs judge the readings of this period, which are `late_by` so many periods; `new` ones
-    /// have come in it.
+    /// Returns whether watchdogs judge the readings of this period, which are `late_by` so many
+    /// periods; `new` ones have come in it.
     ///
-    /// After readings that came in time, counters are carried on for a while and judged when they are read again. Where
-    /// all readings are late, or have been late for long, they are what there is to judge.
+    /// After readings that came in time, counters are carried on for a while and judged when they
+    /// are read again. Where all readings are late, or have been late for long, they are what there
+    /// is to judge.
     fn is_judged(&mut self, late_by: u64, new: bool) -> bool {
         let late = late_by > 0;
         self.steadily_late =
@@ -175,10 +181,11 @@ impl Extrapolator {
         self.seen = latest;
     }
 
-    /// Returns by how much the mean of a counter's step changes with a reading that shows that it has `gone` so far in
-    /// the least and the most `periods`.
+    /// Returns by how much the mean of a counter's step changes with a reading that shows that it
+    /// has `gone` so far in the least and the most `periods`.
     ///
-    /// If missed periods may be among them, a step that agrees with the mean so far changes nothing.
+    /// If missed periods may be among them, a step that agrees with the mean so far changes
+    /// nothing.
     fn change(mean: i64, gone: i64, periods: (i64, i64)) -> i64 {
         let (fast, slow) = (gone / periods.0, gone / periods.1);
         let change = mean.clamp(fast.min(slow), fast.max(slow)) - mean;

@@ -1,15 +1,17 @@
 //! The time in which the step between two readings of a counter may have been made.
 //!
 //! - in: periods that pass, missed ones too; readings, when they come
-//! - out: the longest time for the next step; by how much the last reading may be older than it seems
-//! - after a gap it is not known at which end of the gap the first reading was taken: a device, or the answer of a
-//!   line, may have stood still together with this machine. This reading shows next to no step, and the one after it
-//!   shows the whole step of the gap
+//! - out: the longest time for the next step; by how much the last reading may be older than it
+//!   seems
+//! - after a gap it is not known at which end of the gap the first reading was taken: a device, or
+//!   the answer of a line, may have stood still together with this machine. This reading shows next
+//!   to no step, and the one after it shows the whole step of the gap
 
 /// Number of readings after a gap that may still be as old as the gap.
 const DOUBTFUL_READINGS: u32 = 4;
-/// A gap is longer by this than the period between readings that follow each other, or more [periods]. In shorter
-/// gaps single answers were missed: the machine did not stand still, and the step that they show is believed.
+/// A gap is longer by this than the period between readings that follow each other, or more
+/// [periods]. In shorter gaps single answers were missed: the machine did not stand still, and the
+/// step that they show is believed.
 const GAP: f64 = 2.5;
 
 /// Time between the readings of one counter [periods].
@@ -39,15 +41,15 @@ impl Interval {
         self.older
     }
 
-    /// Returns the longest time in which the step to a reading of now can have been made, at least one period
-    /// [periods].
+    /// Returns the longest time in which the step to a reading of now can have been made, at least
+    /// one period [periods].
     #[must_use]
     pub fn longest(&self) -> f64 {
         self.since.max(1.0) + self.older
     }
 
-    /// Notes that the counter was read. If the reading `shows_gap`, that is, the step that a gap hid, the readings
-    /// after it are as new as they seem.
+    /// Notes that the counter was read. If the reading `shows_gap`, that is, the step that a gap
+    /// hid, the readings after it are as new as they seem.
     pub fn read(&mut self, shows_gap: bool) {
         let gap = self.since - 1.0;
         if shows_gap {

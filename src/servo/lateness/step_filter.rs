@@ -1,9 +1,10 @@
-//! The step of an axis as its regulator gets it: a step that no motor can make is late news, not a motion.
+//! The step of an axis as its regulator gets it: a step that no motor can make is late news, not a
+//! motion.
 //!
-//! - in: how far the counter went since the last period, whatever lies between: missed periods, late answers, an
-//!   order that the controller read a little early or late
-//! - out: a step that a motor can have made; the rest is the backlog, which drains into the following steps, so that
-//!   nothing is lost
+//! - in: how far the counter went since the last period, whatever lies between: missed periods,
+//!   late answers, an order that the controller read a little early or late
+//! - out: a step that a motor can have made; the rest is the backlog, which drains into the
+//!   following steps, so that nothing is lost
 
 use crate::servo::period::Length;
 
@@ -24,17 +25,18 @@ pub struct StepFilter {
 }
 
 impl StepFilter {
-    /// Most change of a motor's step from one period of 2 ms to the next [rad]: the fastest motors reach their speed of
-    /// 330 rad/s in 40 ms, 0.033 rad; they stop more softly than that.
+    /// Most change of a motor's step from one period of 2 ms to the next [rad]: the fastest motors
+    /// reach their speed of 330 rad/s in 40 ms, 0.033 rad; they stop more softly than that.
     const CHANGE: f64 = 0.06;
     /// A motor's step of 2 ms at full speed [rad].
     const FASTEST: f64 = 0.66;
-    /// Share of that change which is believed of a motor at rest without drive: the load may move it.
+    /// Share of that change which is believed of a motor at rest without drive: the load may move
+    /// it.
     const REST: f64 = 0.15;
     /// Resolution of the encoder, with a margin [increments].
     const ENCODER: f64 = 3.0;
-    /// Periods for which an axis is taken to go on as before. After these the counter is believed, as fast as a motor
-    /// could change its speed.
+    /// Periods for which an axis is taken to go on as before. After these the counter is believed,
+    /// as fast as a motor could change its speed.
     const GOES_ON: u32 = 3;
     /// Share of the backlog that drains in 2 ms.
     const SHARE: f64 = 0.04;
@@ -56,8 +58,9 @@ impl StepFilter {
         }
     }
 
-    /// Returns the step for the regulator, from the counter's `step` [increments]. The motor was driven by `drive`, a
-    /// share of the full pulse width: drive, speed and friction together bound by how much a step can change.
+    /// Returns the step for the regulator, from the counter's `step` [increments]. The motor was
+    /// driven by `drive`, a share of the full pulse width: drive, speed and friction together bound
+    /// by how much a step can change.
     pub fn filter(&mut self, step: f64, drive: f64) -> f64 {
         let share = (Self::REST + drive.abs() + (self.last / self.fastest).abs()).min(1.0);
         let change = self.change * share + Self::ENCODER;
@@ -78,7 +81,8 @@ impl StepFilter {
         likely + drained
     }
 
-    /// Returns how far the motor is ahead of the steps that the regulator was given, or behind them [increments].
+    /// Returns how far the motor is ahead of the steps that the regulator was given, or behind them
+    /// [increments].
     #[must_use]
     pub fn backlog(&self) -> f64 {
         self.backlog

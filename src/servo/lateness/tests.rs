@@ -116,14 +116,18 @@ fn first_reading_after_silence_is_not_judged() {
     }
 }
 
-/// A servo and a bridge whose exchanges take time, on a machine that sometimes stands still; times in periods.
+/// A servo and a bridge whose exchanges take time, on a machine that sometimes stands still; times
+/// in periods.
 struct Machine<E> {
-    /// Length of an exchange, by the period in which it begins, and the share of it at which counters are read.
+    /// Length of an exchange, by the period in which it begins, and the share of it at which
+    /// counters are read.
     exchange: E,
     sampled: f64,
-    /// Time at which both threads stand still first, for how long, and after how many periods again.
+    /// Time at which both threads stand still first, for how long, and after how many periods
+    /// again.
     stands: (f64, f64, f64),
-    /// Speed of a motor [rad/s]; the time from which it differs from the set value's, and the speed then.
+    /// Speed of a motor [rad/s]; the time from which it differs from the set value's, and the speed
+    /// then.
     speed: f64,
     runaway: (f64, f64),
 }
@@ -138,7 +142,8 @@ impl<E: Fn(u64) -> f64> Machine<E> {
         (self.speed * time.min(from) + speed * (time - from).max(0.0)) * 0.002
     }
 
-    /// Returns the first fault of a watchdog with its time, and the longest time in which nothing is judged.
+    /// Returns the first fault of a watchdog with its time, and the longest time in which nothing
+    /// is judged.
     fn run(&self) -> (Option<(f64, ArmFault)>, f64) {
         let mut link = Link::default();
         let gains = ServoGains::parse(IRP6).unwrap();

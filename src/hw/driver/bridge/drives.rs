@@ -11,8 +11,8 @@ pub(super) struct Drives {
 }
 
 impl Drives {
-    /// Merges `earlier` drives that were not carried out into these: an order to switch off and an order to
-    /// synchronise must not be left out.
+    /// Merges `earlier` drives that were not carried out into these: an order to switch off and an
+    /// order to synchronise must not be left out.
     pub(super) fn instead_of(mut self, earlier: &Self) -> Self {
         for (drive, earlier) in self.drives.iter_mut().zip(&earlier.drives) {
             drive.enabled &= earlier.enabled;

@@ -2,7 +2,8 @@
 //!
 //! - in: drives, by a ring; the newest only, unless the port counts each
 //! - out: readings, by a triple buffer; the port and its fault when the loop ends
-//! - the drives are switched off when the servo has been silent for 0.2 s, and when its side is dropped
+//! - the drives are switched off when the servo has been silent for 0.2 s, and when its side is
+//!   dropped
 //! - a port that failed repeats its stop in each period until the run is over
 
 use super::drives::Drives;
@@ -20,7 +21,8 @@ pub(super) const SILENCE: Duration = Duration::from_millis(200);
 /// Time without drives after which controllers may have stopped by themselves.
 pub(super) const STALL: Duration = Duration::from_millis(40);
 
-/// Time after a stall in which it may be the cause of a fault: lines believe a controller's error mode the second time.
+/// Time after a stall in which it may be the cause of a fault: lines believe a controller's error
+/// mode the second time.
 const LATELY: Duration = Duration::from_millis(40);
 
 /// Longest sleep while no drives come.
@@ -49,7 +51,8 @@ pub(super) struct Exchange<P, H> {
 struct Times {
     /// When drives last came from the servo, or were switched off in its place.
     heard: Instant,
-    /// When drives last went out. `None` before the first order: the arms are not driven while the servo gets its rights.
+    /// When drives last went out. `None` before the first order: the arms are not driven while the
+    /// servo gets its rights.
     driven: Option<Instant>,
     /// When the last stall ended, and how long it was.
     stall: Option<(Instant, Duration)>,
@@ -66,7 +69,8 @@ impl Times {
 type Flow = ControlFlow<Option<PortFault>>;
 
 impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
-    /// Exchanges until the servo's side is dropped or the port fails; returns the port and its fault.
+    /// Exchanges until the servo's side is dropped or the port fails; returns the port and its
+    /// fault.
     pub(super) fn run(mut self) -> (P, Option<PortFault>) {
         let mut times = Times { heard: Instant::now(), driven: None, stall: None };
         loop {
@@ -143,8 +147,8 @@ impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
     }
 }
 
-/// Returns what a fault's reason ends with if no order had gone out for long before it: controllers stop by themselves
-/// then.
+/// Returns what a fault's reason ends with if no order had gone out for long before it: controllers
+/// stop by themselves then.
 fn after_stall(gap: Duration) -> String {
     if gap > STALL {
         format!("; before that this machine sent nothing for {} ms", gap.as_millis())

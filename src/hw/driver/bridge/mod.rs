@@ -1,8 +1,9 @@
 //! The bridge: a thread that owns the port, so that the servo thread never waits for a device.
 //!
-//! Drives go over by a ring, the latest readings come back by a triple buffer. The exchange of period k takes
-//! place within that period, so its readings are there for period k + 1, just as on the virtual driver.
-//! The hook after each exchange (scenes, the witness) costs this thread's time, never the servo's.
+//! Drives go over by a ring, the latest readings come back by a triple buffer. The exchange of
+//! period k takes place within that period, so its readings are there for period k + 1, just as on
+//! the virtual driver. The hook after each exchange (scenes, the witness) costs this thread's time,
+//! never the servo's.
 //!
 //! - [`Bridge`]: the running thread, for the owner of the driver
 //! - [`BridgePort`]: the servo's side
@@ -38,8 +39,8 @@ pub struct Bridge<P> {
 }
 
 impl<P: Port + 'static> Bridge<P> {
-    /// Starts the thread under `SCHED_FIFO` at `priority`, if it may. `first` are the readings of period 0,
-    /// `length` that of a period [ns]; `hook` is called after each exchange.
+    /// Starts the thread under `SCHED_FIFO` at `priority`, if it may. `first` are the readings of
+    /// period 0, `length` that of a period [ns]; `hook` is called after each exchange.
     ///
     /// # Errors
     /// What the operating system says.
@@ -83,8 +84,8 @@ impl<P: Port + 'static> Bridge<P> {
 }
 
 impl<P> Bridge<P> {
-    /// Waits for the thread, which ends when the servo's side is dropped or the port fails; returns the port
-    /// and its fault. `None` when the thread panicked.
+    /// Waits for the thread, which ends when the servo's side is dropped or the port fails; returns
+    /// the port and its fault. `None` when the thread panicked.
     #[must_use]
     pub fn join(mut self) -> Option<(P, Option<PortFault>)> {
         self.end()?.join().ok()

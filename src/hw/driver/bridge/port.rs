@@ -1,7 +1,8 @@
 //! The servo's side of the bridge: it never waits.
 //!
 //! - in: the drives of a period
-//! - out: the readings for a period, late ones carried on and marked: see [`crate::servo::lateness`]
+//! - out: the readings for a period, late ones carried on and marked: see
+//!   [`crate::servo::lateness`]
 
 use super::drives::Drives;
 use crate::servo::io::{ArmDrive, ArmReading};
@@ -32,8 +33,8 @@ pub struct BridgeLost {
 }
 
 impl BridgePort {
-    /// Makes the servo's side of both channels; `first` are the readings of the period before the first one, a period
-    /// lasts `length` [ns].
+    /// Makes the servo's side of both channels; `first` are the readings of the period before the
+    /// first one, a period lasts `length` [ns].
     pub(super) fn new(
         drives: rtrb::Producer<Drives>,
         readings: triple_buffer::Output<Readings>,
@@ -50,8 +51,8 @@ impl BridgePort {
         self.extrapolator.skipped(missed);
     }
 
-    /// Copies the readings for `period`, at its beginning: those of the period before, or late ones carried on by the
-    /// counters' mean steps.
+    /// Copies the readings for `period`, at its beginning: those of the period before, or late ones
+    /// carried on by the counters' mean steps.
     ///
     /// # Errors
     /// The bridge has failed or been silent for 0.1 s.

@@ -32,7 +32,8 @@ fn silent_bridge_is_lost_but_a_late_one_is_not() {
     assert_eq!(lost, Some(203 + 50));
 }
 
-/// A port that answers until its second order to stop, as a line does whose controller has stopped by itself.
+/// A port that answers until its second order to stop, as a line does whose controller has stopped
+/// by itself.
 #[derive(Default)]
 struct Stopped(u32);
 

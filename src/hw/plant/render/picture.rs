@@ -359,8 +359,8 @@ fn meet_plate(
     (u >= u0 && u <= u1 && v >= v0 && v <= v1).then_some((t, u, v))
 }
 
-/// Returns where a ray (of unit length) meets a rod before `limit`: distance and outward normal. The rod comes with its
-/// unit vector and its length.
+/// Returns where a ray (of unit length) meets a rod before `limit`: distance and outward normal.
+/// The rod comes with its unit vector and its length.
 fn meet_rod(
     (rod, axis, length): (&Rod, &Vector3<f64>, f64),
     from: &Point3<f64>,

@@ -8,7 +8,8 @@ use crate::hw::plant::render::solids::Skin;
 use crate::spatial::Pose;
 use nalgebra::Vector3;
 
-/// A ray (x, y, 1) that meets a surface at `t` times this; `step` is how far the neighbour rays are in x and y.
+/// A ray (x, y, 1) that meets a surface at `t` times this; `step` is how far the neighbour rays are
+/// in x and y.
 struct Ray {
     x: f32,
     y: f32,
@@ -63,7 +64,8 @@ impl View {
         std::array::from_fn(|c| albedo[c] * light + shine * self.lamp.cast[c])
     }
 
-    /// Returns the colour of stickers and body around the point that a ray meets, averaged over the aperture.
+    /// Returns the colour of stickers and body around the point that a ray meets, averaged over the
+    /// aperture.
     #[inline(always)]
     fn stickers_at(&self, facet: &Facet, colours: &[u8; 9], pitch: f32, ray: &Ray) -> Rgb {
         let Ray { x, y, t, step } = *ray;
