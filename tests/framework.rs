@@ -10,7 +10,9 @@ use rubik_robot::actors::control::Control;
 use rubik_robot::actors::edp::EdpHandle;
 use rubik_robot::actors::move_instruction::example_manner;
 use rubik_robot::actors::mp::{Coordination, Ending, Mp, Parts};
-use rubik_robot::actors::notice::{self, Notice};
+use rubik_robot::actors::notice::Notice;
+use rubik_robot::actors::services::Services;
+use rubik_robot::actors::trace::Trace;
 use rubik_robot::actors::work::Work;
 use rubik_robot::actors::{ecp, edp};
 use rubik_robot::emergency_stop::{EmergencyStop, StopButton};
@@ -108,18 +110,18 @@ fn rig_that_notes(
     });
 
     let (control, will) = watch::channel(Control::Running);
-    let (ui, notices) = notice::mailbox();
-    let edp = edp::spawn(&arm.name, link, clock.clone(), tape.clone());
+    let (trace, notices) = Trace::bare(tape);
+    let services = Services::bare(clock, will, trace);
+    let edp = edp::spawn(&arm.name, link, &services);
     let parts = ecp::Parts {
         edp: edp.clone(),
         tracker: None,
         hand_camera: None,
         manner: example_manner(),
-        control: will.clone(),
-        tape: tape.clone(),
+        services: services.clone(),
     };
     let ecps = vec![ecp::spawn(&arm.name, parts)];
-    let parts = Parts::bare(ecps, vec![example_manner()], will, ui, clock, tape);
+    let parts = Parts::bare(ecps, vec![example_manner()], services);
     let mp = Mp::new(Parts { coordination, journal: journal(&scene), ..parts });
     Rig {
         mp,
@@ -465,12 +467,13 @@ async fn a_slow_disk_stops_nobody_but_who_waits_for_it_and_a_full_one_nobody_at_
     let takes = Duration::from_secs(1);
     for full in [false, true] {
         let (control, will) = watch::channel(Control::Running);
-        let (ui, mut notices) = notice::mailbox();
+        let (trace, mut notices) = Trace::bare(RunHash::default());
         let clock = Clock::new(tokio::time::Instant::now(), Arc::new(Switches::default()));
-        let parts =
-            Parts::bare(vec![], vec![example_manner()], will, ui, clock, RunHash::default());
+        let mut services = Services::bare(clock, will, trace);
+        services.work = Work(Pace::RealTime);
+        let parts = Parts::bare(vec![], vec![example_manner()], services);
         let journal = Journal::kept_by(Path::new("/nowhere/j"), Box::new(Slow { takes, full }));
-        let mp = Mp::new(Parts { work: Work(Pace::RealTime), journal: Some(journal), ..parts });
+        let mp = Mp::new(Parts { journal: Some(journal), ..parts });
         let longest = Arc::new(Mutex::new(Duration::ZERO));
         let beats = tokio::spawn({
             let longest = Arc::clone(&longest);

@@ -3,22 +3,22 @@
 //! Under continuous coordination it transmits what MP computes; under sporadic coordination it runs the generators
 //! of the behaviours that MP invokes, with the readings of the VSPs that belong to it.
 
-use super::alarm::{Care, Pulse};
-use super::control::{Control, permission_soon};
+use super::control::permission_soon;
 use super::edp::EdpHandle;
-use super::fault::Mishap;
-use super::move_instruction::{Manner, Motion};
+use super::fault::ActorFault;
+use super::move_instruction::{Manner, MoveInstruction};
+use super::services::Services;
 use super::vsp::VspHandle;
+use super::watchdog::{Heartbeat, Supervision};
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::{ArmState, MoveCommand, PERIOD};
-use crate::record::run_hash::RunHash;
 use crate::tasks::View;
 use crate::vision::sensor::FaceReading;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{mpsc, oneshot};
 use tracing::Instrument as _;
 
 /// Capacity of the mailbox: one request under way and one end from above.
@@ -153,121 +153,115 @@ pub struct Parts {
     pub hand_camera: Option<VspHandle>,
     /// How its generators behave.
     pub manner: Manner,
-    /// The operator's will.
-    pub control: watch::Receiver<Control>,
-    /// Where messages are noted.
-    pub tape: RunHash,
+    /// The services of the run.
+    pub services: Services,
 }
 
 struct Ecp {
     name: String,
     parts: Parts,
     mailbox: mpsc::Receiver<Request>,
-    mishap: Arc<Mishap>,
+    fault: Arc<ActorFault>,
     alive: Arc<AtomicU64>,
-    pulse: Pulse,
+    heartbeat: Heartbeat,
 }
 
 /// Creates an ECP.
 #[must_use]
 pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
-    spawn_under(name, parts, &Care::default())
-}
-
-/// The same under somebody's care.
-pub(crate) fn spawn_under(name: &str, parts: Parts, care: &Care) -> EcpHandle {
     let (mailbox, requests) = mpsc::channel(MAILBOX);
     let name = format!("ecp {name}");
-    let (mishap, alive) = (Arc::clone(&care.mishap), Arc::default());
+    let Supervision { watchdog, fault, patience } = parts.services.supervision.clone();
+    let alive = Arc::default();
     // Between two signs of life lies a macrostep, and whatever the EDP may take for it.
     let macrostep = f64::from(parts.manner.compliance.macrostep) * PERIOD;
-    let patience = Duration::from_secs_f64(2.0 * macrostep) + 2 * care.patience;
+    let patience = Duration::from_secs_f64(2.0 * macrostep) + 2 * patience;
     let ecp = Ecp {
         name: name.clone(),
         parts,
         mailbox: requests,
-        mishap,
+        fault,
         alive: Arc::clone(&alive),
-        pulse: care.alarm.pulse(&name),
+        heartbeat: watchdog.heartbeat(&name),
     };
     let span = tracing::info_span!("ecp", name = ecp.name);
-    care.alarm.spawn(&name, ecp.run().instrument(span));
+    watchdog.spawn(&name, ecp.run().instrument(span));
     EcpHandle { name, mailbox, alive, patience }
 }
 
 impl Ecp {
     async fn run(mut self) {
         while let Some(request) = self.mailbox.recv().await {
-            self.pulse.works();
-            self.mishap.at_the_door().await;
+            self.heartbeat.works();
+            self.fault.at_the_door().await;
             let answers = !matches!(request, Request::End | Request::Watch { .. });
-            if answers && self.mishap.is_lost() {
-                self.pulse.waits();
+            if answers && self.fault.is_lost() {
+                self.heartbeat.waits();
                 continue;
             }
             self.alive.fetch_add(1, Ordering::Relaxed);
             match request {
                 Request::Transmit { command, reply } => {
-                    self.parts.tape.message("mp", &self.name, &command);
-                    let answer = self.pulse.away(self.parts.edp.execute(command)).await;
+                    self.parts.services.trace.message("mp", &self.name, &command);
+                    let answer = self.heartbeat.away(self.parts.edp.execute(command)).await;
                     let _ = reply.send(answer);
                 }
                 Request::Behave { behaviour, reply } => {
-                    self.parts.tape.message("mp", &self.name, &behaviour);
+                    self.parts.services.trace.message("mp", &self.name, &behaviour);
                     tracing::debug!(?behaviour, "begins");
                     let answer = self.behave(&behaviour).await;
                     tracing::debug!(?answer, "ends");
-                    self.parts.tape.message(&self.name, "mp", &answer);
+                    self.parts.services.trace.message(&self.name, "mp", &answer);
                     let _ = reply.send(answer);
                 }
                 // Nothing under way: it has ended by itself in the meantime.
                 Request::End => {}
                 Request::Bias { reply } => {
-                    self.parts.tape.message("mp", &self.name, &"bias");
-                    let answer = self.pulse.away(self.parts.edp.bias()).await;
+                    self.parts.services.trace.message("mp", &self.name, &"bias");
+                    let answer = self.heartbeat.away(self.parts.edp.bias()).await;
                     let _ = reply.send(answer);
                 }
                 Request::Synchronise { reply } => {
-                    self.parts.tape.message("mp", &self.name, &"synchronise");
-                    let answer = self.pulse.away(self.parts.edp.synchronise()).await;
+                    self.parts.services.trace.message("mp", &self.name, &"synchronise");
+                    let answer = self.heartbeat.away(self.parts.edp.synchronise()).await;
                     let _ = reply.send(answer);
                 }
                 Request::State { reply } => {
-                    let answer = self.pulse.away(self.parts.edp.state()).await;
+                    let answer = self.heartbeat.away(self.parts.edp.state()).await;
                     let _ = reply.send(answer);
                 }
                 Request::Watch { on } => {
-                    self.parts.tape.message("mp", &self.name, &("watch", on));
+                    self.parts.services.trace.message("mp", &self.name, &("watch", on));
                     if let Some(tracker) = &self.parts.tracker {
                         tracker.track(on);
                     }
                 }
                 Request::Look { view, reply } => {
-                    self.parts.tape.message("mp", &self.name, &view);
-                    let answer = self.pulse.away(self.look(view)).await;
-                    self.parts.tape.message(&self.name, "mp", &answer);
+                    self.parts.services.trace.message("mp", &self.name, &view);
+                    let answer = self.heartbeat.away(self.look(view)).await;
+                    self.parts.services.trace.message(&self.name, "mp", &answer);
                     let _ = reply.send(answer);
                 }
             }
-            self.pulse.waits();
+            self.heartbeat.waits();
         }
     }
 
     async fn behave(&mut self, behaviour: &Behaviour) -> Result<(Outcome, ArmState), Error> {
-        let mut motion = Motion::begin(behaviour, &self.parts.manner);
-        let mut state = self.pulse.away(self.parts.edp.state()).await?;
+        let mut motion = MoveInstruction::begin(behaviour, &self.parts.manner);
+        let mut state = self.heartbeat.away(self.parts.edp.state()).await?;
         loop {
             while motion.rests() {
                 self.alive.fetch_add(1, Ordering::Relaxed);
-                match self.pulse.away(permission_soon(&mut self.parts.control)).await {
+                match self.heartbeat.away(permission_soon(&mut self.parts.services.control)).await {
                     Some(Ok(())) => break,
                     Some(Err(_)) => return Ok((Outcome::Ended, state)),
-                    None => state = self.pulse.away(self.parts.edp.state()).await?,
+                    None => state = self.heartbeat.away(self.parts.edp.state()).await?,
                 }
             }
-            self.mishap.befall().await;
+            self.fault.befall().await;
             self.alive.fetch_add(1, Ordering::Relaxed);
-            motion.heed(*self.parts.control.borrow());
+            motion.heed(*self.parts.services.control.borrow());
             if matches!(self.mailbox.try_recv(), Ok(Request::End)) {
                 return Ok((Outcome::Ended, state));
             }
@@ -284,9 +278,9 @@ impl Ecp {
                     if let (Some(sensing), Some(tracker)) = (sensing, &self.parts.tracker) {
                         tracker.configure(sensing);
                     }
-                    state = match self.pulse.away(self.parts.edp.execute(command)).await {
+                    state = match self.heartbeat.away(self.parts.edp.execute(command)).await {
                         Err(error) if motion.bears(&error) => {
-                            self.pulse.away(self.parts.edp.state()).await?
+                            self.heartbeat.away(self.parts.edp.state()).await?
                         }
                         executed => executed?,
                     };

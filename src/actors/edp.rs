@@ -4,13 +4,14 @@
 //!
 //! An answer goes out two servo periods before the macrostep ends, so that the next one follows without a gap.
 
-use super::alarm::{Care, Pulse, answer_of};
 use super::clock::Clock;
-use super::fault::Mishap;
+use super::fault::ActorFault;
+use super::services::Services;
+use super::trace::Trace;
+use super::watchdog::{Heartbeat, Supervision, answer_of};
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::hw::driver::{HEART, ServoLink};
 use crate::motion::{ArmFault, ArmState, MoveCommand, MoveRefused, PERIOD, Synchronisation};
-use crate::record::run_hash::RunHash;
 use crate::servo::ServoCommand;
 use crate::spatial::Pose;
 use std::sync::Arc;
@@ -131,11 +132,11 @@ struct Edp {
     clock: Clock,
     mailbox: mpsc::Receiver<Request>,
     state: watch::Sender<ArmState>,
-    tape: RunHash,
+    trace: Trace,
     /// First period after the last command.
     free: u64,
-    mishap: Arc<Mishap>,
-    pulse: Pulse,
+    fault: Arc<ActorFault>,
+    heartbeat: Heartbeat,
     /// Commands that came twice, as far as they were told.
     doubles: u64,
     /// The force sensor has been zeroed before: the first time nobody knows where its zero is.
@@ -144,38 +145,27 @@ struct Edp {
 
 /// Creates an EDP around one arm's servo.
 #[must_use]
-pub fn spawn(name: &str, link: ServoLink, clock: Clock, tape: RunHash) -> EdpHandle {
-    spawn_under(name, link, clock, tape, &Care::default())
-}
-
-/// The same under somebody's care.
-pub(crate) fn spawn_under(
-    name: &str,
-    mut link: ServoLink,
-    clock: Clock,
-    tape: RunHash,
-    care: &Care,
-) -> EdpHandle {
+pub fn spawn(name: &str, mut link: ServoLink, services: &Services) -> EdpHandle {
     let (mailbox, requests) = mpsc::channel(MAILBOX);
     let (state, watching) = watch::channel(*link.state());
     let name = format!("edp {name}");
-    let mishap = Arc::clone(&care.mishap);
+    let Supervision { watchdog, fault, patience } = &services.supervision;
     let edp = Edp {
         name: name.clone(),
         link,
-        clock,
+        clock: services.clock.clone(),
         mailbox: requests,
         state,
-        tape,
+        trace: services.trace.clone(),
         free: 0,
-        mishap,
-        pulse: care.alarm.pulse(&name),
+        fault: Arc::clone(fault),
+        heartbeat: watchdog.heartbeat(&name),
         doubles: 0,
         zeroed: false,
     };
     let span = tracing::info_span!("edp", name = edp.name);
-    care.alarm.spawn(&name, edp.run().instrument(span));
-    EdpHandle { name, mailbox, state: watching, patience: care.patience }
+    watchdog.spawn(&name, edp.run().instrument(span));
+    EdpHandle { name, mailbox, state: watching, patience: *patience }
 }
 
 impl Edp {
@@ -185,10 +175,10 @@ impl Edp {
             self.clock.until(self.clock.period() + 1).await;
         }
         while let Some(request) = self.mailbox.recv().await {
-            self.pulse.works();
-            self.mishap.at_the_door().await;
-            if self.mishap.is_lost() {
-                self.pulse.waits();
+            self.heartbeat.works();
+            self.fault.at_the_door().await;
+            if self.fault.is_lost() {
+                self.heartbeat.waits();
                 continue;
             }
             let (answer, reply) = match request {
@@ -209,16 +199,16 @@ impl Edp {
                     )
                 }
             };
-            self.tape.message(&self.name, "ecp", &answer);
+            self.trace.message(&self.name, "ecp", &answer);
             // The asker may have gone; that is its affair.
             let _ = reply.send(answer);
-            self.pulse.waits();
+            self.heartbeat.waits();
         }
     }
 
     fn send(&mut self, place: &'static str, command: ServoCommand) -> Result<u64, Error> {
-        self.tape.message("edp", &self.name, &command);
-        if self.mishap.is_doubled() {
+        self.trace.message("edp", &self.name, &command);
+        if self.fault.is_doubled() {
             self.link.double();
         }
         self.link.send(command).map_err(|_| self.silent(place))
@@ -304,14 +294,14 @@ impl Edp {
             if self.link.is_closed() {
                 return Err(self.silent("synchronise"));
             }
-            self.pulse.away(self.clock.until(self.clock.period() + PROGRESS)).await;
+            self.heartbeat.away(self.clock.until(self.clock.period() + PROGRESS)).await;
         }
     }
 
     /// Waits until a period has come and the servo has dealt with a command. Under the wall clock the servo's
     /// periods and the runtime's time differ by a little, hence the polling.
     async fn done(&mut self, place: &'static str, ticket: u64, period: u64) -> Result<(), Error> {
-        self.pulse.away(self.clock.until(period)).await;
+        self.heartbeat.away(self.clock.until(period)).await;
         let patience = (SILENCE / POLL.as_secs_f64()) as u64;
         for _ in 0..patience {
             if self.link.is_done(ticket, EARLY) {
@@ -320,7 +310,7 @@ impl Edp {
             if self.link.is_closed() {
                 break;
             }
-            self.pulse.away(tokio::time::sleep(POLL)).await;
+            self.heartbeat.away(tokio::time::sleep(POLL)).await;
         }
         Err(self.silent(place))
     }
@@ -369,8 +359,10 @@ fn far_off(by: &[f64; 6]) -> Option<(usize, f64)> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::control::Control;
     use super::*;
     use crate::hw::driver;
+    use crate::record::run_hash::RunHash;
     use tokio::time::Instant;
 
     #[tokio::test(start_paused = true)]
@@ -378,7 +370,9 @@ mod tests {
         let (link, mut end) = driver::link();
         end.publish(&ArmState { period: 1, ..ArmState::default() });
         let clock = Clock::new(Instant::now(), Arc::default());
-        let edp = spawn("track", link, clock, RunHash::default());
+        let control = watch::channel(Control::Running).1;
+        let services = Services::bare(clock, control, Trace::bare(RunHash::default()).0);
+        let edp = spawn("track", link, &services);
         assert!(edp.state().await.is_ok());
 
         drop(end);

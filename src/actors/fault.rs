@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 /// The faults that are injected into one actor.
 #[derive(Debug, Default)]
-pub(crate) struct Mishap {
+pub(crate) struct ActorFault {
     pub(crate) panics: AtomicBool,
     pub(crate) hangs: AtomicBool,
     pub(crate) spins: AtomicBool,
@@ -15,7 +15,7 @@ pub(crate) struct Mishap {
     pub(crate) twice: AtomicU32,
 }
 
-impl Mishap {
+impl ActorFault {
     /// Panics, hangs or waits before an actor handles the message that has come.
     ///
     /// # Panics

@@ -3,9 +3,8 @@
 //! - in: the states that the EDPs publish; MP's word for whether the hands are not to meet now
 //! - out: an emergency stop, with its reason on every UI and as the error that ends the run
 
-use super::alarm::Alarm;
-use super::clock::Clock;
-use super::notice;
+use super::notice::Notice;
+use super::services::Services;
 use crate::emergency_stop::StopButton;
 use crate::error::{Error, Fatal};
 use crate::motion::{ArmState, PERIOD, Synchronisation};
@@ -34,9 +33,8 @@ pub(crate) async fn watch_over(
     mut guard: Guard,
     states: Vec<watch::Receiver<ArmState>>,
     stop: StopButton,
-    ui: notice::UiHandle,
-    clock: Clock,
-    (apart, alarm): (Apart, Alarm),
+    apart: Apart,
+    services: Services,
 ) {
     let present = || states.iter().map(|state| *state.borrow()).collect::<Vec<ArmState>>();
     let known = |arms: &[ArmState], i: usize| {
@@ -67,12 +65,17 @@ pub(crate) async fn watch_over(
             (now, least) = (now.meeting(), least.meeting());
         }
         if let Err(near) = guard.may(&least, &now).and(slow) {
-            let now = clock.period() as f64 * PERIOD;
-            ui.tell(notice::Notice::Warning(now, format!("{near}: all arms are stopped")));
+            let now = services.clock.period() as f64 * PERIOD;
+            services.trace.tell(Notice::Warning(now, format!("{near}: all arms are stopped")));
             stop.press();
             // Else the arms would be the first to say that they were stopped, and not why.
             let cause = Fatal::TooNear(near.to_string());
-            alarm.raise(Error::Fatal { actor: "guard".into(), place: "watch", cause, last: None });
+            services.supervision.watchdog.raise(Error::Fatal {
+                actor: "guard".into(),
+                place: "watch",
+                cause,
+                last: None,
+            });
             return;
         }
         // Who is put too near at the beginning may be led out of there, and stays out.
@@ -83,11 +86,15 @@ pub(crate) async fn watch_over(
 
 #[cfg(test)]
 mod tests {
+    use super::super::clock::Clock;
+    use super::super::control::Control;
+    use super::super::trace::Trace;
     use super::*;
     use crate::emergency_stop::EmergencyStop;
     use crate::hw::driver::Switches;
     use crate::motion::JointPositions;
     use crate::reach::{MeetingTable, ReachSettings, example_cell};
+    use crate::record::run_hash::RunHash;
 
     /// Whether both arms are stopped, and what is told, when they go from one place to another in a tenth of a second.
     async fn stopped(from: [JointPositions; 2], to: [JointPositions; 2]) -> Option<String> {
@@ -127,13 +134,13 @@ mod tests {
         let listening = channels.iter().map(|(_, states)| states.clone()).collect();
         let stop = EmergencyStop::default();
         let switches = Arc::new(Switches::new(stop.signal()));
-        let (ui, mut notices) = notice::mailbox();
+        let (trace, mut notices) = Trace::bare(RunHash::default());
         let clock = Clock::new(tokio::time::Instant::now(), switches);
-        let (apart, alarm) = (Apart::default(), Alarm::default());
+        let services = Services::bare(clock, watch::channel(Control::Running).1, trace);
+        let apart = Apart::default();
         apart.tell(keeps_apart);
-        let listens = alarm.listen();
-        let watching =
-            tokio::spawn(watch_over(guard, listening, stop.button(), ui, clock, (apart, alarm)));
+        let listens = services.supervision.watchdog.listen();
+        let watching = tokio::spawn(watch_over(guard, listening, stop.button(), apart, services));
         let mut stopped = None;
         for (number, arms) in states.iter().enumerate() {
             for ((sender, _), state) in channels.iter().zip(arms) {

@@ -1,6 +1,6 @@
 //! The move instruction: fetches a generator's inputs and dispatches its outputs (Zieliński et al. 2007, p. 370).
 //!
-//! [`Motion`] is one effector's instruction under way; an ECP runs one, MP runs one for each effector in the same
+//! [`MoveInstruction`] is one effector's instruction under way; an ECP runs one, MP runs one for each effector in the same
 //! macrostep. When the operator pauses, the motion comes to rest by itself and goes on from there: set values that
 //! stop dead trip the power stages.
 
@@ -15,7 +15,7 @@ use nalgebra::{Point3, Vector3};
 
 /// A generator with the state that its next call needs.
 #[derive(Debug)]
-pub struct Motion {
+pub struct MoveInstruction {
     generator: Generator,
     /// Macrosteps from full pace to rest, and how many of them the motion is away from rest.
     ramp: u32,
@@ -136,7 +136,7 @@ fn off(arm: &ArmState, target: &Pose) -> (f64, f64) {
     (way, from.rotation.angle_to(&target.rotation))
 }
 
-impl Motion {
+impl MoveInstruction {
     /// Begins a behaviour.
     #[must_use]
     pub fn begin(behaviour: &Behaviour, manner: &Manner) -> Self {
@@ -154,7 +154,7 @@ impl Motion {
         Self { generator, ramp, pace: ramp, hand, free, begun: (*behaviour, None) }
     }
 
-    /// Whether it stands still because of [`Motion::heed`].
+    /// Whether it stands still because of [`MoveInstruction::heed`].
     #[must_use]
     pub fn rests(&self) -> bool {
         self.pace == 0
@@ -235,7 +235,7 @@ mod tests {
 
     /// The outcome of the last step of a behaviour that felt these forces [N], at x [m].
     fn ends<const N: usize>(behaviour: &Behaviour, x: f64, forces: [f64; N]) -> Option<Outcome> {
-        let mut motion = Motion::begin(behaviour, &manner());
+        let mut motion = MoveInstruction::begin(behaviour, &manner());
         let mut ended = None;
         for force in forces {
             let wrench = Wrench::from_directions([0.0, force, 0.0, 0.0, 0.0, 0.0]);

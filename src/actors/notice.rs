@@ -1,14 +1,10 @@
-//! What the other actors tell the operator: notices by a bounded mailbox, and the board beside it.
+//! What the other actors tell the operator.
 
-use super::board::Board;
 use crate::error::Error;
 use crate::motion::PERIOD;
 use crate::operator::{Class, OutcomeView};
 use crate::record::recorder::{Entry, Recorder};
-use tokio::sync::mpsc;
 
-/// Notices that may wait; more would mean that the terminal hangs, and then they are dropped.
-const MAILBOX: usize = 1024;
 /// A message of an actor to the operator.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Notice {
@@ -24,45 +20,8 @@ pub enum Notice {
     Over(OutcomeView),
 }
 
-/// The far end of the UI's mailbox, and the board beside it.
-#[derive(Debug, Clone)]
-pub struct UiHandle {
-    pub(super) mailbox: mpsc::Sender<Notice>,
-    pub(super) board: Option<Board>,
-    pub(super) recorder: Recorder,
-}
-
-impl UiHandle {
-    /// Sends a notice to the operator; never waits.
-    pub fn tell(&self, notice: Notice) {
-        note(&self.recorder, &notice);
-        if self.mailbox.try_send(notice).is_err() {
-            tracing::warn!("the operator's terminal does not keep up: a notice was dropped");
-        }
-    }
-
-    /// Returns the recorder of the run.
-    #[must_use]
-    pub fn recorder(&self) -> &Recorder {
-        &self.recorder
-    }
-
-    /// Returns the board of the latest values; `None` without faces.
-    #[must_use]
-    pub fn board(&self) -> Option<&Board> {
-        self.board.as_ref()
-    }
-}
-
-/// Creates the mailbox alone: the caller takes the receiver in place of a UI.
-#[must_use]
-pub fn mailbox() -> (UiHandle, mpsc::Receiver<Notice>) {
-    let (mailbox, notices) = mpsc::channel(MAILBOX);
-    (UiHandle { mailbox, board: None, recorder: Recorder::default() }, notices)
-}
-
 /// Writes a notice into the recording.
-pub(crate) fn note(recorder: &Recorder, notice: &Notice) {
+pub(super) fn record(recorder: &Recorder, notice: &Notice) {
     let at = |seconds: f64| (seconds / PERIOD).round() as u64;
     let log = |seconds: f64, class: Class, who: &str, text: &str| {
         recorder.note(at(seconds), || Entry::Log(class, who.to_owned(), text.to_owned()));

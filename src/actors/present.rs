@@ -1,7 +1,7 @@
-//! From notices and the board to the snapshot that the operator sees: the controller's belief, never the plant's truth.
+//! From notices and the latest values to the snapshot that the operator sees: the controller's belief, never the plant's truth.
 
-use super::board::{ArmLatest, Board, Found, Latest, Sight};
 use super::control::Control;
+use super::latest::{ArmLatest, Found, Latest, LatestValues, Sight};
 use super::notice::{Notice, class};
 use crate::cell::{Cell, Mount};
 use crate::cube::{Face, Keeper};
@@ -33,7 +33,7 @@ const PICTURE: Duration = Duration::from_millis(120);
 
 /// Makes snapshots.
 pub struct Presenter {
-    board: Board,
+    latest: LatestValues,
     cell: Cell,
     vsps: Vec<(String, Option<usize>)>,
     virtual_pace: bool,
@@ -59,7 +59,7 @@ pub struct Presenter {
 impl Presenter {
     /// For a run of this scenario; `stage` is what does not change in it.
     #[must_use]
-    pub fn new(scenario: &Scenario, board: Board) -> (Self, Stage) {
+    pub fn new(scenario: &Scenario, latest: LatestValues) -> (Self, Stage) {
         let config = &scenario.controller;
         let cell = config.cell.clone();
         let stage = stage(scenario);
@@ -69,7 +69,7 @@ impl Presenter {
             .map(|c| CameraView { name: c.name.clone(), size: c.size, ..CameraView::default() })
             .collect();
         let presenter = Self {
-            board,
+            latest,
             vsps: config.vsps.iter().map(|v| (v.name.clone(), v.camera)).collect(),
             virtual_pace: scenario.pace == Pace::Virtual,
             length: Length::of_seconds(scenario.real_time.period),
@@ -146,7 +146,7 @@ impl Presenter {
     }
 
     fn time(&self) -> f64 {
-        self.time_of(&self.board.latest())
+        self.time_of(&self.latest.lock())
     }
 
     /// Time of the run [s].
@@ -157,8 +157,8 @@ impl Presenter {
 
     /// Publishes pictures and snapshot.
     pub fn publish(&mut self, desk: &RunEnd, control: Control, speed: f64) {
-        let board = self.board.clone();
-        let mut latest = board.latest();
+        let latest = self.latest.clone();
+        let mut latest = latest.lock();
         let time = self.time_of(&latest);
         if let Some(cell) = latest.calibrated.take() {
             self.calibrated(*cell, desk);
@@ -583,32 +583,32 @@ fn stage(scenario: &Scenario) -> Stage {
 
 #[cfg(test)]
 mod tests {
-    use super::super::board::Peaks;
+    use super::super::latest::Peaks;
     use super::*;
     use crate::motion::ArmState;
     use crate::scenario::Override;
     use crate::tasks::Turning;
     use std::path::Path;
 
-    fn presenter() -> (Presenter, Stage, Board) {
+    fn presenter() -> (Presenter, Stage, LatestValues) {
         let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
-        let board = Board::default();
-        let (presenter, stage) = Presenter::new(&scenario, board.clone());
-        (presenter, stage, board)
+        let latest = LatestValues::default();
+        let (presenter, stage) = Presenter::new(&scenario, latest.clone());
+        (presenter, stage, latest)
     }
 
-    fn stand(board: &Board, presenter: &Presenter) {
+    fn stand(latest: &LatestValues, presenter: &Presenter) {
         let arms = presenter.cell.arms.iter().map(|arm| ArmLatest {
             state: ArmState { period: 500, joints: arm.start, ..ArmState::default() },
             ..ArmLatest::default()
         });
-        board.latest().arms = arms.collect();
+        latest.lock().arms = arms.collect();
     }
 
     #[test]
     fn a_cube_in_a_hand_goes_where_the_arm_goes_and_its_layer_with_the_turner() {
-        let (mut presenter, _, board) = presenter();
-        stand(&board, &presenter);
+        let (mut presenter, _, latest) = presenter();
+        stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();
         let tool_from_cube = Pose::translation(0.0, 0.0, 0.019);
         let frames: Vec<Pose> = presenter
@@ -622,7 +622,7 @@ mod tests {
         // As the track's tool stands now, less 0.3 rad.
         let now = world_from_cube.rotation.inverse() * frames[0].rotation;
         let before = now * UnitQuaternion::from_scaled_axis(nalgebra::Vector3::z() * -0.3);
-        board.latest().picture = Some(Picture {
+        latest.lock().picture = Some(Picture {
             tool_from_cube: [Some(Pose::identity()), Some(tool_from_cube)],
             turning: Some(Turning { effector: 0, face: Face::R, cube_from_tool: before }),
             ..Picture::default()
@@ -645,9 +645,9 @@ mod tests {
     fn time_is_that_of_the_arms_whatever_their_period() {
         let set = [Override::parse("real_time.period_ms=1").unwrap()];
         let scenario = crate::scenario::read(Path::new("t.toml"), "", &set).unwrap();
-        let board = Board::default();
-        let (mut presenter, _) = Presenter::new(&scenario, board.clone());
-        stand(&board, &presenter);
+        let latest = LatestValues::default();
+        let (mut presenter, _) = Presenter::new(&scenario, latest.clone());
+        stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();
 
         presenter.publish(&desk, Control::Running, 0.0);
@@ -657,8 +657,8 @@ mod tests {
 
     #[test]
     fn what_is_found_is_painted_by_the_calibrated_camera() {
-        let (mut presenter, before, board) = presenter();
-        stand(&board, &presenter);
+        let (mut presenter, before, latest) = presenter();
+        stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();
         let mut cell = presenter.cell.clone();
         let Mount::World { world_from_camera } = &mut cell.cameras[0].mount else { panic!() };
@@ -669,13 +669,13 @@ mod tests {
             image: Some(image::RgbImage::new(4, 4)),
             found: Found::Cube(world_from_cube, 0.0),
         };
-        board.saw(0, look());
+        latest.saw(0, look());
         presenter.publish(&desk, Control::Running, 0.0);
         let first = desk.snapshots.borrow().cameras[0].outlines.clone();
 
-        board.latest().calibrated = Some(Box::new(cell));
+        latest.lock().calibrated = Some(Box::new(cell));
         std::thread::sleep(PICTURE);
-        board.saw(0, look());
+        latest.saw(0, look());
         presenter.publish(&desk, Control::Running, 0.0);
 
         assert!(desk.snapshots.borrow().cameras[0].outlines != first);
@@ -684,10 +684,10 @@ mod tests {
 
     #[test]
     fn peaks_between_snapshots_are_shown_once() {
-        let (mut presenter, _, board) = presenter();
-        stand(&board, &presenter);
+        let (mut presenter, _, latest) = presenter();
+        stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();
-        board.latest().arms[0].peaks = Peaks { force: 12.0, torque: 1.5, following: 0.0 };
+        latest.lock().arms[0].peaks = Peaks { force: 12.0, torque: 1.5, following: 0.0 };
 
         presenter.publish(&desk, Control::Running, 0.0);
         assert_eq!(desk.snapshots.borrow().arms[0].peak, (12.0, 1.5));
@@ -697,11 +697,11 @@ mod tests {
 
     #[test]
     fn a_faulty_arm_shows_its_fault_and_the_console_its_class() {
-        let (mut presenter, _, board) = presenter();
-        stand(&board, &presenter);
+        let (mut presenter, _, latest) = presenter();
+        stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();
         let fault = crate::motion::ArmFault::EmergencyStop;
-        board.latest().arms[1].state.fault = Some(fault);
+        latest.lock().arms[1].state.fault = Some(fault);
         let error = crate::error::Error::Fatal {
             actor: "edp postument".into(),
             place: "execute",

@@ -1,15 +1,16 @@
 //! UI: presents the run and obeys the operator.
 //!
 //! It owns the snapshot that each UI shows, and obeys their inputs: page, terminal and the keys on
-//! stdin are at the same [`Desk`]. Notices come by a bounded mailbox, quick values by the [`Board`];
+//! stdin are at the same [`Desk`]. Notices come by a bounded mailbox, quick values by the [`LatestValues`];
 //! no other actor waits for it. It lives on a thread of its own, in wall-clock time: a virtual run
 //! neither sees it nor slows down for it. The emergency stop passes all actors on its way to the
 //! servos ([`crate::emergency_stop`]). Lines go to stderr, so that stdout stays for machines.
 
-use super::board::Board;
 use super::control::{Control, Tempo, is_speed};
-use super::notice::{Notice, UiHandle, mailbox};
+use super::latest::LatestValues;
+use super::notice::Notice;
 use super::present::Presenter;
+use super::trace::Trace;
 use crate::desk::{Desk, Inputs, RunEnd, UiEnd};
 use crate::emergency_stop::{StopButton, StopSignal};
 use crate::operator::{Input, OutcomeView};
@@ -48,18 +49,18 @@ pub struct Parts {
     /// Makes the snapshots, when there are UIs.
     pub presenter: Option<Presenter>,
     /// The latest values, when there are UIs.
-    pub board: Option<Board>,
+    pub latest: Option<LatestValues>,
     /// The recording of the run.
     pub recorder: Recorder,
     /// The hash of the run, which covers inputs that were obeyed.
-    pub tape: RunHash,
+    pub hash: RunHash,
 }
 
 /// The running UI.
 #[derive(Debug)]
 pub struct Ui {
     /// For the other actors.
-    pub handle: UiHandle,
+    pub trace: Trace,
     /// Presses the emergency stop at the operator's desk.
     pub stop_button: StopButton,
     /// Reads the emergency stop at the operator's desk.
@@ -73,29 +74,23 @@ impl Ui {
     /// # Errors
     /// The operating system's, if it refuses another thread.
     pub fn spawn(parts: Parts) -> std::io::Result<Self> {
-        let (mut handle, notices) = mailbox();
-        handle.board.clone_from(&parts.board);
-        handle.recorder.clone_from(&parts.recorder);
+        let (trace, notices) = Trace::new(parts.hash.clone(), parts.recorder, parts.latest);
         let desk = parts.desk.unwrap_or_else(|| Desk::default().run_end());
         if parts.keys {
             listen_to_stdin(desk.ui_end(), parts.presenter.is_none());
         }
         let (stop_button, stop_signal) = (desk.stop_button(), desk.stop_signal());
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
-        let Parts { quiet, controls, presenter, tape, .. } = parts;
-        let shell = Shell { quiet, controls, desk, presenter, tape };
+        let Parts { quiet, controls, presenter, hash, .. } = parts;
+        let shell = Shell { quiet, controls, desk, presenter, hash };
         let work = move || runtime.block_on(shell.run(notices));
         let thread = std::thread::Builder::new().name("ui".into()).spawn(work)?;
-        Ok(Self { handle, stop_button, stop_signal, thread })
+        Ok(Self { trace, stop_button, stop_signal, thread })
     }
 
     /// Shows the outcome of the run and ends the UI.
     pub fn over(self, outcome: OutcomeView) {
-        // With the mailbox full the terminal hangs; the end then comes with the last handle.
-        let over = Notice::Over(outcome);
-        super::notice::note(&self.handle.recorder, &over);
-        let _ = self.handle.mailbox.blocking_send(over);
-        drop(self.handle);
+        self.trace.tell_last(Notice::Over(outcome));
         // A panic has reported itself.
         let _ = self.thread.join();
     }
@@ -107,7 +102,7 @@ struct Shell {
     controls: OperatorControls,
     desk: RunEnd,
     presenter: Option<Presenter>,
-    tape: RunHash,
+    hash: RunHash,
 }
 
 impl Shell {
@@ -136,7 +131,7 @@ impl Shell {
     fn obey(&mut self, input: &Input) {
         let done = apply(input, &self.controls);
         if done == Ok(true) {
-            self.tape.message("operator", "ui", input);
+            self.hash.message("operator", "ui", input);
         }
         if let Some(presenter) = &mut self.presenter {
             presenter.obeyed(input, done.map(drop));

@@ -5,21 +5,19 @@
 //! (of MP) and `VSP_GS1`, `VSP_GS2` (of the ECPs) and the text explains the cameras only: that MPF aggregates the
 //! forces and that GS are the gripper's cameras is our reading.
 
-use super::alarm::{Alarm, Care, Pulse, answer_of};
-use super::board::{Board, Found, Sight};
-use super::clock::Clock;
-use super::fault::Mishap;
-use super::notice::{Notice, UiHandle};
-use super::work::Work;
+use super::fault::ActorFault;
+use super::latest::Found;
+use super::notice::Notice;
+use super::services::Services;
+use super::trace;
+use super::watchdog::{Heartbeat, Supervision, answer_of};
 use crate::cell::Intrinsics;
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Mode, Sensing, Target, Window};
 use crate::hw::camera::{Frame, FrameSource};
 use crate::motion::{ArmState, PERIOD};
-use crate::record::playback::{Playback, Played};
-use crate::record::recorder::{Entry, Recorder};
-use crate::record::run_hash::RunHash;
-use crate::record::sensed::{self as kept, Sensed};
+use crate::record::playback::Played;
+use crate::record::sensed as kept;
 use crate::spatial::Pose;
 use crate::tasks::{Effort, Forces, View};
 use crate::vision::sensor::{self, FaceReading};
@@ -111,20 +109,10 @@ pub struct Parts {
     pub face: Effort,
     /// Servo periods between two frames while tracking.
     pub frame_periods: u64,
-    /// Servo periods and time.
-    pub clock: Clock,
-    /// The door for image processing.
-    pub work: Work,
-    /// Where messages are noted.
-    pub tape: RunHash,
-    /// Where what was seen is shown, and the camera's index; `None` when nobody looks.
-    pub show: Option<(Board, usize)>,
-    /// What keeps the run, and the camera's index.
-    pub recorder: (Recorder, usize),
-    /// A recording that delivers in place of the camera.
-    pub playback: Option<Playback>,
-    /// The operator's face, which is told when the camera fails.
-    pub ui: UiHandle,
+    /// Index of the camera.
+    pub camera: usize,
+    /// The services of the run.
+    pub services: Services,
 }
 
 struct Vsp {
@@ -135,15 +123,10 @@ struct Vsp {
     localisation: Effort,
     face: Effort,
     frame_periods: u64,
-    clock: Clock,
-    work: Work,
-    tape: RunHash,
-    show: Option<(Board, usize)>,
-    recorder: (Recorder, usize),
-    playback: Option<Playback>,
-    ui: UiHandle,
-    mishap: Arc<Mishap>,
-    pulse: Pulse,
+    camera: usize,
+    services: Services,
+    fault: Arc<ActorFault>,
+    heartbeat: Heartbeat,
     /// Period of the last picture that was good, and whether its absence was told.
     seen: u64,
     told: bool,
@@ -160,7 +143,8 @@ struct Vsp {
 
 /// Creates the VSP of a camera.
 #[must_use]
-pub(crate) fn spawn(name: &str, parts: Parts, care: &Care) -> VspHandle {
+pub(crate) fn spawn(name: &str, parts: Parts) -> VspHandle {
+    let Supervision { watchdog, fault, .. } = parts.services.supervision.clone();
     let (mailbox, looks) = mpsc::channel(MAILBOX);
     let (tracking, tracked) = watch::channel(false);
     let (sensing, configured) = watch::channel(Sensing::SEEK);
@@ -178,15 +162,10 @@ pub(crate) fn spawn(name: &str, parts: Parts, care: &Care) -> VspHandle {
         localisation: parts.localisation,
         face: parts.face,
         frame_periods: parts.frame_periods.max(1),
-        clock: parts.clock,
-        work: parts.work,
-        tape: parts.tape,
-        show: parts.show,
-        recorder: parts.recorder,
-        playback: parts.playback,
-        ui: parts.ui,
-        mishap: Arc::clone(&care.mishap),
-        pulse: care.alarm.pulse(&name),
+        camera: parts.camera,
+        services: parts.services,
+        fault,
+        heartbeat: watchdog.heartbeat(&name),
         seen: 0,
         told: false,
         kept: None,
@@ -198,7 +177,7 @@ pub(crate) fn spawn(name: &str, parts: Parts, care: &Care) -> VspHandle {
         target,
     };
     let span = tracing::info_span!("vsp", name = vsp.name);
-    care.alarm.spawn(&name, vsp.run().instrument(span));
+    watchdog.spawn(&name, vsp.run().instrument(span));
     VspHandle {
         name,
         mailbox,
@@ -217,8 +196,8 @@ impl Vsp {
                 biased;
                 look = self.mailbox.recv() => match look {
                     Some(look) => {
-                        self.pulse.works();
-                        self.mishap.befall().await;
+                        self.heartbeat.works();
+                        self.fault.befall().await;
                         self.answer(look).await;
                     }
                     None => return,
@@ -228,20 +207,20 @@ impl Vsp {
                         return;
                     }
                     self.target.send_replace(None);
-                    next_frame = self.clock.period() + 1;
+                    next_frame = self.services.clock.period() + 1;
                     (self.seen, self.told, self.taken) = (next_frame, false, None);
                 },
-                () = self.clock.until(next_frame), if tracking => {
-                    self.pulse.works();
-                    self.mishap.befall().await;
+                () = self.services.clock.until(next_frame), if tracking => {
+                    self.heartbeat.works();
+                    self.fault.befall().await;
                     self.localise(next_frame).await;
                     // On the grid of frames; a frame that was missed is not made up for.
-                    while next_frame <= self.clock.period() {
+                    while next_frame <= self.services.clock.period() {
                         next_frame += self.frame_periods;
                     }
                 },
             }
-            self.pulse.waits();
+            self.heartbeat.waits();
         }
     }
 
@@ -258,10 +237,10 @@ impl Vsp {
         };
         let elsewhere = sensing.mode == Mode::Seek;
         let asked = format!("{sensing:?}");
-        let played = self.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
+        let played = self.services.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
         let unheard = matches!(played, Some(Played::Nothing));
         let taken = self.taken;
-        let work = self.work.run(move || {
+        let work = self.services.work.run(move || {
             let (found, frame) = match source.grab(period, sensing.exposure) {
                 _ if played.is_some() => (played.map_or_else(unheard_of, of_cube), None),
                 Ok(frame) if again(&frame, taken).is_some() => {
@@ -282,7 +261,7 @@ impl Vsp {
             };
             ((source, watcher, found, frame), effort)
         });
-        let result = self.pulse.away(work).await;
+        let result = self.heartbeat.away(work).await;
         let Some((source, watcher, found, frame)) = result else {
             tracing::error!(actor = %self.name, "the image worker died");
             return;
@@ -290,7 +269,7 @@ impl Vsp {
         self.source = Some(source);
         self.watcher = Some(watcher);
         self.heard(unheard, period, &asked);
-        if self.playback.is_none() {
+        if self.services.playback.is_none() {
             self.judge(period, frame.as_ref(), found.as_ref().err());
         }
         self.taken = self.taken.max(frame.as_ref().map(|frame| frame.period));
@@ -302,13 +281,13 @@ impl Vsp {
         });
         match found {
             Ok((seen, _)) => {
-                self.tape.message(&self.name, "look", &sensing);
+                self.services.trace.message(&self.name, "look", &sensing);
                 let target = Target {
                     world_from_cube: seen.world_from_cube,
                     speed: seen.speed,
                     period: exposed,
                 };
-                self.tape.message(&self.name, "watch", &target);
+                self.services.trace.message(&self.name, "watch", &target);
                 self.target.send_replace(Some(target));
             }
             Err(reason) => tracing::debug!(actor = %self.name, %reason, "no cube"),
@@ -317,12 +296,12 @@ impl Vsp {
 
     async fn answer(&mut self, look: Look) {
         let Some(mut source) = self.source.take() else { return };
-        let (intrinsics, edge, period) = (self.intrinsics, self.edge, self.clock.period());
+        let (intrinsics, edge, period) = (self.intrinsics, self.edge, self.services.clock.period());
         let (view, effort) = (look.view, self.face);
         let asked = format!("{view:?}");
-        let played = self.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
+        let played = self.services.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
         let unheard = matches!(played, Some(Played::Nothing));
-        let work = self.work.run(move || {
+        let work = self.services.work.run(move || {
             let mut took = None;
             let (reading, frame) = match source.grab(period, view.exposure) {
                 _ if played.is_some() => (played.map_or_else(unheard_of, of_face), None),
@@ -340,10 +319,9 @@ impl Vsp {
             };
             ((source, reading, frame, took), effort)
         });
-        let result = self.pulse.away(work).await;
+        let result = self.heartbeat.away(work).await;
         if let Some((_, Ok(_), _, Some(took))) = &result {
-            // For the report alone: in the run, reading a face takes as long as the scenario declares.
-            self.recorder.0.note(period, || Entry::FaceTook(*took));
+            self.services.trace.face_took(period, *took);
         }
         if let Some((_, reading, ..)) = &result {
             tracing::debug!(confidence = ?reading.as_ref().map(|r| r.confidence), "a face was looked at");
@@ -390,25 +368,30 @@ impl Vsp {
         if frame.is_some_and(|frame| unfit(frame, period).is_none()) {
             self.seen = period;
             if std::mem::take(&mut self.told) {
-                self.ui.tell(Notice::Note(seconds, format!("{}: pictures come again", self.name)));
+                self.services
+                    .trace
+                    .tell(Notice::Note(seconds, format!("{}: pictures come again", self.name)));
             }
         } else if !self.told && period.saturating_sub(self.seen) as f64 * PERIOD > STALE {
             self.told = true;
             let reason = reason.cloned().unwrap_or_default();
             let cause = NonFatal::NoReading(format!("{reason}, period {period}"));
             let actor = self.name.clone();
-            self.ui.tell(Notice::Error(seconds, Error::NonFatal { actor, place: "watch", cause }));
+            self.services
+                .trace
+                .tell(Notice::Error(seconds, Error::NonFatal { actor, place: "watch", cause }));
         }
     }
 
     /// A look that a recording should have delivered and did not.
     fn heard(&self, unheard: bool, period: u64, asked: &str) {
-        if let (true, Some(playback)) = (unheard, &self.playback) {
+        if let (true, Some(playback)) = (unheard, &self.services.playback) {
             playback.unheard(&self.name, period, asked);
         }
     }
 
-    /// Keeps and shows a picture and what was found in it. A picture is kept when the last one is `apart` periods old.
+    /// Records and shows a picture and what was found in it. A picture is recorded if the last one is
+    /// `apart` periods old.
     fn shown(
         &mut self,
         (period, asked, exposed): (u64, &str, u64),
@@ -416,29 +399,16 @@ impl Vsp {
         apart: u64,
         found: &dyn Fn() -> Found,
     ) {
-        let (recorder, camera) = &self.recorder;
-        let now = self.clock.period();
-        recorder.note(now, || {
-            let (sensor, asked) = (self.name.clone(), asked.to_owned());
-            let found = match found() {
-                Found::Cube(world_from_cube, speed) => {
-                    Ok(kept::Found::Cube { world_from_cube, speed, exposed })
-                }
-                Found::Face(reading) => Ok(kept::Found::Face(*reading)),
-                Found::Nothing(reason) => Err(reason),
-            };
-            Entry::Sensed(Sensed { period, sensor, asked, found })
-        });
-        if let Some(frame) = frame.as_ref().filter(|_| recorder.is_on())
-            && self.kept.is_none_or(|last| last + apart <= frame.period)
-        {
+        let Services { trace, clock, .. } = &self.services;
+        let look = trace::Look { sensor: &self.name, period, asked, exposed };
+        trace.sensed(clock.period(), &look, found);
+        let Some(frame) = frame else { return };
+        let keeps =
+            trace.is_recorded() && self.kept.is_none_or(|last| last + apart <= frame.period);
+        if keeps {
             self.kept = Some(frame.period);
-            recorder.note(frame.period, || Entry::Picture(*camera, frame.image.clone()));
         }
-        if let (Some((board, camera)), Some(frame)) = (&self.show, frame) {
-            let Frame { period, image } = frame;
-            board.saw(*camera, Sight { period, image: Some(image), found: found() });
-        }
+        trace.saw(self.camera, frame, keeps, found);
     }
 }
 
@@ -475,12 +445,12 @@ fn unheard_of<T>() -> Result<T, String> {
 /// Creates the VSP that aggregates the wrist forces.
 #[must_use]
 pub(crate) fn spawn_forces(
-    alarm: &Alarm,
+    services: &Services,
     mut states: Vec<watch::Receiver<ArmState>>,
-    clock: Clock,
     periods: u64,
 ) -> watch::Receiver<Forces> {
     let (publish, forces) = watch::channel(Forces::default());
+    let clock = services.clock.clone();
     let aggregating = async move {
         let mut aggregate = Forces::default();
         let mut period = clock.period();
@@ -497,7 +467,10 @@ pub(crate) fn spawn_forces(
         }
     };
     let name = "vsp forces";
-    alarm.spawn(name, aggregating.instrument(tracing::info_span!("vsp", name)));
+    services
+        .supervision
+        .watchdog
+        .spawn(name, aggregating.instrument(tracing::info_span!("vsp", name)));
     forces
 }
 

@@ -10,7 +10,7 @@ use crate::error::{Error, NonFatal};
 use crate::record::place::Place;
 use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
-use crate::run::{self, Around, Keep, RunOptions};
+use crate::run::{self, RunContext, RunOptions, SavedFiles};
 use crate::scenario::keys::{Pace, Task};
 use crate::scenario::{Override, Scenario};
 use crate::tui;
@@ -123,13 +123,13 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let ui = args.ui.open(kind, desk.ui_end()).map_err(|error| refuse(format!("{error:#}")))?;
     let has_ui = !matches!(ui, Ui::None);
     let recorder = args.recorder(&scenario, more, has_ui)?;
-    let around = Around {
+    let context = RunContext {
         desk: has_ui.then(|| desk.run_end()),
         recorder: recorder.clone(),
-        keep,
-        ..Around::default()
+        saved: keep,
+        ..RunContext::default()
     };
-    let done = run::run_with(&scenario, args.options(&ui), around);
+    let done = run::run_with(&scenario, args.options(&ui), context);
     let written = recorder.finish();
 
     // A terminal is put back as it was before anything is printed on it.
@@ -240,7 +240,7 @@ fn ends_on_a_terminal(error: Error) {
 }
 
 /// The files that outlive the run, or why they cannot be.
-fn keep(args: &KeepArgs, scenario: &Scenario) -> Result<Keep, &'static str> {
+fn keep(args: &KeepArgs, scenario: &Scenario) -> Result<SavedFiles, &'static str> {
     if args.world.is_some() && scenario.bridge.kind.is_hardware() {
         return Err(
             "--world: hardware keeps its state itself; only a simulated plant needs a file",
@@ -261,12 +261,12 @@ fn keep(args: &KeepArgs, scenario: &Scenario) -> Result<Keep, &'static str> {
     if args.resume && scenario.controller.task != Task::Solve {
         return Err("--resume: only the task solve can go on");
     }
-    Ok(Keep { world: args.world.clone(), journal, resume: args.resume })
+    Ok(SavedFiles { world: args.world.clone(), journal, resume: args.resume })
 }
 
 /// Checks that the run would write over neither its scenario nor one of its own files, nor over the
 /// files beside these.
-fn overwritten(args: &RunArgs, keep: &Keep) -> anyhow::Result<()> {
+fn overwritten(args: &RunArgs, keep: &SavedFiles) -> anyhow::Result<()> {
     let beside = |path: &Option<PathBuf>, end: &str| {
         path.as_ref().map(|path| {
             let mut path = path.clone().into_os_string();

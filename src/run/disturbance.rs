@@ -2,9 +2,9 @@
 //! the world of a run and the ports carry them out. No kernel sees any of them.
 //!
 //! - in: [`Disturbance`]s that begin and end, from the world
-//! - out: flags and numbers that ports look at ([`Troubles`])
+//! - out: flags and numbers that ports look at ([`InjectedFaults`])
 
-use crate::actors::fault::Mishap;
+use crate::actors::fault::ActorFault;
 use crate::emergency_stop::StopButton;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -95,11 +95,11 @@ impl Blinkers {
 
 /// All flags that the ports look at, by index of arm and camera.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Troubles {
-    pub(super) ecps: [Arc<Mishap>; 2],
-    pub(super) edps: [Arc<Mishap>; 2],
-    pub(super) vsps: Vec<Arc<Mishap>>,
-    pub(super) mp: Arc<Mishap>,
+pub(super) struct InjectedFaults {
+    pub(super) ecps: [Arc<ActorFault>; 2],
+    pub(super) edps: [Arc<ActorFault>; 2],
+    pub(super) vsps: Vec<Arc<ActorFault>>,
+    pub(super) mp: Arc<ActorFault>,
     pub(super) cameras: Vec<Arc<Blinkers>>,
     /// The heart has stopped.
     pub(super) heart: Arc<AtomicBool>,
@@ -109,7 +109,7 @@ pub(super) struct Troubles {
     pub(super) emergency: StopButton,
 }
 
-impl Troubles {
+impl InjectedFaults {
     /// Of a cell with so many cameras.
     pub(super) fn new(cameras: usize) -> Self {
         Self {
@@ -119,7 +119,7 @@ impl Troubles {
         }
     }
 
-    fn of(&self, who: Who) -> Option<&Arc<Mishap>> {
+    fn of(&self, who: Who) -> Option<&Arc<ActorFault>> {
         match who {
             Who::Mp => Some(&self.mp),
             Who::Ecp(arm) => self.ecps.get(arm),
@@ -142,31 +142,31 @@ impl Troubles {
                 self.cameras[camera].late.store(ms(by), Ordering::Release);
             }
             Disturbance::LateMessage(who, by) => {
-                if let Some(mishap) = self.of(who) {
-                    mishap.late.store(ms(by), Ordering::Release);
+                if let Some(fault) = self.of(who) {
+                    fault.late.store(ms(by), Ordering::Release);
                 }
             }
             Disturbance::Lost(who) => {
-                if let Some(mishap) = self.of(who) {
-                    mishap.lost.store(begins, Ordering::Release);
+                if let Some(fault) = self.of(who) {
+                    fault.lost.store(begins, Ordering::Release);
                 }
             }
             Disturbance::Duplicated(arm) => {
                 self.edps[arm].twice.store(u32::from(begins), Ordering::Release);
             }
             Disturbance::Panic(who) => {
-                if let Some(mishap) = self.of(who) {
-                    mishap.panics.store(begins, Ordering::Release);
+                if let Some(fault) = self.of(who) {
+                    fault.panics.store(begins, Ordering::Release);
                 }
             }
             Disturbance::Hang(who) => {
-                if let Some(mishap) = self.of(who) {
-                    mishap.hangs.store(begins, Ordering::Release);
+                if let Some(fault) = self.of(who) {
+                    fault.hangs.store(begins, Ordering::Release);
                 }
             }
             Disturbance::Spin(who) => {
-                if let Some(mishap) = self.of(who) {
-                    mishap.spins.store(begins, Ordering::Release);
+                if let Some(fault) = self.of(who) {
+                    fault.spins.store(begins, Ordering::Release);
                 }
             }
             Disturbance::HeartBeat => self.heart.store(begins, Ordering::Release),

@@ -2,7 +2,8 @@
 //!
 //! It alone knows the truth of such a run: the cube at the beginning and at the end, forces, slips.
 
-use super::supervisor::{Plan, not_created};
+use super::failure::not_created;
+use super::plan::Plan;
 use crate::cube::Facelets;
 use crate::error::{Error, Fatal};
 use crate::hw::devices::{self, CameraDevice, Devices};
@@ -153,7 +154,7 @@ pub fn emulate(
 ) -> Result<Emulated, Error> {
     let failed = |why: String| not_created("emulator", &why);
     let io = |e: std::io::Error| failed(e.to_string());
-    let plant = Plan::of(scenario)?.plant(scenario)?;
+    let plant = Plan::of(&scenario.controller)?.plant(scenario)?;
     let facelets = |plant: &Plant| {
         Facelets::try_from(plant.verdict().facelets).map_err(|e| failed(e.to_string()))
     };

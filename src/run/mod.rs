@@ -1,18 +1,34 @@
 //! Composes a run from its scenario: the world, the servos and their driver, the actors; performs
 //! the task and sums up. No actor imports anything from here.
+//!
+//! - in: a scenario, how it is started, and what surrounds it ([`RunContext`])
+//! - out: the summary
+//!
+//! The controller's half of a scenario goes to the actors; the verdict comes from the world, if that
+//! knows one. A run owns no UI: desk and server belong to its caller, outlive it, and serve the next
+//! run at the same desk.
 
+mod bridge_log;
 pub mod calibrate;
 mod calibration_poses;
+mod composition;
 mod disturbance;
 pub mod emulate;
+mod failure;
 mod gate;
 mod interrupt;
 pub mod meeting_cache;
+mod operator;
+mod options;
+mod outcome;
+mod plan;
 mod recording;
+mod servos;
 mod settings;
 pub mod show;
 mod simulation;
-mod supervisor;
+mod staff;
+mod task;
 pub mod verify;
 pub mod weigh;
 mod witness;
@@ -20,5 +36,181 @@ mod world;
 mod world_file;
 
 pub use interrupt::{SIGNALS, heard};
+pub use options::{PlantProbe, RunContext, RunOptions, SavedFiles};
+pub use outcome::not_begun;
 pub use settings::planner;
-pub use supervisor::{Around, Judge, Keep, RunOptions, not_begun, run, run_at, run_with};
+
+use crate::actors::trace::Trace;
+use crate::actors::ui::Ui;
+use crate::desk::RunEnd;
+use crate::error::Error;
+use crate::hw::driver;
+use crate::motion::PERIOD;
+use crate::record::calibration;
+use crate::record::recorder::{Entry, Recorder};
+use crate::record::summary::{EndedBy, Outcome, Summary};
+use crate::scenario::Scenario;
+use crate::scenario::keys::Pace;
+use bridge_log::BridgeLog;
+use composition::Composition;
+use disturbance::InjectedFaults;
+use failure::not_created;
+use interrupt::Interrupt;
+use operator::OperatorChannels;
+use outcome::{BY_OPERATOR, Done};
+use plan::Plan;
+use std::borrow::Cow;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+use task::Logbook;
+use tokio::runtime::Runtime;
+use world::World;
+use world_file::Kept;
+
+/// Performs a scenario and returns what it came to.
+///
+/// # Errors
+/// If it could not be performed at all; an error in mid-run is part of the summary.
+pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
+    run_at(scenario, options, None)
+}
+
+/// Performs a scenario with UIs at the other end of a desk: they see what the controller believes,
+/// and command it. A run of the cube's task comes to the same with them, to the bit, as long as they
+/// command nothing; the idle task waits for their orders until it is terminated.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_at(
+    scenario: &Scenario,
+    options: RunOptions,
+    desk: Option<RunEnd>,
+) -> Result<Summary, Error> {
+    run_with(scenario, options, RunContext { desk, ..RunContext::default() })
+}
+
+/// Performs a scenario that is kept in a recording, or has one as its world.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with(
+    scenario: &Scenario,
+    options: RunOptions,
+    context: RunContext,
+) -> Result<Summary, Error> {
+    let begun = Instant::now();
+    let recorder = context.recorder.clone();
+    let (ui, operator) = operator::start_ui(scenario, options, &context)?;
+    let interrupt = options
+        .interruptible
+        .then(|| Interrupt::listen(Arc::clone(&operator.control), operator.stop_button.clone()))
+        .transpose()
+        .map_err(|e| not_created("interrupt", &e.to_string()))?;
+    let tempo = operator.tempo.clone();
+    // The UIs are shown each error from here on.
+    match carried_out(scenario, options, context, operator) {
+        Ok(done) => {
+            let worked = tempo.worked().saturating_duration_since(begun).as_secs_f64();
+            let (seed, period) = (scenario.seed, scenario.real_time.period);
+            let mut summary = outcome::summary(&scenario.controller, seed, period, &done, worked);
+            if summary.ended_by == EndedBy::Operator && interrupt.is_some_and(|i| i.came()) {
+                summary.ended_by = EndedBy::Interrupt;
+                if summary.outcome != Outcome::Solved {
+                    // The end of the reason, where the cube is, stays.
+                    summary.reason = summary.reason.replacen(BY_OPERATOR, "interrupted", 1);
+                }
+            }
+            conclude(&summary, ui, &recorder);
+            Ok(summary)
+        }
+        Err(error) => {
+            ui.over(outcome::broken_off(&error));
+            let came = interrupt.is_some_and(|i| i.came());
+            let error = if came { outcome::interrupted(error) } else { error };
+            let (period, summary) = (recorder.latest(), not_begun(scenario, &error));
+            record_end(&recorder, period, error.to_string(), &summary);
+            Err(error)
+        }
+    }
+}
+
+/// Shows the summary on the UIs and notes it in the recording.
+fn conclude(summary: &Summary, ui: Ui, recorder: &Recorder) {
+    ui.over(outcome::outcome(summary));
+    let period = (summary.sim_time_s / PERIOD).round() as u64;
+    record_end(recorder, period, outcome::outcome(summary).verdict, summary);
+}
+
+fn record_end(recorder: &Recorder, period: u64, word: String, summary: &Summary) {
+    recorder.note(period, || Entry::Phase("end".to_owned(), word));
+    recorder.note(period, || Entry::Facts("summary", vec![("json".into(), summary.json())]));
+}
+
+/// Creates the world and the controller, and lets them run to their end.
+fn carried_out(
+    scenario: &Scenario,
+    options: RunOptions,
+    context: RunContext,
+    operator: OperatorChannels,
+) -> Result<Done, Error> {
+    let RunContext { recorder, playback, saved, probe, .. } = context;
+    let playback = playback.map(|(playback, _)| playback);
+    let plan = Plan::of(&scenario.controller)?;
+    let goal = settings::goal(&scenario.controller, plan.angle);
+    let faults = InjectedFaults {
+        emergency: operator.stop_button.clone(),
+        disk: recorder.full().unwrap_or_default(),
+        ..InjectedFaults::new(scenario.controller.cell.cameras.len())
+    };
+    // Files come first: the state that another run has left, or still writes, is not to be lost.
+    let claim = |path: &PathBuf| Kept::claim(path, scenario.pace, operator.trace.clone());
+    let kept = saved.world.as_ref().map(claim).transpose()?;
+    let logbook = Logbook::open(&saved)?;
+    let control = &operator.control;
+    let (world, cameras, notes) = match &playback {
+        Some(playback) => World::of_recording(scenario, playback.clone(), control),
+        None if scenario.bridge.kind.is_hardware() => World::of_hardware(scenario, control)?,
+        None => {
+            let mut plant = plan.plant(scenario)?;
+            if let Some(kept) = &kept {
+                plant = kept.taken_up(plant, saved.resume, logbook.has_begun())?;
+            }
+            let (world, cameras) = World::of_plant(scenario, plant, control, &faults)?;
+            (world.keeping(kept)?, cameras, None)
+        }
+    };
+    // From here on the controller: the world has its truth.
+    let believed = believed(scenario, &operator.trace);
+    let runtime = runtime(scenario.pace, scenario.bridge.kind.is_hardware())?;
+    let bridge_log = notes.map(|notes| BridgeLog::start(notes, &believed.controller.cell));
+    let composition =
+        Composition { scenario: &believed, options, operator, playback, faults, probe };
+    let done = runtime.block_on(composition.perform((world, cameras), goal, plan, logbook));
+    drop(bridge_log);
+    done
+}
+
+/// Returns the scenario with the cell as a calibration finds it, and reports that cell.
+fn believed<'a>(scenario: &'a Scenario, trace: &Trace) -> Cow<'a, Scenario> {
+    let believed = calibrate::believed(scenario);
+    if let Cow::Owned(Scenario { controller, .. }) = &believed {
+        let facts = || Entry::Facts(calibration::NAME, calibration::facts(&controller.cell));
+        trace.recorder().note(0, facts);
+        if let Some(latest) = trace.latest() {
+            latest.lock().calibrated = Some(Box::new(controller.cell.clone()));
+        }
+    }
+    believed
+}
+
+/// Creates the runtime of the actors: one thread, and paused time unless the wall clock drives it.
+fn runtime(pace: Pace, is_hardware: bool) -> Result<Runtime, Error> {
+    let mut builder = tokio::runtime::Builder::new_current_thread();
+    builder.enable_time().start_paused(pace == Pace::Virtual);
+    if is_hardware {
+        // Pictures and plans step back, not the actors, whose heartbeat the servo waits for.
+        builder.on_thread_start(driver::step_back);
+    }
+    builder.build().map_err(|e| not_created("runtime", &e.to_string()))
+}

@@ -1,6 +1,5 @@
 //! From a scenario's controller section to what the shells and kernels are made of.
 
-use super::supervisor::RunOptions;
 use crate::actors::move_instruction::{Manner, NearHand};
 use crate::cell::{Cell, Gripper, Mount};
 use crate::cube::{Axis, Face, Keeper};
@@ -8,7 +7,8 @@ use crate::generators::{Compliance, position::Speeds, visual_servo};
 use crate::hw::driver::WallOptions;
 use crate::motion::{AXES, Depth};
 use crate::reach::{Fold, Meeting, MeetingTable, ReachSettings};
-use crate::scenario::{ControllerConfig, Scenario, keys};
+use crate::scenario::keys::RealTime;
+use crate::scenario::{ControllerConfig, keys};
 use crate::solver::table::TableSpec;
 use crate::solver::tables::Bytes;
 use crate::solver::{Tables, korf};
@@ -244,15 +244,14 @@ pub(super) fn meeting_place(cell: &Cell, table: &MeetingTable) -> Point3<f64> {
     Point3::from(places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64)
 }
 
-/// How the servo's thread runs.
-pub(super) fn wall(scenario: &Scenario, options: RunOptions) -> WallOptions {
-    let keys = &scenario.real_time;
+/// Returns how the servo's thread runs.
+pub(super) fn wall(keys: &RealTime, missed_limit: u64, require_real_time: bool) -> WallOptions {
     WallOptions {
         spin: (keys.spin * 1e9).round() as u64,
         priority: keys.priority,
         core: keys.core.map(|core| core as usize),
-        missed_limit: scenario.missed_limit(),
-        require_real_time: options.require_real_time,
+        missed_limit,
+        require_real_time,
     }
 }
 

@@ -3,9 +3,9 @@
 //! - in: a recording, inputs of the operator
 //! - out: snapshots and pictures at a desk, by the presenter that a run has; nothing is computed anew
 
-use super::supervisor::outcome;
-use crate::actors::board::{Board, Found, Peaks, Seen, Sight};
+use super::outcome::outcome;
 use crate::actors::control::Control;
+use crate::actors::latest::{Found, LatestValues, Peaks, Seen, Sight};
 use crate::actors::notice::Notice;
 use crate::actors::present::Presenter;
 use crate::cell::Cell;
@@ -346,7 +346,7 @@ impl Loading {
 struct Stand<'a> {
     show: &'a Show,
     to: &'a RunEnd,
-    board: Board,
+    latest: LatestValues,
     presenter: Presenter,
     /// Where the presenter speaks, before this adds what is different in a replay.
     inner: RunEnd,
@@ -358,23 +358,23 @@ struct Stand<'a> {
 
 impl<'a> Stand<'a> {
     fn new(show: &'a Show, to: &'a RunEnd) -> Self {
-        let board = Board::default();
-        let (presenter, mut stage) = Presenter::new(&show.scenario, board.clone());
+        let latest = LatestValues::default();
+        let (presenter, mut stage) = Presenter::new(&show.scenario, latest.clone());
         stage.title.clone_from(&show.title);
         "replay".clone_into(&mut stage.pace);
         to.stage.send_replace(Arc::new(stage));
         let faults = vec![String::new(); show.scenario.controller.cell.arms.len()];
         let inner = Desk::default().run_end();
-        let mut latest = board.latest();
-        (latest.mp, latest.replayed) = ("as recorded", true);
-        drop(latest);
-        Self { show, to, board, presenter, inner, next: 0, faults, number: 0, over: false }
+        let mut values = latest.lock();
+        (values.mp, values.replayed) = ("as recorded", true);
+        drop(values);
+        Self { show, to, latest, presenter, inner, next: 0, faults, number: 0, over: false }
     }
 
     /// Goes to a time at once: what arms felt on the way is no peak of the moment.
     fn skip(&mut self, time: f64) {
         self.events(time);
-        for arm in &mut self.board.latest().arms {
+        for arm in &mut self.latest.lock().arms {
             std::mem::take(&mut arm.peaks);
         }
     }
@@ -383,7 +383,7 @@ impl<'a> Stand<'a> {
     /// all of them on the way took longer than whoever seeks waits.
     fn events(&mut self, time: f64) {
         let show = self.show;
-        let mut sink = Seen { to: NoRecords, board: Some(self.board.clone()) };
+        let mut sink = Seen { to: NoRecords, latest: Some(self.latest.clone()) };
         let (mut belief, mut looks) = (None, BTreeMap::new());
         while let Some((at, what)) = show.events.get(self.next).filter(|(at, _)| *at <= time) {
             match what {
@@ -393,7 +393,7 @@ impl<'a> Stand<'a> {
                         now.clone_from(fault);
                     }
                     sink.record(record);
-                    self.board.peaked(arm, peaks);
+                    self.latest.peaked(arm, peaks);
                 }
                 What::Belief(picture) => belief = Some(picture),
                 What::Sight(camera, period, jpeg, found) => {
@@ -414,12 +414,12 @@ impl<'a> Stand<'a> {
             self.next += 1;
         }
         if let Some(picture) = belief {
-            self.board.latest().picture = Some(picture.as_ref().clone());
+            self.latest.lock().picture = Some(picture.as_ref().clone());
         }
         for (camera, (period, jpeg, found)) in looks {
             let image = image::load_from_memory_with_format(jpeg, image::ImageFormat::Jpeg).ok();
             let image = image.map(image::DynamicImage::into_rgb8);
-            self.board.saw(camera, Sight { period, image, found: found.clone() });
+            self.latest.saw(camera, Sight { period, image, found: found.clone() });
         }
     }
 

@@ -274,14 +274,14 @@ fn fault_words(scenario: &Scenario) -> Vec<String> {
     words.collect()
 }
 
-/// Tells a recording which injected faults have begun: the truth, which nobody in the run hears.
-pub(super) struct Tattler {
+/// Notes in a recording which injected faults have begun: the truth, which no part of the run sees.
+pub(super) struct PlantEventLog {
     words: Vec<String>,
     told: usize,
     recorder: Recorder,
 }
 
-impl Tattler {
+impl PlantEventLog {
     pub(super) fn new(scenario: &Scenario, recorder: Recorder) -> Self {
         let words = if recorder.is_on() { fault_words(scenario) } else { Vec::new() };
         Self { words, told: 0, recorder }

@@ -6,8 +6,9 @@
 //! - wall clock: the servos run again; the orders, and what came from outside (missed periods, stops), are inputs, since
 //!   threads decided when they came
 
+use super::failure::not_created;
 use super::recording::SCENES;
-use super::supervisor::{Around, RunOptions, not_created, run_with};
+use super::{RunContext, RunOptions, run_with};
 use crate::error::Error;
 use crate::hw::driver::ServoRecord;
 use crate::record::playback::{Divergence, Playback};
@@ -97,7 +98,8 @@ pub fn verify(path: &Path, scenario: &Scenario, attended: bool) -> Result<Verifi
 /// The whole controller, on the virtual clock.
 fn controller(playback: &Playback, scenario: &Scenario, attended: bool) -> Verified {
     let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
-    let around = Around { playback: Some((playback.clone(), attended)), ..Around::default() };
+    let around =
+        RunContext { playback: Some((playback.clone(), attended)), ..RunContext::default() };
     let summary = run_with(scenario, options, around);
     let (mut divergence, compared) = playback.verdict();
     let (last, rest) = (playback.last_period(), playback.rest());

@@ -4,9 +4,10 @@
 //! The servo's period and the exchange run in this thread, by the wall clock or as fast as they compute: nothing else
 //! goes on.
 
-use super::disturbance::Troubles;
+use super::disturbance::InjectedFaults;
+use super::failure::not_created;
 use super::interrupt::heard;
-use super::supervisor::{Plan, not_created};
+use super::plan::Plan;
 use super::world::World;
 use crate::actors::control::Control;
 use crate::error::{Error, Fatal, NonFatal};
@@ -65,8 +66,14 @@ pub fn weigh_tool(
     let world = if scenario.bridge.kind.is_hardware() {
         World::of_hardware(scenario, &control)?.0
     } else {
-        let troubles = Troubles::new(scenario.controller.cell.cameras.len());
-        World::of_plant(scenario, Plan::of(scenario)?.plant(scenario)?, &control, &troubles)?.0
+        let faults = InjectedFaults::new(scenario.controller.cell.cameras.len());
+        World::of_plant(
+            scenario,
+            Plan::of(&scenario.controller)?.plant(scenario)?,
+            &control,
+            &faults,
+        )?
+        .0
     };
     let config = &scenario.controller;
     let configs: Vec<_> = config
@@ -281,7 +288,7 @@ mod tests {
     fn the_tools_of_the_plant_are_weighed_to_a_fiftieth_of_a_newton_and_a_millimetre() {
         let scenario =
             scenario::read(Path::new("weigh.toml"), "task = \"idle\"\nseed = 5\n", &[]).unwrap();
-        let truth = Plan::of(&scenario).unwrap().plant(&scenario).unwrap();
+        let truth = Plan::of(&scenario.controller).unwrap().plant(&scenario).unwrap();
 
         for arm in 0..2 {
             let sensor = truth.cell().arms[arm].sensor;

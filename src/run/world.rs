@@ -3,8 +3,8 @@
 //! Two kinds of world: the simulated plant in this process, and hardware behind a bridge, of which nobody here knows
 //! the truth.
 
-use super::disturbance::{Blinkers, Disturbance, Troubles};
-use super::supervisor::not_created;
+use super::disturbance::{Blinkers, Disturbance, InjectedFaults};
+use super::failure::not_created;
 use super::world_file::Kept;
 use crate::actors::control::Control;
 use crate::cell::Cell;
@@ -39,7 +39,7 @@ pub(super) struct World {
     kept: Option<Kept>,
     /// What is made to go wrong beside the plant, and where that shows.
     disturbances: Vec<Disturbance>,
-    troubles: Troubles,
+    faults: InjectedFaults,
     /// Stickers that show another colour to the cameras.
     misread: Vec<(usize, u8)>,
     /// Periods that the servo has missed: the plant is so far ahead of its numbers.
@@ -144,7 +144,7 @@ impl World {
             kind,
             control: Arc::clone(control),
             disturbances: Vec::new(),
-            troubles: Troubles::default(),
+            faults: InjectedFaults::default(),
             misread: Vec::new(),
             ahead: 0,
             held_up: HeldUp::default(),
@@ -157,7 +157,7 @@ impl World {
         scenario: &Scenario,
         plant: Plant,
         control: &Arc<watch::Sender<Control>>,
-        troubles: &Troubles,
+        faults: &InjectedFaults,
     ) -> Result<(Self, Cameras), Error> {
         let disturbances = super::simulation::faults(scenario).1;
         let mut scenes = Vec::new();
@@ -173,7 +173,7 @@ impl World {
             Ok(Box::new(Blinkered {
                 source,
                 name: scenario.controller.cell.cameras[index].name.clone(),
-                blinkers: Arc::clone(&troubles.cameras[index]),
+                blinkers: Arc::clone(&faults.cameras[index]),
                 under_way: VecDeque::new(),
             }))
         })?;
@@ -182,8 +182,7 @@ impl World {
             _ => Plants::Bare(Box::new(plant)),
         };
         let kind = Kind::Plant { plant, scenes };
-        let world =
-            Self { disturbances, troubles: troubles.clone(), ..Self::around(kind, control) };
+        let world = Self { disturbances, faults: faults.clone(), ..Self::around(kind, control) };
         Ok((world, cameras))
     }
 
@@ -218,10 +217,10 @@ impl World {
         scenario: &Scenario,
         playback: Playback,
         control: &Arc<watch::Sender<Control>>,
-    ) -> (Self, Cameras) {
+    ) -> (Self, Cameras, Noted) {
         let nothing = |_: &CameraSource| Some(Box::new(Nothing) as Box<dyn FrameSource>);
         let cameras = scenario.controller.cameras.iter().map(nothing).collect();
-        (Self::around(Kind::Recording(playback), control), cameras)
+        (Self::around(Kind::Recording(playback), control), cameras, None)
     }
 
     /// A plant that keeps its state in a file, from now on and every tenth of a second.
@@ -367,7 +366,7 @@ impl World {
         for upset in plant.plant_mut().upsets() {
             let Some(what) = self.disturbances.get(upset.which) else { continue };
             tracing::debug!(target: "rubik_robot::truth", ?what, upset.begins, "disturbance");
-            self.troubles.take(what, upset.begins);
+            self.faults.take(what, upset.begins);
             match (*what, upset.begins) {
                 (Disturbance::Missed(periods), true) => missed += periods,
                 (Disturbance::ClockJump(seconds), true) => self.held_up.jump += seconds,

@@ -6,8 +6,9 @@
 //! - the lock is on a file beside it, since the state's own is replaced all the time. It stays there: whoever removed it
 //!   might remove what another run has locked meanwhile. The system lets go of it however a run ends
 
-use super::supervisor::not_created;
-use crate::actors::notice::{Notice, UiHandle};
+use super::failure::not_created;
+use crate::actors::notice::Notice;
+use crate::actors::trace::Trace;
 use crate::error::Error;
 use crate::hw::plant::Plant;
 use crate::hw::plant::saved::{Saved, Unfit};
@@ -35,7 +36,7 @@ pub(super) struct Kept {
     path: PathBuf,
     pace: Pace,
     /// Hears when the state cannot be kept any more.
-    ui: UiHandle,
+    trace: Trace,
     /// It cannot.
     lost: bool,
     /// Locked as long as this lives.
@@ -47,7 +48,7 @@ impl Kept {
     ///
     /// # Errors
     /// When it is no file, or another run has it.
-    pub(super) fn claim(path: &Path, pace: Pace, ui: UiHandle) -> Result<Self, Error> {
+    pub(super) fn claim(path: &Path, pace: Pace, trace: Trace) -> Result<Self, Error> {
         let mut beside = path.as_os_str().to_owned();
         beside.push(".lock");
         let beside = PathBuf::from(beside);
@@ -65,7 +66,7 @@ impl Kept {
         if !journal::is_ours(&lock, &beside) {
             return Err(refused(path, &Unfit::Taken));
         }
-        Ok(Self { path: path.to_owned(), pace, ui, lost: false, _lock: lock })
+        Ok(Self { path: path.to_owned(), pace, trace, lost: false, _lock: lock })
     }
 
     /// The plant as another run left it, when this one is to go on; `begun`: a journal tells of one.
@@ -128,7 +129,7 @@ impl Kept {
             };
             let text = format!("{place}: the plant's state cannot be kept any more: {why}; {rest}");
             let now = plant.scene().period as f64 * PERIOD;
-            self.ui.tell(Notice::Warning(now, text));
+            self.trace.tell(Notice::Warning(now, text));
         }
     }
 }
@@ -153,6 +154,7 @@ fn refused(path: &Path, why: &Unfit) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::run_hash::RunHash;
     use crate::scenario;
 
     #[test]
@@ -162,8 +164,8 @@ mod tests {
         let text = "task = \"idle\"\nseed = 5\n";
         let scenario = scenario::read(Path::new("kept.toml"), text, &[]).unwrap();
         let plant = super::super::simulation::create(&scenario, None, None).unwrap();
-        let (ui, mut told) = crate::actors::notice::mailbox();
-        let mut kept = Kept::claim(&path, Pace::Virtual, ui).unwrap();
+        let (trace, mut told) = Trace::bare(RunHash::default());
+        let mut kept = Kept::claim(&path, Pace::Virtual, trace).unwrap();
         // The first state is there by name, whatever becomes of the machine.
         let lost = kept.begin_in(&plant, |path| {
             assert!(path.exists());

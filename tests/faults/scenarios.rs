@@ -8,7 +8,7 @@ use crate::seeds::{Seed, each_seed};
 use nalgebra::Vector3;
 use rubik_robot::hw::plant::{Incident, Verdict, Whereabouts};
 use rubik_robot::record::summary::{Outcome, Summary};
-use rubik_robot::run::{self, Around, RunOptions};
+use rubik_robot::run::{self, RunContext, RunOptions};
 use rubik_robot::scenario::{self, Override};
 use rubik_robot::spatial::Pose;
 use std::path::{Path, PathBuf};
@@ -65,7 +65,7 @@ fn seen(name: &str, keys: &[Override]) -> Seen {
     let scenario = scenario::load(&path(name), keys).unwrap_or_else(|e| panic!("{e}"));
     let notes = Arc::new(Mutex::new((Vec::new(), None)));
     let keeps = Arc::clone(&notes);
-    let judge: run::Judge = Box::new(move |period, plant| {
+    let probe: run::PlantProbe = Box::new(move |period, plant| {
         let scene = plant.scene();
         let mut notes = keeps.lock().unwrap();
         notes.0.push(Moment {
@@ -81,7 +81,7 @@ fn seen(name: &str, keys: &[Override]) -> Seen {
             notes.1 = Some(plant.verdict());
         }
     });
-    let around = Around { judge: Some(judge), ..Around::default() };
+    let around = RunContext { probe: Some(probe), ..RunContext::default() };
     let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
     let summary = run::run_with(&scenario, options, around).unwrap();
     println!("{name}: {}", summary.reason);
@@ -697,7 +697,7 @@ fn fastest_near_the_operator(keys: &[&str], seed: u64) -> f64 {
     let zone = scenario.controller.cell.hand;
     let (mut before, fastest) = (None, Arc::new(Mutex::new(0.0_f64)));
     let told = Arc::clone(&fastest);
-    let judge: run::Judge = Box::new(move |period, plant| {
+    let probe: run::PlantProbe = Box::new(move |period, plant| {
         const PERIODS: u64 = 10;
         if period % PERIODS != 0 {
             return;
@@ -718,7 +718,7 @@ fn fastest_near_the_operator(keys: &[&str], seed: u64) -> f64 {
             }
         }
     });
-    let around = Around { judge: Some(judge), ..Around::default() };
+    let around = RunContext { probe: Some(probe), ..RunContext::default() };
     let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
     let summary = run::run_with(&scenario, options, around).unwrap();
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);

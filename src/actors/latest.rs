@@ -1,4 +1,4 @@
-//! The board: the latest word of every actor and arm, for the UI. Whoever writes replaces what stood there, and never
+//! The latest values of every actor and arm, for the UI. A writer replaces the value before and never
 //! waits for a reader; the real-time thread does not write here, its records come by the ring.
 
 use crate::cell::Cell;
@@ -12,11 +12,11 @@ use crate::vision::sensor::FaceReading;
 use image::RgbImage;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A handle on the board.
+/// A handle on the latest values.
 #[derive(Debug, Clone, Default)]
-pub struct Board(Arc<Mutex<Latest>>);
+pub struct LatestValues(Arc<Mutex<Latest>>);
 
-/// What stands on it.
+/// The values.
 #[derive(Debug, Default)]
 pub struct Latest {
     /// Every effector's latest state, and what it came to between two looks.
@@ -102,22 +102,22 @@ pub enum Found {
     Nothing(String),
 }
 
-impl Board {
-    /// For reading or writing; hold it for moments only.
-    pub fn latest(&self) -> MutexGuard<'_, Latest> {
+impl LatestValues {
+    /// Locks the values for reading or writing; hold the lock for moments only.
+    pub fn lock(&self) -> MutexGuard<'_, Latest> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// What an effector came to beside the states that are shown.
     pub fn peaked(&self, arm: usize, peaks: &Peaks) {
-        if let Some(arm) = self.latest().arms.get_mut(arm) {
+        if let Some(arm) = self.lock().arms.get_mut(arm) {
             arm.peaks.merge(peaks);
         }
     }
 
     /// A camera's VSP has looked.
     pub fn saw(&self, camera: usize, sight: Sight) {
-        let mut latest = self.latest();
+        let mut latest = self.lock();
         if latest.sights.len() <= camera {
             latest.sights.resize(camera + 1, None);
         }
@@ -126,12 +126,12 @@ impl Board {
 
     /// What the effectors were ordered.
     pub fn ordered(&self, orders: &[Option<Behaviour>; 2]) {
-        self.latest().orders = [0, 1].map(|i| orders[i].as_ref().map(words));
+        self.lock().orders = [0, 1].map(|i| orders[i].as_ref().map(words));
     }
 
     fn arm(&self, record: &ServoRecord) {
         let (index, state) = (usize::from(record.arm), &record.state);
-        let mut latest = self.latest();
+        let mut latest = self.lock();
         if latest.arms.len() <= index {
             latest.arms.resize(index + 1, ArmLatest::default());
         }
@@ -141,18 +141,18 @@ impl Board {
     }
 }
 
-/// Servo records on their way to somewhere else, with a look at them for the board, if there is one.
+/// Servo records on their way to somewhere else, with a look at them for the latest values, if there are faces.
 pub struct Seen<S> {
     /// Where they go.
     pub to: S,
     /// Who looks.
-    pub board: Option<Board>,
+    pub latest: Option<LatestValues>,
 }
 
 impl<S: RecordSink> RecordSink for Seen<S> {
     fn record(&mut self, record: &ServoRecord) {
-        if let Some(board) = &self.board {
-            board.arm(record);
+        if let Some(latest) = &self.latest {
+            latest.arm(record);
         }
         self.to.record(record);
     }

@@ -1,11 +1,12 @@
-//! The alarm: who has panicked, and who does not get on with its own work. An actor runs under it; whoever waits for it
+//! The watchdog: which actor has panicked, and which one does not get on with its own work. An actor runs under it; whoever waits for it
 //! learns of a panic at once and of silence within a tenth of a second, even of an actor that nobody is asking anything.
 //!
-//! - in: actors' futures, and their pulses
+//! - in: actors' futures, and their heartbeats
 //! - out: the system error of the first one that panics or is silent
 
-use super::fault::Mishap;
+use super::fault::ActorFault;
 use crate::error::{Error, System};
+use crate::scenario::keys::Pace;
 use std::any::Any;
 use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -16,28 +17,33 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 use tokio::sync::{oneshot, watch};
 
-/// What a shell is run under.
+/// The supervision under which an actor runs.
 #[derive(Debug, Clone)]
-pub(crate) struct Care {
-    /// Where its panic is told.
-    pub(crate) alarm: Alarm,
-    /// What befalls it.
-    pub(crate) mishap: Arc<Mishap>,
+pub(crate) struct Supervision {
+    /// Reports its panic.
+    pub(crate) watchdog: Watchdog,
+    /// The fault that is injected into it.
+    pub(crate) fault: Arc<ActorFault>,
     /// How long an answer may take beyond what it waits for itself.
     pub(crate) patience: Duration,
 }
 
-impl Care {
-    /// Under the wall clock: what it asks may itself wait half a second for a servo.
-    pub(crate) const PATIENCE: Duration = Duration::from_millis(600);
-    /// On the virtual clock, where nobody is late.
-    pub(crate) const VIRTUAL: Duration = Duration::from_millis(100);
+impl Supervision {
+    /// Under the wall clock: the actor that is asked may itself wait half a second for a servo.
+    const PATIENCE: Duration = Duration::from_millis(600);
+    /// On the virtual clock, where no actor is late.
+    const VIRTUAL: Duration = Duration::from_millis(100);
+
+    /// Returns the supervision of a new run, without faults.
+    pub(crate) fn of(pace: Pace) -> Self {
+        let patience = if pace == Pace::Virtual { Self::VIRTUAL } else { Self::PATIENCE };
+        Self { watchdog: Watchdog::default(), fault: Arc::default(), patience }
+    }
 }
 
-impl Default for Care {
+impl Default for Supervision {
     fn default() -> Self {
-        let (alarm, mishap) = (Alarm::default(), Arc::default());
-        Self { alarm, mishap, patience: Self::PATIENCE }
+        Self::of(Pace::RealTime)
     }
 }
 
@@ -70,9 +76,9 @@ pub(crate) async fn answer_of<T>(
 
 /// Whether an actor gets on: odd while it is at its own work, even while it waits for others, who have limits of their own.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Pulse(Arc<AtomicU64>);
+pub(crate) struct Heartbeat(Arc<AtomicU64>);
 
-impl Pulse {
+impl Heartbeat {
     /// It begins a piece of its own work.
     pub(crate) fn works(&self) {
         self.0.fetch_or(1, Ordering::Relaxed);
@@ -105,16 +111,16 @@ const SILENCE: Duration = Duration::from_millis(80);
 /// Looks, not time: a machine that stands still makes nobody silent.
 const LOOKS: u32 = 8;
 
-/// A handle on the alarm of a run.
+/// A handle on the watchdog of a run.
 #[derive(Debug, Clone)]
-pub(crate) struct Alarm {
+pub(crate) struct Watchdog {
     first: Arc<watch::Sender<Option<Error>>>,
-    pulses: Arc<Mutex<Vec<(String, Pulse)>>>,
+    heartbeats: Arc<Mutex<Vec<(String, Heartbeat)>>>,
 }
 
-impl Default for Alarm {
+impl Default for Watchdog {
     fn default() -> Self {
-        Self { first: Arc::new(watch::channel(None).0), pulses: Arc::default() }
+        Self { first: Arc::new(watch::channel(None).0), heartbeats: Arc::default() }
     }
 }
 
@@ -128,16 +134,16 @@ impl Drop for Outside {
     }
 }
 
-/// What was seen of each pulse, and how often in a row.
+/// What was seen of each heartbeat, and how often in a row.
 #[derive(Debug, Default)]
 struct Looks(Vec<(Option<u64>, u32)>);
 
 impl Looks {
     /// Looks once more: who is seen at the same piece of work for so many times in a row.
-    fn silent(&mut self, pulses: &[(String, Pulse)], most: u32) -> Option<String> {
-        self.0.resize(pulses.len(), (None, 0));
-        for ((name, pulse), (was, same)) in pulses.iter().zip(&mut self.0) {
-            let is = pulse.at_work();
+    fn silent(&mut self, heartbeats: &[(String, Heartbeat)], most: u32) -> Option<String> {
+        self.0.resize(heartbeats.len(), (None, 0));
+        for ((name, heartbeat), (was, same)) in heartbeats.iter().zip(&mut self.0) {
+            let is = heartbeat.at_work();
             *same = if is.is_some() && is == *was { *same + 1 } else { 0 };
             *was = is;
             if *same + 1 >= most {
@@ -153,26 +159,26 @@ fn silent(who: String, time: Duration) -> Error {
     Error::System { actor: "supervisor".into(), place: "watch", cause }
 }
 
-impl Alarm {
+impl Watchdog {
     /// Runs an actor as a task.
     pub(crate) fn spawn(&self, name: &str, actor: impl Future<Output = ()> + Send + 'static) {
-        let (alarm, name) = (self.clone(), name.to_owned());
+        let (watchdog, name) = (self.clone(), name.to_owned());
         tokio::spawn(async move {
             if let Err(why) = Caught(Box::pin(actor)).await {
-                alarm.raise(panicked(&name, &*why));
+                watchdog.raise(panicked(&name, &*why));
             }
         });
     }
 
-    /// A new actor's pulse.
-    pub(crate) fn pulse(&self, name: &str) -> Pulse {
-        let pulse = Pulse::default();
-        self.pulses().push((name.to_owned(), pulse.clone()));
-        pulse
+    /// A new actor's heartbeat.
+    pub(crate) fn heartbeat(&self, name: &str) -> Heartbeat {
+        let heartbeat = Heartbeat::default();
+        self.heartbeats().push((name.to_owned(), heartbeat.clone()));
+        heartbeat
     }
 
-    fn pulses(&self) -> MutexGuard<'_, Vec<(String, Pulse)>> {
-        self.pulses.lock().unwrap_or_else(PoisonError::into_inner)
+    fn heartbeats(&self) -> MutexGuard<'_, Vec<(String, Heartbeat)>> {
+        self.heartbeats.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Until somebody panics, is silent, or has stopped the arms.
@@ -190,7 +196,7 @@ impl Alarm {
         let mut looks = Looks::default();
         loop {
             tokio::time::sleep(SILENCE / LOOKS).await;
-            if let Some(who) = looks.silent(&self.pulses(), LOOKS) {
+            if let Some(who) = looks.silent(&self.heartbeats(), LOOKS) {
                 let error = silent(who, SILENCE);
                 self.raise(error.clone());
                 return error;
@@ -205,14 +211,14 @@ impl Alarm {
         patience: Duration,
         told: impl FnOnce(Error) + Send + 'static,
     ) -> Outside {
-        let (alarm, ends) = (self.clone(), Arc::new(AtomicBool::new(false)));
+        let (watchdog, ends) = (self.clone(), Arc::new(AtomicBool::new(false)));
         let over = Arc::clone(&ends);
         let (pause, mut looks) = (SILENCE / LOOKS, Looks::default());
         let most = (patience.as_secs_f64() / pause.as_secs_f64()).ceil() as u32;
         std::thread::spawn(move || {
-            while !over.load(Ordering::Acquire) && alarm.first.borrow().is_none() {
+            while !over.load(Ordering::Acquire) && watchdog.first.borrow().is_none() {
                 std::thread::sleep(pause);
-                let who = looks.silent(&alarm.pulses(), most);
+                let who = looks.silent(&watchdog.heartbeats(), most);
                 if let Some(who) = who.filter(|_| !over.load(Ordering::Acquire)) {
                     return told(silent(who, patience));
                 }
@@ -236,7 +242,7 @@ impl Alarm {
     }
 }
 
-/// Waits for the alarm; for ever when it cannot come any more.
+/// Waits for the watchdog; for ever when it cannot come any more.
 pub(crate) async fn raised(listens: &mut watch::Receiver<Option<Error>>) -> Error {
     if let Ok(error) = listens.wait_for(Option::is_some).await
         && let Some(error) = error.clone()
@@ -278,11 +284,11 @@ mod tests {
 
     #[tokio::test]
     async fn a_panic_is_told_with_name_and_reason_and_only_the_first() {
-        let alarm = Alarm::default();
-        let mut listens = alarm.listen();
-        alarm.spawn("edp a", async {});
-        alarm.spawn("edp b", async { panic!("on purpose {}", 1) });
-        alarm.spawn("edp c", async { panic!("later") });
+        let watchdog = Watchdog::default();
+        let mut listens = watchdog.listen();
+        watchdog.spawn("edp a", async {});
+        watchdog.spawn("edp b", async { panic!("on purpose {}", 1) });
+        watchdog.spawn("edp c", async { panic!("later") });
 
         let error = raised(&mut listens).await.to_string();
 
@@ -291,12 +297,13 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn who_is_at_one_piece_of_work_for_too_long_is_silent_and_who_waits_or_gets_on_is_not() {
-        let alarm = Alarm::default();
-        let [waits, works, hangs] = ["edp a", "ecp b", "vsp c"].map(|name| alarm.pulse(name));
+        let watchdog = Watchdog::default();
+        let [waits, works, hangs] =
+            ["edp a", "ecp b", "vsp c"].map(|name| watchdog.heartbeat(name));
         waits.works();
         waits.waits();
         let quiet = tokio::time::timeout(Duration::from_secs(1), async {
-            tokio::join!(alarm.silence(), async {
+            tokio::join!(watchdog.silence(), async {
                 loop {
                     works.works();
                     tokio::time::sleep(Duration::from_millis(60)).await;
@@ -309,15 +316,15 @@ mod tests {
         works.waits();
         hangs.works();
         let begun = tokio::time::Instant::now();
-        let error = alarm.raised().await.to_string();
+        let error = watchdog.raised().await.to_string();
         assert!(begun.elapsed() <= Duration::from_millis(90), "{:?}", begun.elapsed());
         assert_eq!(error, "system, supervisor, watch: no answer from vsp c in 0.1 s");
     }
 
     #[test]
     fn who_lets_nobody_else_get_on_is_told_watched_from_outside() {
-        let alarm = Alarm::default();
-        let (waits, hangs) = (alarm.pulse("edp a"), alarm.pulse("mp"));
+        let watchdog = Watchdog::default();
+        let (waits, hangs) = (watchdog.heartbeat("edp a"), watchdog.heartbeat("mp"));
         let (to, told) = std::sync::mpsc::channel();
         let tell = |to: &std::sync::mpsc::Sender<Error>| {
             let to = to.clone();
@@ -325,7 +332,7 @@ mod tests {
         };
         waits.works();
         waits.waits();
-        let outside = alarm.watched_from_outside(Duration::from_millis(300), tell(&to));
+        let outside = watchdog.watched_from_outside(Duration::from_millis(300), tell(&to));
         for _ in 0..40 {
             hangs.works();
             std::thread::sleep(Duration::from_millis(15));
@@ -334,7 +341,7 @@ mod tests {
         assert!(told.try_recv().is_err(), "it got on");
         drop(outside);
 
-        let _outside = alarm.watched_from_outside(Duration::from_millis(300), tell(&to));
+        let _outside = watchdog.watched_from_outside(Duration::from_millis(300), tell(&to));
         hangs.works();
         let error = told.recv_timeout(Duration::from_secs(30)).unwrap().to_string();
         assert_eq!(error, "system, supervisor, watch: no answer from mp in 0.3 s");

@@ -1,0 +1,131 @@
+//! What MP asks the operator, and the operator's orders by hand.
+
+use super::jog::Jog;
+use super::{Mp, Parts, Stop, system};
+use crate::actors::control::{Attended, Control, LOOK};
+use crate::actors::homing::{self, homed};
+use crate::actors::notice::Notice;
+use crate::error::{Error, NonFatal};
+use crate::operator::{Answer, Input, Manual, Question};
+use crate::reach::guard::PlannedMotion;
+
+/// Periods of a macrostep of an effector without a manner.
+const MACROSTEP: u32 = 8;
+
+impl Mp {
+    /// Asks the operator, and waits as long as the question allows. The arms hold meanwhile.
+    pub(super) async fn ask(&mut self, question: &Question) -> Result<Option<Answer>, Stop> {
+        if self.parts.operator.is_none() {
+            return Ok(None);
+        }
+        let until = self.now() + question.seconds;
+        self.parts.services.trace.asks(Some(Question { until, ..question.clone() }));
+        self.parts.services.tempo.attend(Attended::Asked);
+        let mut answer = Ok(None);
+        while self.now() < until {
+            match self.input().await {
+                Ok(Some(Input::Answer { question: number, answer: given }))
+                    if number == question.number && given.fits(&question.subject) =>
+                {
+                    answer = Ok(Some(given));
+                    break;
+                }
+                Ok(_) => {}
+                Err(stop) => {
+                    answer = Err(stop);
+                    break;
+                }
+            }
+        }
+        self.parts.services.tempo.attend(Attended::No);
+        self.parts.services.trace.asks(None);
+        answer
+    }
+
+    /// Waits for the operator's next order.
+    pub(super) async fn ordered(&mut self) -> Result<(usize, Manual), Stop> {
+        self.parts.services.tempo.attend(Attended::ByHand);
+        self.parts.services.trace.takes_orders();
+        let order = loop {
+            match self.input().await {
+                Ok(Some(Input::Manual { effector, order })) => break Ok((effector, order)),
+                Ok(_) => {}
+                Err(stop) => break Err(stop),
+            }
+        };
+        self.refresh().await?;
+        order
+    }
+
+    /// Returns the operator's next input if one comes soon; a terminate and a fault of an arm come
+    /// first.
+    async fn input(&mut self) -> Result<Option<Input>, Stop> {
+        self.permitted().await??;
+        let input = match &mut self.parts.operator {
+            Some(inputs) => tokio::time::timeout(LOOK, inputs.recv()).await.ok().flatten(),
+            None => return Err(Stop::Error(system("listen", "the operator"))),
+        };
+        if input.is_none() {
+            // A closed channel returns at once: without this sleep the loops above would spin.
+            tokio::time::sleep(LOOK).await;
+        }
+        self.refresh().await?;
+        Ok(input)
+    }
+
+    /// Carries out an order that is no behaviour.
+    pub(super) async fn manual(&mut self, effector: usize, order: &Manual) -> Result<(), Stop> {
+        match order {
+            Manual::Synchronise => self.synchronise(effector).await?,
+            Manual::Motor(step) => self.turn_motor(effector, step.axis, step.by).await?,
+            other => {
+                let cause = NonFatal::Arguments(format!("{other:?} is no order to a shell"));
+                let actor = "mp".into();
+                return Err(Stop::Error(Error::NonFatal { actor, place: "manual", cause }));
+            }
+        }
+        self.refresh().await?;
+        Ok(())
+    }
+
+    /// Synchronises an arm; a pause brings it to a stand in between.
+    async fn synchronise(&mut self, effector: usize) -> Result<(), Stop> {
+        let ecp = self.ecp(effector)?.clone();
+        loop {
+            self.permitted().await??;
+            let Parts { services, .. } = &mut self.parts;
+            if homed(ecp.synchronise(), &mut services.control, &services.clock).await? {
+                return Ok(());
+            }
+            self.tell(Notice::Note(self.now(), homing::STANDS.to_owned()));
+        }
+    }
+
+    /// Turns one motor by an angle [rad], from rest to rest; a pause brings it to rest in between.
+    pub(super) async fn turn_motor(
+        &mut self,
+        effector: usize,
+        axis: usize,
+        by: f64,
+    ) -> Result<(), Stop> {
+        let macrostep =
+            self.parts.manners.get(effector).map_or(MACROSTEP, |m| m.compliance.macrostep);
+        let ecp = self.ecp(effector)?.clone();
+        // Its way is not checked before: the lookout stops an arm that comes too near on it.
+        if let Some(guard) = self.guard() {
+            let from = self.known().map(|arm| arm.map(|arm| &arm.desired_joints));
+            self.parts
+                .apart
+                .tell(guard.keep_apart(from, [&PlannedMotion::Stays, &PlannedMotion::Stays]));
+        }
+        let mut jog = Jog::new(axis, by, macrostep);
+        while !jog.is_over() {
+            if jog.rests() {
+                self.permitted().await??;
+            }
+            let runs = *self.parts.services.control.borrow() == Control::Running;
+            ecp.transmit(jog.next(runs)).await?;
+        }
+        Ok(())
+    }
+}

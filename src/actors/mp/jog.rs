@@ -1,0 +1,58 @@
+//! A generator that turns one motor by an angle, from rest to rest.
+//!
+//! - in: axis and angle; at each macrostep whether the operator lets the arm go on
+//! - out: a command for the next macrostep; a pause brings the motor to rest in between
+
+use crate::motion::{AXES, Motion, MotorPositions, MoveCommand, PERIOD};
+
+/// Largest speed of the motor [rad/s].
+const FASTEST: f64 = 25.0;
+/// The least time that a turn takes [s].
+const LEAST: f64 = 0.4;
+/// Time from full pace to rest [s].
+const REST: f64 = 0.4;
+
+/// A motor that is turned.
+pub(super) struct Jog {
+    axis: usize,
+    /// Angle of the whole turn [rad].
+    by: f64,
+    macrostep: u32,
+    /// Share of the turn that is done.
+    at: f64,
+    /// 1 at full pace, 0 at rest.
+    pace: f64,
+}
+
+impl Jog {
+    pub(super) fn new(axis: usize, by: f64, macrostep: u32) -> Self {
+        Self { axis: axis.min(AXES - 1), by, macrostep, at: 0.0, pace: 1.0 }
+    }
+
+    /// Returns whether the turn is done.
+    pub(super) fn is_over(&self) -> bool {
+        self.at >= 1.0
+    }
+
+    /// Returns whether a pause has brought the motor to rest.
+    pub(super) fn rests(&self) -> bool {
+        self.pace <= 0.0
+    }
+
+    /// Returns the command of the next macrostep; `runs` says whether the operator lets it go on.
+    pub(super) fn next(&mut self, runs: bool) -> MoveCommand {
+        let step = f64::from(self.macrostep) * PERIOD;
+        let lasts = (self.by.abs() * std::f64::consts::FRAC_PI_2 / FASTEST).max(LEAST);
+        self.pace = (self.pace + if runs { step / REST } else { -step / REST }).clamp(0.0, 1.0);
+        let next = self.at + self.pace * step / lasts;
+        let mut motors = MotorPositions([0.0; AXES]);
+        motors.0[self.axis] = self.angle(next) - self.angle(self.at);
+        self.at = next;
+        MoveCommand { motion: Motion::MotorsBy(motors), periods: self.macrostep, jaw: None }
+    }
+
+    /// Returns the angle at a share of the turn [rad]: a cosine from rest to rest.
+    fn angle(&self, share: f64) -> f64 {
+        0.5 * self.by * (1.0 - libm::cos(std::f64::consts::PI * share.min(1.0)))
+    }
+}

@@ -1,0 +1,213 @@
+//! The two schemes of coordination: sporadic, in which the ECPs run the generators, and continuous, in
+//! which MP runs them.
+
+use super::{Mp, system};
+use crate::actors::ecp::EcpHandle;
+use crate::actors::fault::ActorFault;
+use crate::actors::move_instruction::MoveInstruction;
+use crate::actors::vsp::VspHandle;
+use crate::actors::watchdog::Heartbeat;
+use crate::error::Error;
+use crate::generators::{Behaviour, Outcome};
+use crate::motion::MoveCommand;
+use crate::tasks::Until;
+use std::time::Duration;
+
+/// The motions of both effectors under continuous coordination, and what they came to.
+struct Running {
+    motions: [Option<MoveInstruction>; 2],
+    outcomes: [Option<Outcome>; 2],
+}
+
+impl Running {
+    /// Returns whether every motion has come to rest in a pause.
+    fn rests(&self) -> bool {
+        self.motions.iter().flatten().all(MoveInstruction::rests)
+    }
+
+    /// Returns whether the step is over: a motion has failed, the leading one has ended, or all have.
+    fn is_over(&self, until: Until) -> bool {
+        let alarms = self.outcomes.iter().any(|o| o.as_ref().is_some_and(Outcome::alarms));
+        let led = matches!(until, Until::Effector(e) if self.outcomes[e].is_some());
+        alarms || led || self.motions.iter().all(Option::is_none)
+    }
+
+    /// Returns the outcomes; a motion that still goes on has been ended.
+    fn ended(mut self) -> [Option<Outcome>; 2] {
+        for (effector, motion) in self.motions.iter().enumerate() {
+            if motion.is_some() {
+                self.outcomes[effector] = Some(Outcome::Ended);
+            }
+        }
+        self.outcomes
+    }
+}
+
+impl Mp {
+    /// Lets the ECPs run the generators: sporadic coordination.
+    pub(super) async fn invoke(
+        &mut self,
+        orders: [Option<Behaviour>; 2],
+        until: Until,
+    ) -> Result<[Option<Outcome>; 2], Error> {
+        let mut outcomes = [None, None];
+        let [first, second] = orders;
+        match (first, second) {
+            (Some(first), Some(second)) => {
+                let (a, b) = (self.ecp(0)?.clone(), self.ecp(1)?.clone());
+                let leads = |effector| until == Until::Effector(effector);
+                let (x, y) = tokio::join!(
+                    behave_beside(a.clone(), b.clone(), first, leads(0)),
+                    behave_beside(b, a, second, leads(1))
+                );
+                let (x, y) = both(x, y)?;
+                outcomes = [Some(x), Some(y)];
+            }
+            (Some(order), None) => outcomes[0] = Some(self.ecp(0)?.behave(order).await?.0),
+            (None, Some(order)) => outcomes[1] = Some(self.ecp(1)?.behave(order).await?.0),
+            (None, None) => {}
+        }
+        self.refresh().await?;
+        Ok(outcomes)
+    }
+
+    /// Runs one move instruction for all effectors, a macrostep at a time: continuous coordination.
+    pub(super) async fn move_all(
+        &mut self,
+        orders: [Option<Behaviour>; 2],
+        until: Until,
+    ) -> Result<[Option<Outcome>; 2], Error> {
+        self.refresh().await?;
+        let mut running = self.begin(&orders)?;
+        loop {
+            // A pause is no work of its own.
+            self.heartbeat.waits();
+            if running.rests() && self.permitted().await?.is_err() {
+                break;
+            }
+            self.heartbeat.works();
+            self.fault.befall().await;
+            let commands = self.step(&mut running);
+            if running.is_over(until) {
+                break;
+            }
+            self.transmit(commands, &running).await?;
+        }
+        self.refresh().await?;
+        Ok(running.ended())
+    }
+
+    fn begin(&self, orders: &[Option<Behaviour>; 2]) -> Result<Running, Error> {
+        let mut motions = [None, None];
+        for (effector, order) in orders.iter().enumerate() {
+            if let Some(order) = order {
+                let manner = self.parts.manners.get(effector);
+                let manner = manner.ok_or_else(|| system("move", "an effector"))?;
+                motions[effector] = Some(MoveInstruction::begin(order, manner));
+            }
+        }
+        Ok(Running { motions, outcomes: [None, None] })
+    }
+
+    /// Steps the generators and returns the commands of the next macrostep.
+    fn step(&self, running: &mut Running) -> [Option<MoveCommand>; 2] {
+        let will = *self.parts.services.control.borrow();
+        running.motions.iter_mut().flatten().for_each(|motion| motion.heed(will));
+        let tracker = self.parts.tracker.as_ref();
+        let target = tracker.and_then(VspHandle::target);
+        let mut commands = [None, None];
+        for effector in 0..2 {
+            let Some(motion) = &mut running.motions[effector] else { continue };
+            match motion.step(&self.arms[effector], target.as_ref()) {
+                Ok((command, sensing)) => {
+                    if let (Some(sensing), Some(tracker)) = (sensing, tracker) {
+                        tracker.configure(sensing);
+                    }
+                    commands[effector] = Some(command);
+                }
+                Err(outcome) => {
+                    running.outcomes[effector] = Some(outcome);
+                    running.motions[effector] = None;
+                }
+            }
+        }
+        commands
+    }
+
+    /// Sends the commands to both effectors at once, and takes their states.
+    async fn transmit(
+        &mut self,
+        commands: [Option<MoveCommand>; 2],
+        running: &Running,
+    ) -> Result<(), Error> {
+        let send = |effector: usize| {
+            let command = commands[effector];
+            let ecp = self.parts.ecps.get(effector).cloned();
+            let motion = running.motions[effector].as_ref();
+            async move {
+                let (Some(ecp), Some(command)) = (ecp, command) else { return Ok(None) };
+                match ecp.transmit(command).await {
+                    // The generator knows to go on from such a refusal, and is shown the state.
+                    Err(error) if motion.is_some_and(|motion| motion.bears(&error)) => {
+                        ecp.state().await.map(Some)
+                    }
+                    sent => sent.map(Some),
+                }
+            }
+        };
+        let sent = async { tokio::join!(send(0), send(1)) };
+        let (a, b) = self.heartbeat.away(sent).await;
+        let (a, b) = both(a, b)?;
+        for (effector, state) in [a, b].into_iter().enumerate() {
+            if let Some(state) = state {
+                self.arms[effector] = state;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Lets an ECP behave; ends its partner's behaviour if it leads or fails.
+async fn behave_beside(
+    own: EcpHandle,
+    partner: EcpHandle,
+    order: Behaviour,
+    leads: bool,
+) -> Result<Outcome, Error> {
+    let result = own.behave(order).await;
+    let failed = !matches!(&result, Ok((outcome, _)) if !outcome.alarms());
+    if leads || failed {
+        // If the partner is gone, its own answer says so.
+        let _ = partner.end().await;
+    }
+    result.map(|(outcome, _)| outcome)
+}
+
+/// Waits for others, and works for a moment in between: an MP that cannot even do that hangs, and is
+/// noticed before anyone needs an answer of it.
+pub(super) async fn looking_up<T>(
+    heartbeat: &Heartbeat,
+    fault: &ActorFault,
+    others: impl Future<Output = T>,
+) -> T {
+    /// Between two looks: with the watchdog's own patience less than 0.1 s.
+    const LOOKS_UP: Duration = Duration::from_millis(10);
+    let mut others = std::pin::pin!(others);
+    loop {
+        if let Ok(answer) = tokio::time::timeout(LOOKS_UP, &mut others).await {
+            return answer;
+        }
+        heartbeat.works();
+        fault.befall().await;
+        heartbeat.waits();
+    }
+}
+
+/// Returns both answers, or the graver of two errors.
+fn both<T>(a: Result<T, Error>, b: Result<T, Error>) -> Result<(T, T), Error> {
+    match (a, b) {
+        (Ok(a), Ok(b)) => Ok((a, b)),
+        (Err(a), Err(b)) => Err(if b.gravity() > a.gravity() { b } else { a }),
+        (Err(error), Ok(_)) | (Ok(_), Err(error)) => Err(error),
+    }
+}

@@ -1,0 +1,46 @@
+//! The log of what a bridge notices: lost answers, retries, late readings.
+
+use crate::cell::Cell;
+use crate::hw::note::{Digest, Note};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// A thread that sums up the notes of a bridge and logs them, once a second and at the end.
+pub(super) struct BridgeLog {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl BridgeLog {
+    /// Starts the thread; the arms of `cell` give the effectors their names.
+    pub(super) fn start(mut notes: rtrb::Consumer<Note>, cell: &Cell) -> Self {
+        let effectors = cell.arms.iter().map(|arm| arm.name.clone()).collect();
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let mut digest = Digest::new(effectors);
+            let mut last = false;
+            while !last {
+                last = stopped.load(Ordering::Acquire);
+                for sentence in digest.sentences(&mut notes, last) {
+                    tracing::warn!("{sentence}");
+                }
+                std::thread::park_timeout(Duration::from_secs(u64::from(!last)));
+            }
+        });
+        Self { stop, thread: Some(thread) }
+    }
+}
+
+impl Drop for BridgeLog {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            thread.thread().unpark();
+            // A panic of the thread has been reported by its own message.
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,265 @@
+//! A run from its start to its end: servos, actors, task, and what is known at the end.
+//!
+//! - in: the world, the operator's channels, the controller's half of the scenario, what MP is to do
+//! - out: [`Done`]
+
+use super::disturbance::InjectedFaults;
+use super::failure::not_created;
+use super::gate::Gate;
+use super::operator::OperatorChannels;
+use super::options::{PlantProbe, RunOptions};
+use super::outcome::{Done, Truth};
+use super::plan::Plan;
+use super::recording;
+use super::servos::{self, BetweenPeriods, Drive, Links, Observer, Servos, start_servos};
+use super::simulation::PlantEventLog;
+use super::staff::{Staff, home, start_actors, start_drivers, supervise};
+use super::task::{Assignment, Logbook, Performed, run_task};
+use super::witness::Witness;
+use super::world::{Cameras, World};
+use crate::actors::clock::Clock;
+use crate::actors::control::{Control, Pacer};
+use crate::actors::mp::Turning;
+use crate::actors::notice::Notice;
+use crate::actors::services::Services;
+use crate::actors::watchdog::Supervision;
+use crate::actors::work::Work;
+use crate::cube::Facelets;
+use crate::error::Error;
+use crate::hw::driver::{Switches, Timing};
+use crate::hw::scene::{Scene, SceneArm};
+use crate::motion::PERIOD;
+use crate::record::playback::Playback;
+use crate::scenario::Scenario;
+use crate::scenario::keys::Pace;
+use crate::tasks::cube::mission::Goal;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::sync::watch;
+
+/// Time after a hand-back in which the operator's hand withdraws [s].
+const WITHDRAWAL: f64 = 4.0;
+/// Time after an error in which arms come to a stand, before the drives go off [s].
+const STAND: f64 = 0.6;
+
+/// What a run is composed of, beside its world and its task.
+pub(super) struct Composition<'a> {
+    /// The scenario, with the cell as the controller believes it.
+    pub(super) scenario: &'a Scenario,
+    /// How the run is started.
+    pub(super) options: RunOptions,
+    /// The operator's side.
+    pub(super) operator: OperatorChannels,
+    /// The recording that is verified.
+    pub(super) playback: Option<Playback>,
+    /// Faults that are injected beside the plant.
+    pub(super) faults: InjectedFaults,
+    /// Judges the run.
+    pub(super) probe: Option<PlantProbe>,
+}
+
+/// What the plant knows before the first period; nothing for hardware.
+struct Beginning {
+    start: Option<Facelets>,
+    clearance: f64,
+}
+
+impl Beginning {
+    fn of(world: &World) -> Result<Self, Error> {
+        let start = world
+            .verdict()
+            .map(|verdict| Facelets::try_from(verdict.facelets))
+            .transpose()
+            .map_err(|e| not_created("plant", &e.to_string()))?;
+        let clearance = world.scene().map_or(f64::INFINITY, |scene| clearance(&scene));
+        Ok(Self { start, clearance })
+    }
+}
+
+/// Returns the distance of the nearest tool from the cube's centre [m].
+fn clearance(scene: &Scene) -> f64 {
+    let cube = scene.cube.world_from_cube.translation.vector;
+    let arms = scene.arms.iter().take(scene.arm_count);
+    let distance = |arm: &SceneArm| (arm.world_from_tool.translation.vector - cube).norm();
+    arms.map(distance).fold(f64::INFINITY, f64::min)
+}
+
+/// The witness of the run, and the flag of MP that it compares the plant with.
+struct Jams {
+    turning: Turning,
+    witness: Arc<Mutex<Witness>>,
+}
+
+impl Jams {
+    fn watched(control: watch::Receiver<Control>) -> Self {
+        let turning = Turning::default();
+        let witness = Arc::new(Mutex::new(Witness::new(turning.clone(), control)));
+        Self { turning, witness }
+    }
+
+    fn count(&self) -> u32 {
+        self.witness.lock().unwrap_or_else(PoisonError::into_inner).jams
+    }
+}
+
+impl Composition<'_> {
+    /// Performs the run, from the operator's start on.
+    ///
+    /// # Errors
+    /// If a part cannot be created, or an arm cannot be synchronised; what happens to the task is in
+    /// [`Done`].
+    pub(super) async fn perform(
+        mut self,
+        (world, cameras): (World, Cameras),
+        goal: Option<Goal>,
+        plan: Plan,
+        logbook: Logbook,
+    ) -> Result<Done, Error> {
+        let beginning = Beginning::of(&world)?;
+        self.operator.started(self.options.wait).await?;
+        let gate = self.close_gate();
+        let switches = Arc::new(Switches::new(self.operator.stop_signal.clone()));
+        let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
+        let jams = Jams::watched(self.operator.control.subscribe());
+        let mut servos = self.start_servos(world, gate, &jams, switches, &clock)?;
+        let services = self.services(clock);
+        let (pace, stuck) = (self.scenario.pace, self.options.stuck);
+        let watchdog = &services.supervision.watchdog;
+        let outside = supervise(&servos, watchdog, &self.faults, pace, stuck);
+        let to_task = self.operator.to_task.take();
+        let turning = jams.turning.clone();
+        let assignment = Assignment { goal, plan, logbook, to_task, turning };
+        let by_hand = assignment.is_by_hand();
+        let resumes = assignment.logbook.is_broken_off();
+        let staff = self
+            .staff(&mut servos, cameras, &services, (by_hand, resumes))
+            .await
+            .inspect_err(|_| servos.switches.stop.store(true, Ordering::Release))?;
+        let config = &self.scenario.controller;
+        let performed = run_task(config, staff, assignment, &services, &self.faults).await?;
+        // An actor that panicked at work stays at it: the watch ends with the task.
+        drop(outside);
+        self.wind_down(servos, performed, (goal, by_hand), beginning, &jams).await
+    }
+
+    /// Puts the gate between operator and run, under virtual time.
+    fn close_gate(&mut self) -> Option<Gate> {
+        (self.scenario.pace == Pace::Virtual)
+            .then(|| self.operator.close_gate(self.playback.as_ref()))
+    }
+
+    /// Starts the servos over their world.
+    fn start_servos(
+        &mut self,
+        world: World,
+        gate: Option<Gate>,
+        jams: &Jams,
+        switches: Arc<Switches>,
+        clock: &Clock,
+    ) -> Result<Servos, Error> {
+        let (scenario, operator) = (self.scenario, &mut self.operator);
+        let drive = Drive {
+            pace: scenario.pace,
+            real_time: &scenario.real_time,
+            missed_limit: scenario.missed_limit(),
+            require_real_time: self.options.require_real_time,
+        };
+        let length = drive.length();
+        let links = Links::create(&scenario.controller, length)?;
+        let trace = operator.trace.clone();
+        let recorder = trace.recorder();
+        let events = PlantEventLog::new(scenario, recorder.clone());
+        let between = BetweenPeriods {
+            observer: Observer::new(Arc::clone(&jams.witness), recorder.clone(), events, length),
+            probe: self.probe.take(),
+            gate,
+            pacer: self
+                .playback
+                .is_none()
+                .then(|| Pacer::new(operator.tempo.clone(), operator.control.subscribe())),
+        };
+        if scenario.pace == Pace::RealTime && recorder.is_on() {
+            operator.record_inputs(clock);
+        }
+        let (stop_button, playback) = (operator.stop_button.clone(), self.playback.clone());
+        let parts = servos::Parts { links, switches, stop_button, trace, playback, between };
+        start_servos(&drive, world, parts, clock)
+    }
+
+    /// Returns the services of the actors.
+    fn services(&self, clock: Clock) -> Services {
+        let pace = self.scenario.pace;
+        Services {
+            clock,
+            work: Work(pace),
+            control: self.operator.control.subscribe(),
+            tempo: self.operator.tempo.clone(),
+            trace: self.operator.trace.clone(),
+            playback: self.playback.clone(),
+            supervision: Supervision::of(pace),
+        }
+    }
+
+    /// Starts all actors below MP, and synchronises the arms on the way.
+    async fn staff(
+        &self,
+        servos: &mut Servos,
+        cameras: Cameras,
+        services: &Services,
+        (by_hand, resumes): (bool, bool),
+    ) -> Result<Staff, Error> {
+        let config = &self.scenario.controller;
+        let drivers = start_drivers(config, servos, services, &self.faults, by_hand);
+        home(&drivers, &config.cell, services, resumes).await?;
+        start_actors(config, drivers, cameras, services, &self.faults).await
+    }
+
+    /// Brings the arms to a stand, stops the servos, and asks the world for its verdict.
+    async fn wind_down(
+        &self,
+        servos: Servos,
+        mut performed: Performed,
+        (goal, by_hand): (Option<Goal>, bool),
+        beginning: Beginning,
+        jams: &Jams,
+    ) -> Result<Done, Error> {
+        let (ending, switches) = (&mut performed.ending, Arc::clone(&servos.switches));
+        if matches!(ending.error, Some(Error::System { .. })) {
+            // The actors that are left must not move the arms any more.
+            switches.hold.store(true, Ordering::Release);
+        }
+        if ending.error.is_some() {
+            // Power off under a moving arm is no safe end: a motion that was broken off comes to a
+            // stand first.
+            tokio::time::sleep(Duration::from_secs_f64(STAND)).await;
+        }
+        if ending.finish.as_ref().is_some_and(|f| f.achieved) && goal == Some(Goal::Solve) {
+            tokio::time::sleep(Duration::from_secs_f64(WITHDRAWAL)).await;
+        }
+        switches.stop.store(true, Ordering::Release);
+        let (trace, end) = (&self.operator.trace, ending.end);
+        let report = |timing: &Timing| {
+            trace.recorder().note((end / PERIOD) as u64, || recording::timing(timing));
+            for line in timing.to_string().lines() {
+                trace.tell(Notice::Note(end, format!("servo: {line}")));
+            }
+        };
+        let stopped = servos.stopped(report).await?;
+        let verdict = stopped.world.verdict();
+        tracing::debug!(?verdict, "world at the end");
+        let (_, _, missed) = switches.punctual.take();
+        if missed > 0 && self.scenario.pace == Pace::Virtual {
+            let text =
+                format!("servo: {missed} periods missed; the last set values held meanwhile");
+            trace.tell(Notice::Warning(end, text));
+        }
+        ending.error = stopped.fault.or(ending.error.take());
+        let Beginning { start, clearance } = beginning;
+        let jams = jams.count();
+        let truth =
+            start.zip(verdict).map(|(start, verdict)| Truth { start, clearance, verdict, jams });
+        let (hash, servo_hash) = (trace.hash().hash(), trace.hash().servo_hash());
+        Ok(Done { goal, performed, truth, by_hand, hash, servo_hash })
+    }
+}

@@ -1,0 +1,133 @@
+//! The operator's side of a run: the UI actor, and the channels by which the operator's control,
+//! inputs and emergency stop reach the run.
+//!
+//! - in: the desk at which the UIs are, or none
+//! - out: the channels; under virtual time behind a [`Gate`], which lets them change between two
+//!   periods only
+
+use super::failure::not_created;
+use super::gate::{Gate, Inner, Outer};
+use super::options::{RunContext, RunOptions};
+use super::recording;
+use crate::actors::clock::Clock;
+use crate::actors::control::{Control, Tempo};
+use crate::actors::latest::LatestValues;
+use crate::actors::present::Presenter;
+use crate::actors::trace::Trace;
+use crate::actors::ui::{OperatorControls, Parts, Ui};
+use crate::emergency_stop::{EmergencyStop, StopButton, StopSignal};
+use crate::error::Error;
+use crate::operator::Input;
+use crate::record::playback::Playback;
+use crate::record::run_hash::RunHash;
+use crate::scenario::Scenario;
+use std::sync::Arc;
+use std::time::Instant;
+use tokio::sync::{mpsc, watch};
+
+/// Orders and answers that may wait for MP.
+const INPUTS: usize = 4;
+
+/// The channels between the operator and a run.
+pub(super) struct OperatorChannels {
+    /// Notices to the operator, and the other traces.
+    pub(super) trace: Trace,
+    /// Presses the emergency stop that the servos read.
+    pub(super) stop_button: StopButton,
+    /// The emergency stop that the servos read.
+    pub(super) stop_signal: StopSignal,
+    /// Start, pause, resume, terminate.
+    pub(super) control: Arc<watch::Sender<Control>>,
+    /// Answers and orders to MP; `None` when no operator can be asked.
+    pub(super) to_task: Option<mpsc::Receiver<Input>>,
+    /// How fast simulated time may go.
+    pub(super) tempo: Tempo,
+}
+
+/// Starts the UI of a run; returns it with the channels that it serves.
+///
+/// # Errors
+/// If the UI's thread cannot be created.
+pub(super) fn start_ui(
+    scenario: &Scenario,
+    options: RunOptions,
+    context: &RunContext,
+) -> Result<(Ui, OperatorChannels), Error> {
+    let initial = if options.wait { Control::Waiting } else { Control::Running };
+    let control = Arc::new(watch::channel(initial).0);
+    let tempo = Tempo::default();
+    tempo.set(options.speed);
+    let (to_task, inputs) = mpsc::channel(INPUTS);
+    let latest = context.desk.as_ref().map(|_| LatestValues::default());
+    let presenter = context.desk.as_ref().zip(latest.clone()).map(|(desk, latest)| {
+        let (presenter, stage) = Presenter::new(scenario, latest);
+        desk.stage.send_replace(Arc::new(stage));
+        presenter
+    });
+    let parts = Parts {
+        quiet: options.quiet,
+        keys: !options.automatic,
+        controls: OperatorControls { control: Arc::clone(&control), to_task, tempo: tempo.clone() },
+        desk: context.desk.clone(),
+        presenter,
+        latest,
+        recorder: context.recorder.clone(),
+        hash: RunHash::default(),
+    };
+    let ui = Ui::spawn(parts).map_err(|e| not_created("ui", &e.to_string()))?;
+    let attended = context.desk.is_some() || context.playback.as_ref().is_some_and(|(_, was)| *was);
+    let channels = OperatorChannels {
+        trace: ui.trace.clone(),
+        stop_button: ui.stop_button.clone(),
+        stop_signal: ui.stop_signal.clone(),
+        control,
+        to_task: attended.then_some(inputs),
+        tempo,
+    };
+    Ok((ui, channels))
+}
+
+impl OperatorChannels {
+    /// Waits until the operator starts the run. No time passes before the start, so that a run does
+    /// not depend on when it was started.
+    ///
+    /// # Errors
+    /// If no UI is left to start it.
+    pub(super) async fn started(&self, waits: bool) -> Result<(), Error> {
+        let (mut control, begun) = (self.control.subscribe(), Instant::now());
+        if control.wait_for(|will| *will != Control::Waiting).await.is_err() {
+            return Err(not_created("control", "nobody is left to start the run"));
+        }
+        self.tempo.held_back(begun.elapsed());
+        // A quick operator, or a slow machine: the start may have come before this function did.
+        if waits && *self.control.borrow() == Control::Running {
+            recording::started(self.trace.recorder());
+        }
+        Ok(())
+    }
+
+    /// Puts a gate between the operator and the run: the channels are those inside of it from now
+    /// on.
+    pub(super) fn close_gate(&mut self, playback: Option<&Playback>) -> Gate {
+        let control = Arc::new(watch::channel(Control::Running).0);
+        let (to_mp, inputs) = mpsc::channel(INPUTS);
+        let inputs = self.to_task.is_some().then_some(inputs);
+        let stop = EmergencyStop::default();
+        self.stop_button = stop.button();
+        let outer = Outer {
+            control: self.control.subscribe(),
+            stop: std::mem::replace(&mut self.stop_signal, stop.signal()),
+            to_task: std::mem::replace(&mut self.to_task, inputs),
+        };
+        self.control = Arc::clone(&control);
+        let inner = Inner { control, stop, to_task: to_mp };
+        Gate { outer, inner, recorder: self.trace.recorder().clone(), playback: playback.cloned() }
+    }
+
+    /// Records the inputs of a run under the wall clock, where no gate does.
+    pub(super) fn record_inputs(&mut self, clock: &Clock) {
+        let (control, stop) = (self.control.subscribe(), self.stop_signal.clone());
+        let outer = Outer { control, stop, to_task: self.to_task.take() };
+        self.to_task = recording::follow(outer, clock.clone(), self.trace.recorder().clone());
+    }
+}

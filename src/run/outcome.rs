@@ -1,0 +1,293 @@
+//! What a run came to: the verdict of the plant over the controller's account, and the summary.
+//!
+//! - in: how MP's work ended, what the kernel has done, and what the plant knows; hardware knows nothing
+//! - out: the summary, and its words for the operator
+
+use super::task::Performed;
+use crate::actors::mp::Ending;
+use crate::cube::{Facelets, format_turns};
+use crate::error::{Error, NonFatal};
+use crate::hw::plant::Verdict;
+use crate::operator::OutcomeView;
+use crate::record::summary::{Accident, EndedBy, Outcome, Phase, SensorPeak, Summary};
+use crate::scenario::{ControllerConfig, Scenario};
+use crate::servo::period::Length;
+use crate::tasks::cube::mission::Goal;
+use std::time::Instant;
+
+/// A force on the cube above this is excessive [N]: a verdict, not a limit of anything.
+const EXCESSIVE: f64 = 20.0;
+/// A layer is turned as asked within this [deg].
+const TURNED_WITHIN: f64 = 5.0;
+/// Why a run ended that its operator ended.
+pub(super) const BY_OPERATOR: &str = "terminated by the operator";
+
+/// All that is known at the end of a run.
+pub(super) struct Done {
+    /// The goal of the cube's task; `None` for idle.
+    pub(super) goal: Option<Goal>,
+    /// What became of the task.
+    pub(super) performed: Performed,
+    /// What the plant knows; `None` for hardware.
+    pub(super) truth: Option<Truth>,
+    /// The operator moved the arms by hand: only the operator ends that.
+    pub(super) by_hand: bool,
+    /// Over servo records and messages.
+    pub(super) hash: String,
+    /// Over servo records.
+    pub(super) servo_hash: String,
+}
+
+/// What a plant knows at the end.
+pub(super) struct Truth {
+    /// The cube at the beginning.
+    pub(super) start: Facelets,
+    /// Distance of the nearest tool from the cube's centre at the beginning [m].
+    pub(super) clearance: f64,
+    /// What happened to the cube.
+    pub(super) verdict: Verdict,
+    /// Turns that jammed.
+    pub(super) jams: u32,
+}
+
+impl Truth {
+    /// Returns the cube at the end.
+    fn end(&self) -> Facelets {
+        Facelets::try_from(self.verdict.facelets).unwrap_or(self.start)
+    }
+}
+
+/// Returns the summary of a run whose task never began.
+#[must_use]
+pub fn not_begun(scenario: &Scenario, error: &Error) -> Summary {
+    let ended_by = match error {
+        Error::NonFatal { cause: NonFatal::Terminated, .. } => EndedBy::Operator,
+        Error::NonFatal { cause: NonFatal::Interrupted, .. } => EndedBy::Interrupt,
+        Error::NonFatal { .. } => EndedBy::Task,
+        Error::Fatal { .. } => EndedBy::Fatal,
+        Error::System { .. } => EndedBy::System,
+    };
+    let cube = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
+    let (task, reason) = (scenario.controller.task.word(), error.to_string());
+    Summary::not_started(task, scenario.seed, cube.as_deref(), &reason, ended_by)
+}
+
+/// Sums a run up; `period` is the length of a servo period [s].
+pub(super) fn summary(
+    config: &ControllerConfig,
+    seed: u64,
+    period: f64,
+    done: &Done,
+    wall_time_s: f64,
+) -> Summary {
+    let truth = done.truth.as_ref();
+    let verdict = truth.map(|truth| &truth.verdict);
+    let Performed { ending, log, ended, .. } = &done.performed;
+    let end = truth.map(Truth::end);
+    let turned_deg = turned_deg(done.goal, verdict);
+    let (outcome, reason, ended_by) = verdict_of(done, end.as_ref(), turned_deg);
+    let counts = verdict.map(|v| v.counts);
+    Summary {
+        outcome,
+        reason,
+        ended_by,
+        task: config.task.word().to_owned(),
+        seed,
+        cube_start: truth.map(|t| t.start.to_string()),
+        cube_end: end.map(|end| end.to_string()),
+        identified: log.identified.clone(),
+        solution: log.identified.as_ref().map(|_| format_turns(&log.solution)),
+        executed: format_turns(&log.executed),
+        turns: log.executed.len() as u32,
+        grasps: log.grasps,
+        recoveries: log.recoveries,
+        sim_time_s: ending.end,
+        wall_time_s,
+        peak_force_n: verdict.map(|v| v.peak_force),
+        peak_torque_nm: verdict.map(|v| v.peak_torque),
+        sensors: sensor_peaks(config, ending, verdict),
+        jams: truth.map(|t| t.jams),
+        slips: counts.map(|c| c.slips),
+        drops: counts.map(|c| c.drops),
+        drops_noticed: Some(log.drops),
+        returned: verdict.map(Verdict::is_back),
+        force_limit_n: Some(config.control.force_limit),
+        clearance_mm: truth.map(|t| t.clearance * 1e3).filter(|mm| mm.is_finite()),
+        pops: counts.map(|c| c.pops),
+        crushed: counts.map(|c| c.crushed),
+        collisions: counts.map(|c| c.collisions),
+        accidents: verdict.map(|v| accidents(v, config, period)),
+        turned_deg,
+        phases: phases(ending, *ended),
+        hash: done.hash.clone(),
+        servo_hash: done.servo_hash.clone(),
+    }
+}
+
+/// Returns by how much a face turn has turned its layer, in the sense that was asked.
+fn turned_deg(goal: Option<Goal>, verdict: Option<&Verdict>) -> Option<f64> {
+    match goal {
+        // The turner holds the upper layer: clockwise seen from outside is negative about +z, and
+        // `turned` is the body's part against the turner's. Positive is the asked sense.
+        Some(Goal::FaceTurn(angle)) => verdict.map(|v| v.turned.to_degrees() * angle.signum()),
+        Some(Goal::Solve | Goal::Acquire) | None => None,
+    }
+}
+
+/// Returns how long each phase took; `ended` is when the last one ended by the wall clock.
+fn phases(ending: &Ending, ended: Instant) -> Vec<Phase> {
+    let ends = ending.phases.iter().skip(1).map(|p| (p.1, p.2)).chain([(ending.end, ended)]);
+    ending
+        .phases
+        .iter()
+        .zip(ends)
+        .map(|((name, begin, began), (end, ended))| Phase {
+            name: (*name).into(),
+            sim_time_s: end - begin,
+            wall_time_s: ended.saturating_duration_since(*began).as_secs_f64(),
+        })
+        .collect()
+}
+
+/// Returns the peaks of each wrist, as the plant and as the sensor has them.
+fn sensor_peaks(
+    config: &ControllerConfig,
+    ending: &Ending,
+    verdict: Option<&Verdict>,
+) -> Vec<SensorPeak> {
+    let arms = config.cell.arms.iter().take(2).enumerate();
+    arms.map(|(i, arm)| SensorPeak {
+        effector: arm.name.clone(),
+        force_n: verdict.map(|v| v.arm_peak_force[i]),
+        torque_nm: verdict.map(|v| v.arm_peak_torque[i]),
+        felt_force_n: ending.felt.arms[i].peak_force,
+        felt_torque_nm: ending.felt.arms[i].peak_torque,
+    })
+    .collect()
+}
+
+fn accidents(verdict: &Verdict, config: &ControllerConfig, period: f64) -> Vec<Accident> {
+    let names: Vec<&str> = config.cell.arms.iter().map(|arm| arm.name.as_str()).collect();
+    let period = Length::of_seconds(period).seconds();
+    let told = verdict.told(&names, period).filter(|(_, is_accident, _)| *is_accident);
+    told.map(|(time_s, _, what)| Accident { time_s, what }).collect()
+}
+
+/// Returns the verdict: what was asked must be so in the plant, whatever the controller believes.
+/// For hardware there is only the controller's word.
+fn verdict_of(
+    done: &Done,
+    end: Option<&Facelets>,
+    turned_deg: Option<f64>,
+) -> (Outcome, String, EndedBy) {
+    let Performed { ending, whereabouts, .. } = &done.performed;
+    if let Some(error) = &ending.error {
+        let ended_by =
+            if matches!(error, Error::System { .. }) { EndedBy::System } else { EndedBy::Fatal };
+        return (Outcome::Aborted, format!("{error}{}", placed(whereabouts)), ended_by);
+    }
+    if ending.finish.is_none() && done.by_hand {
+        let reason = "the arms were moved by hand until the operator ended it".to_owned();
+        return (Outcome::Solved, reason, EndedBy::Operator);
+    }
+    let Some(finish) = &ending.finish else {
+        let reason = format!("{BY_OPERATOR}{}", placed(whereabouts));
+        return (Outcome::Aborted, reason, EndedBy::Operator);
+    };
+    let (Some(truth), Some(end)) = (&done.truth, end) else {
+        let outcome = if finish.achieved { Outcome::Solved } else { Outcome::Failed };
+        let reason = format!("{}, by the controller's own account", finish.reason);
+        return (outcome, reason, EndedBy::Task);
+    };
+    let (right, words) = match done.goal {
+        None => (true, finish.reason.clone()),
+        Some(Goal::Solve) => {
+            let verdict = &truth.verdict;
+            (end.is_solved() && verdict.is_back(), verdict_words(end.is_solved(), verdict))
+        }
+        Some(Goal::Acquire) => (truth.verdict.is_back(), verdict_words(true, &truth.verdict)),
+        Some(Goal::FaceTurn(angle)) => turn_verdict(angle, turned_deg.unwrap_or(0.0), truth),
+    };
+    match (finish.achieved, right) {
+        (true, true) => (Outcome::Solved, words, EndedBy::Task),
+        (true, false) => {
+            let reason = format!("the controller believes it is done, but {words}");
+            (Outcome::Failed, reason, EndedBy::Task)
+        }
+        (false, _) => (Outcome::Failed, finish.reason.clone(), EndedBy::Task),
+    }
+}
+
+/// Returns whether a face turn by `angle` [rad] was right, and what the plant says of it.
+fn turn_verdict(angle: f64, turned_deg: f64, truth: &Truth) -> (bool, String) {
+    let asked = angle.abs().to_degrees();
+    let gentle = truth.verdict.peak_force < EXCESSIVE;
+    let right = (turned_deg - asked).abs() < TURNED_WITHIN && truth.jams == 0 && gentle;
+    let force = if gentle { "" } else { ", with excessive force" };
+    let slip = if truth.verdict.counts.slips > 0 { ", and a grip slipped" } else { "" };
+    (right, format!("the layer was turned by {turned_deg:.1} deg of {asked:.0}{force}{slip}"))
+}
+
+fn verdict_words(solved: bool, verdict: &Verdict) -> String {
+    let state = if solved { "the cube is as wanted" } else { "the cube is not solved" };
+    format!("{state} and {}", verdict.place())
+}
+
+/// Returns where the cube is, to be put after a reason.
+fn placed(whereabouts: &str) -> String {
+    if whereabouts.is_empty() { String::new() } else { format!("; {whereabouts}") }
+}
+
+/// Returns what the operator is shown at the end.
+pub(super) fn outcome(summary: &Summary) -> OutcomeView {
+    let verdict = match (summary.outcome, summary.task.as_str()) {
+        (Outcome::Solved, "solve") => "solved",
+        (Outcome::Solved, _) => "done",
+        (Outcome::Failed, _) => "failed",
+        (Outcome::Aborted, _) => "aborted",
+    };
+    let mut figures = vec![
+        ("simulated time".to_owned(), format!("{:.1} s", summary.sim_time_s)),
+        ("times real time".to_owned(), format!("{:.1}", summary.real_time_factor())),
+        ("turns".to_owned(), summary.turns.to_string()),
+        ("grasps".to_owned(), summary.grasps.to_string()),
+        ("begun anew".to_owned(), summary.recoveries.to_string()),
+        ("executed".to_owned(), summary.executed.clone()),
+    ];
+    for sensor in &summary.sensors {
+        figures.push((
+            format!("{} felt at most", sensor.effector),
+            format!("{:.1} N, {:.2} Nm", sensor.felt_force_n, sensor.felt_torque_nm),
+        ));
+    }
+    figures.push(("hash".to_owned(), summary.hash.clone()));
+    figures.push(("servo hash".to_owned(), summary.servo_hash.clone()));
+    OutcomeView {
+        verdict: verdict.to_owned(),
+        good: summary.outcome == Outcome::Solved,
+        reason: summary.reason.clone(),
+        time: Some(summary.sim_time_s),
+        figures,
+    }
+}
+
+/// Returns what the operator is shown of a run that an error ended before its task.
+pub(super) fn broken_off(error: &Error) -> OutcomeView {
+    OutcomeView {
+        verdict: "aborted".to_owned(),
+        good: false,
+        reason: error.to_string(),
+        time: None,
+        figures: Vec::new(),
+    }
+}
+
+/// Returns an early end that a signal asked for, with the signal as its cause.
+pub(super) fn interrupted(error: Error) -> Error {
+    match error {
+        Error::NonFatal { actor, place, cause: NonFatal::Terminated } => {
+            Error::NonFatal { actor, place, cause: NonFatal::Interrupted }
+        }
+        other => other,
+    }
+}

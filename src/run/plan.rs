@@ -1,0 +1,50 @@
+//! Where the arms can meet, and how a face turn begins: from the belief alone.
+
+use super::failure::not_created;
+use super::settings::{self, FaceTurnStart};
+use super::{meeting_cache, simulation};
+use crate::error::Error;
+use crate::hw::plant::Plant;
+use crate::reach::{MeetingTable, ReachSettings};
+use crate::scenario::keys::Task;
+use crate::scenario::{ControllerConfig, Scenario};
+
+/// The geometry that plant and task begin with.
+pub(super) struct Plan {
+    /// Meetings of the two arms; `None` unless the cell has two.
+    pub(super) meetings: Option<MeetingTable>,
+    /// The start of a face turn; `None` for other tasks.
+    pub(super) face_turn: Option<FaceTurnStart>,
+    /// Angle of the face turn [rad].
+    pub(super) angle: f64,
+}
+
+impl Plan {
+    /// Searches the meetings of a cell, unless they are cached, and the start of its face turn.
+    ///
+    /// # Errors
+    /// If the arms cannot meet as the face turn needs it.
+    pub(super) fn of(config: &ControllerConfig) -> Result<Self, Error> {
+        let meetings = (config.cell.arms.len() == 2)
+            .then(|| meeting_cache::of(&config.cell, &ReachSettings::default()));
+        let face_turn = (config.task == Task::FaceTurn)
+            .then(|| {
+                let meetings = meetings.as_ref().ok_or("both arms are needed".to_owned())?;
+                settings::face_turn_start(meetings, config.face_turn.angle)
+            })
+            .transpose()
+            .map_err(|why| not_created("task", &why))?;
+        let (face_turn, angle) =
+            face_turn.map_or((None, 0.0), |(start, angle)| (Some(start), angle));
+        Ok(Self { meetings, face_turn, angle })
+    }
+
+    /// Creates the plant in which a run begins.
+    ///
+    /// # Errors
+    /// If the plant section describes no possible plant.
+    pub(super) fn plant(&self, scenario: &Scenario) -> Result<Plant, Error> {
+        simulation::create(scenario, self.meetings.as_ref(), self.face_turn.as_ref())
+            .map_err(|why| not_created("plant", &why))
+    }
+}

@@ -1,0 +1,199 @@
+//! The task of a run: MP around the kernel that the scenario names, from its first event to its end.
+//!
+//! - in: the actors below MP, the geometry of the plan, the journal of a run that was broken off
+//! - out: how MP's work ended, and what the kernel knows of it
+
+use super::disturbance::InjectedFaults;
+use super::failure::not_created;
+use super::options::SavedFiles;
+use super::plan::Plan;
+use super::settings;
+use super::staff::Staff;
+use crate::actors::mp::{self, Coordination, Ending, Mp, Turning};
+use crate::actors::notice::Notice;
+use crate::actors::services::Services;
+use crate::actors::watchdog::{Caught, panicked};
+use crate::error::Error;
+use crate::motion::PERIOD;
+use crate::operator::Input;
+use crate::reach::{MeetingTable, ReachSettings};
+use crate::record::journal::Journal;
+use crate::scenario::{ControllerConfig, Owner, keys};
+use crate::tasks::cube::hold::Hand;
+use crate::tasks::cube::mission::{self, Goal, Mission, MissionLog};
+use crate::tasks::idle::Idle;
+use crate::tasks::panel::Panel;
+use crate::tasks::{Entry, Task};
+use std::path::Path;
+use std::time::Instant;
+use tokio::sync::mpsc;
+use tracing::Instrument as _;
+
+/// Time that the operator has for an answer [s].
+const PATIENCE: f64 = 120.0;
+
+/// A run's journal, and the last entry of the run that was broken off.
+#[derive(Default)]
+pub(super) struct Logbook {
+    journal: Option<Journal>,
+    /// Whether this run goes on where another was broken off.
+    resumes: bool,
+    last: Option<Entry>,
+}
+
+impl Logbook {
+    /// Opens the journal that the files name, if they name one.
+    ///
+    /// # Errors
+    /// If the journal cannot be read or written, or tells of a run that is not to be resumed.
+    pub(super) fn open(files: &SavedFiles) -> Result<Self, Error> {
+        let Some(path) = &files.journal else { return Ok(Self::default()) };
+        let last = if files.resume {
+            Journal::last(path).map_err(|why| unusable(path, &why.to_string()))?
+        } else {
+            None
+        };
+        let journal = Journal::open(path, files.resume);
+        let journal = journal.map_err(|why| unusable(path, &why.to_string()))?;
+        Ok(Self { journal: Some(journal), resumes: files.resume, last })
+    }
+
+    /// Returns whether another run has begun and is to be resumed.
+    pub(super) fn has_begun(&self) -> bool {
+        self.last.is_some()
+    }
+
+    /// Returns whether the run that is resumed was broken off before its end.
+    pub(super) fn is_broken_off(&self) -> bool {
+        self.last.as_ref().is_some_and(|last| !last.over)
+    }
+}
+
+fn unusable(path: &Path, why: &str) -> Error {
+    not_created("journal", &format!("{}: {why}", path.display()))
+}
+
+/// The kernel that MP performs.
+enum Kernel {
+    Cube(Box<Mission>),
+    Idle(Idle),
+    Panel(Panel),
+}
+
+/// What MP is to do.
+pub(super) struct Assignment {
+    /// The goal of the cube's task; `None` for idle.
+    pub(super) goal: Option<Goal>,
+    /// The geometry of the task.
+    pub(super) plan: Plan,
+    /// The journal.
+    pub(super) logbook: Logbook,
+    /// Answers and orders of the operator; `None` when no operator can be asked.
+    pub(super) to_task: Option<mpsc::Receiver<Input>>,
+    /// Set while a turn is commanded.
+    pub(super) turning: Turning,
+}
+
+impl Assignment {
+    /// Returns whether the operator moves the arms by hand: only the operator ends that.
+    pub(super) fn is_by_hand(&self) -> bool {
+        self.goal.is_none() && self.to_task.is_some()
+    }
+}
+
+/// What became of the task.
+pub(super) struct Performed {
+    /// How MP's work ended.
+    pub(super) ending: Ending,
+    /// What the mission's kernel has done.
+    pub(super) log: MissionLog,
+    /// Where the cube is, as the kernel believes; empty if it does not know.
+    pub(super) whereabouts: String,
+    /// When MP's work ended, by [`Tempo::worked`](crate::actors::control::Tempo::worked).
+    pub(super) ended: Instant,
+}
+
+/// Performs the task with all effectors; a panic of MP is an ending, too.
+///
+/// # Errors
+/// If the cell has too few effectors for the task.
+pub(super) async fn run_task(
+    config: &ControllerConfig,
+    staff: Staff,
+    assignment: Assignment,
+    services: &Services,
+    faults: &InjectedFaults,
+) -> Result<Performed, Error> {
+    let by_hand = assignment.is_by_hand();
+    let Assignment { goal, plan, logbook, to_task, turning } = assignment;
+    let mut kernel = match goal {
+        None if by_hand => Kernel::Panel(settings::panel(config)),
+        None => Kernel::Idle(Idle::new(config.idle.time)),
+        Some(goal) => {
+            let Plan { meetings, face_turn, .. } = plan;
+            let held = face_turn.map(|f| (Hand::Postument, f.body, f.half_roll));
+            let patience = to_task.is_some().then_some(PATIENCE);
+            let mut order =
+                mission::Assignment { held, patience, ..mission::Assignment::new(goal) };
+            if logbook.resumes {
+                order = order.resumed(logbook.last);
+            }
+            Kernel::Cube(Box::new(cube_kernel(config, meetings, order)?))
+        }
+    };
+    let Staff { ecps, mut sensors, manners, guard, apart } = staff;
+    let mp = Mp::new(mp::Parts {
+        turning,
+        forces: sensors.forces.take(),
+        ecps,
+        tracker: sensors.tracker_of(Owner::Mp),
+        hand_cameras: std::array::from_fn(|arm| sensors.hand_camera_of(Owner::Mp, arm)),
+        coordination: match config.coordination {
+            keys::Coordination::Continuous => Coordination::Continuous,
+            keys::Coordination::Sporadic => Coordination::Sporadic,
+        },
+        manners,
+        operator: to_task,
+        journal: logbook.journal,
+        guard: Some(guard),
+        apart,
+        services: services.under(Some(&faults.mp)),
+    });
+    let ending = match &mut kernel {
+        Kernel::Cube(mission) => perform(mp, mission.as_mut(), services).await,
+        Kernel::Idle(idle) => perform(mp, idle, services).await,
+        Kernel::Panel(panel) => perform(mp, panel, services).await,
+    };
+    let (log, whereabouts) = match kernel {
+        Kernel::Cube(mission) => (mission.log(), mission.whereabouts()),
+        Kernel::Idle(_) | Kernel::Panel(_) => (MissionLog::default(), String::new()),
+    };
+    Ok(Performed { ending, log, whereabouts, ended: services.tempo.worked() })
+}
+
+/// Creates the kernel of the cube's task.
+fn cube_kernel(
+    config: &ControllerConfig,
+    meetings: Option<MeetingTable>,
+    assignment: mission::Assignment,
+) -> Result<Mission, Error> {
+    let settings = meetings
+        .and_then(|meetings| {
+            settings::cube_settings(config, meetings, ReachSettings::default().back)
+        })
+        .ok_or_else(|| not_created("task", "the cube task needs two effectors"))?;
+    Ok(Mission::new(settings, assignment))
+}
+
+/// Lets MP perform a task; returns how that ended, even if it ended in a panic.
+async fn perform<T: Task>(mp: Mp, task: &mut T, services: &Services) -> Ending {
+    let work = mp.run(task).instrument(tracing::info_span!("mp"));
+    match Caught(Box::pin(work)).await {
+        Ok(ending) => ending,
+        Err(why) => {
+            let (end, error) = (services.clock.period() as f64 * PERIOD, panicked("mp", &*why));
+            services.trace.tell(Notice::Error(end, error.clone()));
+            Ending::broken(end, error)
+        }
+    }
+}
