@@ -263,7 +263,9 @@ impl Vsp {
         });
         let result = self.heartbeat.away(work).await;
         let Some((source, watcher, found, frame)) = result else {
-            tracing::error!(actor = %self.name, "the image worker died");
+            // The camera's frames and the track went with the worker: without an error the generator
+            // would wait for a cube that nobody looks for.
+            self.services.supervision.watchdog.raise(self.worker_died("localise"));
             return;
         };
         self.source = Some(source);
@@ -292,6 +294,12 @@ impl Vsp {
             }
             Err(reason) => tracing::debug!(actor = %self.name, %reason, "no cube"),
         }
+    }
+
+    /// Makes the error of a worker that panicked on its thread.
+    fn worker_died(&self, place: &'static str) -> Error {
+        let cause = System::Closed("the image worker".into());
+        Error::System { actor: self.name.clone(), place, cause }
     }
 
     async fn answer(&mut self, look: Look) {
@@ -340,11 +348,7 @@ impl Vsp {
                     cause: NonFatal::NoReading(reason),
                 })
             }
-            None => Err(Error::System {
-                actor: self.name.clone(),
-                place: "look",
-                cause: System::Closed("the image worker".into()),
-            }),
+            None => Err(self.worker_died("look")),
         };
         let _ = look.reply.send(answer);
     }
@@ -476,8 +480,60 @@ pub(crate) fn spawn_forces(
 
 #[cfg(test)]
 mod tests {
+    use super::super::clock::Clock;
+    use super::super::control::Control;
+    use super::super::trace::Trace;
+    use super::super::work::Work;
     use super::*;
+    use crate::hw::camera::NoFrame;
+    use crate::record::run_hash::RunHash;
+    use crate::scenario::keys::Pace;
     use image::RgbImage;
+
+    struct Broken;
+
+    impl FrameSource for Broken {
+        fn grab(&mut self, _: u64, _: f64) -> Result<Frame, NoFrame> {
+            panic!("on purpose");
+        }
+    }
+
+    #[tokio::test]
+    async fn dead_image_worker_ends_the_run() {
+        let (_will, control) = watch::channel(Control::Running);
+        let (trace, _notices) = Trace::bare(RunHash::default());
+        let clock = Clock::new(tokio::time::Instant::now(), Arc::default());
+        let mut services = Services::bare(clock, control, trace);
+        services.work = Work(Pace::RealTime);
+        let watchdog = services.supervision.watchdog.clone();
+        let camera = spawn(
+            "mpc",
+            Parts {
+                source: Box::new(Broken),
+                intrinsics: Intrinsics {
+                    width: 4,
+                    height: 4,
+                    focal: (4.0, 4.0),
+                    centre: (2.0, 2.0),
+                    distortion: (0.0, 0.0),
+                },
+                world_from_camera: Some(Pose::identity()),
+                edge: 0.057,
+                method: Method::Edges,
+                localisation: Effort(0.0),
+                face: Effort(0.0),
+                frame_periods: 20,
+                camera: 0,
+                services,
+            },
+        );
+
+        camera.track(true);
+        let error = tokio::time::timeout(Duration::from_secs(10), watchdog.raised()).await.unwrap();
+
+        let told = error.to_string();
+        assert_eq!(told, "system, vsp mpc, localise: the mailbox of the image worker is closed");
+    }
 
     #[test]
     fn a_picture_that_comes_again_says_nothing_new() {
