@@ -8,21 +8,18 @@ use crate::cube::{Cube, Turn};
 use std::sync::LazyLock;
 
 /// Twists of the corners.
-pub const TWISTS: usize = 2187;
+pub(crate) const TWISTS: usize = 2187;
 /// Flips of the edges.
-pub const FLIPS: usize = 2048;
+pub(crate) const FLIPS: usize = 2048;
 /// Places of four edges.
-pub const SLICES: usize = 495;
+pub(crate) const SLICES: usize = 495;
 /// Places of four edges in order.
-pub const QUADS: usize = SLICES * 24;
+pub(crate) const QUADS: usize = SLICES * 24;
 /// Orders of eight pieces.
-pub const PERMUTATIONS: usize = 40320;
-
-/// Choices of four of eight places.
-pub const CHOICES: usize = 70;
+pub(crate) const PERMUTATIONS: usize = 40320;
 
 /// The turns of phase 2, as numbers of [`Turn::index`]: U, D by any angle, the others by halves.
-pub const PHASE2_TURNS: [usize; 10] = [0, 1, 2, 9, 10, 11, 4, 7, 13, 16];
+pub(crate) const PHASE2_TURNS: [usize; 10] = [0, 1, 2, 9, 10, 11, 4, 7, 13, 16];
 
 /// Number of a set of 4 among 12 positions (as bits), and back; the middle layer (positions 8..12) is 0.
 static SETS: LazyLock<(Vec<u16>, Vec<u16>)> = LazyLock::new(|| {
@@ -36,44 +33,46 @@ static SETS: LazyLock<(Vec<u16>, Vec<u16>)> = LazyLock::new(|| {
 
 /// The corners' twists as a number in base 3; the last follows from the others.
 #[must_use]
-pub fn twist(cube: &Cube) -> usize {
-    cube.twists[..7].iter().fold(0, |n, &t| n * 3 + usize::from(t))
+pub(crate) fn twist(cube: &Cube) -> usize {
+    cube.twists()[..7].iter().fold(0, |n, &t| n * 3 + usize::from(t))
 }
 
 /// A cube with these twists.
 #[must_use]
-pub fn with_twist(mut number: usize) -> Cube {
-    let mut cube = Cube::SOLVED;
-    for twist in cube.twists[..7].iter_mut().rev() {
+pub(crate) fn with_twist(mut number: usize) -> Cube {
+    let mut twists = [0; 8];
+    for twist in twists[..7].iter_mut().rev() {
         *twist = (number % 3) as u8;
         number /= 3;
     }
-    cube.twists[7] = (3 - cube.twists.iter().sum::<u8>() % 3) % 3;
-    cube
+    twists[7] = (3 - twists.iter().sum::<u8>() % 3) % 3;
+    let solved = Cube::SOLVED;
+    Cube::from_pieces(*solved.corners(), twists, *solved.edges(), *solved.flips())
 }
 
 /// The edges' flips as a number in base 2; the last follows from the others.
 #[must_use]
-pub fn flip(cube: &Cube) -> usize {
-    cube.flips[..11].iter().fold(0, |n, &f| n * 2 + usize::from(f))
+pub(crate) fn flip(cube: &Cube) -> usize {
+    cube.flips()[..11].iter().fold(0, |n, &f| n * 2 + usize::from(f))
 }
 
 /// A cube with these flips.
 #[must_use]
-pub fn with_flip(number: usize) -> Cube {
-    let mut cube = Cube::SOLVED;
-    for (i, flip) in cube.flips[..11].iter_mut().enumerate() {
+pub(crate) fn with_flip(number: usize) -> Cube {
+    let mut flips = [0; 12];
+    for (i, flip) in flips[..11].iter_mut().enumerate() {
         *flip = (number >> (10 - i) & 1) as u8;
     }
-    cube.flips[11] = cube.flips.iter().sum::<u8>() % 2;
-    cube
+    flips[11] = flips.iter().sum::<u8>() % 2;
+    let solved = Cube::SOLVED;
+    Cube::from_pieces(*solved.corners(), *solved.twists(), *solved.edges(), flips)
 }
 
 /// Where the edges `first..first + 4` are and in which order: 24 x (number of the set of places) + order.
 #[must_use]
-pub fn quad(cube: &Cube, first: u8) -> usize {
+pub(crate) fn quad(cube: &Cube, first: u8) -> usize {
     let (mut bits, mut order, mut found) = (0_usize, [0; 4], 0);
-    for (place, &edge) in cube.edges.iter().enumerate() {
+    for (place, &edge) in cube.edges().iter().enumerate() {
         if (first..first + 4).contains(&edge) {
             bits |= 1 << place;
             order[found] = edge - first;
@@ -85,7 +84,7 @@ pub fn quad(cube: &Cube, first: u8) -> usize {
 
 /// The places of a [`quad`]: `places[k]` is where the edge `first + k` is.
 #[must_use]
-pub fn quad_places(number: usize) -> [u8; 4] {
+pub(crate) fn quad_places(number: usize) -> [u8; 4] {
     let order: [u8; 4] = unrank(number % 24);
     let (mut places, mut k) = ([0; 4], 0);
     for place in 0..12 {
@@ -99,24 +98,30 @@ pub fn quad_places(number: usize) -> [u8; 4] {
 
 /// A cube (perhaps of odd permutation: good for coordinates only) whose edges 8..12 are at a [`quad`].
 #[must_use]
-pub fn with_quad(number: usize) -> Cube {
-    let mut cube = Cube::SOLVED;
-    cube.edges = [u8::MAX; 12];
+pub(crate) fn with_quad(number: usize) -> Cube {
+    let mut edges = [u8::MAX; 12];
     for (k, place) in quad_places(number).into_iter().enumerate() {
-        cube.edges[usize::from(place)] = 8 + k as u8;
+        edges[usize::from(place)] = 8 + k as u8;
     }
     let mut others = 0..8;
-    for edge in &mut cube.edges {
+    for edge in &mut edges {
         if *edge == u8::MAX {
             *edge = others.next().unwrap_or(0);
         }
     }
-    cube
+    with_edges(edges)
+}
+
+/// Returns the cube with these edges, whatever they are, and nothing else out of its place.
+#[must_use]
+pub(crate) fn with_edges(edges: [u8; 12]) -> Cube {
+    let solved = Cube::SOLVED;
+    Cube::from_pieces(*solved.corners(), *solved.twists(), edges, *solved.flips())
 }
 
 /// Position of a permutation in lexicographic order.
 #[must_use]
-pub fn rank<const N: usize>(permutation: &[u8; N]) -> usize {
+pub(crate) fn rank<const N: usize>(permutation: &[u8; N]) -> usize {
     (0..N).fold(0, |n, i| {
         let smaller = permutation[i + 1..].iter().filter(|&&p| p < permutation[i]).count();
         n * (N - i) + smaller
@@ -125,7 +130,7 @@ pub fn rank<const N: usize>(permutation: &[u8; N]) -> usize {
 
 /// The permutation at a position in lexicographic order.
 #[must_use]
-pub fn unrank<const N: usize>(mut number: usize) -> [u8; N] {
+pub(crate) fn unrank<const N: usize>(mut number: usize) -> [u8; N] {
     let mut permutation = [0; N];
     for i in (0..N).rev() {
         permutation[i] = (number % (N - i)) as u8;
@@ -135,12 +140,6 @@ pub fn unrank<const N: usize>(mut number: usize) -> [u8; N] {
         }
     }
     permutation
-}
-
-/// The order of the eight up and down edges of a cube in phase 2.
-#[must_use]
-pub fn edge_order(cube: &Cube) -> usize {
-    rank::<8>(&std::array::from_fn(|i| cube.edges[i]))
 }
 
 /// The six clockwise quarters as cubes.
@@ -170,21 +169,21 @@ fn by_quarters(size: usize, quarter: impl Fn(usize) -> [usize; 6]) -> Vec<u16> {
 
 /// What each of the 18 turns does to the twists: `[turn * TWISTS + twist]`.
 #[must_use]
-pub fn twist_moves() -> Vec<u16> {
+pub(crate) fn twist_moves() -> Vec<u16> {
     let quarters = quarters();
     by_quarters(TWISTS, |n| quarters.map(|q| twist(&with_twist(n).then(&q))))
 }
 
 /// What each turn does to the flips: `[turn * FLIPS + flip]`.
 #[must_use]
-pub fn flip_moves() -> Vec<u16> {
+pub(crate) fn flip_moves() -> Vec<u16> {
     let quarters = quarters();
     by_quarters(FLIPS, |n| quarters.map(|q| flip(&with_flip(n).then(&q))))
 }
 
 /// What each turn does to four edges: `[turn * QUADS + quad]`.
 #[must_use]
-pub fn quad_moves() -> Vec<u16> {
+pub(crate) fn quad_moves() -> Vec<u16> {
     let quarters = quarters();
     by_quarters(QUADS, |n| {
         let cube = with_quad(n);
@@ -194,56 +193,12 @@ pub fn quad_moves() -> Vec<u16> {
 
 /// What each turn does to the order of the corners: `[turn * PERMUTATIONS + order]`.
 #[must_use]
-pub fn corner_moves() -> Vec<u16> {
+pub(crate) fn corner_moves() -> Vec<u16> {
     let quarters = quarters();
     by_quarters(PERMUTATIONS, |n| {
         let corners: [u8; 8] = unrank(n);
-        quarters.map(|q| rank(&q.corners.map(|from| corners[usize::from(from)])))
+        quarters.map(|q| rank(&q.corners().map(|from| corners[usize::from(from)])))
     })
-}
-
-/// What each turn of [`PHASE2_TURNS`] does to the order of the eight edges: `[k * PERMUTATIONS + order]`.
-#[must_use]
-pub fn edge_moves() -> Vec<u16> {
-    let turns = PHASE2_TURNS.map(|t| Cube::SOLVED.apply(Turn::from_index(t)));
-    let mut table = vec![0; 10 * PERMUTATIONS];
-    for n in 0..PERMUTATIONS {
-        let edges: [u8; 8] = unrank(n);
-        for (k, turn) in turns.iter().enumerate() {
-            let next: [u8; 8] = std::array::from_fn(|i| edges[usize::from(turn.edges[i])]);
-            table[k * PERMUTATIONS + n] = rank(&next) as u16;
-        }
-    }
-    table
-}
-
-/// Where the four upper corners are, for each order of the corners: 0..[`CHOICES`], 0 when all are up.
-#[must_use]
-pub fn upper_corners() -> Vec<u8> {
-    (0..PERMUTATIONS).map(|n| choice_number(choice_bits(unrank(n)))).collect()
-}
-
-/// What each turn of [`PHASE2_TURNS`] does to where the upper corners are: `[k * CHOICES + choice]`.
-#[must_use]
-pub fn upper_corner_moves() -> Vec<u8> {
-    let mut table = vec![0; 10 * CHOICES];
-    for bits in (0..=u8::MAX).filter(|b| b.count_ones() == 4) {
-        for (k, t) in PHASE2_TURNS.into_iter().enumerate() {
-            let turn = Cube::SOLVED.apply(Turn::from_index(t));
-            let next = (0..8).fold(0, |n, i| n | (bits >> turn.corners[i] & 1) << i);
-            table[k * CHOICES + usize::from(choice_number(bits))] = choice_number(next);
-        }
-    }
-    table
-}
-
-fn choice_bits(corners: [u8; 8]) -> u8 {
-    corners.iter().enumerate().fold(0, |bits, (i, &c)| bits | u8::from(c < 4) << i)
-}
-
-/// How many sets of four come before these bits.
-fn choice_number(bits: u8) -> u8 {
-    (0..bits).filter(|b| b.count_ones() == 4).count() as u8
 }
 
 #[cfg(test)]
@@ -254,8 +209,8 @@ mod tests {
     fn the_solved_cube_is_zero_everywhere() {
         let cube = Cube::SOLVED;
 
-        assert_eq!([twist(&cube), flip(&cube), quad(&cube, 8), edge_order(&cube)], [0; 4]);
-        assert_eq!(rank(&cube.corners), 0);
+        assert_eq!([twist(&cube), flip(&cube), quad(&cube, 8)], [0; 3]);
+        assert_eq!(rank(cube.corners()), 0);
     }
 
     #[test]
@@ -280,8 +235,8 @@ mod tests {
                     let moved = quads[t * QUADS + quad(&cube, first)];
                     assert_eq!(usize::from(moved), quad(&next, first));
                 }
-                let moved = corners[t * PERMUTATIONS + rank(&cube.corners)];
-                assert_eq!(usize::from(moved), rank(&next.corners));
+                let moved = corners[t * PERMUTATIONS + rank(cube.corners())];
+                assert_eq!(usize::from(moved), rank(next.corners()));
             }
         }
     }

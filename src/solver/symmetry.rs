@@ -9,9 +9,9 @@ use crate::cube::{CORNERS, Cube, EDGES, Face};
 use std::sync::LazyLock;
 
 /// How many there are.
-pub const SYMMETRIES: usize = 16;
+pub(crate) const SYMMETRIES: usize = 16;
 /// Classes of (slice, flip).
-pub const CLASSES: usize = 64430;
+pub(crate) const CLASSES: usize = 64430;
 
 /// What one symmetry does to the places of a cube.
 #[derive(Debug, Clone, Copy)]
@@ -41,11 +41,12 @@ impl Symmetry {
 
     /// The twists of the image.
     fn twist(&self, number: usize) -> usize {
-        let (cube, mut image) = (with_twist(number), Cube::SOLVED);
-        for (i, &t) in cube.twists.iter().enumerate() {
-            image.twists[usize::from(self.corners[i])] = if self.mirrors { (3 - t) % 3 } else { t };
+        let mut image = [0; 8];
+        for (i, &t) in with_twist(number).twists().iter().enumerate() {
+            image[usize::from(self.corners[i])] = if self.mirrors { (3 - t) % 3 } else { t };
         }
-        twist(&image)
+        let solved = Cube::SOLVED;
+        twist(&Cube::from_pieces(*solved.corners(), image, *solved.edges(), *solved.flips()))
     }
 
     /// The slice and the flips of the image, of which the former are given as bits by place.
@@ -92,14 +93,14 @@ fn symmetries() -> [Symmetry; SYMMETRIES] {
 
 /// The twists under each symmetry: `[symmetry * TWISTS + twist]`.
 #[must_use]
-pub fn twist_images() -> Vec<u16> {
+pub(crate) fn twist_images() -> Vec<u16> {
     let all = symmetries();
     all.iter().flat_map(|s| (0..TWISTS).map(|n| s.twist(n) as u16)).collect()
 }
 
 /// The classes of (slice, flip) = slice * FLIPS + flip.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Classes {
+pub(crate) struct Classes {
     /// For each (slice, flip): 16 * class + the symmetry that carries it to the class's representative.
     pub of: Vec<u32>,
     /// For each class its representative.
@@ -111,7 +112,7 @@ pub struct Classes {
 impl Classes {
     /// Finds them all.
     #[must_use]
-    pub fn build() -> Self {
+    pub(crate) fn build() -> Self {
         let all = symmetries();
         let inverse = inverses(&all);
         let (number_of, bits_of) = edge_bits();
@@ -146,7 +147,7 @@ impl Classes {
 impl Classes {
     /// The class of a state and the symmetry that carries it to the class's representative.
     #[must_use]
-    pub fn find(&self, slice: usize, flip: usize) -> (u32, u8) {
+    pub(crate) fn find(&self, slice: usize, flip: usize) -> (u32, u8) {
         let (number_of, bits_of) = &*EDGE_BITS;
         let (slice, flips) = (bits_of.0[slice], bits_of.1[flip]);
         let image = |symmetry: &Symmetry| {
@@ -167,7 +168,7 @@ static EDGE_BITS: LazyLock<EdgeBits> = LazyLock::new(edge_bits);
 
 /// What symmetries do to turns and to each other.
 #[derive(Debug, Clone)]
-pub struct Turned {
+pub(crate) struct Turned {
     /// `[symmetry][turn]`: the turn of a cube that its image's turn is.
     pub back: [[u8; 18]; SYMMETRIES],
     /// `[a][b]`: first b, then a.
@@ -179,7 +180,7 @@ pub struct Turned {
 impl Turned {
     /// Works them out.
     #[must_use]
-    pub fn build() -> Self {
+    pub(crate) fn build() -> Self {
         let all = &*ALL;
         let forth = |s: usize, turn: usize| {
             let quarters = if all[s].mirrors { 2 - turn % 3 } else { turn % 3 };
@@ -214,7 +215,7 @@ impl Turned {
 
 /// Where each symmetry carries the places of corners and of edges.
 #[must_use]
-pub fn places() -> ([[u8; 8]; SYMMETRIES], [[u8; 12]; SYMMETRIES]) {
+pub(crate) fn places() -> ([[u8; 8]; SYMMETRIES], [[u8; 12]; SYMMETRIES]) {
     (ALL.each_ref().map(|s| s.corners), ALL.each_ref().map(|s| s.edges))
 }
 
@@ -226,11 +227,11 @@ fn edge_bits() -> EdgeBits {
         .map(|n| {
             let cube = with_quad(n * 24);
             debug_assert_eq!(quad(&cube, 8) / 24, n);
-            (0..12).filter(|&i| cube.edges[i] >= 8).fold(0, |bits, i| bits | 1 << i)
+            (0..12).filter(|&i| cube.edges()[i] >= 8).fold(0, |bits, i| bits | 1 << i)
         })
         .collect();
     let flips: Vec<u16> = (0..FLIPS)
-        .map(|n| (0..12).fold(0, |bits, i| bits | u16::from(with_flip(n).flips[i]) << i))
+        .map(|n| (0..12).fold(0, |bits, i| bits | u16::from(with_flip(n).flips()[i]) << i))
         .collect();
     let back = |bits: &[u16]| {
         let mut number = vec![0; 4096];
@@ -264,7 +265,7 @@ mod tests {
     #[test]
     fn symmetries_are_sixteen_and_the_first_changes_nothing() {
         let mut images: Vec<[u8; 8]> = symmetries().iter().map(|s| s.corners).collect();
-        assert_eq!(images[0], Cube::SOLVED.corners);
+        assert_eq!(images[0], *Cube::SOLVED.corners());
         images.sort_unstable();
         images.dedup();
         assert_eq!(images.len(), SYMMETRIES);

@@ -45,7 +45,7 @@ impl View {
             let inverted = i % 2 == 1;
             let cube = if inverted { straight.inverse() } else { straight };
             let quads = [0, 4, 8].map(|first| quad(&cube, first) as u16);
-            let orders = [rank(&cube.corners) as u16, quads[0], quads[1], quads[2]];
+            let orders = [rank(cube.corners()) as u16, quads[0], quads[1], quads[2]];
             Self { cube, orders, back: rotation.inverse(), inverted }
         })
     }

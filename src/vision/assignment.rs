@@ -9,7 +9,7 @@
 /// # Panics
 /// When `cost` has not `n * n` entries.
 #[must_use]
-pub fn assign(cost: &[f64], n: usize) -> Vec<usize> {
+pub(crate) fn assign(cost: &[f64], n: usize) -> Vec<usize> {
     assert_eq!(cost.len(), n * n, "a square matrix");
     // One-based with a virtual column 0, as in the textbook form.
     let (mut u, mut v) = (vec![0.0; n + 1], vec![0.0; n + 1]);

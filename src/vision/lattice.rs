@@ -15,7 +15,7 @@ use nalgebra::{Matrix2, Matrix3};
 
 /// Nine cells, some of them held by tiles.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Lattice {
+pub(crate) struct Lattice {
     /// Takes (column - 1, row - 1) to pixels.
     pub homography: Matrix3<f64>,
     /// Index of the tile of each cell in reading order.
@@ -36,7 +36,7 @@ pub struct Lattice {
 
 /// How a lattice goes on beyond its nine cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Onward {
+pub(crate) enum Onward {
     /// It ends.
     #[default]
     Ends,
@@ -147,19 +147,19 @@ impl Lattice {
 
     /// How many cells are held.
     #[must_use]
-    pub fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.tiles.iter().flatten().count()
     }
 
     /// Rank among rivals: tiles held, less a penalty for a poor fit.
     #[must_use]
-    pub fn score(&self) -> f64 {
+    pub(crate) fn score(&self) -> f64 {
         self.count() as f64 - 30.0 * self.residual - 6.0 * self.unevenness
     }
 
     /// Whether the nine cells are a part of a larger lattice, so that they are no face of a 3x3 cube.
     #[must_use]
-    pub fn is_larger(&self) -> bool {
+    pub(crate) fn is_larger(&self) -> bool {
         self.onward == Onward::Larger || larger(self.beyond, self.around)
     }
 
@@ -203,7 +203,7 @@ const GROWING: f64 = 0.28;
 
 /// All lattices of 3x3 that do not share tiles, best first.
 #[must_use]
-pub fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
+pub(crate) fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
     let tiles = &Places::new(tiles);
     let near: Vec<Vec<Neighbour>> = (0..tiles.len()).map(|i| neighbours(tiles, i)).collect();
     let mut order: Vec<usize> = (0..tiles.len()).filter(|&i| near[i].len() >= 2).collect();

@@ -18,7 +18,7 @@
 
 pub use rubik_robot_vocabulary::{cell, cube, spatial};
 
-pub mod assignment;
+mod assignment;
 pub mod calibration;
 mod classes;
 pub mod colours;
@@ -27,23 +27,23 @@ mod doubts;
 mod edges;
 mod fit;
 pub mod homography;
-pub mod lattice;
-pub mod likeliest;
+mod lattice;
+mod likeliest;
 mod names;
 pub mod paper;
 mod patch;
 pub mod pose;
-pub mod refine;
-pub mod segment;
+mod refine;
+mod segment;
 pub mod sensor;
 mod sides;
 pub mod table;
 #[cfg(test)]
 pub(crate) mod testing;
-pub mod tracker;
-pub mod undistort;
+mod tracker;
+mod undistort;
 pub mod watcher;
-pub mod whole;
+mod whole;
 
 use crate::spatial::Pose;
 

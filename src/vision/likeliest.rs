@@ -16,7 +16,7 @@ use std::sync::LazyLock;
 
 /// The cheapest cube.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Likeliest {
+pub(crate) struct Likeliest {
     /// Colour of each facelet, 0..=5 = URFDLB.
     pub facelets: [u8; 54],
     /// Sum of the costs of these.
@@ -43,7 +43,7 @@ fn facelets_of<const K: usize>(faces: [Face; K]) -> [usize; K] {
 
 /// The cheapest of all cubes that can be reached from the solved one.
 #[must_use]
-pub fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
+pub(crate) fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
     let mut corners = Layout::new(&CORNER_FACELETS, &CORNERS, costs);
     let mut edges = Layout::new(&EDGE_FACELETS, &EDGES, costs);
     corners.run_forward();

@@ -27,7 +27,7 @@ pub struct Tile {
 
 /// Limits on regions; all are ratios or pixels, none is a colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TileLimits {
+pub(crate) struct TileLimits {
     /// Smallest and largest area [px].
     pub area: (f64, f64),
     /// Least and greatest fullness (see [`Tile::fullness`]).
@@ -38,7 +38,7 @@ pub struct TileLimits {
 
 /// Interleaved RGB pixels with their edge strength.
 #[derive(Debug, Clone)]
-pub struct Edges {
+pub(crate) struct Edges {
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -53,7 +53,7 @@ impl Edges {
     /// # Panics
     /// When the number of bytes is another.
     #[must_use]
-    pub fn new(rgb: &[u8], width: usize, height: usize) -> Self {
+    pub(crate) fn new(rgb: &[u8], width: usize, height: usize) -> Self {
         assert_eq!(rgb.len(), 3 * width * height, "three bytes a pixel");
         let smooth = smooth(rgb, width, height);
         let row = 3 * width;
@@ -91,7 +91,7 @@ impl Edges {
 
     /// Median edge strength of a sparse sample: the level of noise and texture.
     #[must_use]
-    pub fn floor(&self) -> u8 {
+    pub(crate) fn floor(&self) -> u8 {
         let mut counts = [0u32; 256];
         let mut total = 0;
         for y in (1..self.height.saturating_sub(1)).step_by(4) {
@@ -107,7 +107,7 @@ impl Edges {
 
     /// The 4-connected regions whose edge strength is below `threshold` and that look like tiles.
     #[must_use]
-    pub fn tiles(&self, threshold: u8, limits: &TileLimits) -> (Vec<Tile>, usize) {
+    pub(crate) fn tiles(&self, threshold: u8, limits: &TileLimits) -> (Vec<Tile>, usize) {
         let mut runs = Runs::default();
         for (y, line) in self.strength.chunks_exact(self.width.max(1)).enumerate() {
             runs.begin_row();

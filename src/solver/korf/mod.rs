@@ -159,7 +159,7 @@ impl<'a> Korf<'a> {
         stop: &AtomicBool,
     ) -> Answer {
         let root = State {
-            order: rank(&cube.corners) as u16,
+            order: rank(cube.corners()) as u16,
             twist: twist(cube) as u16,
             edges: edge_states(cube),
         };

@@ -64,7 +64,7 @@ impl Pattern for Corners {
     }
 
     fn number(&self, cube: &Cube) -> usize {
-        rank(&cube.corners) * TWISTS + twist(cube)
+        rank(cube.corners()) * TWISTS + twist(cube)
     }
 }
 
@@ -129,7 +129,7 @@ pub(super) fn edge_moves() -> EdgeMoves {
         let turned = Cube::SOLVED.apply(Turn::from_index(turn));
         let mut moves = [0; 24];
         for to in 0..12 {
-            let (from, flip) = (turned.edges[to], turned.flips[to]);
+            let (from, flip) = (turned.edges()[to], turned.flips()[to]);
             for before in 0..2 {
                 moves[usize::from(from * 2 + before)] = to as u8 * 2 + (before ^ flip);
             }
@@ -141,7 +141,7 @@ pub(super) fn edge_moves() -> EdgeMoves {
 /// For each edge 2 * its place + its flip.
 pub(super) fn edge_states(cube: &Cube) -> [u8; 12] {
     let mut states = [0; 12];
-    for (place, (&edge, &flip)) in cube.edges.iter().zip(&cube.flips).enumerate() {
+    for (place, (&edge, &flip)) in cube.edges().iter().zip(cube.flips()).enumerate() {
         states[usize::from(edge)] = place as u8 * 2 + flip;
     }
     states

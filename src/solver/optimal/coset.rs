@@ -228,29 +228,29 @@ pub(super) fn turns() -> [Cube; 18] {
 
 /// The corners of a cube as a row sees them.
 pub(super) fn corners_of(cube: &Cube) -> Corners {
-    let first = |i: usize| u8::from(of_first_tetrad(cube.corners[i]));
-    (cube.twists, (0..8).fold(0, |bits, i| bits | first(i) << i))
+    let first = |i: usize| u8::from(of_first_tetrad(cube.corners()[i]));
+    (*cube.twists(), (0..8).fold(0, |bits, i| bits | first(i) << i))
 }
 
 /// The edges of a cube as a row sees them.
 pub(super) fn edges_of(cube: &Cube) -> Edges {
     (0..12).fold((0, 0), |bits, i| {
-        (bits.0 | u16::from(cube.edges[i] >= 8) << i, bits.1 | u16::from(cube.flips[i]) << i)
+        (bits.0 | u16::from(cube.edges()[i] >= 8) << i, bits.1 | u16::from(cube.flips()[i]) << i)
     })
 }
 
 /// The corners after a turn.
 pub(super) fn turned_corners((twists, mask): &Corners, turn: &Cube) -> Corners {
-    let from = turn.corners.map(usize::from);
+    let from = turn.corners().map(usize::from);
     let bits = (0..8).fold(0, |bits, i| bits | (mask >> from[i] & 1) << i);
-    (std::array::from_fn(|i| (twists[from[i]] + turn.twists[i]) % 3), bits)
+    (std::array::from_fn(|i| (twists[from[i]] + turn.twists()[i]) % 3), bits)
 }
 
 /// The edges after a turn.
 pub(super) fn turned_edges((slice, flips): Edges, turn: &Cube) -> Edges {
     (0..12).fold((0, 0), |bits, i| {
-        let from = turn.edges[i];
-        let flip = flips >> from & 1 ^ u16::from(turn.flips[i]);
+        let from = turn.edges()[i];
+        let flip = flips >> from & 1 ^ u16::from(turn.flips()[i]);
         (bits.0 | (slice >> from & 1) << i, bits.1 | flip << i)
     })
 }

@@ -94,20 +94,20 @@ mod tests {
 
     /// The image of a cube: pieces and places carried alike.
     fn image(symmetry: &Symmetry, cube: &Cube) -> Cube {
-        let mut image = Cube::SOLVED;
+        let (mut corners, mut twists, mut edges, mut flips) = ([0; 8], [0; 8], [0; 12], [0; 12]);
         for i in 0..8 {
-            let (to, piece) = (usize::from(symmetry.corners[i]), usize::from(cube.corners[i]));
-            let turned = if symmetry.mirrors { 3 - cube.twists[i] } else { cube.twists[i] };
+            let (to, piece) = (usize::from(symmetry.corners[i]), usize::from(cube.corners()[i]));
+            let turned = if symmetry.mirrors { 3 - cube.twists()[i] } else { cube.twists()[i] };
             let (at, of) = (symmetry.corner_turns[i], symmetry.corner_turns[piece]);
-            image.corners[to] = symmetry.corners[piece];
-            image.twists[to] = (turned + at + 3 - of) % 3;
+            corners[to] = symmetry.corners[piece];
+            twists[to] = (turned + at + 3 - of) % 3;
         }
         for i in 0..12 {
-            let (to, piece) = (usize::from(symmetry.edges[i]), usize::from(cube.edges[i]));
-            image.edges[to] = symmetry.edges[piece];
-            image.flips[to] = cube.flips[i] ^ symmetry.edge_turns[i] ^ symmetry.edge_turns[piece];
+            let (to, piece) = (usize::from(symmetry.edges[i]), usize::from(cube.edges()[i]));
+            edges[to] = symmetry.edges[piece];
+            flips[to] = cube.flips()[i] ^ symmetry.edge_turns[i] ^ symmetry.edge_turns[piece];
         }
-        image
+        Cube::from_pieces(corners, twists, edges, flips)
     }
 
     #[test]

@@ -301,7 +301,7 @@ mod tests {
             for seed in 0..200 {
                 let random = Cube::scrambled(seed);
                 let turns =
-                    random.corners.iter().zip(&random.edges).map(|(c, e)| (c * 12 + e) % 18);
+                    random.corners().iter().zip(random.edges()).map(|(c, e)| (c * 12 + e) % 18);
                 let mut cube = Cube::SOLVED;
                 for (done, turn) in turns.enumerate() {
                     cube = cube.apply(Turn::from_index(usize::from(turn)));

@@ -27,10 +27,10 @@ impl Bytes {
     pub(super) fn new(cube: &Cube) -> Self {
         let mut bytes = Self { edges: NONE, corners: NONE };
         for i in 0..12 {
-            bytes.edges[i] = cube.edges[i] | cube.flips[i] << 4;
+            bytes.edges[i] = cube.edges()[i] | cube.flips()[i] << 4;
         }
         for i in 0..8 {
-            bytes.corners[i] = cube.corners[i] | cube.twists[i] << 4;
+            bytes.corners[i] = cube.corners()[i] | cube.twists()[i] << 4;
         }
         bytes
     }

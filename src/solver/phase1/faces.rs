@@ -9,7 +9,7 @@ use super::{ALL_TURNS, Frames};
 /// The four states of a face's turns have two neighbouring distances at most. Case 0..8: this state is the nearer,
 /// and bit q - 1 says that q quarters lead farther; case 7 + b, b in 1..8: bit q - 1 of b says that q lead nearer.
 #[derive(Debug)]
-pub struct FaceCases {
+pub(crate) struct FaceCases {
     /// `[pair * 256 + two cases]`: turns that lead nearer in bits 0..18, not farther in bits 32..50.
     masks: Vec<u64>,
 }
@@ -69,7 +69,7 @@ impl FaceCases {
 /// Distances that look at two of the three coordinates only: [`FaceCases`] and the distance, for each class of slice
 /// and flips, and for each slice and twist.
 #[derive(Debug)]
-pub struct Small {
+pub(crate) struct Small {
     pub(super) flips: Vec<u32>,
     pub(super) twists: Vec<u32>,
 }

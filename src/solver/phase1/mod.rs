@@ -23,7 +23,7 @@ use crate::cube::Cube;
 mod faces;
 mod fill;
 
-pub use faces::{FaceCases, Small};
+pub(crate) use faces::{FaceCases, Small};
 pub(super) use fill::{compare, near};
 
 /// Bytes of a class's row of twists in [`Near`].
@@ -41,7 +41,7 @@ const KNOWN: [u64; 13] = [
 ];
 
 /// The two-bit table of phase 1.
-pub static NEAR: TableSpec = TableSpec {
+pub(crate) static NEAR: TableSpec = TableSpec {
     name: "phase1",
     version: 1,
     bytes: CLASSES * NEAR_ROW,
@@ -51,7 +51,7 @@ pub static NEAR: TableSpec = TableSpec {
 };
 
 /// The table of phase 1 that knows what each turn does.
-pub static WIDE_TABLE: TableSpec = TableSpec {
+pub(crate) static WIDE_TABLE: TableSpec = TableSpec {
     name: "phase1-large",
     version: 1,
     bytes: CLASSES * TWISTS * WIDE,
@@ -70,7 +70,7 @@ pub(super) struct Place {
 
 /// What turns do to places.
 #[derive(Debug)]
-pub struct Frames {
+pub(crate) struct Frames {
     /// `[class * 18 + turn]`: 16 * class + the symmetry that makes the neighbour its class's representative.
     class_moves: Vec<u32>,
     /// `[twist * 18 + turn]`.

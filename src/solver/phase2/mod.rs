@@ -7,7 +7,7 @@
 
 use super::coordinates::{
     PERMUTATIONS, PHASE2_TURNS, QUADS, corner_moves, quad, quad_moves, quad_places, rank, unrank,
-    with_quad,
+    with_edges, with_quad,
 };
 use super::symmetry::{SYMMETRIES, places};
 use super::table::TableSpec;
@@ -26,7 +26,7 @@ const ROW: usize = 2 * FOURS;
 const MIDDLE: usize = CORNER_CLASSES * ROW;
 
 /// The tables of phase 2, a byte a state.
-pub static BOUNDS: TableSpec = TableSpec {
+pub(crate) static BOUNDS: TableSpec = TableSpec {
     name: "phase2",
     version: 2,
     bytes: MIDDLE + PERMUTATIONS * 24,
@@ -39,7 +39,7 @@ pub static BOUNDS: TableSpec = TableSpec {
 const FARTHEST: u8 = 15;
 
 /// Corners with all eight upper and lower edges, four bits a state.
-pub static EIGHT: TableSpec = TableSpec {
+pub(crate) static EIGHT: TableSpec = TableSpec {
     name: "phase2-large",
     version: 1,
     bytes: CORNER_CLASSES * PERMUTATIONS / 2,
@@ -50,7 +50,7 @@ pub static EIGHT: TableSpec = TableSpec {
 
 /// Orders of the corners, and of four edges each: what turns and symmetries do to them.
 #[derive(Debug)]
-pub struct Orders {
+pub(crate) struct Orders {
     /// `[order * 18 + turn]`.
     corner_moves: Vec<u16>,
     /// `[quad * 18 + turn]`.
@@ -124,13 +124,13 @@ impl Orders {
                     let cube = with_quad(q);
                     let mut image = [u8::MAX; 12];
                     let swapped = if edges[lower] >= 4 { 4 } else { 0 };
-                    for (place, &edge) in cube.edges.iter().enumerate() {
+                    for (place, &edge) in cube.edges().iter().enumerate() {
                         if edge >= 8 {
                             let piece = edges[usize::from(edge) - 8 + lower] - swapped;
                             image[usize::from(edges[place])] = piece + 8;
                         }
                     }
-                    four_images.push(four_of(quad(&crate::cube::Cube { edges: image, ..cube }, 8)));
+                    four_images.push(four_of(quad(&with_edges(image), 8)));
                 }
             }
         }

@@ -14,13 +14,13 @@ use std::sync::LazyLock;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Cube {
     /// Which corner is at each position, in the order of [`CORNERS`].
-    pub corners: [u8; 8],
+    pub(super) corners: [u8; 8],
     /// How often the corner there is turned clockwise, 0..3.
-    pub twists: [u8; 8],
+    pub(super) twists: [u8; 8],
     /// Which edge is at each position, in the order of [`EDGES`].
-    pub edges: [u8; 12],
+    pub(super) edges: [u8; 12],
     /// Whether the edge there is turned over.
-    pub flips: [u8; 12],
+    pub(super) flips: [u8; 12],
 }
 
 /// The three faces of each corner clockwise, up or down first.
@@ -79,6 +79,48 @@ impl Cube {
         edges: [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11],
         flips: [0; 12],
     };
+
+    /// Takes the pieces as they are: for coordinates, which number parts of a cube.
+    ///
+    /// Nothing is checked: [`Cube::try_from`] is the way to a cube that can be solved. The searches
+    /// end without a solution, or panic, on one that cannot.
+    #[must_use]
+    pub const fn from_pieces(
+        corners: [u8; 8],
+        twists: [u8; 8],
+        edges: [u8; 12],
+        flips: [u8; 12],
+    ) -> Self {
+        Self { corners, twists, edges, flips }
+    }
+
+    /// Returns which corner is at each position, in the order of [`CORNERS`].
+    #[inline]
+    #[must_use]
+    pub const fn corners(&self) -> &[u8; 8] {
+        &self.corners
+    }
+
+    /// Returns how often the corner at each position is turned clockwise, 0..3.
+    #[inline]
+    #[must_use]
+    pub const fn twists(&self) -> &[u8; 8] {
+        &self.twists
+    }
+
+    /// Returns which edge is at each position, in the order of [`EDGES`].
+    #[inline]
+    #[must_use]
+    pub const fn edges(&self) -> &[u8; 12] {
+        &self.edges
+    }
+
+    /// Returns whether the edge at each position is turned over, 0 or 1.
+    #[inline]
+    #[must_use]
+    pub const fn flips(&self) -> &[u8; 12] {
+        &self.flips
+    }
 
     /// Whether a cube with these stickers (0..=5, order URFDLB, centres in order) can exist.
     #[must_use]
