@@ -2,24 +2,39 @@
 //!
 //! - in: a [`Cube`](crate::cube::Cube), which can always be solved, [`Tables`], a [`Budget`] in nodes
 //! - out: turns, the same on every machine: the budget counts nodes, not time
-//! - source: H. Kociemba, <http://kociemba.org/cube.htm>; phase 1 leads into the group <U, D, R2, L2, F2, B2>,
-//!   phase 2 solves within it
+//! - source: H. Kociemba, <http://kociemba.org/cube.htm>; phase 1 leads into the group
+//!   <U, D, R2, L2, F2, B2>, phase 2 solves within it
 //!
-//! [`coordinates`] numbers what each phase looks at, [`symmetry`] folds it by 16, [`phase1`] and [`phase2`] know how
-//! far each state is from its goal, [`tables`] keeps them together, [`search`] walks, [`candidates`] gathers. [`optimal`]
-//! proves, and [`shortest`] has both work together; [`korf`] is how it was done in 2007.
+//! ```
+//! use rubik_robot_solver::cube::{Cube, format_turns, parse_turns};
+//! use rubik_robot_solver::{Budget, Tables, solve};
+//!
+//! let tables = Tables::build();
+//! let cube = Cube::SOLVED.apply_all(&parse_turns("R U F2")?);
+//!
+//! let solution = solve(&cube, &tables, &Budget { nodes: 100_000, max_length: 0 });
+//!
+//! assert_eq!(format_turns(&solution.turns), "F2 U' R'");
+//! assert!(solution.proven);
+//! # Ok::<(), rubik_robot_solver::cube::ParseTurns>(())
+//! ```
+//!
+//! `coordinates` numbers what each phase looks at, `symmetry` folds it by 16, `phase1` and `phase2`
+//! know how far each state is from its goal, [`tables`] keeps them together, `search` walks,
+//! [`candidates()`] gathers. [`optimal`] proves, and [`shortest`] has both work together; [`korf`] is
+//! how it was done in 2007.
 
 pub use rubik_robot_vocabulary::cube;
 
 mod candidates;
-pub mod coordinates;
+mod coordinates;
 pub mod korf;
 pub mod optimal;
-pub mod phase1;
-pub mod phase2;
-pub mod search;
+mod phase1;
+mod phase2;
+mod search;
 pub mod shortest;
-pub mod symmetry;
+mod symmetry;
 pub mod table;
 pub mod tables;
 mod views;
@@ -34,3 +49,8 @@ pub fn all_tables() -> Vec<&'static table::TableSpec> {
     let two_phase = [&phase2::BOUNDS, &phase1::NEAR, &phase2::EIGHT, &phase1::WIDE_TABLE];
     two_phase.into_iter().chain(&korf::TABLES).chain(&optimal::TABLES).collect()
 }
+
+/// The examples of the crate's README, which run as tests.
+#[cfg(doctest)]
+#[doc = include_str!("README.md")]
+struct Readme;
