@@ -61,6 +61,7 @@ const MAY_USE_THE_PLANT: &[&str] = &[
     "run/outcome.rs",
     "run/plan.rs",
     "run/calibrate.rs",
+    "run/composition.rs",
     "run/emulate.rs",
     "run/world_file.rs",
     "run/world.rs",

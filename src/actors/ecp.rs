@@ -193,7 +193,7 @@ impl Ecp {
     async fn run(mut self) {
         while let Some(request) = self.mailbox.recv().await {
             self.heartbeat.works();
-            self.fault.at_the_door().await;
+            self.fault.before_message().await;
             let answers = !matches!(request, Request::End | Request::Watch { .. });
             if answers && self.fault.is_lost() {
                 self.heartbeat.waits();
@@ -259,7 +259,7 @@ impl Ecp {
                     None => state = self.heartbeat.away(self.parts.edp.state()).await?,
                 }
             }
-            self.fault.befall().await;
+            self.fault.occur().await;
             self.alive.fetch_add(1, Ordering::Relaxed);
             motion.heed(*self.parts.services.control.borrow());
             if matches!(self.mailbox.try_recv(), Ok(Request::End)) {

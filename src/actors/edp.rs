@@ -176,7 +176,7 @@ impl Edp {
         }
         while let Some(request) = self.mailbox.recv().await {
             self.heartbeat.works();
-            self.fault.at_the_door().await;
+            self.fault.before_message().await;
             if self.fault.is_lost() {
                 self.heartbeat.waits();
                 continue;

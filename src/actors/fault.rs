@@ -20,8 +20,8 @@ impl ActorFault {
     ///
     /// # Panics
     /// If a panic is injected.
-    pub(crate) async fn at_the_door(&self) {
-        self.befall().await;
+    pub(crate) async fn before_message(&self) {
+        self.occur().await;
         let late = self.late.swap(0, Ordering::AcqRel);
         if late > 0 {
             tokio::time::sleep(std::time::Duration::from_millis(late)).await;
@@ -32,7 +32,7 @@ impl ActorFault {
     ///
     /// # Panics
     /// If a panic is injected.
-    pub(crate) async fn befall(&self) {
+    pub(crate) async fn occur(&self) {
         assert!(!self.panics.load(Ordering::Acquire), "a panic was injected");
         if self.hangs.load(Ordering::Acquire) {
             std::future::pending::<()>().await;

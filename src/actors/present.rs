@@ -7,6 +7,7 @@ use crate::cell::{Cell, Mount};
 use crate::cube::{Face, Keeper};
 use crate::desk::{Picture as Pixels, Pixels as Kind, RunEnd};
 use crate::generators::Target;
+use crate::hw::driver::Switches;
 use crate::motion::{JointPositions, PERIOD, Synchronisation};
 use crate::operator::{
     ActorView, ArmStage, ArmView, CameraStage, CameraView, Class, ControlView, CubeView, HandView,
@@ -155,6 +156,16 @@ impl Presenter {
         periods as f64 * self.length.seconds()
     }
 
+    fn control(&self, control: Control) -> ControlView {
+        match (control, &self.outcome) {
+            (_, Some(_)) => ControlView::Ended,
+            (Control::Waiting, None) => ControlView::Waiting,
+            (Control::Running, None) => ControlView::Running,
+            (Control::Paused, None) => ControlView::Paused,
+            (Control::Terminated, None) => ControlView::Terminated,
+        }
+    }
+
     /// Publishes pictures and snapshot.
     pub fn publish(&mut self, desk: &RunEnd, control: Control, speed: f64) {
         let latest = self.latest.clone();
@@ -169,15 +180,7 @@ impl Presenter {
             peaks: std::mem::take(&mut arm.peaks),
         };
         let arms: Vec<ArmLatest> = latest.arms.iter_mut().map(look).collect();
-        let servo = latest.punctual.as_ref().map(|(switches, period)| {
-            let (late, work, missed) = switches.punctual.take();
-            ServoTiming {
-                period: *period,
-                late: late as f64 * 1e-9,
-                work: work as f64 * 1e-9,
-                missed,
-            }
-        });
+        let servo = latest.punctual.as_ref().map(|(switches, period)| timing(switches, *period));
         let picture = latest.picture.clone();
         let (mp, manual) = (latest.mp, latest.manual);
         let orders = (!latest.replayed).then_some(latest.orders);
@@ -187,13 +190,7 @@ impl Presenter {
         self.begun |= !arms.is_empty();
         self.measure(time);
         self.number += 1;
-        let control = match (control, &self.outcome) {
-            (_, Some(_)) => ControlView::Ended,
-            (Control::Waiting, None) => ControlView::Waiting,
-            (Control::Running, None) => ControlView::Running,
-            (Control::Paused, None) => ControlView::Paused,
-            (Control::Terminated, None) => ControlView::Terminated,
-        };
+        let control = self.control(control);
         let views = self.arms(&arms, picture.as_ref());
         let cube = self.cube(&views, picture.as_ref(), time);
         let person = self.cell.keeper == Keeper::Person;
@@ -207,7 +204,7 @@ impl Presenter {
             control,
             phase: self.phases.last().map(|p| p.0.clone()).unwrap_or_default(),
             phases: self.phases.clone(),
-            actors: self.actors(control, &arms, mp, orders, manual),
+            actors: self.actors(control, &arms, orders, (mp, manual)),
             arms: views,
             cube,
             hand,
@@ -365,9 +362,8 @@ impl Presenter {
         &self,
         control: ControlView,
         arms: &[ArmLatest],
-        mp: &str,
         orders: Option<[Option<&'static str>; 2]>,
-        manual: bool,
+        (mp, manual): (&str, bool),
     ) -> Vec<ActorView> {
         let actor = |name: String, state: State, words: &str| ActorView {
             name,
@@ -579,6 +575,12 @@ fn stage(scenario: &Scenario) -> Stage {
             period: scenario.real_time.period,
         },
     }
+}
+
+/// Returns how punctual the servo was since the last call; `period` is its length [s].
+fn timing(switches: &Switches, period: f64) -> ServoTiming {
+    let (late, work, missed) = switches.punctual.take();
+    ServoTiming { period, late: late as f64 * 1e-9, work: work as f64 * 1e-9, missed }
 }
 
 #[cfg(test)]

@@ -197,7 +197,7 @@ impl Vsp {
                 look = self.mailbox.recv() => match look {
                     Some(look) => {
                         self.heartbeat.works();
-                        self.fault.befall().await;
+                        self.fault.occur().await;
                         self.answer(look).await;
                     }
                     None => return,
@@ -212,7 +212,7 @@ impl Vsp {
                 },
                 () = self.services.clock.until(next_frame), if tracking => {
                     self.heartbeat.works();
-                    self.fault.befall().await;
+                    self.fault.occur().await;
                     self.localise(next_frame).await;
                     // On the grid of frames; a frame that was missed is not made up for.
                     while next_frame <= self.services.clock.period() {

@@ -7,12 +7,13 @@
 //! - in: a scenario, which of its cameras, how many views
 //! - out: for each camera what was found, and what error it leaves
 
-use super::calibration_poses::{Plan, in_hand_plan, standing_plan};
+use super::calibration_poses::{Draw, Plan, in_hand_plan, standing_plan};
 use super::settings;
 use super::simulation as plant_side;
-use crate::cell::{Camera, Intrinsics, Mount};
+use crate::actors::move_instruction::Manner;
+use crate::cell::{Camera, Cell, Intrinsics, Mount};
 use crate::error::{Error, Fatal, System};
-use crate::generators::position::{Position, Speeds};
+use crate::generators::position::Position;
 use crate::generators::{Inputs, Next};
 use crate::hw::camera::FrameSource;
 use crate::hw::plant::Plant;
@@ -22,7 +23,7 @@ use crate::hw::scene::Scene;
 use crate::motion::{ArmState, Depth, JawCommand, JointPositions};
 use crate::reach::{MeetingTable, ReachSettings};
 use crate::scenario::keys::Task;
-use crate::scenario::{CameraSource, Scenario};
+use crate::scenario::{CameraSource, ControllerConfig, Scenario};
 use crate::servo::io::{ArmDrive, ArmReading};
 use crate::servo::{ArmServo, ServoCommand, ServoConfig};
 use crate::spatial::Pose;
@@ -94,6 +95,7 @@ pub fn run(
     if cell.arms.len() != 2 {
         return Err(failed("the cell needs two arms: one holds the cube"));
     }
+    let draw = Draw { views, seed: scenario.seed };
     let mut reports = Vec::new();
     let mut meetings: Option<MeetingTable> = None;
     for (index, one) in cell.cameras.iter().enumerate() {
@@ -102,12 +104,12 @@ pub fn run(
         }
         let plan = match one.mount {
             Mount::World { world_from_camera } => {
-                standing_plan(cell, one, &world_from_camera, views, scenario.seed)
+                standing_plan(cell, one, &world_from_camera, draw)
             }
             Mount::Flange { arm, flange_from_camera } => {
                 let table = meetings
                     .get_or_insert_with(|| MeetingTable::compute(cell, &ReachSettings::default()));
-                in_hand_plan(cell, arm, &flange_from_camera, table, views, scenario.seed)
+                in_hand_plan(cell, arm, &flange_from_camera, table, draw)
             }
         };
         let Some(plan) = plan else {
@@ -232,11 +234,11 @@ impl Arms {
         &mut self,
         arm: usize,
         to: JointPositions,
-        speeds: &Speeds,
-        macrostep: u32,
+        manner: &Manner,
         jaw: Option<JawCommand>,
     ) -> Result<bool, Error> {
-        let mut generator = Position::joints(to, (0.8, 0.0), speeds, macrostep);
+        let macrostep = manner.compliance.macrostep;
+        let mut generator = Position::joints(to, (0.8, 0.0), &manner.speeds, macrostep);
         loop {
             let state = self.states[arm];
             let inputs = Inputs { arm: &state, target: None, period: state.period, pace: 1.0 };
@@ -257,34 +259,59 @@ impl Arms {
     }
 }
 
+/// What the poses of a plan gave.
+#[derive(Default)]
+struct Taken {
+    /// Where the encoders have the arm, and the picture.
+    frames: Vec<(Pose, RgbImage)>,
+    /// Where the plant has the arm: for the report alone.
+    truths: Vec<Pose>,
+}
+
+/// Calibrates a camera by a plan.
 fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Error> {
-    let config = &scenario.controller;
-    let cell = &config.cell;
     let plant =
         plant_side::create_holding(scenario, plan.holder, plan.tool_from_cube, &plan.starts)
             .map_err(|why| failed(&why))?;
-    let (mut scenes, output) = triple_buffer::triple_buffer::<Scene>(&plant.scene());
+    let (scenes, output) = triple_buffer::triple_buffer::<Scene>(&plant.scene());
     let renderer = plant_side::renderer(scenario, &plant, index)
         .ok_or_else(|| failed("the plant has no such camera"))?;
-    let mut source = PlantCamera::new(renderer, output);
+    let source = PlantCamera::new(renderer, output);
     let mut arms = Arms::new(scenario, plant)?;
+    let taken = take_pictures(&scenario.controller, plan, &mut arms, (source, scenes))?;
+    let (found, used) = adjust(plan, &taken.frames);
+    let report = Report {
+        camera: index,
+        views: (plan.poses.len(), used),
+        time: arms.period as f64 * crate::motion::PERIOD,
+        ..compare(&scenario.controller.cell, index, plan, &arms, (taken, found))
+    };
+    Ok(report)
+}
+
+/// Moves the arm through the poses of a plan and takes a picture at each that it reaches.
+fn take_pictures(
+    config: &ControllerConfig,
+    plan: &Plan,
+    arms: &mut Arms,
+    (mut source, mut scenes): (PlantCamera, triple_buffer::Input<Scene>),
+) -> Result<Taken, Error> {
+    let cell = &config.cell;
     let manner = settings::manner(config, plan.mover);
     let grip = JawCommand {
         opening: (cell.cube.edge - 0.003).max(cell.arms[plan.holder].gripper.opening.0),
         force_limit: config.control.grip,
         stops: Depth::One,
     };
-    let macrostep = manner.compliance.macrostep;
     // The holder closes its jaws where it stands; then the mover begins.
     arms.period(None)?;
     let stand = arms.states[plan.holder].joints;
-    arms.go(plan.holder, stand, &manner.speeds, macrostep, Some(grip))?;
+    arms.go(plan.holder, stand, &manner, Some(grip))?;
     let jaw = (plan.mover == plan.holder).then_some(grip);
-    let mut frames: Vec<(Pose, RgbImage)> = Vec::new();
-    let mut truths: Vec<Pose> = Vec::new();
+    let mut taken = Taken::default();
     let mut served = 0;
     for pose in &plan.poses {
-        if !arms.go(plan.mover, *pose, &manner.speeds, macrostep, jaw)? {
+        if !arms.go(plan.mover, *pose, &manner, jaw)? {
             continue;
         }
         scenes.write(arms.port.scene());
@@ -298,28 +325,51 @@ fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Err
             }
             Rig::InHand => arm.model.base_from_flange(&state.joints),
         };
-        // The light is not the one for which the nominal exposure was chosen: that which served last comes first.
-        let mut kept = None;
-        for i in 0..EXPOSURES.len() {
-            let exposure = EXPOSURES[(served + i) % EXPOSURES.len()];
-            let Ok(frame) = source.grab(arms.period, exposure) else { continue };
-            let serves = view(plan.rig, &plan.guess, &pose, &frame.image).is_some();
-            kept = Some(frame.image);
-            if serves {
-                served = (served + i) % EXPOSURES.len();
-                break;
-            }
-        }
-        let Some(image) = kept else { continue };
-        frames.push((pose, image));
+        let Some(image) = picture(plan, &pose, &mut source, arms.period, &mut served) else {
+            continue;
+        };
+        taken.frames.push((pose, image));
         let seen = arms.port.scene().arms[plan.mover];
-        truths.push(match plan.rig {
+        taken.truths.push(match plan.rig {
             Rig::Standing => seen.world_from_tool,
             Rig::InHand => seen.world_from_flange,
         });
     }
-    let (found, used) = adjust(plan, &frames);
-    // From here on only for the operator's information.
+    Ok(taken)
+}
+
+/// Takes a picture with the first exposure that shows the cube. The light is not the one for which
+/// the nominal exposure was chosen: the exposure that `served` last comes first.
+fn picture(
+    plan: &Plan,
+    pose: &Pose,
+    source: &mut PlantCamera,
+    period: u64,
+    served: &mut usize,
+) -> Option<RgbImage> {
+    let (first, mut kept) = (*served, None);
+    for i in 0..EXPOSURES.len() {
+        let number = (first + i) % EXPOSURES.len();
+        let Ok(frame) = source.grab(period, EXPOSURES[number]) else { continue };
+        let serves = view(plan.rig, &plan.guess, pose, &frame.image).is_some();
+        kept = Some(frame.image);
+        if serves {
+            *served = number;
+            break;
+        }
+    }
+    kept
+}
+
+/// Compares what was found with the plant's truth, for the operator's information alone.
+fn compare(
+    cell: &Cell,
+    index: usize,
+    plan: &Plan,
+    arms: &Arms,
+    (taken, found): (Taken, Result<Calibrated, NotCalibrated>),
+) -> Report {
+    let Taken { frames, truths } = taken;
     let truth = &arms.port.cell().cameras[index];
     let believed = &cell.cameras[index];
     let before = errors(truth, &Lens::from(&believed.intrinsics), &place(believed), plan.distance);
@@ -337,15 +387,8 @@ fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Err
     }
     let hand = |camera: &Pose| hand_errors(plan.rig, &place(truth), camera, &frames, &truths);
     let hand = (hand(&place(believed)), found.as_ref().ok().map(|c| hand(&c.setup.camera)));
-    Ok(Report {
-        sag: sag.into(),
-        hand,
-        camera: index,
-        found,
-        views: (plan.poses.len(), used),
-        time: arms.period as f64 * crate::motion::PERIOD,
-        errors: (before, after),
-    })
+    let (sag, errors) = (sag.into(), (before, after));
+    Report { camera: index, found, views: (0, 0), time: 0.0, errors, sag, hand }
 }
 
 /// Twice: the grooves are found again with the optics of the first adjustment.

@@ -82,13 +82,19 @@ fn take_rotation(cell: &Cell) -> UnitQuaternion<f64> {
     pose_from_axes(y.cross(&z), y, z, Point3::origin()).rotation
 }
 
+/// How many views are drawn, and from which seed.
+#[derive(Clone, Copy)]
+pub(super) struct Draw {
+    pub(super) views: usize,
+    pub(super) seed: u64,
+}
+
 /// The track arm shows the cube to a camera that stands.
 pub(super) fn standing_plan(
     cell: &Cell,
     camera: &Camera,
     world_from_camera: &Pose,
-    views: usize,
-    seed: u64,
+    draw: Draw,
 ) -> Option<Plan> {
     let (holder, edge) = (0, cell.cube.edge);
     let arm = &cell.arms[holder];
@@ -101,11 +107,11 @@ pub(super) fn standing_plan(
         - world_from_camera.translation.vector)
         .norm()
         .max(near);
-    let mut random = Pcg64::seed_from_u64(seed ^ 0x6361_6c69);
+    let mut random = Pcg64::seed_from_u64(draw.seed ^ 0x6361_6c69);
     let mut poses: Vec<JointPositions> = Vec::new();
     let mut reference = arm.start;
-    for _ in 0..TRIES * views {
-        if poses.len() == views {
+    for _ in 0..TRIES * draw.views {
+        if poses.len() == draw.views {
             break;
         }
         let pixel =
@@ -162,8 +168,7 @@ pub(super) fn in_hand_plan(
     arm: usize,
     flange_from_camera: &Pose,
     meetings: &MeetingTable,
-    views: usize,
-    seed: u64,
+    draw: Draw,
 ) -> Option<Plan> {
     let (holder, edge) = (1 - arm, cell.cube.edge);
     let meeting = meetings.views[holder].iter().flatten().next()?;
@@ -180,10 +185,10 @@ pub(super) fn in_hand_plan(
     })?;
     let centre = Point3::from(world_from_cube.translation.vector);
     let back = world_from_camera.translation.vector - centre.coords;
-    let mut random = Pcg64::seed_from_u64(seed ^ 0x6861_6e64);
+    let mut random = Pcg64::seed_from_u64(draw.seed ^ 0x6861_6e64);
     let mut poses = vec![starts[arm]];
-    for _ in 0..TRIES * views {
-        if poses.len() == views {
+    for _ in 0..TRIES * draw.views {
+        if poses.len() == draw.views {
             break;
         }
         let mut within = |size: f64| random.random_range(-size..size);

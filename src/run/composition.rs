@@ -14,12 +14,12 @@ use super::recording;
 use super::servos::{self, BetweenPeriods, Drive, Links, Observer, Servos, start_servos};
 use super::simulation::PlantEventLog;
 use super::staff::{Staff, home, start_actors, start_drivers, supervise};
-use super::task::{Assignment, Logbook, Performed, run_task};
+use super::task::{Assignment, Logbook, run_task};
 use super::witness::Witness;
 use super::world::{Cameras, World};
 use crate::actors::clock::Clock;
 use crate::actors::control::{Control, Pacer};
-use crate::actors::mp::Turning;
+use crate::actors::mp::{Ending, Turning};
 use crate::actors::notice::Notice;
 use crate::actors::services::Services;
 use crate::actors::watchdog::Supervision;
@@ -27,6 +27,7 @@ use crate::actors::work::Work;
 use crate::cube::Facelets;
 use crate::error::Error;
 use crate::hw::driver::{Switches, Timing};
+use crate::hw::plant::Verdict;
 use crate::hw::scene::{Scene, SceneArm};
 use crate::motion::PERIOD;
 use crate::record::playback::Playback;
@@ -75,6 +76,12 @@ impl Beginning {
         let clearance = world.scene().map_or(f64::INFINITY, |scene| clearance(&scene));
         Ok(Self { start, clearance })
     }
+
+    /// Returns what the plant knows at the end; `None` for hardware.
+    fn truth(self, verdict: Option<Verdict>, jams: u32) -> Option<Truth> {
+        let Self { start, clearance } = self;
+        start.zip(verdict).map(|(start, verdict)| Truth { start, clearance, verdict, jams })
+    }
 }
 
 /// Returns the distance of the nearest tool from the cube's centre [m].
@@ -118,12 +125,8 @@ impl Composition<'_> {
     ) -> Result<Done, Error> {
         let beginning = Beginning::of(&world)?;
         self.operator.started(self.options.wait).await?;
-        let gate = self.close_gate();
-        let switches = Arc::new(Switches::new(self.operator.stop_signal.clone()));
-        let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
-        let jams = Jams::watched(self.operator.control.subscribe());
-        let mut servos = self.start_servos(world, gate, &jams, switches, &clock)?;
-        let services = self.services(clock);
+        let (mut servos, jams) = self.start_servos(world)?;
+        let services = self.services(servos.clock.clone());
         let (pace, stuck) = (self.scenario.pace, self.options.stuck);
         let watchdog = &services.supervision.watchdog;
         let outside = supervise(&servos, watchdog, &self.faults, pace, stuck);
@@ -137,10 +140,14 @@ impl Composition<'_> {
             .await
             .inspect_err(|_| servos.switches.stop.store(true, Ordering::Release))?;
         let config = &self.scenario.controller;
-        let performed = run_task(config, staff, assignment, &services, &self.faults).await?;
+        let mut performed = run_task(config, staff, assignment, &services, &self.faults).await?;
         // An actor that panicked at work stays at it: the watch ends with the task.
         drop(outside);
-        self.wind_down(servos, performed, (goal, by_hand), beginning, &jams).await
+        let verdict = self.wind_down(servos, &mut performed.ending, goal).await?;
+        let truth = beginning.truth(verdict, jams.count());
+        let hash = self.operator.trace.hash();
+        let (hash, servo_hash) = (hash.hash(), hash.servo_hash());
+        Ok(Done { goal, performed, truth, by_hand, hash, servo_hash })
     }
 
     /// Puts the gate between operator and run, under virtual time.
@@ -150,15 +157,12 @@ impl Composition<'_> {
     }
 
     /// Starts the servos over their world.
-    fn start_servos(
-        &mut self,
-        world: World,
-        gate: Option<Gate>,
-        jams: &Jams,
-        switches: Arc<Switches>,
-        clock: &Clock,
-    ) -> Result<Servos, Error> {
+    fn start_servos(&mut self, world: World) -> Result<(Servos, Jams), Error> {
+        let gate = self.close_gate();
         let (scenario, operator) = (self.scenario, &mut self.operator);
+        let switches = Arc::new(Switches::new(operator.stop_signal.clone()));
+        let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
+        let jams = Jams::watched(operator.control.subscribe());
         let drive = Drive {
             pace: scenario.pace,
             real_time: &scenario.real_time,
@@ -180,11 +184,11 @@ impl Composition<'_> {
                 .then(|| Pacer::new(operator.tempo.clone(), operator.control.subscribe())),
         };
         if scenario.pace == Pace::RealTime && recorder.is_on() {
-            operator.record_inputs(clock);
+            operator.record_inputs(&clock);
         }
         let (stop_button, playback) = (operator.stop_button.clone(), self.playback.clone());
-        let parts = servos::Parts { links, switches, stop_button, trace, playback, between };
-        start_servos(&drive, world, parts, clock)
+        let parts = servos::Parts { links, switches, clock, stop_button, trace, playback, between };
+        Ok((start_servos(&drive, world, parts)?, jams))
     }
 
     /// Returns the services of the actors.
@@ -219,12 +223,10 @@ impl Composition<'_> {
     async fn wind_down(
         &self,
         servos: Servos,
-        mut performed: Performed,
-        (goal, by_hand): (Option<Goal>, bool),
-        beginning: Beginning,
-        jams: &Jams,
-    ) -> Result<Done, Error> {
-        let (ending, switches) = (&mut performed.ending, Arc::clone(&servos.switches));
+        ending: &mut Ending,
+        goal: Option<Goal>,
+    ) -> Result<Option<Verdict>, Error> {
+        let switches = Arc::clone(&servos.switches);
         if matches!(ending.error, Some(Error::System { .. })) {
             // The actors that are left must not move the arms any more.
             switches.hold.store(true, Ordering::Release);
@@ -255,11 +257,6 @@ impl Composition<'_> {
             trace.tell(Notice::Warning(end, text));
         }
         ending.error = stopped.fault.or(ending.error.take());
-        let Beginning { start, clearance } = beginning;
-        let jams = jams.count();
-        let truth =
-            start.zip(verdict).map(|(start, verdict)| Truth { start, clearance, verdict, jams });
-        let (hash, servo_hash) = (trace.hash().hash(), trace.hash().servo_hash());
-        Ok(Done { goal, performed, truth, by_hand, hash, servo_hash })
+        Ok(verdict)
     }
 }

@@ -165,6 +165,8 @@ pub(super) struct Parts {
     pub(super) links: Links,
     /// Stops, holds and heartbeats of all servos.
     pub(super) switches: Arc<Switches>,
+    /// Begins with them.
+    pub(super) clock: Clock,
     /// Presses their emergency stop.
     pub(super) stop_button: StopButton,
     /// Where their records go: hash, recording, latest values.
@@ -183,6 +185,8 @@ pub(super) struct Servos {
     pub(super) synchronised: Vec<bool>,
     /// Stops, holds and heartbeats of all servos.
     pub(super) switches: Arc<Switches>,
+    /// Their periods.
+    pub(super) clock: Clock,
     /// Presses their emergency stop.
     pub(super) stop_button: StopButton,
     driver: Driver,
@@ -210,11 +214,11 @@ pub(super) fn start_servos(
     drive: &Drive<'_>,
     mut world: World,
     parts: Parts,
-    clock: &Clock,
 ) -> Result<Servos, Error> {
     let Parts {
         links: Links { configs, links, ends },
         switches,
+        clock,
         stop_button,
         trace,
         playback,
@@ -256,7 +260,7 @@ pub(super) fn start_servos(
             driver = Driver::Wall(wall, writer);
         }
     }
-    Ok(Servos { links, synchronised, switches, stop_button, driver })
+    Ok(Servos { links, synchronised, switches, clock, stop_button, driver })
 }
 
 /// Runs the servos as a task on paused time.

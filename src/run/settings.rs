@@ -100,9 +100,7 @@ pub(super) fn cube_settings(
 ) -> Option<CubeSettings> {
     let calibrated_at = meeting_place(&config.cell, &meetings);
     let c = &config.control;
-    let v = &config.visual_servo;
     let arm = config.cell.arms.first()?;
-    let (approach, jaws) = config.cell.taking();
     let keeper = config.cell.keeper;
     Some(CubeSettings {
         arms: [arm_belief(&config.cell, 0)?, arm_belief(&config.cell, 1)?],
@@ -135,34 +133,7 @@ pub(super) fn cube_settings(
             keys::Compliance::Tff => ComplianceChoice::Tff,
             keys::Compliance::TffTilts => ComplianceChoice::TffTilts,
         },
-        visual: visual_servo::Order {
-            world_from_base: Pose::identity(),
-            approach,
-            jaws,
-            seat: 0.0,
-            vicinity: v.stand_off,
-            frozen: 0.04,
-            still: v.still,
-            // What lies there stands still: a few pictures, for the pose to settle.
-            still_seconds: match keeper {
-                Keeper::Person => v.still_time,
-                Keeper::Table => v.still_time.min(LYING),
-            },
-            retreat: v.withdraw,
-            speed: following(config),
-            acceleration: c.linear_acceleration,
-            approach_speed: 2.0 * c.approach_speed,
-            // A hand gives way: at 300 N/m the arm would push it 13 mm before 4 N are felt.
-            touch: 0.5 * c.approach_force,
-            // Nothing below the seat but the table.
-            overrun: match keeper {
-                Keeper::Person => 0.015,
-                Keeper::Table => 0.006,
-            },
-            stale: v.pose_age,
-            patience: v.patience,
-            zone: (config.cell.hand.world_from_cube, config.cell.hand.half_extent.add_scalar(ZONE)),
-        },
+        visual: visual_order(config),
         rule: match config.planner.rule {
             keys::Rule::Clearance => Rule::Clearance,
             keys::Rule::Strict => Rule::Strict,
@@ -175,6 +146,41 @@ pub(super) fn cube_settings(
         calibrated_at,
         keeper,
     })
+}
+
+/// Returns how the arm follows the cube and takes it.
+fn visual_order(config: &ControllerConfig) -> visual_servo::Order {
+    let (c, v) = (&config.control, &config.visual_servo);
+    let (approach, jaws) = config.cell.taking();
+    let keeper = config.cell.keeper;
+    visual_servo::Order {
+        world_from_base: Pose::identity(),
+        approach,
+        jaws,
+        seat: 0.0,
+        vicinity: v.stand_off,
+        frozen: 0.04,
+        still: v.still,
+        // What lies there stands still: a few pictures, for the pose to settle.
+        still_seconds: match keeper {
+            Keeper::Person => v.still_time,
+            Keeper::Table => v.still_time.min(LYING),
+        },
+        retreat: v.withdraw,
+        speed: following(config),
+        acceleration: c.linear_acceleration,
+        approach_speed: 2.0 * c.approach_speed,
+        // A hand gives way: at 300 N/m the arm would push it 13 mm before 4 N are felt.
+        touch: 0.5 * c.approach_force,
+        // Nothing below the seat but the table.
+        overrun: match keeper {
+            Keeper::Person => 0.015,
+            Keeper::Table => 0.006,
+        },
+        stale: v.pose_age,
+        patience: v.patience,
+        zone: (config.cell.hand.world_from_cube, config.cell.hand.half_extent.add_scalar(ZONE)),
+    }
 }
 
 /// Built once for all runs, and kept in the user's folder: a second of computing, which every process of a campaign would

@@ -166,19 +166,9 @@ impl Show {
             "/sensed" => {
                 let sensed = Sensed::read(&message.data)?;
                 if let Some(camera) = self.camera(&sensed.sensor) {
-                    let found = match sensed.found {
-                        Ok(sensed::Found::Cube { world_from_cube, speed, .. }) => {
-                            Found::Cube(world_from_cube, speed)
-                        }
-                        Ok(sensed::Found::Face(face)) => Found::Face(Box::new(face)),
-                        Err(why) => Found::Nothing(why),
-                    };
                     loading.looked = Some((camera, self.events.len()));
-                    self.push(
-                        time,
-                        message.data.len(),
-                        What::Sight(camera, sensed.period, None, found),
-                    );
+                    let what = What::Sight(camera, sensed.period, None, found(sensed.found));
+                    self.push(time, message.data.len(), what);
                 }
             }
             _ if topic.ends_with("/image") => {
@@ -339,6 +329,17 @@ impl Loading {
             state: *state,
         };
         Some((record, std::mem::take(peaks)))
+    }
+}
+
+/// Returns what a recorded look found, as the latest values have it.
+fn found(sensed: Result<sensed::Found, String>) -> Found {
+    match sensed {
+        Ok(sensed::Found::Cube { world_from_cube, speed, .. }) => {
+            Found::Cube(world_from_cube, speed)
+        }
+        Ok(sensed::Found::Face(face)) => Found::Face(Box::new(face)),
+        Err(why) => Found::Nothing(why),
     }
 }
 

@@ -21,7 +21,7 @@ use crate::reach::{Meeting, MeetingTable};
 use crate::record::recorder::{Entry, Recorder};
 use crate::scenario::Scenario;
 use crate::scenario::injected::{FaultActor, FaultEvent, FaultKeys, FaultKind};
-use crate::scenario::plant::{CubeKind, Jaws as JawsKey};
+use crate::scenario::plant::{CubeKind, Jaws as JawsKey, PlantHand, PlantKeys};
 use crate::servo::period::Length;
 use crate::spatial::Pose;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
@@ -161,17 +161,24 @@ fn config(
         JawsKey::Rubber => Jaws::rubber(),
         JawsKey::Stiff => Jaws::stiff(),
     };
-    config.noise = SensorNoise {
-        force: keys.noise.force,
-        torque: keys.noise.torque,
-        force_bias: e.sensor_bias,
-        torque_bias: e.sensor_torque_bias,
-        force_drift: keys.noise.force_drift,
-        delay_periods: keys.noise.force_delay_periods as usize,
-        ..SensorNoise::default()
-    };
-    let h = &keys.hand;
-    config.hand = HandScript {
+    config.noise = sensor_noise(keys);
+    config.hand = hand_script(&keys.hand);
+    config.facelets = *scenario.cube().colours();
+    if config.cell.keeper == Keeper::Table {
+        let t = &keys.table;
+        config.start = Start::Table(Lying {
+            offset: t.offset_xy,
+            spread: t.spread,
+            yaw: t.yaw,
+            any_face: t.any_face,
+        });
+    }
+    config
+}
+
+/// Returns what the operator's hand does.
+fn hand_script(h: &PlantHand) -> HandScript {
+    HandScript {
         appears: h.appears,
         arrival: h.arrival,
         start_offset: h.start_xyz.into(),
@@ -192,18 +199,21 @@ fn config(
         picks_up_after: h.picks_up_after,
         return_solved_only: h.return_solved_only,
         pull: h.pull,
-    };
-    config.facelets = *scenario.cube().colours();
-    if config.cell.keeper == Keeper::Table {
-        let t = &keys.table;
-        config.start = Start::Table(Lying {
-            offset: t.offset_xy,
-            spread: t.spread,
-            yaw: t.yaw,
-            any_face: t.any_face,
-        });
     }
-    config
+}
+
+/// Returns the errors and the noise of the force sensors.
+fn sensor_noise(keys: &PlantKeys) -> SensorNoise {
+    let e = &keys.errors;
+    SensorNoise {
+        force: keys.noise.force,
+        torque: keys.noise.torque,
+        force_bias: e.sensor_bias,
+        torque_bias: e.sensor_torque_bias,
+        force_drift: keys.noise.force_drift,
+        delay_periods: keys.noise.force_delay_periods as usize,
+        ..SensorNoise::default()
+    }
 }
 
 /// Index of the arm or camera of a name that was checked.

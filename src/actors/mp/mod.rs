@@ -264,7 +264,7 @@ impl Mp {
         event: Event<T::Conclusion>,
     ) -> Action<T::Thought> {
         self.heartbeat.works();
-        self.fault.befall().await;
+        self.fault.occur().await;
         let forces = self.felt();
         let trace = &self.parts.services.trace;
         trace.message("mp", "kernel", &(&event, &forces));

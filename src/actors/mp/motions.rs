@@ -86,7 +86,7 @@ impl Mp {
                 break;
             }
             self.heartbeat.works();
-            self.fault.befall().await;
+            self.fault.occur().await;
             let commands = self.step(&mut running);
             if running.is_over(until) {
                 break;
@@ -198,7 +198,7 @@ pub(super) async fn looking_up<T>(
             return answer;
         }
         heartbeat.works();
-        fault.befall().await;
+        fault.occur().await;
         heartbeat.waits();
     }
 }
