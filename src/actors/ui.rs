@@ -205,7 +205,7 @@ fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, &'static st
             Err("the run is over")
         }
         (Input::Start | Input::Resume, _) => Ok(turn(Control::Running)),
-        (Input::Pause, Control::Waiting) => Err("the run has not begun"),
+        (Input::Pause | Input::Manual { .. }, Control::Waiting) => Err("the run has not begun"),
         (Input::Pause, _) => Ok(turn(Control::Paused)),
         (Input::Terminate, _) => Ok(turn(Control::Terminated)),
         // The button was pressed on the way here. A run that waits for its start begins stopped, so
@@ -218,7 +218,6 @@ fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, &'static st
         (Input::Answer { .. }, _) => to_task("nobody waits for an answer"),
         // An order that waited would be carried out at once when the run goes on, unexpectedly.
         (Input::Manual { .. }, Control::Paused) => Err("the run is paused: resume it first"),
-        (Input::Manual { .. }, Control::Waiting) => Err("the run has not begun"),
         (Input::Manual { .. }, _) => to_task("the arms are busy"),
         (Input::Speed { factor }, _) if is_speed(*factor) => {
             controls.tempo.set(*factor);

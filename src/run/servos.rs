@@ -123,8 +123,8 @@ impl BetweenPeriods {
 /// The links to the servos of a run, before and after these run.
 pub(super) struct Links {
     configs: Vec<ServoConfig>,
-    links: Vec<ServoLink>,
-    ends: Vec<ServoEnd>,
+    edp_ends: Vec<ServoLink>,
+    servo_ends: Vec<ServoEnd>,
 }
 
 impl Links {
@@ -155,7 +155,7 @@ impl Links {
                     .map_err(|e| not_created("servo", &e.to_string()))?;
             }
         }
-        Ok(Self { configs, links, ends })
+        Ok(Self { configs, edp_ends: links, servo_ends: ends })
     }
 }
 
@@ -216,7 +216,7 @@ pub(super) fn start_servos(
     parts: Parts,
 ) -> Result<Servos, Error> {
     let Parts {
-        links: Links { configs, links, ends },
+        links: Links { configs, edp_ends: links, servo_ends: ends },
         switches,
         clock,
         stop_button,

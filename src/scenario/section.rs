@@ -154,6 +154,7 @@ impl Reader {
     }
 
     /// Checks whether a key, section or element was given.
+    #[must_use]
     pub fn is_given(&self, path: &str) -> bool {
         self.places.contains_key(path)
     }

@@ -116,14 +116,14 @@ impl Mp {
         let tracker = self.parts.tracker.as_ref();
         let target = tracker.and_then(VspHandle::target);
         let mut commands = [None, None];
-        for effector in 0..2 {
+        for (effector, sent) in commands.iter_mut().enumerate() {
             let Some(motion) = &mut running.motions[effector] else { continue };
             match motion.step(&self.arms[effector], target.as_ref()) {
                 Ok((command, sensing)) => {
                     if let (Some(sensing), Some(tracker)) = (sensing, tracker) {
                         tracker.configure(sensing);
                     }
-                    commands[effector] = Some(command);
+                    *sent = Some(command);
                 }
                 Err(outcome) => {
                     running.outcomes[effector] = Some(outcome);
