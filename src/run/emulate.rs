@@ -11,6 +11,7 @@ use crate::hw::driver::RealTime;
 use crate::hw::emulator::{CameraServer, Course, EmulatedArm, Emulator, EmulatorOptions};
 use crate::hw::plant::render::PlantCamera;
 use crate::hw::plant::{Plant, Verdict};
+use crate::hw::scene::Scene;
 use crate::motion::PERIOD;
 use crate::scenario::{Scenario, keys};
 use std::fs::File;
@@ -141,6 +142,35 @@ fn may_be_replaced(path: &Path) -> Result<(), String> {
     Ok(())
 }
 
+/// The cameras of the plant behind sockets, as long as this lives.
+struct Cameras {
+    scenes: Vec<triple_buffer::Input<Scene>>,
+    devices: Vec<CameraDevice>,
+    _servers: Vec<CameraServer>,
+    _sockets: Sockets,
+}
+
+impl Cameras {
+    /// Starts a server for each camera of the cell.
+    fn start(scenario: &Scenario, plant: &Plant) -> Result<Self, Error> {
+        let failed = |why: String| not_created("emulator", &why);
+        let io = |e: std::io::Error| failed(e.to_string());
+        let sockets = Sockets::new().map_err(io)?;
+        let (mut scenes, mut servers, mut devices) = (Vec::new(), Vec::new(), Vec::new());
+        for (index, camera) in scenario.controller.cell.cameras.iter().enumerate() {
+            let (input, output) = triple_buffer::triple_buffer(&plant.scene());
+            let renderer = super::simulation::renderer(scenario, plant, index)
+                .ok_or_else(|| failed(format!("the plant has no camera \"{}\"", camera.name)))?;
+            let socket = sockets.0.join(format!("{}.sock", camera.name));
+            let source = Box::new(PlantCamera::new(renderer, output));
+            servers.push(CameraServer::start(&socket, source).map_err(io)?);
+            scenes.push(input);
+            devices.push(CameraDevice { name: camera.name.clone(), socket });
+        }
+        Ok(Self { scenes, devices, _servers: servers, _sockets: sockets })
+    }
+}
+
 /// Emulates a scenario's cell until its controller has left, or a signal comes. `devices` is the file that tells a
 /// bridge where everything is; `announce` is called when all is open, with the rights that were denied.
 ///
@@ -167,20 +197,9 @@ pub fn emulate(
         .map(|arm| EmulatedArm { name: arm.name.clone(), has_track: arm.model.has_track })
         .collect();
 
-    let sockets = Sockets::new().map_err(io)?;
-    let (mut scenes, mut servers, mut cameras) = (Vec::new(), Vec::new(), Vec::new());
-    for (index, camera) in scenario.controller.cell.cameras.iter().enumerate() {
-        let (input, output) = triple_buffer::triple_buffer(&plant.scene());
-        let renderer = super::simulation::renderer(scenario, &plant, index)
-            .ok_or_else(|| failed(format!("the plant has no camera \"{}\"", camera.name)))?;
-        let socket = sockets.0.join(format!("{}.sock", camera.name));
-        let source = Box::new(PlantCamera::new(renderer, output));
-        servers.push(CameraServer::start(&socket, source).map_err(io)?);
-        scenes.push(input);
-        cameras.push(CameraDevice { name: camera.name.clone(), socket });
-    }
+    let mut cameras = Cameras::start(scenario, &plant)?;
     let mut emulator = Emulator::open(plant, &arms, options).map_err(io)?;
-    let places = Devices { camera: cameras, ..emulator.devices() };
+    let places = Devices { camera: cameras.devices.clone(), ..emulator.devices() };
     let _file = DeviceFile::write(devices, &places).map_err(failed)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in super::interrupt::heard() {
@@ -193,7 +212,7 @@ pub fn emulate(
     let course = emulator
         .run(&stop, |_, plant| {
             let scene = plant.scene();
-            for input in &mut scenes {
+            for input in &mut cameras.scenes {
                 input.write(scene);
             }
         })
