@@ -4,7 +4,7 @@
 //!   inputs
 //! - a run (its UI actor, a replay) has a [`RunEnd`]: each value that it publishes replaces the one
 //!   before, so a run never waits for a slow UI
-//! - the [`Desk`] itself is owned above both: it outlives a run, and the UIs at it show the next one
+//! - the [`Desk`] itself is owned above both: it outlives a run, and its UIs show the next one
 
 use crate::emergency_stop::{EmergencyStop, StopButton, StopSignal};
 use crate::operator::{Input, Snapshot, Stage};
@@ -95,7 +95,7 @@ impl Desk {
 /// The end of a UI. Clones are further UIs.
 #[derive(Debug, Clone)]
 pub struct UiEnd {
-    /// What does not change in a run; the default before one has begun.
+    /// The stage of the run, which does not change; the default before a run has begun.
     pub stage: watch::Receiver<Arc<Stage>>,
     /// The latest snapshot.
     pub snapshots: watch::Receiver<Arc<Snapshot>>,
@@ -120,7 +120,7 @@ impl UiEnd {
 /// The end of a run.
 #[derive(Debug, Clone)]
 pub struct RunEnd {
-    /// What does not change in the run.
+    /// The stage of the run, which does not change in it.
     pub stage: Arc<watch::Sender<Arc<Stage>>>,
     /// Snapshots.
     pub snapshots: Arc<watch::Sender<Arc<Snapshot>>>,

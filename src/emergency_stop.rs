@@ -6,7 +6,7 @@
 //! stopped until each is reset as well.
 //!
 //! A stop is made in two places: [`Desk::default`](crate::desk::Desk) makes that of the operator,
-//! and a run under virtual time makes one more behind its gate (`run/gate.rs`), because there the
+//! and a run under virtual time makes one more behind its gate (`run/operator.rs`), because there the
 //! operator's press counts from the beginning of a period. Under the wall clock both are the same.
 //!
 //! | handle | may | holders |
@@ -16,7 +16,7 @@
 //! | | | the second signal to the process (`run/interrupt.rs`) |
 //! | | | the injected fault `emergency_stop` (`run/disturbance.rs`) |
 //! | | | the guard of places and speeds (`actors/lookout.rs`) |
-//! | | | the watchdog outside the runtime, when an actor blocks all others |
+//! | | | the watchdog outside the runtime, when an actor blocks all others (`run/staff.rs`) |
 //! | | | the gate: it passes on what was pressed at the desk |
 //! | [`StopSignal`] | read | the servo ([`Switches`](crate::hw::driver::Switches)); the gate; the recorder |
 //!

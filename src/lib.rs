@@ -8,7 +8,7 @@
 //! | many runs | [`campaign`] | success with its interval, what is drawn for each run, processes, reports |
 //! | one run | [`run`] | composition from a scenario: world, servos, actors; verdict and summary |
 //! | shells | [`actors`] | mailboxes, lifecycles, clocks, errors |
-//! | faces | [`web`], [`tui`] | the operator's page and terminal |
+//! | UIs | [`web`], [`tui`] | the operator's page and terminal |
 //! | configuration, results | [`scenario`], [`record`], [`tables`], [`desk`] | files in, data to the actors; hash and summary out; the solver's tables kept; snapshots up, commands down |
 //! | hardware | [`hw`] | ports, the servo's drivers of time, cameras, the simulated plant |
 //! | stop | [`emergency_stop`] | who may stop the arms |

@@ -85,7 +85,7 @@ pub fn is_speed(factor: f64) -> bool {
     factor == 0.0 || factor.is_finite() && factor >= SLOWEST
 }
 
-/// How fast simulated time may go. Whoever looks on can slow it down; what happens in it does not change.
+/// How fast simulated time may go. A spectator can slow it down; the events in it stay the same.
 #[derive(Debug, Clone, Default)]
 pub struct Tempo(Arc<TempoState>);
 

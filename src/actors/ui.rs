@@ -1,10 +1,11 @@
 //! UI: presents the run and obeys the operator.
 //!
 //! It owns the snapshot that each UI shows, and obeys their inputs: page, terminal and the keys on
-//! stdin are at the same [`Desk`]. Notices come by a bounded mailbox, quick values by the [`LatestValues`];
-//! no other actor waits for it. It lives on a thread of its own, in wall-clock time: a virtual run
-//! neither sees it nor slows down for it. The emergency stop passes all actors on its way to the
-//! servos ([`crate::emergency_stop`]). Lines go to stderr, so that stdout stays for machines.
+//! stdin are at the same [`Desk`]. Notices come by a bounded mailbox, quick values by the
+//! [`LatestValues`]; no other actor waits for it. It lives on a thread of its own, in wall-clock
+//! time: a virtual run neither sees it nor slows down for it. The emergency stop passes all actors
+//! on its way to the servos ([`crate::emergency_stop`]). Lines go to stderr; stdout stays for
+//! machines.
 
 use super::control::{Control, Tempo, is_speed};
 use super::latest::LatestValues;

@@ -137,7 +137,7 @@ impl Ui {
             Self::Tui(terminal) => terminal.wait(),
             Self::Web(server) => {
                 let mut err = std::io::stderr().lock();
-                // Whoever closed stderr needs no word.
+                // A closed stderr has no reader.
                 let _ = writeln!(
                     err,
                     "the page stays at {} until Ctrl-C, or until it is closed there",
@@ -169,7 +169,7 @@ impl Terminal {
         let thread = std::thread::Builder::new().name("tui".into()).spawn(move || {
             let shown = tui::show(screen, &desk, &leaves);
             if let Err(error) = &shown {
-                // Nobody sees any more what goes on. A replay is left; a run goes on, and is told how to end it.
+                // The run is not shown any more. A replay is left; a run goes on until a signal.
                 complain(&format!("the terminal: {error}; a signal ends the run"));
                 let _ = desk.send(Input::Quit);
             }
@@ -187,7 +187,8 @@ impl Terminal {
         }
     }
 
-    /// What its thread came to. One that is to leave and does not is left behind: its terminal is gone, and never answers.
+    /// Returns the result of its thread. A thread that is to leave and does not within a second is
+    /// given up: its terminal is gone and never answers.
     fn left(&mut self) -> Option<std::thread::Result<std::io::Result<()>>> {
         const LOOK: Duration = Duration::from_millis(20);
         let thread = self.thread.take()?;

@@ -1,4 +1,4 @@
-//! What does not change in a run: sent to a face once.
+//! What does not change in a run: sent to a UI once.
 
 use super::Solid;
 use crate::motion::AXES;

@@ -1,6 +1,6 @@
 //! The gate between the operator and a run on the virtual clock: an input counts from the beginning
-//! of a period on, never in the middle of one. So a run is repeatable from its inputs, the operator's
-//! among them.
+//! of a period on, never in the middle of one. So a run is repeatable from its inputs, those of the
+//! operator among them.
 //!
 //! - in: the operator's control, inputs and emergency stop, at any time; or those of a recording
 //! - out: the same, once a period, called by the driver; and each in the recording

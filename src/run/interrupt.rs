@@ -1,8 +1,8 @@
-//! Signals as the operator's terminate: the run ends at its next macrostep and still sums up. A terminal that goes away
-//! is one of them.
+//! Signals as the operator's terminate: the run ends at its next macrostep and still sums up. A
+//! terminal that is closed sends one as well.
 //!
-//! A thread waits for the signals; the runtime's paused time knows nothing of it. A second signal switches the drives off
-//! and ends the process, in case the first one cannot be obeyed.
+//! A thread waits for the signals, outside the runtime and its paused time. A second signal presses
+//! the emergency stop and ends the process, in case the first one cannot be obeyed.
 
 use crate::actors::control::Control;
 use crate::emergency_stop::StopButton;
@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// What ends a run; whoever drives arms must not die of any of them.
+/// Signals that end a run. A process that drives arms must not die of any of them.
 pub const SIGNALS: [i32; 4] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT];
 /// Long enough for the bridge to switch the drives off.
 pub(super) const SWITCHES_OFF: Duration = Duration::from_millis(300);

@@ -7,9 +7,9 @@ use super::outcome::outcome;
 use crate::actors::control::Control;
 use crate::actors::latest::{Found, LatestValues, Peaks, Seen, Sight};
 use crate::actors::notice::Notice;
-use crate::actors::present::Presenter;
+use crate::actors::present::{Presenter, View};
 use crate::cell::Cell;
-use crate::desk::{Desk, RunEnd};
+use crate::desk::{Desk, Pictures, RunEnd};
 use crate::hw::driver::{NoRecords, RecordSink, ServoRecord};
 use crate::motion::{AXES, ArmFault, ArmState, JointPositions, Synchronisation};
 use crate::operator::{Class, ControlView, Input, OutcomeView, Services, Snapshot};
@@ -36,7 +36,8 @@ const STATES: u32 = 20;
 /// As fast as it goes, in times of real time.
 const FASTEST: f64 = 200.0;
 
-/// What is shown takes no more memory than this, about [bytes]: three hours of a cell, or what a small file unfolds into.
+/// Memory that a shown recording may take, about [bytes]: enough for three hours of a cell. A small
+/// file may unfold into more.
 const MOST: usize = 1 << 30;
 /// No words are shown that are longer [bytes].
 const WORDS: usize = 4096;
@@ -53,7 +54,7 @@ pub struct Show {
     outcome: OutcomeView,
 }
 
-/// What happens.
+/// An event of a recording.
 enum What {
     /// A state, why the arm stopped, and what it came to since the state before.
     Arm(Box<ServoRecord>, String, Peaks),
@@ -128,70 +129,103 @@ impl Show {
         Ok(show)
     }
 
+    /// Takes a message of the recording over, if it is one that is shown.
     fn take(
         &mut self,
         time: f64,
         message: &Message,
         loading: &mut Loading,
     ) -> Result<(), cdr::Malformed> {
-        let topic = message.channel.topic.as_str();
-        let mut from = cdr::Reader::new(&message.data)?;
-        match topic {
-            "/belief" => {
-                if let Some(picture) = belief::read(from.string()?) {
-                    self.push(time, message.data.len(), What::Belief(Box::new(picture)));
-                }
-            }
-            "/phase" => {
-                from.time()?;
-                let name = short(from.string()?);
-                if from.string()?.is_empty() {
-                    self.push(time, name.len(), What::Phase(name));
-                }
-            }
-            "/rosout" => {
-                let (class, who, text) = standard::read_log(&mut from)?;
-                // Phases tell of themselves.
-                if !text.starts_with("phase: ") {
-                    let what = What::Message(class, short(who), short(text));
-                    self.push(time, 2 * WORDS.min(message.data.len()), what);
-                }
-            }
-            "/operator" => {
-                from.time()?;
-                from.u64()?;
-                let words = short(&Input::describe_recorded(from.string()?));
-                self.push(time, words.len(), What::Operator(words));
-            }
-            "/sensed" => {
-                let sensed = Sensed::read(&message.data)?;
-                if let Some(camera) = self.camera(&sensed.sensor) {
-                    loading.looked = Some((camera, self.events.len()));
-                    let what = What::Sight(camera, sensed.period, None, found(sensed.found));
-                    self.push(time, message.data.len(), what);
-                }
-            }
-            _ if topic.ends_with("/image") => {
-                from.header()?;
-                from.string()?;
-                let jpeg = Arc::new(from.u8_sequence()?.to_vec());
-                // A picture follows what was found in it.
-                if let Some((_, at)) = loading.looked.take()
-                    && let Some((_, What::Sight(_, _, picture, _))) = self.events.get_mut(at)
-                {
-                    self.held += jpeg.len();
-                    *picture = Some(jpeg);
-                }
-            }
-            _ if topic.ends_with("/servo") => {
-                let tick = Tick::read(&message.data)?;
-                if let Some((record, peaks)) = loading.tick(&tick) {
-                    let fault = short(&tick.fault);
-                    let size = size_of::<ServoRecord>() + fault.len();
-                    self.push(time, size, What::Arm(Box::new(record), fault, peaks));
-                }
-            }
-            _ => {}
+        let data = &message.data[..];
+        match message.channel.topic.as_str() {
+            "/belief" => self.take_belief(time, data),
+            "/phase" => self.take_phase(time, data),
+            "/rosout" => self.take_log(time, data),
+            "/operator" => self.take_input(time, data),
+            "/sensed" => self.take_sensed(time, data, loading),
+            topic if topic.ends_with("/image") => self.take_picture(data, loading),
+            topic if topic.ends_with("/servo") => self.take_tick(time, data, loading),
+            // A malformed message makes a recording unreadable, shown or not.
+            _ => cdr::Reader::new(data).map(drop),
+        }
+    }
+
+    fn take_belief(&mut self, time: f64, data: &[u8]) -> Result<(), cdr::Malformed> {
+        if let Some(picture) = belief::read(cdr::Reader::new(data)?.string()?) {
+            self.push(time, data.len(), What::Belief(Box::new(picture)));
+        }
+        Ok(())
+    }
+
+    fn take_phase(&mut self, time: f64, data: &[u8]) -> Result<(), cdr::Malformed> {
+        let mut from = cdr::Reader::new(data)?;
+        from.time()?;
+        let name = short(from.string()?);
+        if from.string()?.is_empty() {
+            self.push(time, name.len(), What::Phase(name));
+        }
+        Ok(())
+    }
+
+    fn take_log(&mut self, time: f64, data: &[u8]) -> Result<(), cdr::Malformed> {
+        let (class, who, text) = standard::read_log(&mut cdr::Reader::new(data)?)?;
+        // A phase has a message of its own.
+        if !text.starts_with("phase: ") {
+            let what = What::Message(class, short(who), short(text));
+            self.push(time, 2 * WORDS.min(data.len()), what);
+        }
+        Ok(())
+    }
+
+    fn take_input(&mut self, time: f64, data: &[u8]) -> Result<(), cdr::Malformed> {
+        let mut from = cdr::Reader::new(data)?;
+        from.time()?;
+        from.u64()?;
+        let words = short(&Input::describe_recorded(from.string()?));
+        self.push(time, words.len(), What::Operator(words));
+        Ok(())
+    }
+
+    fn take_sensed(
+        &mut self,
+        time: f64,
+        data: &[u8],
+        loading: &mut Loading,
+    ) -> Result<(), cdr::Malformed> {
+        let sensed = Sensed::read(data)?;
+        let Some(camera) = self.camera(&sensed.sensor) else { return Ok(()) };
+        loading.looked = Some((camera, self.events.len()));
+        let what = What::Sight(camera, sensed.period, None, found(sensed.found));
+        self.push(time, data.len(), what);
+        Ok(())
+    }
+
+    /// Adds a picture to the sight before it, which has what was found in it.
+    fn take_picture(&mut self, data: &[u8], loading: &mut Loading) -> Result<(), cdr::Malformed> {
+        let mut from = cdr::Reader::new(data)?;
+        from.header()?;
+        from.string()?;
+        let jpeg = Arc::new(from.u8_sequence()?.to_vec());
+        if let Some((_, at)) = loading.looked.take()
+            && let Some((_, What::Sight(_, _, picture, _))) = self.events.get_mut(at)
+        {
+            self.held += jpeg.len();
+            *picture = Some(jpeg);
+        }
+        Ok(())
+    }
+
+    fn take_tick(
+        &mut self,
+        time: f64,
+        data: &[u8],
+        loading: &mut Loading,
+    ) -> Result<(), cdr::Malformed> {
+        let tick = Tick::read(data)?;
+        if let Some((record, peaks)) = loading.tick(&tick) {
+            let fault = short(&tick.fault);
+            let size = size_of::<ServoRecord>() + fault.len();
+            self.push(time, size, What::Arm(Box::new(record), fault, peaks));
         }
         Ok(())
     }
@@ -234,7 +268,7 @@ impl Show {
                     _ => {}
                 }
             }
-            // Of several wishes at once the last one counts.
+            // The last of several seeks counts.
             if sought {
                 stand = Stand { number: stand.number, ..Stand::new(self, desk) };
                 stand.skip(time);
@@ -274,7 +308,7 @@ fn cut_off(reason: &str) -> OutcomeView {
     }
 }
 
-/// What is carried from tick to tick while a recording is read.
+/// The state that is carried from tick to tick while a recording is read.
 struct Loading {
     cell: Cell,
     /// Servo periods between two states.
@@ -314,7 +348,7 @@ impl Loading {
         state.motors = arm.model.motors(&state.joints);
         state.jaw_opening = tick.jaw_opening;
         state.jaw_force = tick.jaw_force;
-        // What it was is in the words; that it was one is enough here.
+        // Any fault does here: the recorded words say which it was.
         state.fault = (!tick.fault.is_empty()).then_some(ArmFault::EmergencyStop);
         let first = usize::from(!arm.model.has_track);
         let all = (first..=AXES).all(|axis| tick.reading.synchronised & 1 << axis != 0);
@@ -349,8 +383,6 @@ struct Stand<'a> {
     to: &'a RunEnd,
     latest: LatestValues,
     presenter: Presenter,
-    /// Where the presenter speaks, before this adds what is different in a replay.
-    inner: RunEnd,
     next: usize,
     faults: Vec<String>,
     number: u64,
@@ -364,12 +396,12 @@ impl<'a> Stand<'a> {
         stage.title.clone_from(&show.title);
         "replay".clone_into(&mut stage.pace);
         to.stage.send_replace(Arc::new(stage));
+        to.pictures.send_replace(Pictures::new());
         let faults = vec![String::new(); show.scenario.controller.cell.arms.len()];
-        let inner = Desk::default().run_end();
         let mut values = latest.lock();
         (values.mp, values.replayed) = ("as recorded", true);
         drop(values);
-        Self { show, to, latest, presenter, inner, next: 0, faults, number: 0, over: false }
+        Self { show, to, latest, presenter, next: 0, faults, number: 0, over: false }
     }
 
     /// Goes to a time at once: what arms felt on the way is no peak of the moment.
@@ -380,8 +412,8 @@ impl<'a> Stand<'a> {
         }
     }
 
-    /// What happens until a time. Of beliefs and of each camera's pictures only the last counts: to copy and to decode
-    /// all of them on the way took longer than whoever seeks waits.
+    /// Takes the events until a time. Only the last belief and the last picture of each camera count:
+    /// to copy and decode all of them took longer than a person who seeks waits.
     fn events(&mut self, time: f64) {
         let show = self.show;
         let mut sink = Seen { to: NoRecords, latest: Some(self.latest.clone()) };
@@ -424,6 +456,7 @@ impl<'a> Stand<'a> {
         }
     }
 
+    /// Shows the moment at a time.
     fn show(&mut self, time: f64, paused: bool, speed: f64) {
         self.events(time);
         if time >= self.show.end && !self.over {
@@ -431,13 +464,11 @@ impl<'a> Stand<'a> {
             self.presenter.notice(&Notice::Over(self.show.outcome.clone()));
         }
         let control = if paused { Control::Paused } else { Control::Running };
-        self.presenter.publish(&self.inner, control, speed);
-        self.forward(paused);
-    }
-
-    fn forward(&mut self, paused: bool) {
+        let View { pictures, mut snapshot, .. } = self.presenter.view(control, speed);
+        if let Some(pictures) = pictures {
+            self.to.pictures.send_replace(pictures);
+        }
         self.number += 1;
-        let mut snapshot: Snapshot = self.inner.snapshots.borrow().as_ref().clone();
         snapshot.number = self.number;
         let seek_ms = Some((self.show.end * 1e3).round() as u64);
         snapshot.services = Services { manual: false, speed: true, seek_ms };
@@ -448,7 +479,6 @@ impl<'a> Stand<'a> {
             arm.fault = arm.fault.take().map(|_| fault.clone());
             arm.remedy = None;
         }
-        self.to.pictures.send_replace(self.inner.pictures.borrow().clone());
         self.to.snapshots.send_replace(Arc::new(snapshot));
     }
 }

@@ -1,4 +1,4 @@
-//! What the terminal UI knows beside the snapshot, and the input that each key stands for. Pure.
+//! The state of the terminal UI, and the input that each key stands for. Pure.
 
 use super::net;
 use crate::cube::{Face, Facelets};
@@ -62,7 +62,7 @@ impl App {
         self.snapshot = snapshot;
     }
 
-    /// What a key asks for.
+    /// Returns the input that a key stands for.
     pub(super) fn key(&mut self, key: KeyEvent) -> Option<Input> {
         self.note.clear();
         let replay = self.snapshot.services.seek_ms;
@@ -75,7 +75,7 @@ impl App {
         if let Some(length) = replay {
             return self.replay(key.code, length as f64 * 1e-3);
         }
-        // Whatever is asked or confirmed: nothing else is meant by it.
+        // The stop comes before any question or confirmation: the key means nothing else.
         if !ended && matches!(key.code, KeyCode::F(12) | KeyCode::Char('e' | 'E')) {
             self.sure = false;
             return Some(Input::EmergencyStop);

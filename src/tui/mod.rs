@@ -19,11 +19,11 @@ use std::time::Duration;
 /// Time between two looks at keys and snapshots: ten pictures a second are enough for a terminal.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Shows a desk in a terminal until the operator leaves it, which is possible when the run is over or nobody listens
-/// any more, or until `leave` is set.
+/// Shows a desk in a terminal until `leave` is set, or until the operator leaves it, which is
+/// possible when the run is over or no run takes inputs any more.
 ///
 /// # Errors
-/// What the terminal says.
+/// The terminal's.
 pub fn show(mut screen: Screen, desk: &UiEnd, leave: &AtomicBool) -> std::io::Result<()> {
     let mut app = App::default();
     while !leave.load(Ordering::Acquire) {
@@ -43,7 +43,7 @@ pub fn show(mut screen: Screen, desk: &UiEnd, leave: &AtomicBool) -> std::io::Re
     drop(screen);
     let last = desk.snapshots.borrow();
     if last.control != ControlView::Ended && last.services.seek_ms.is_none() {
-        // Whoever closed stderr needs no word.
+        // A closed stderr has no reader.
         let _ = writeln!(
             std::io::stderr(),
             "the run goes on without a UI until it ends; Ctrl-C ends it"
@@ -65,7 +65,7 @@ impl Screen {
         if !std::io::stdout().is_terminal() {
             return Err(std::io::Error::other("stdout is none"));
         }
-        // What it has done until it fails is undone with this.
+        // A half-initialised terminal is put back.
         let screen = ratatui::try_init();
         if screen.is_err() {
             let _ = ratatui::try_restore();

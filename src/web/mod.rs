@@ -1,4 +1,4 @@
-//! The operator's page: a small server of the same snapshot and commands that every face has.
+//! The operator's page: a small server of the snapshot that each UI shows, and of inputs.
 //!
 //! - in: a [`UiEnd`] of the desk
 //! - out: the page (assets of this folder, nothing from elsewhere), `GET /camera/{index}` as JPEG, and `GET /ws`, a
@@ -6,7 +6,9 @@
 //! - who may: see [`guard`]; one page commands, the others watch, and anyone may press the emergency stop
 //! - how many: see `line`; connections without end keep nobody from the stop
 //!
-//! It lives on a thread with a runtime of its own. A page that is slow misses snapshots; nobody waits for it.
+//! It lives on a thread with a runtime of its own. A slow page misses snapshots; no run waits for it.
+//! The server belongs to the program, above the runs: it serves a desk, and shows one run at that
+//! desk after the other.
 
 pub mod guard;
 mod line;

@@ -65,7 +65,8 @@ async fn converse<E>(
 ) {
     let (refusals, refused) = mpsc::channel(REFUSALS);
     let heard = watch::channel(Instant::now()).0;
-    // Side by side: whoever takes nothing of the news is heeded all the same, for what is said may be the emergency stop.
+    // Side by side: a page that reads nothing is obeyed all the same, since it may press the
+    // emergency stop.
     tokio::select! {
         () = listen(words, seat, desk, &heard, &refusals) => {}
         () = tell(news, seat, desk, &heard, refused) => {}
@@ -85,7 +86,7 @@ async fn listen<E>(
         match word {
             ws::Message::Text(text) => {
                 if let Some(why) = obey(text.as_str(), seat, desk) {
-                    // Who takes no answers gets none.
+                    // A page that reads no answers gets none.
                     let _ = refusals.try_send(why);
                 }
             }
@@ -213,7 +214,7 @@ pub(super) fn obey(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
     }
 }
 
-/// What this page has been sent.
+/// The state of a page: the latest of each kind that it has been sent.
 #[derive(Default)]
 struct Sent {
     stage: Option<Arc<Stage>>,

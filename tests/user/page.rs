@@ -658,6 +658,43 @@ fn a_page_that_only_watches_changes_nothing() {
     assert_eq!(watched.hash, alone.hash);
 }
 
+/// The server and the desk are owned above the runs: the page shows one run after the other, and a
+/// stop of the first does not stop the second.
+#[test]
+fn page_outlives_a_run_and_shows_the_next() {
+    let desk = Desk::default();
+    let server = serve(desk.ui_end());
+    let run = |seed: &str| {
+        let (scenario, run_end) = (load("idle.toml", &[seed]), desk.run_end());
+        let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
+        std::thread::spawn(move || run::run_at(&scenario, options, Some(run_end)).unwrap())
+    };
+    runtime().block_on(async {
+        let mut page = Page::open(&server).await;
+        let first = run("seed=11");
+        page.until(|m| m.get("stage").filter(|s| s["seed"] == 11).cloned()).await;
+        page.sees(|s| s["services"]["manual"] == true).await;
+        page.say(json!({ "command": "emergency_stop" })).await;
+        page.sees(|s| s["control"] == "ended").await;
+        assert_eq!(first.join().unwrap().ended_by, EndedBy::Fatal);
+
+        // Between two runs the page and its socket answer.
+        let mut late = Page::open(&server).await;
+        late.sees(|s| s["control"] == "ended").await;
+        drop(late);
+        desk.prepare_next_run();
+
+        let second = run("seed=12");
+        page.until(|m| m.get("stage").filter(|s| s["seed"] == 12).cloned()).await;
+        let first_message = |m: &Value| m.get("messages")?.get(0)?.get("number")?.as_u64();
+        assert_eq!(page.until(first_message).await, 1);
+        page.sees(|s| s["services"]["manual"] == true && s["arms"][0]["fault"].is_null()).await;
+        page.say(json!({ "command": "terminate" })).await;
+        page.sees(|s| s["control"] == "ended").await;
+        assert_eq!(second.join().unwrap().ended_by, EndedBy::Operator);
+    });
+}
+
 #[test]
 fn one_page_commands_and_another_may_take_over() {
     let (ui, run_end) = Desk::default().ends();

@@ -1,25 +1,32 @@
-//! From notices and the latest values to the snapshot that the operator sees: the controller's belief, never the plant's truth.
+//! The presenter: makes the operator's snapshots from notices and the latest values. They show the
+//! controller's belief, never the plant's truth.
+
+mod actors;
+mod camera;
+mod moment;
+mod stage;
+
+pub(crate) use stage::poses;
 
 use super::control::Control;
-use super::latest::{ArmLatest, Found, Latest, LatestValues, Sight};
+use super::latest::{ArmLatest, Found, Latest, LatestValues};
 use super::notice::{Notice, class};
-use crate::cell::{Cell, Mount};
+use crate::cell::Cell;
 use crate::cube::{Face, Keeper};
-use crate::desk::{Picture as Pixels, Pixels as Kind, RunEnd};
+use crate::desk::{Picture as Pixels, Pictures, Pixels as Kind, RunEnd};
 use crate::generators::Target;
-use crate::hw::driver::Switches;
-use crate::motion::{JointPositions, PERIOD, Synchronisation};
+use crate::motion::{PERIOD, Synchronisation};
 use crate::operator::{
-    ActorView, ArmStage, ArmView, CameraStage, CameraView, Class, ControlView, CubeView, HandView,
-    Input, LayerTurn, Limits, Mark, Message, OutcomeView, Services, ServoTiming, Snapshot, Stage,
-    State, arm_frames, arm_solids, joints_of, remedy,
+    ActorView, ArmView, CameraView, Class, ControlView, CubeView, HandView, Input, LayerTurn,
+    Message, OutcomeView, Services, Snapshot, Stage, arm_frames, joints_of, remedy,
 };
 use crate::scenario::Scenario;
 use crate::scenario::keys::Pace;
 use crate::servo::period::Length;
-use crate::spatial::Pose;
 use crate::tasks::Picture;
-use nalgebra::{Point3, UnitQuaternion};
+use actors::Actors;
+use moment::Moment;
+use nalgebra::UnitQuaternion;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -31,6 +38,16 @@ const STALE: f64 = 1.0;
 const FACTOR: Duration = Duration::from_millis(500);
 /// Time between two pictures of a camera: people see no more.
 const PICTURE: Duration = Duration::from_millis(120);
+
+/// The picture of a run at one moment, for the UIs.
+pub struct View {
+    /// The stage, when it is another one.
+    pub stage: Option<Stage>,
+    /// The cameras' pictures, when one is new.
+    pub pictures: Option<Pictures>,
+    /// The rest.
+    pub snapshot: Snapshot,
+}
 
 /// Makes snapshots.
 pub struct Presenter {
@@ -63,7 +80,7 @@ impl Presenter {
     pub fn new(scenario: &Scenario, latest: LatestValues) -> (Self, Stage) {
         let config = &scenario.controller;
         let cell = config.cell.clone();
-        let stage = stage(scenario);
+        let stage = stage::of(scenario);
         let views = stage
             .cameras
             .iter()
@@ -156,84 +173,83 @@ impl Presenter {
         periods as f64 * self.length.seconds()
     }
 
-    fn control(&self, control: Control) -> ControlView {
-        match (control, &self.outcome) {
+    /// Publishes stage, pictures and snapshot, as far as they are new.
+    pub fn publish(&mut self, desk: &RunEnd, control: Control, speed: f64) {
+        let View { stage, pictures, snapshot } = self.view(control, speed);
+        if let Some(stage) = stage {
+            desk.stage.send_replace(Arc::new(stage));
+        }
+        if let Some(pictures) = pictures {
+            desk.pictures.send_replace(pictures);
+        }
+        desk.snapshots.send_replace(Arc::new(snapshot));
+    }
+
+    /// Returns the picture of the run now.
+    pub fn view(&mut self, control: Control, speed: f64) -> View {
+        let values = self.latest.clone();
+        let mut latest = values.lock();
+        let stage = latest.calibrated.take().map(|cell| self.calibrated(*cell));
+        let is_new = self.take_pictures(&mut latest);
+        let time = self.time_of(&latest);
+        let moment = Moment::of(&mut latest, time);
+        drop(latest);
+
+        self.begun |= !moment.arms.is_empty();
+        self.measure(moment.time);
+        self.number += 1;
+        let snapshot = self.snapshot(moment, control, speed);
+        View { stage, pictures: is_new.then(|| self.pictures.clone()), snapshot }
+    }
+
+    fn snapshot(&self, moment: Moment, control: Control, speed: f64) -> Snapshot {
+        let control = match (control, &self.outcome) {
             (_, Some(_)) => ControlView::Ended,
             (Control::Waiting, None) => ControlView::Waiting,
             (Control::Running, None) => ControlView::Running,
             (Control::Paused, None) => ControlView::Paused,
             (Control::Terminated, None) => ControlView::Terminated,
-        }
-    }
-
-    /// Publishes pictures and snapshot.
-    pub fn publish(&mut self, desk: &RunEnd, control: Control, speed: f64) {
-        let latest = self.latest.clone();
-        let mut latest = latest.lock();
-        let time = self.time_of(&latest);
-        if let Some(cell) = latest.calibrated.take() {
-            self.calibrated(*cell, desk);
-        }
-        let new = self.take_pictures(&mut latest);
-        let look = |arm: &mut ArmLatest| ArmLatest {
-            state: arm.state,
-            peaks: std::mem::take(&mut arm.peaks),
         };
-        let arms: Vec<ArmLatest> = latest.arms.iter_mut().map(look).collect();
-        let servo = latest.punctual.as_ref().map(|(switches, period)| timing(switches, *period));
-        let picture = latest.picture.clone();
-        let (mp, manual) = (latest.mp, latest.manual);
-        let orders = (!latest.replayed).then_some(latest.orders);
-        let question = latest.question.clone();
-        drop(latest);
-
-        self.begun |= !arms.is_empty();
-        self.measure(time);
-        self.number += 1;
-        let control = self.control(control);
-        let views = self.arms(&arms, picture.as_ref());
-        let cube = self.cube(&views, picture.as_ref(), time);
+        let arms = self.arms(&moment);
+        let cube = self.cube(&arms, moment.picture.as_ref(), moment.time);
         let person = self.cell.keeper == Keeper::Person;
-        let hand = self.hand(time).filter(|_| person && cube.held_by.is_empty());
-        let picture = picture.unwrap_or_default();
-        let snapshot = Snapshot {
+        let hand = self.hand(moment.time).filter(|_| person && cube.held_by.is_empty());
+        let actors = self.actors(control, &moment);
+        let picture = moment.picture.unwrap_or_default();
+        Snapshot {
             number: self.number,
-            time,
+            time: moment.time,
             factor: self.factor.2,
             speed,
             control,
             phase: self.phases.last().map(|p| p.0.clone()).unwrap_or_default(),
             phases: self.phases.clone(),
-            actors: self.actors(control, &arms, orders, (mp, manual)),
-            arms: views,
+            actors,
+            arms,
             cube,
             hand,
             cameras: self.views.clone(),
             net: picture.net,
             plan: picture.plan,
             step: picture.step,
-            servo,
-            question,
+            servo: moment.servo,
+            question: moment.question,
             services: Services {
-                manual: manual && self.outcome.is_none(),
+                manual: moment.manual && self.outcome.is_none(),
                 speed: self.virtual_pace && self.outcome.is_none(),
                 seek_ms: None,
             },
             messages: Arc::clone(&self.messages),
             outcome: self.outcome.clone(),
-        };
-        if new {
-            desk.pictures.send_replace(self.pictures.clone());
         }
-        desk.snapshots.send_replace(Arc::new(snapshot));
     }
 
-    /// The cameras are elsewhere than the scenario has them.
-    fn calibrated(&mut self, cell: Cell, desk: &RunEnd) {
-        self.stage.cameras = cameras(&cell);
+    /// Takes over a cell as a calibration found it, and returns the stage with its cameras.
+    fn calibrated(&mut self, cell: Cell) -> Stage {
+        self.stage.cameras = stage::cameras(&cell);
         self.stage.edge = cell.cube.edge;
         self.cell = cell;
-        desk.stage.send_replace(Arc::new(self.stage.clone()));
+        self.stage.clone()
     }
 
     /// A camera's VSP has delivered, with a picture or without.
@@ -266,7 +282,7 @@ impl Presenter {
             view.frame += 1;
             view.time = sight.period as f64 * PERIOD;
             view.size = image.dimensions();
-            found_in(view, &self.cell, camera, sight);
+            camera::draw(view, &self.cell, camera, sight);
             self.pictures[camera] =
                 Some(Arc::new(Pixels { frame: view.frame, pixels: Kind::Raw(image) }));
             self.looked[camera] = Some(Instant::now());
@@ -275,12 +291,13 @@ impl Presenter {
         new
     }
 
-    fn arms(&self, arms: &[ArmLatest], picture: Option<&Picture>) -> Vec<ArmView> {
-        let believed = |i: usize| picture.and_then(|p| p.world_from_base.get(i).copied().flatten());
+    fn arms(&self, moment: &Moment) -> Vec<ArmView> {
+        let believed = |i: usize| moment.picture.as_ref()?.world_from_base.get(i).copied()?;
         let view = |(i, arm): (usize, &crate::cell::Arm)| {
-            let ArmLatest { state, peaks } = arms.get(i).copied().unwrap_or_default();
-            let synchronised = state.synchronisation == Synchronisation::Yes && i < arms.len();
-            let joints = if i < arms.len() { state.joints } else { arm.start };
+            let latest = moment.arms.get(i);
+            let ArmLatest { state, peaks } = latest.copied().unwrap_or_default();
+            let synchronised = state.synchronisation == Synchronisation::Yes && latest.is_some();
+            let joints = latest.map_or(arm.start, |latest| latest.state.joints);
             ArmView {
                 name: arm.name.clone(),
                 joints: joints.0,
@@ -297,6 +314,19 @@ impl Presenter {
             }
         };
         self.cell.arms.iter().enumerate().map(view).collect()
+    }
+
+    fn actors(&self, control: ControlView, moment: &Moment) -> Vec<ActorView> {
+        Actors {
+            control,
+            fatal: self.fatal,
+            begun: self.begun,
+            cell: &self.cell,
+            moment,
+            vsps: &self.vsps,
+            cameras: &self.views,
+        }
+        .views()
     }
 
     fn hand(&self, time: f64) -> Option<HandView> {
@@ -357,97 +387,15 @@ impl Presenter {
             turned,
         }
     }
-
-    fn actors(
-        &self,
-        control: ControlView,
-        arms: &[ArmLatest],
-        orders: Option<[Option<&'static str>; 2]>,
-        (mp, manual): (&str, bool),
-    ) -> Vec<ActorView> {
-        let actor = |name: String, state: State, words: &str| ActorView {
-            name,
-            state,
-            words: words.to_owned(),
-        };
-        let over = control == ControlView::Ended;
-        let alive = |state: State| match control {
-            ControlView::Ended => State::Absent,
-            ControlView::Waiting => State::Idle,
-            ControlView::Paused => State::Held,
-            ControlView::Running | ControlView::Terminated => state,
-        };
-        let mut actors = vec![
-            actor("ui".into(), State::Running, "shows this"),
-            match control {
-                _ if self.fatal => actor("mp".into(), State::Fault, "stopped by an error"),
-                ControlView::Waiting => actor("mp".into(), State::Idle, "waits for the start"),
-                ControlView::Paused => actor("mp".into(), State::Held, "paused"),
-                ControlView::Ended => actor("mp".into(), State::Absent, "has ended"),
-                ControlView::Running | ControlView::Terminated => {
-                    let state = if manual { State::Idle } else { State::Running };
-                    actor("mp".into(), state, mp)
-                }
-            },
-        ];
-        for (i, arm) in self.cell.arms.iter().enumerate() {
-            let (state, words) = match (orders, arms.get(i)) {
-                // Where orders are not recorded, whether the arm moves tells of them.
-                (None, Some(ArmLatest { state, .. })) => (edp(state, over).0, "not recorded"),
-                (None, None) => (State::Absent, "not recorded"),
-                (Some(orders), _) => match orders.get(i).copied().flatten() {
-                    Some(order) => (State::Running, order),
-                    None => (State::Idle, "waits for an order"),
-                },
-            };
-            let words = if over { "" } else { words };
-            actors.push(actor(format!("ecp {}", arm.name), alive(state), words));
-        }
-        for (i, arm) in self.cell.arms.iter().enumerate() {
-            let (state, words) = match arms.get(i) {
-                None => (State::Absent, String::new()),
-                Some(ArmLatest { state, .. }) => edp(state, over),
-            };
-            actors.push(actor(format!("edp {}", arm.name), state, &words));
-        }
-        for (name, camera) in &self.vsps {
-            let view = camera.and_then(|camera| self.views.get(camera));
-            let words = match (view, camera) {
-                (Some(view), _) if view.frame > 0 => view.words.clone(),
-                (_, Some(_)) => "has not looked yet".to_owned(),
-                (_, None) => "gathers the wrists' forces".to_owned(),
-            };
-            let state = if self.begun { State::Running } else { State::Absent };
-            actors.push(actor(format!("vsp {name}"), alive(state), &words));
-        }
-        actors
-    }
 }
 
-fn edp(state: &crate::motion::ArmState, over: bool) -> (State, String) {
-    if let Some(fault) = state.fault {
-        return (State::Fault, fault.to_string());
-    }
-    match state.synchronisation {
-        Synchronisation::No => (State::NotSynchronised, "not synchronised".to_owned()),
-        Synchronisation::Under { axis } => {
-            (State::NotSynchronised, format!("synchronises axis {axis}"))
-        }
-        Synchronisation::Yes if over => (State::Held, "holds".to_owned()),
-        Synchronisation::Yes if state.command_end > state.period => {
-            (State::Running, "synchronised, moves".to_owned())
-        }
-        Synchronisation::Yes => (State::Held, "synchronised, holds".to_owned()),
-    }
-}
-
-/// Angle of a rotation about z.
+/// Returns the angle of a rotation about z.
 fn roll(rotation: &UnitQuaternion<f64>) -> f64 {
     let angle = 2.0 * rotation.k.atan2(rotation.w);
     (angle + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
 }
 
-/// The cube's facelets, or what the net has of them so far.
+/// Returns the cube's facelets, or those that the net has so far.
 fn letters(picture: &Picture) -> String {
     if let Some(facelets) = &picture.facelets {
         return facelets.to_string();
@@ -459,136 +407,15 @@ fn letters(picture: &Picture) -> String {
     (0..54).map(letter).collect()
 }
 
-/// What was found, in pixels of the picture.
-fn found_in(view: &mut CameraView, cell: &Cell, camera: usize, sight: &Sight) {
-    let optics = &cell.cameras[camera].intrinsics;
-    let half = 0.5 * cell.cube.edge;
-    let project = |point: Point3<f64>| (point.z > 0.01).then(|| optics.project(&point));
-    view.outlines.clear();
-    view.marks.clear();
-    view.found = true;
-    match &sight.found {
-        Found::Nothing(why) => {
-            view.found = false;
-            view.words.clone_from(why);
-        }
-        Found::Cube(world_from_cube, speed) => {
-            let Mount::World { world_from_camera } = cell.cameras[camera].mount else { return };
-            let camera_from_cube = world_from_camera.inverse() * world_from_cube;
-            for face in Face::ALL {
-                let (x, y) = face.reading_axes();
-                let normal = face.normal();
-                let centre = camera_from_cube * Point3::from(normal * half);
-                if (camera_from_cube.rotation * normal).dot(&centre.coords) >= 0.0 {
-                    continue;
-                }
-                let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
-                let outline: Option<Vec<_>> = corners
-                    .into_iter()
-                    .map(|(a, b)| {
-                        let corner = (normal + x * a + y * b) * half;
-                        project(camera_from_cube * Point3::from(corner))
-                    })
-                    .collect();
-                view.outlines.extend(outline);
-            }
-            let away = camera_from_cube.translation.vector.norm();
-            view.words = format!("cube {away:.2} m away, {:.0} mm/s", speed * 1e3);
-        }
-        Found::Face(reading) => {
-            let at = |x: f64, y: f64| project(reading.camera_from_face * Point3::new(x, y, 0.0));
-            let corners = [(-half, -half), (half, -half), (half, half), (-half, half)];
-            let outline: Option<Vec<_>> = corners.into_iter().map(|(x, y)| at(x, y)).collect();
-            view.outlines.extend(outline);
-            let pitch = cell.cube.edge / 3.0;
-            for i in 0..9 {
-                let (column, row) = ((i % 3) as f64 - 1.0, (i / 3) as f64 - 1.0);
-                let Some(at) = at(column * pitch, row * pitch) else { continue };
-                view.marks.push(Mark {
-                    at,
-                    colour: (!reading.occluded[i]).then_some(reading.colours[i]),
-                    confidence: reading.confidences[i],
-                });
-            }
-            view.words = format!(
-                "face, confidence {:.2}, residual {:.2} px",
-                reading.confidence, reading.residual_px
-            );
-        }
-    }
-}
-
-/// Names of the poses that an arm can be sent to, with its joints there.
-pub(crate) fn poses(arm: &crate::cell::Arm) -> Vec<(String, JointPositions)> {
-    let mut poses = vec![("start".to_owned(), arm.start)];
-    let track = arm.start.0[0];
-    let front = [track, 0.0, -1.57, 0.0, 1.57, 1.57, -1.57];
-    poses.push(("front".to_owned(), JointPositions(front)));
-    let sync = crate::motion::MotorPositions(arm.model.sync);
-    poses.extend(arm.model.joints(&sync).ok().map(|at| ("synchronisation".to_owned(), at)));
-    poses.retain(|(_, joints)| arm.model.check(joints).is_ok());
-    poses
-}
-
-fn cameras(cell: &Cell) -> Vec<CameraStage> {
-    let camera = |camera: &crate::cell::Camera| {
-        let (arm, pose): (Option<usize>, Pose) = match camera.mount {
-            Mount::World { world_from_camera } => (None, world_from_camera),
-            Mount::Flange { arm, flange_from_camera } => (Some(arm), flange_from_camera),
-        };
-        let size = (camera.intrinsics.width, camera.intrinsics.height);
-        CameraStage { name: camera.name.clone(), arm, pose, size }
-    };
-    cell.cameras.iter().map(camera).collect()
-}
-
-/// What does not change.
-fn stage(scenario: &Scenario) -> Stage {
-    let config = &scenario.controller;
-    let cell = &config.cell;
-    let arm = |arm: &crate::cell::Arm| ArmStage {
-        name: arm.name.clone(),
-        has_track: arm.model.has_track,
-        joint_limits: arm.model.joint_limits,
-        motor_limits: arm.model.motor_limits,
-        opening: arm.gripper.opening,
-        poses: poses(arm).into_iter().map(|p| p.0).collect(),
-    };
-    let solve = config.task.word() != "idle";
-    Stage {
-        title: scenario.path.display().to_string(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        task: config.task.word().to_owned(),
-        seed: scenario.seed,
-        pace: if scenario.pace == Pace::Virtual { "virtual" } else { "real-time" }.to_owned(),
-        coordination: config.coordination.word().to_owned(),
-        plant: if scenario.bridge.kind.is_hardware() { "hardware" } else { "simulated plant" }
-            .to_owned(),
-        arms: cell.arms.iter().map(arm).collect(),
-        cameras: cameras(cell),
-        solids: arm_solids(cell),
-        edge: cell.cube.edge,
-        hand_zone: (solve && cell.keeper == Keeper::Person).then_some(cell.hand.world_from_cube),
-        limits: Limits {
-            force: config.control.force_limit,
-            torque: config.control.torque_limit,
-            period: scenario.real_time.period,
-        },
-    }
-}
-
-/// Returns how punctual the servo was since the last call; `period` is its length [s].
-fn timing(switches: &Switches, period: f64) -> ServoTiming {
-    let (late, work, missed) = switches.punctual.take();
-    ServoTiming { period, late: late as f64 * 1e-9, work: work as f64 * 1e-9, missed }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::latest::Peaks;
+    use super::super::latest::{Peaks, Sight};
     use super::*;
+    use crate::cell::Mount;
     use crate::motion::ArmState;
+    use crate::operator::State;
     use crate::scenario::Override;
+    use crate::spatial::Pose;
     use crate::tasks::Turning;
     use std::path::Path;
 

@@ -1,0 +1,114 @@
+//! The activity of each actor, in one word and in a sentence.
+
+use super::moment::Moment;
+use crate::actors::latest::ArmLatest;
+use crate::cell::Cell;
+use crate::motion::{ArmState, Synchronisation};
+use crate::operator::{ActorView, CameraView, ControlView, State};
+
+/// The facts about all actors at one moment.
+pub(super) struct Actors<'a> {
+    pub(super) control: ControlView,
+    /// A fatal error has stopped MP.
+    pub(super) fatal: bool,
+    /// The VSPs have been created.
+    pub(super) begun: bool,
+    pub(super) cell: &'a Cell,
+    pub(super) moment: &'a Moment,
+    /// Each VSP's name and camera.
+    pub(super) vsps: &'a [(String, Option<usize>)],
+    pub(super) cameras: &'a [CameraView],
+}
+
+impl Actors<'_> {
+    /// Returns the view of each actor, from UI and MP down.
+    pub(super) fn views(&self) -> Vec<ActorView> {
+        let mut views = vec![view("ui".into(), State::Running, "shows this"), self.mp()];
+        let arms = self.cell.arms.iter().enumerate();
+        views.extend(arms.clone().map(|(i, arm)| self.ecp(i, &arm.name)));
+        views.extend(arms.map(|(i, arm)| self.edp(i, &arm.name)));
+        views.extend(self.vsps.iter().map(|(name, camera)| self.vsp(name, *camera)));
+        views
+    }
+
+    fn is_over(&self) -> bool {
+        self.control == ControlView::Ended
+    }
+
+    /// Returns the state of an actor that is in `state` while the run is on.
+    fn alive(&self, state: State) -> State {
+        match self.control {
+            ControlView::Ended => State::Absent,
+            ControlView::Waiting => State::Idle,
+            ControlView::Paused => State::Held,
+            ControlView::Running | ControlView::Terminated => state,
+        }
+    }
+
+    fn mp(&self) -> ActorView {
+        let (state, words) = match self.control {
+            _ if self.fatal => (State::Fault, "stopped by an error"),
+            ControlView::Waiting => (State::Idle, "waits for the start"),
+            ControlView::Paused => (State::Held, "paused"),
+            ControlView::Ended => (State::Absent, "has ended"),
+            ControlView::Running | ControlView::Terminated => {
+                (if self.moment.manual { State::Idle } else { State::Running }, self.moment.mp)
+            }
+        };
+        view("mp".into(), state, words)
+    }
+
+    fn ecp(&self, index: usize, arm: &str) -> ActorView {
+        let (state, words) = match (self.moment.orders, self.moment.arms.get(index)) {
+            // A replay has no orders: the arm's motion shows that there was one.
+            (None, Some(latest)) => (self.edp_state(latest).0, "not recorded"),
+            (None, None) => (State::Absent, "not recorded"),
+            (Some(orders), _) => match orders.get(index).copied().flatten() {
+                Some(order) => (State::Running, order),
+                None => (State::Idle, "waits for an order"),
+            },
+        };
+        let words = if self.is_over() { "" } else { words };
+        view(format!("ecp {arm}"), self.alive(state), words)
+    }
+
+    fn edp(&self, index: usize, arm: &str) -> ActorView {
+        let latest = self.moment.arms.get(index);
+        let absent = (State::Absent, String::new());
+        let (state, words) = latest.map_or(absent, |latest| self.edp_state(latest));
+        view(format!("edp {arm}"), state, &words)
+    }
+
+    fn edp_state(&self, latest: &ArmLatest) -> (State, String) {
+        let state: &ArmState = &latest.state;
+        if let Some(fault) = state.fault {
+            return (State::Fault, fault.to_string());
+        }
+        match state.synchronisation {
+            Synchronisation::No => (State::NotSynchronised, "not synchronised".to_owned()),
+            Synchronisation::Under { axis } => {
+                (State::NotSynchronised, format!("synchronises axis {axis}"))
+            }
+            Synchronisation::Yes if self.is_over() => (State::Held, "holds".to_owned()),
+            Synchronisation::Yes if state.command_end > state.period => {
+                (State::Running, "synchronised, moves".to_owned())
+            }
+            Synchronisation::Yes => (State::Held, "synchronised, holds".to_owned()),
+        }
+    }
+
+    fn vsp(&self, name: &str, camera: Option<usize>) -> ActorView {
+        let seen = camera.and_then(|camera| self.cameras.get(camera));
+        let words = match (seen, camera) {
+            (Some(seen), _) if seen.frame > 0 => seen.words.as_str(),
+            (_, Some(_)) => "has not looked yet",
+            (_, None) => "gathers the wrists' forces",
+        };
+        let state = if self.begun { State::Running } else { State::Absent };
+        view(format!("vsp {name}"), self.alive(state), words)
+    }
+}
+
+fn view(name: String, state: State, words: &str) -> ActorView {
+    ActorView { name, state, words: words.to_owned() }
+}

@@ -1,0 +1,74 @@
+//! The results of vision, drawn into their picture: outlines, tiles and words.
+
+use crate::actors::latest::{Found, Sight};
+use crate::cell::{Camera, Cell, Mount};
+use crate::cube::Face;
+use crate::operator::{CameraView, Mark};
+use crate::spatial::Pose;
+use crate::vision::sensor::FaceReading;
+use nalgebra::{Point3, Vector3};
+
+/// Writes the result of vision into a camera's view, in pixels of its picture.
+pub(super) fn draw(view: &mut CameraView, cell: &Cell, camera: usize, sight: &Sight) {
+    let (camera, edge) = (&cell.cameras[camera], cell.cube.edge);
+    view.outlines.clear();
+    view.marks.clear();
+    view.found = !matches!(sight.found, Found::Nothing(_));
+    match &sight.found {
+        Found::Nothing(why) => view.words.clone_from(why),
+        Found::Cube(world_from_cube, speed) => {
+            let Mount::World { world_from_camera } = camera.mount else { return };
+            let camera_from_cube = world_from_camera.inverse() * world_from_cube;
+            draw_cube(view, camera, edge, &camera_from_cube);
+            let away = camera_from_cube.translation.vector.norm();
+            view.words = format!("cube {away:.2} m away, {:.0} mm/s", speed * 1e3);
+        }
+        Found::Face(reading) => draw_face(view, camera, edge, reading),
+    }
+}
+
+/// Returns the pixel of a point in the camera's frame if it lies before the camera.
+fn project(camera: &Camera, point: Point3<f64>) -> Option<(f64, f64)> {
+    (point.z > 0.01).then(|| camera.intrinsics.project(&point))
+}
+
+/// Outlines the sides of a cube of this edge [m] that the camera sees.
+fn draw_cube(view: &mut CameraView, camera: &Camera, edge: f64, camera_from_cube: &Pose) {
+    let half = 0.5 * edge;
+    for face in Face::ALL {
+        let (x, y) = face.reading_axes();
+        let normal = face.normal();
+        let centre = camera_from_cube * Point3::from(normal * half);
+        if (camera_from_cube.rotation * normal).dot(&centre.coords) >= 0.0 {
+            continue;
+        }
+        let corner = |(a, b): (f64, f64)| -> Vector3<f64> { (normal + x * a + y * b) * half };
+        let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(corner);
+        let at = |corner| project(camera, camera_from_cube * Point3::from(corner));
+        let outline: Option<Vec<_>> = corners.into_iter().map(at).collect();
+        view.outlines.extend(outline);
+    }
+}
+
+/// Outlines a face of a cube of this edge [m], and marks its tiles.
+fn draw_face(view: &mut CameraView, camera: &Camera, edge: f64, reading: &FaceReading) {
+    let half = 0.5 * edge;
+    let at = |x: f64, y: f64| project(camera, reading.camera_from_face * Point3::new(x, y, 0.0));
+    let corners = [(-half, -half), (half, -half), (half, half), (-half, half)];
+    let outline: Option<Vec<_>> = corners.into_iter().map(|(x, y)| at(x, y)).collect();
+    view.outlines.extend(outline);
+    let pitch = edge / 3.0;
+    for i in 0..9 {
+        let (column, row) = ((i % 3) as f64 - 1.0, (i / 3) as f64 - 1.0);
+        let Some(at) = at(column * pitch, row * pitch) else { continue };
+        view.marks.push(Mark {
+            at,
+            colour: (!reading.occluded[i]).then_some(reading.colours[i]),
+            confidence: reading.confidences[i],
+        });
+    }
+    view.words = format!(
+        "face, confidence {:.2}, residual {:.2} px",
+        reading.confidence, reading.residual_px
+    );
+}

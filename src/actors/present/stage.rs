@@ -1,0 +1,69 @@
+//! The stage of a run: what does not change in it.
+
+use crate::cell::{Arm, Camera, Cell, Mount};
+use crate::cube::Keeper;
+use crate::motion::{JointPositions, MotorPositions};
+use crate::operator::{ArmStage, CameraStage, Limits, Stage, arm_solids};
+use crate::scenario::Scenario;
+use crate::scenario::keys::Pace;
+use crate::spatial::Pose;
+
+/// Returns the stage of a run of this scenario.
+pub(super) fn of(scenario: &Scenario) -> Stage {
+    let config = &scenario.controller;
+    let cell = &config.cell;
+    let arm = |arm: &Arm| ArmStage {
+        name: arm.name.clone(),
+        has_track: arm.model.has_track,
+        joint_limits: arm.model.joint_limits,
+        motor_limits: arm.model.motor_limits,
+        opening: arm.gripper.opening,
+        poses: poses(arm).into_iter().map(|p| p.0).collect(),
+    };
+    let solve = config.task.word() != "idle";
+    Stage {
+        title: scenario.path.display().to_string(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        task: config.task.word().to_owned(),
+        seed: scenario.seed,
+        pace: if scenario.pace == Pace::Virtual { "virtual" } else { "real-time" }.to_owned(),
+        coordination: config.coordination.word().to_owned(),
+        plant: if scenario.bridge.kind.is_hardware() { "hardware" } else { "simulated plant" }
+            .to_owned(),
+        arms: cell.arms.iter().map(arm).collect(),
+        cameras: cameras(cell),
+        solids: arm_solids(cell),
+        edge: cell.cube.edge,
+        hand_zone: (solve && cell.keeper == Keeper::Person).then_some(cell.hand.world_from_cube),
+        limits: Limits {
+            force: config.control.force_limit,
+            torque: config.control.torque_limit,
+            period: scenario.real_time.period,
+        },
+    }
+}
+
+/// Returns the cameras as they stand in a cell.
+pub(super) fn cameras(cell: &Cell) -> Vec<CameraStage> {
+    let camera = |camera: &Camera| {
+        let (arm, pose): (Option<usize>, Pose) = match camera.mount {
+            Mount::World { world_from_camera } => (None, world_from_camera),
+            Mount::Flange { arm, flange_from_camera } => (Some(arm), flange_from_camera),
+        };
+        let size = (camera.intrinsics.width, camera.intrinsics.height);
+        CameraStage { name: camera.name.clone(), arm, pose, size }
+    };
+    cell.cameras.iter().map(camera).collect()
+}
+
+/// Returns the names of the poses that an arm can be sent to by hand, with its joints there.
+pub(crate) fn poses(arm: &Arm) -> Vec<(String, JointPositions)> {
+    let mut poses = vec![("start".to_owned(), arm.start)];
+    let track = arm.start.0[0];
+    let front = [track, 0.0, -1.57, 0.0, 1.57, 1.57, -1.57];
+    poses.push(("front".to_owned(), JointPositions(front)));
+    let sync = MotorPositions(arm.model.sync);
+    poses.extend(arm.model.joints(&sync).ok().map(|at| ("synchronisation".to_owned(), at)));
+    poses.retain(|(_, joints)| arm.model.check(joints).is_ok());
+    poses
+}
