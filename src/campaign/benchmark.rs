@@ -2,9 +2,10 @@
 //!
 //! - in: a tier and seeds, or the tally of the trials
 //! - out: scrambles; accuracy and speed
-//! - source: B. Yang, P. Lancaster, S. Srinivasa, J. Smith, "Benchmarking robot manipulation with the Rubik's cube",
-//!   RA-L 2020 (arXiv 2202.07074): M consecutive trials of N moves, accuracy and speed. The clearance, the thresholds
-//!   and that the moves scramble the cube, which the robot then undoes by its own plan, are this project's
+//! - source: B. Yang, P. Lancaster, S. Srinivasa, J. Smith, "Benchmarking robot manipulation with
+//!   the Rubik's cube", RA-L 2020 (arXiv 2202.07074): M consecutive trials of N moves, accuracy and
+//!   speed. The clearance, the thresholds and that the moves scramble the cube, which the robot
+//!   then undoes by its own plan, are this project's
 
 use super::result::{RunResult, Verdict};
 use super::statistics::Spread;
@@ -67,7 +68,8 @@ pub fn tier(text: &str) -> Result<Kind, String> {
     }
 }
 
-/// Moves that scramble a cube: none undoes or repeats what the one before did to its face, or to the opposite one.
+/// Moves that scramble a cube: none undoes or repeats what the one before did to its face, or to
+/// the opposite one.
 #[must_use]
 pub fn scramble(moves: u64, seed: u64) -> Vec<Turn> {
     // Not the stream that cubes, hands and cells are drawn from.
@@ -143,7 +145,7 @@ pub fn clearances(tally: &Tally) -> impl Iterator<Item = (u64, f64)> {
 impl Score {
     /// Whether every trial passed, one after the other.
     #[must_use]
-    pub fn is_whole(&self) -> bool {
+    pub(crate) fn is_whole(&self) -> bool {
         self.trials > 0 && self.passed == self.trials
     }
 

@@ -1,4 +1,5 @@
-//! A campaign's report: one page that needs nothing else, for a screen in light or dark and for paper; no scripts.
+//! A campaign's report: one page that needs nothing else, for a screen in light or dark and for
+//! paper; no scripts.
 //!
 //! - in: a [`Tally`], and what was drawn
 //! - out: HTML
@@ -228,93 +229,138 @@ fn spreads(html: &mut String, tally: &Tally) {
     html.push_str("</div></section>\n");
 }
 
-/// Bars of how many runs have which value; failures stand in red at the bars' feet.
+/// Width of a histogram, and its margins to the left, right and top, and the height of its panel.
+const WIDE: f64 = 470.0;
+const LEFT: f64 = 34.0;
+const RIGHT: f64 = 10.0;
+const TOP: f64 = 24.0;
+const PANEL: f64 = 130.0;
+/// The y of the axis.
+const BOTTOM: f64 = TOP + PANEL;
+
+/// Draws how many runs have which value; failed runs stand in red at the bars' feet.
 fn histogram(title: &str, values: &[(f64, bool)], whole: bool) -> String {
-    const WIDE: f64 = 470.0;
-    let (left, right, top, panel) = (34.0, 10.0, 24.0, 130.0);
-    let low = values.iter().fold(f64::INFINITY, |m, v| m.min(v.0));
-    let high = values.iter().fold(f64::NEG_INFINITY, |m, v| m.max(v.0));
     let mut svg = format!(
-        "<svg class=\"wide histogram\" viewBox=\"0 0 {WIDE} {:.0}\" role=img><title>{title}</title><text class=name x={left} y={:.0}>{title}</text>",
-        top + panel + 24.0,
-        top - 9.0
+        "<svg class=\"wide histogram\" viewBox=\"0 0 {WIDE} {:.0}\" role=img><title>{title}</title>\
+         <text class=name x={LEFT} y={:.0}>{title}</text>",
+        BOTTOM + 24.0,
+        TOP - 9.0
     );
-    if values.is_empty() {
-        svg.push_str("</svg>");
-        return svg;
+    if !values.is_empty() {
+        let bars = Bars::of(values, whole);
+        bars.draw_grid(&mut svg);
+        bars.draw(&mut svg);
+        bars.draw_marks(&mut svg, whole);
+        let _ = write!(
+            svg,
+            "<line class=axis x1={LEFT} x2={:.0} y1={BOTTOM} y2={BOTTOM} />",
+            WIDE - RIGHT
+        );
     }
-    // Bars as wide as a round step; of whole numbers a bar each where there is room.
-    let by = if whole {
-        step(high - low + 1.0, BARS as f64).max(1.0).ceil()
-    } else {
-        step((high - low).max(1e-6 * high.abs()).max(1e-9), 30.0)
-    };
-    let from = (low / by).floor() * by;
-    let count = (((high - from) / by).floor() as usize + 1).min(4 * BARS);
-    let mut bars = vec![(0_usize, 0_usize); count];
-    for (value, solved) in values {
-        let at = (((value - from) / by).floor().max(0.0) as usize).min(count - 1);
-        if *solved {
-            bars[at].0 += 1;
+    svg.push_str("</svg>");
+    svg
+}
+
+/// The bars of a histogram.
+struct Bars {
+    /// Value at the left end, and the width of a bar.
+    from: f64,
+    by: f64,
+    /// Runs of each bar: solved, failed.
+    counts: Vec<(usize, usize)>,
+    /// Runs of the highest bar.
+    most: f64,
+    /// Width of a bar in the drawing.
+    width: f64,
+}
+
+impl Bars {
+    /// Counts values in bars as wide as a round step; whole numbers have a bar each where there is
+    /// room.
+    fn of(values: &[(f64, bool)], whole: bool) -> Self {
+        let low = values.iter().fold(f64::INFINITY, |m, v| m.min(v.0));
+        let high = values.iter().fold(f64::NEG_INFINITY, |m, v| m.max(v.0));
+        let by = if whole {
+            step(high - low + 1.0, BARS as f64).max(1.0).ceil()
         } else {
-            bars[at].1 += 1;
+            step((high - low).max(1e-6 * high.abs()).max(1e-9), 30.0)
+        };
+        let from = (low / by).floor() * by;
+        let count = (((high - from) / by).floor() as usize + 1).min(4 * BARS);
+        let mut counts = vec![(0_usize, 0_usize); count];
+        for (value, solved) in values {
+            let at = (((value - from) / by).floor().max(0.0) as usize).min(count - 1);
+            if *solved {
+                counts[at].0 += 1;
+            } else {
+                counts[at].1 += 1;
+            }
         }
+        let most = counts.iter().map(|(a, b)| a + b).max().unwrap_or(1).max(1) as f64;
+        let width = (WIDE - LEFT - RIGHT) / count as f64;
+        Self { from, by, counts, most, width }
     }
-    let most = bars.iter().map(|(a, b)| a + b).max().unwrap_or(1).max(1) as f64;
-    let width = (WIDE - left - right) / count as f64;
-    let bottom = top + panel;
-    let lines = step(most, 3.0).max(1.0);
-    let mut line = 0.0;
-    while line <= most {
-        let y = bottom - panel * line / most;
-        let _ = write!(
-            svg,
-            "<line class=grid x1={left} x2={:.0} y1={y:.1} y2={y:.1} /><text class=tick x={:.0} y={:.1} text-anchor=end>{}</text>",
-            WIDE - right,
-            left - 5.0,
-            y + 4.0,
-            number(line)
-        );
-        line += lines;
-    }
-    for (index, (solved, failed)) in bars.iter().enumerate().filter(|(_, b)| b.0 + b.1 > 0) {
-        let inner = (width - 1.0).clamp(0.6, 60.0);
-        let x = left + index as f64 * width + (width - inner) / 2.0;
-        // One failure among thousands is to be seen.
-        let least = if *failed > 0 { 3.0 } else { 0.0 };
-        let bad = (panel * *failed as f64 / most).max(least);
-        let good = (panel * *solved as f64 / most).min(panel - bad);
-        let _ = write!(
-            svg,
-            "<g><title>{}: {} runs</title><rect class=bar x={x:.1} y={:.1} width={inner:.1} height={good:.1} /><rect class=\"bar red\" x={x:.1} y={:.1} width={inner:.1} height={bad:.1} /></g>",
-            number(from + by * index as f64),
-            solved + failed,
-            bottom - bad - good,
-            bottom - bad
-        );
-    }
-    let marks = step(by * count as f64, 6.0).max(if whole { 1.0 } else { 0.0 });
-    let mut mark = (from / marks).ceil() * marks;
-    while mark <= from + by * count as f64 + 1e-9 {
-        // A whole number stands below the middle of its bar.
-        let middle = if whole && by == 1.0 { 0.5 } else { 0.0 };
-        let x = left + ((mark - from) / by + middle) * width;
-        if x <= WIDE - right + 1.0 {
+
+    fn draw_grid(&self, svg: &mut String) {
+        let lines = step(self.most, 3.0).max(1.0);
+        let mut line = 0.0;
+        while line <= self.most {
+            let y = BOTTOM - PANEL * line / self.most;
             let _ = write!(
                 svg,
-                "<text class=tick x={x:.1} y={:.1} text-anchor=middle>{}</text>",
-                bottom + 16.0,
-                number(mark)
+                "<line class=grid x1={LEFT} x2={:.0} y1={y:.1} y2={y:.1} />\
+                 <text class=tick x={:.0} y={:.1} text-anchor=end>{}</text>",
+                WIDE - RIGHT,
+                LEFT - 5.0,
+                y + 4.0,
+                number(line)
+            );
+            line += lines;
+        }
+    }
+
+    fn draw(&self, svg: &mut String) {
+        let inner = (self.width - 1.0).clamp(0.6, 60.0);
+        for (index, (solved, failed)) in
+            self.counts.iter().enumerate().filter(|(_, b)| b.0 + b.1 > 0)
+        {
+            let x = LEFT + index as f64 * self.width + (self.width - inner) / 2.0;
+            // One failure among thousands stays visible.
+            let least = if *failed > 0 { 3.0 } else { 0.0 };
+            let bad = (PANEL * *failed as f64 / self.most).max(least);
+            let good = (PANEL * *solved as f64 / self.most).min(PANEL - bad);
+            let _ = write!(
+                svg,
+                "<g><title>{}: {} runs</title><rect class=bar x={x:.1} y={:.1} width={inner:.1} \
+                 height={good:.1} /><rect class=\"bar red\" x={x:.1} y={:.1} width={inner:.1} \
+                 height={bad:.1} /></g>",
+                number(self.from + self.by * index as f64),
+                solved + failed,
+                BOTTOM - bad - good,
+                BOTTOM - bad
             );
         }
-        mark += marks;
     }
-    let _ = write!(
-        svg,
-        "<line class=axis x1={left} x2={:.0} y1={bottom} y2={bottom} /></svg>",
-        WIDE - right
-    );
-    svg
+
+    /// Draws the values below the axis; a whole number stands below the middle of its bar.
+    fn draw_marks(&self, svg: &mut String, whole: bool) {
+        let (from, by, count) = (self.from, self.by, self.counts.len() as f64);
+        let marks = step(by * count, 6.0).max(if whole { 1.0 } else { 0.0 });
+        let middle = if whole && by == 1.0 { 0.5 } else { 0.0 };
+        let mut mark = (from / marks).ceil() * marks;
+        while mark <= from + by * count + 1e-9 {
+            let x = LEFT + ((mark - from) / by + middle) * self.width;
+            if x <= WIDE - RIGHT + 1.0 {
+                let _ = write!(
+                    svg,
+                    "<text class=tick x={x:.1} y={:.1} text-anchor=middle>{}</text>",
+                    BOTTOM + 16.0,
+                    number(mark)
+                );
+            }
+            mark += marks;
+        }
+    }
 }
 
 fn mishaps(html: &mut String, tally: &Tally) {

@@ -1,8 +1,9 @@
 //! The benchmark's protocol in Markdown.
 //!
 //! - in: what was measured, in which cell, and what came of it
-//! - out: text with the fields of the YCB template for protocols: purpose, task, setup, robot, procedure, constraints,
-//!   scoring, results (B. Calli et al., "Benchmarking in manipulation research", 2015)
+//! - out: text with the fields of the YCB template for protocols: purpose, task, setup, robot,
+//!   procedure, constraints, scoring, results (B. Calli et al., "Benchmarking in manipulation
+//!   research", 2015)
 
 use super::benchmark::{Kind, Score, clearances};
 use super::statistics::Spread;
@@ -12,11 +13,11 @@ use std::fmt::Write;
 
 /// What a protocol tells of the setup.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Setup {
+pub(crate) struct Setup {
     /// What is measured.
     pub kind: Kind,
-    /// Effectors: name, kind, distance of the tool point at the start from the nearest place where the
-    /// cube's centre may be [m].
+    /// Effectors: name, kind, distance of the tool point at the start from the nearest place where
+    /// the cube's centre may be [m].
     pub effectors: Vec<(String, String, f64)>,
     /// The clearance that was demanded [m].
     pub clearance: f64,
@@ -43,7 +44,7 @@ pub struct Setup {
 impl Setup {
     /// Where the cube is at the start.
     #[must_use]
-    pub fn start(&self) -> &'static str {
+    pub(crate) fn start(&self) -> &'static str {
         match self.keeper {
             Keeper::Person => "the person's hand, not a table",
             Keeper::Table => "on the table",
@@ -53,7 +54,7 @@ impl Setup {
 
 /// Writes the protocol, field by field of the template.
 #[must_use]
-pub fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
+pub(crate) fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
     let mut t = String::new();
     title(&mut t, setup, tally, score);
     purpose(&mut t);

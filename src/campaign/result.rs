@@ -1,7 +1,8 @@
 //! What came of one run of a campaign, as a line of its state file.
 //!
 //! - in: what a process printed and how it ended
-//! - out: a [`RunResult`]: the verdict is the plant's, out of the run's summary; a run without one has failed
+//! - out: a [`RunResult`]: the verdict is the plant's, out of the run's summary; a run without one
+//!   has failed
 
 use crate::cube::Facelets;
 use crate::record::summary::{EndedBy, Outcome, Summary};
@@ -68,8 +69,8 @@ pub struct Figures {
     pub peak_force_n: f64,
     /// Largest torque of the same [Nm].
     pub peak_torque_nm: f64,
-    /// Largest force of the contact at any tool over the whole run [N]. State files of earlier builds have neither this
-    /// nor the three that follow.
+    /// Largest force of the contact at any tool over the whole run [N]. State files of earlier
+    /// builds have neither this nor the three that follow.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peak_contact_n: Option<f64>,
     /// What the scenario allows, `control.force_limit_n` [N].
@@ -96,15 +97,16 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// Whether something was touched with more force than the scenario allows; `None` when nobody knows.
+    /// Whether something was touched with more force than the scenario allows; `None` when nobody
+    /// knows.
     #[must_use]
-    pub fn exceeds_limit(&self) -> Option<bool> {
+    pub(crate) fn exceeds_limit(&self) -> Option<bool> {
         Some(self.peak_contact_n? > self.force_limit_n?)
     }
 
     /// Whether the cube fell more often than the controller told; `None` when nobody knows.
     #[must_use]
-    pub fn has_unnoticed_drop(&self) -> Option<bool> {
+    pub(crate) fn has_unnoticed_drop(&self) -> Option<bool> {
         Some(self.mishaps.drops > self.drops_noticed?)
     }
 }
@@ -163,7 +165,7 @@ impl Mishaps {
 
 /// How a process came to its end.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Ended {
+pub(crate) enum Ended {
     /// With this exit code.
     Code(i32),
     /// By this signal.
@@ -175,7 +177,7 @@ pub enum Ended {
 impl RunResult {
     /// Of a run that was performed in this process.
     #[must_use]
-    pub fn of_summary(summary: &Summary, set: Vec<String>) -> Self {
+    pub(crate) fn of_summary(summary: &Summary, set: Vec<String>) -> Self {
         let (verdict, reason) = judged(summary);
         let number = |value: Option<f64>| value.filter(|v| v.is_finite()).unwrap_or(f64::MAX);
         let contacts = summary.sensors.iter().map(|s| number(s.force_n));
@@ -212,7 +214,7 @@ impl RunResult {
 
     /// Of a process of its own, by what it printed and how it ended.
     #[must_use]
-    pub fn of_process(
+    pub(crate) fn of_process(
         seed: u64,
         set: &[String],
         (stdout, stderr): (&str, &str),
@@ -258,12 +260,13 @@ impl RunResult {
 
     /// Whether both tell of the same run: all but the wall clock's time.
     #[must_use]
-    pub fn agrees(&self, other: &Self) -> bool {
+    pub(crate) fn agrees(&self, other: &Self) -> bool {
         Self { wall_time_s: other.wall_time_s, ..self.clone() } == *other
     }
 }
 
-/// The plant's verdict; what the summary says of the cube must agree with what it says of the outcome.
+/// The plant's verdict; what the summary says of the cube must agree with what it says of the
+/// outcome.
 fn judged(summary: &Summary) -> (Verdict, String) {
     let solved = |letters: &str| letters.parse::<Facelets>().is_ok_and(|f| f.is_solved());
     match (summary.outcome, summary.ended_by) {

@@ -3,8 +3,9 @@
 //! - in: the program, and for each run its seed and options
 //! - out: a [`RunResult`] for each that came to an end, in the order of their ends
 //!
-//! A process is what isolates a run: its panic, its abort, its memory and its hang end with it. One that takes longer
-//! than its time is killed; all are when the campaign is told to stop, and leave no result.
+//! A process is what isolates a run: its panic, its abort, its memory and its hang end with it. One
+//! that takes longer than its time is killed; all are when the campaign is told to stop, and leave
+//! no result.
 
 use super::result::{Ended, RunResult};
 use rustix::process::{Pid, Signal, kill_process_group};
@@ -25,7 +26,7 @@ const KEPT: usize = 1 << 20;
 
 /// A run to be performed.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Job {
+pub(crate) struct Job {
     /// Its seed.
     pub seed: u64,
     /// What was drawn for it, as behind `--set`.
@@ -34,7 +35,7 @@ pub struct Job {
 
 /// How runs are performed.
 #[derive(Debug, Clone)]
-pub struct Runner {
+pub(crate) struct Runner {
     /// This program.
     pub program: PathBuf,
     /// The scenario.
@@ -48,13 +49,13 @@ pub struct Runner {
 }
 
 impl Runner {
-    /// Performs all; each result goes to `done` on this thread, which may fail and thereby stop the rest. So may `still`,
-    /// which says before and after each run whether what is run is what it was: a run in whose time it changed leaves no
-    /// result.
+    /// Performs all; each result goes to `done` on this thread, which may fail and thereby stop the
+    /// rest. So may `still`, which says before and after each run whether what is run is what it
+    /// was: a run in whose time it changed leaves no result.
     ///
     /// # Errors
     /// What `done` or `still` returns, or what the operating system says to a new process.
-    pub fn perform(
+    pub(crate) fn perform(
         &self,
         jobs: &[Job],
         stop: &AtomicBool,
@@ -157,7 +158,8 @@ impl Runner {
             }
             let late = begun.elapsed() > self.limit;
             if late || stopped() {
-                // It may just have ended by itself. Whatever it started goes with it, and lets the streams end.
+                // It may just have ended by itself. Whatever it started goes with it, and lets the
+                // streams end.
                 let _ = kill_process_group(Pid::from_child(child), Signal::KILL);
                 child.wait()?;
                 return Ok(late.then_some(Ended::TimedOut(self.limit.as_secs_f64())));

@@ -1,8 +1,10 @@
-//! A soak: missions back to back in one process, and what becomes of its memory and of the missions' times.
+//! A soak: missions back to back in one process, and what becomes of its memory and of the
+//! missions' times.
 //!
 //! - in: a scenario, seeds that are gone through again and again, hours of simulated time
-//! - out: at each tenth of the time the process's memory, its speed, and by how much a mission that was there before
-//!   has drifted; a repeated seed must take the same simulated time and have the same hash
+//! - out: at each tenth of the time the process's memory, its speed, and by how much a mission that
+//!   was there before has drifted; a repeated seed must take the same simulated time and have the
+//!   same hash
 
 use super::result::{Figures, RunResult, Verdict};
 use crate::record::summary::EndedBy;
@@ -15,7 +17,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// Parts of a soak after which it tells how it is.
-pub const PARTS: usize = 10;
+pub(crate) const PARTS: usize = 10;
 /// Memory may grow by this share after the second tenth, or by [`GROWTH_MIB`] where that is more.
 const GROWTH: f64 = 0.05;
 /// See [`GROWTH`] [MiB].
@@ -23,7 +25,7 @@ const GROWTH_MIB: f64 = 8.0;
 
 /// A tenth.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Tenth {
+pub(crate) struct Tenth {
     /// Simulated time since the beginning [h].
     pub hours: f64,
     /// Missions since the beginning.
@@ -34,13 +36,14 @@ pub struct Tenth {
     pub times_real_time: f64,
     /// Mean simulated time of a mission in this tenth [s].
     pub mission_s: f64,
-    /// The largest difference of a mission's simulated time from that of the same seed before, in this tenth [s].
+    /// The largest difference of a mission's simulated time from that of the same seed before, in
+    /// this tenth [s].
     pub drift_s: f64,
 }
 
 /// What came of it.
 #[derive(Debug, Clone, Default)]
-pub struct Soak {
+pub(crate) struct Soak {
     /// At each tenth.
     pub tenths: Vec<Tenth>,
     /// All missions, in their order.
@@ -52,13 +55,14 @@ pub struct Soak {
 impl Soak {
     /// By how much the memory grew between the second and the last tenth [MiB].
     #[must_use]
-    pub fn growth_mib(&self) -> Option<f64> {
+    pub(crate) fn growth_mib(&self) -> Option<f64> {
         Some(self.tenths.last()?.resident_mib? - self.tenths.get(1)?.resident_mib?)
     }
 
-    /// Whether the memory stayed within its bounds; `None` before the end, or where the system does not tell.
+    /// Whether the memory stayed within its bounds; `None` before the end, or where the system does
+    /// not tell.
     #[must_use]
-    pub fn is_flat(&self) -> Option<bool> {
+    pub(crate) fn is_flat(&self) -> Option<bool> {
         let base = self.tenths.get(1)?.resident_mib?;
         (self.tenths.len() == PARTS).then_some(())?;
         Some(self.growth_mib()? <= (GROWTH * base).max(GROWTH_MIB))
@@ -66,20 +70,20 @@ impl Soak {
 
     /// Missions that were solved.
     #[must_use]
-    pub fn solved(&self) -> u64 {
+    pub(crate) fn solved(&self) -> u64 {
         self.results.iter().filter(|r| r.verdict == Verdict::Solved).count() as u64
     }
 
-    /// Whether it is as it should be: ten tenths, memory flat, missions repeated and none different from itself. Memory that is
-    /// not known counts as not flat.
+    /// Whether it is as it should be: ten tenths, memory flat, missions repeated and none different
+    /// from itself. Memory that is not known counts as not flat.
     #[must_use]
-    pub fn is_steady(&self) -> bool {
+    pub(crate) fn is_steady(&self) -> bool {
         self.unsteady().is_none()
     }
 
     /// Why it is not steady.
     #[must_use]
-    pub fn unsteady(&self) -> Option<String> {
+    pub(crate) fn unsteady(&self) -> Option<String> {
         if self.tenths.len() < PARTS {
             return Some("it did not come to its end".to_owned());
         }
@@ -96,13 +100,13 @@ impl Soak {
 
     /// Share of solved missions; 0 when there was none.
     #[must_use]
-    pub fn success(&self) -> f64 {
+    pub(crate) fn success(&self) -> f64 {
         self.solved() as f64 / self.results.len().max(1) as f64
     }
 
     /// One object.
     #[must_use]
-    pub fn json(&self) -> Value {
+    pub(crate) fn json(&self) -> Value {
         let failures = self.results.iter().filter(|r| r.verdict != Verdict::Solved);
         let failures: Vec<_> = failures
             .map(|f| json!({"seed": f.seed, "phase": f.phase, "reason": f.reason}))
@@ -132,9 +136,9 @@ impl Soak {
     }
 }
 
-/// Performs it: scenarios one after the other, from the first again after the last, until `hours` of simulated time are
-/// over or `stop` is set. `told` hears of each tenth.
-pub fn soak(
+/// Performs it: scenarios one after the other, from the first again after the last, until `hours`
+/// of simulated time are over or `stop` is set. `told` hears of each tenth.
+pub(crate) fn soak(
     scenarios: &[Scenario],
     hours: f64,
     stop: &AtomicBool,

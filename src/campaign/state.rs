@@ -3,8 +3,8 @@
 //! - in: a file as an earlier campaign left it, perhaps cut off in its last line
 //! - out: the [`Header`], the results by seed, and how much of the file is whole
 //!
-//! A line is appended when its run has ended, so that a campaign that was killed goes on where it was. One that is to have
-//! more runs than before says what it is once more.
+//! A line is appended when its run has ended, so that a campaign that was killed goes on where it
+//! was. One that is to have more runs than before says what it is once more.
 
 use super::result::RunResult;
 use serde::{Deserialize, Serialize};
@@ -14,9 +14,9 @@ use std::io::{BufRead, Read};
 /// The longest line [bytes]: a header with a large scenario, a result with a thousand drawn keys.
 const LONGEST: u64 = 1 << 20;
 /// The most runs of a campaign, and the most shards: seeds are numbers, and a list of them is kept.
-pub const MOST_RUNS: u64 = 10_000_000;
+pub(crate) const MOST_RUNS: u64 = 10_000_000;
 /// The build of a campaign whose shards were performed by different builds of one version.
-pub const SEVERAL: &str = "several";
+pub(crate) const SEVERAL: &str = "several";
 /// Missing shards that are named.
 const NAMED: usize = 20;
 
@@ -26,7 +26,8 @@ const NAMED: usize = 20;
 pub struct Header {
     /// Version of the program.
     pub version: String,
-    /// Sum over the program: two builds of one version may differ. [`SEVERAL`] of shards that had not the same.
+    /// Sum over the program: two builds of one version may differ. [`SEVERAL`] of shards that had
+    /// not the same.
     pub build: String,
     /// Path of the scenario, as given.
     pub scenario: String,
@@ -207,7 +208,7 @@ pub enum Unusable {
 
 /// The first line of a new file, with its end.
 #[must_use]
-pub fn first_line(header: &Header) -> String {
+pub(crate) fn first_line(header: &Header) -> String {
     let first = First { campaign: header.clone() };
     serde_json::to_string(&first).map_or_else(|_| String::new(), |line| line + "\n")
 }
@@ -277,8 +278,9 @@ impl State {
         is
     }
 
-    /// Looks at the results as at those of the whole campaign. Returns what it lacks of these shards' fellows: those that no
-    /// result is of, and those that miss some; nothing where the campaign was shared out in several ways.
+    /// Looks at the results as at those of the whole campaign. Returns what it lacks of these
+    /// shards' fellows: those that no result is of, and those that miss some; nothing where the
+    /// campaign was shared out in several ways.
     #[must_use]
     pub fn whole_of(&mut self, shards: &[Shard]) -> Lacking {
         self.header.shard = Shard::default();

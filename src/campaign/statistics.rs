@@ -2,8 +2,9 @@
 //!
 //! - in: counts and values
 //! - out: the interval in which a share lies, [`Spread`]s
-//! - source: E. B. Wilson, "Probable inference, the law of succession, and statistical inference", J. Am. Stat. Assoc.
-//!   22 (1927): it holds for few runs and for shares near 1, where the usual interval has no width
+//! - source: E. B. Wilson, "Probable inference, the law of succession, and statistical inference",
+//!   J. Am. Stat. Assoc. 22 (1927): it holds for few runs and for shares near 1, where the usual
+//!   interval has no width
 
 use serde::Serialize;
 
@@ -12,7 +13,7 @@ const Z95: f64 = 1.959_963_984_540_054;
 
 /// Wilson's interval of 95 % for the share of successes; all of 0..=1 when nothing ran.
 #[must_use]
-pub fn wilson(successes: u64, runs: u64) -> [f64; 2] {
+pub(crate) fn wilson(successes: u64, runs: u64) -> [f64; 2] {
     if runs == 0 {
         return [0.0, 1.0];
     }
@@ -75,7 +76,8 @@ mod tests {
 
     #[test]
     fn wilsons_interval_has_its_known_values() {
-        // R. G. Newcombe, Statistics in Medicine 17 (1998), table I, method 3: 81/263, 15/148, 0/20, 1/29.
+        // R. G. Newcombe, Statistics in Medicine 17 (1998), table I, method 3: 81/263, 15/148,
+        // 0/20, 1/29.
         near(wilson(81, 263), 0.2553, 0.3662);
         near(wilson(15, 148), 0.0624, 0.1605);
         near(wilson(0, 20), 0.0, 0.1611);

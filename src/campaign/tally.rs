@@ -1,7 +1,8 @@
 //! What a campaign comes to: success and its interval, failures by phase, how figures are spread.
 //!
 //! - in: the header and the results that there are
-//! - out: one JSON object for machines, a table for people; neither depends on the order or the place of the runs
+//! - out: one JSON object for machines, a table for people; neither depends on the order or the
+//!   place of the runs
 
 use super::result::{Figures, Mishaps, RunResult, Verdict};
 use super::state::{Header, SEVERAL, State};
@@ -31,11 +32,12 @@ pub struct Tally {
     pub recoveries: u64,
 }
 
-/// A quantity of a run: its name in JSON, words for people, how to read it where it is known, decimals.
+/// A quantity of a run: its name in JSON, words for people, how to read it where it is known,
+/// decimals.
 pub type Quantity = (&'static str, &'static str, fn(&Figures) -> Option<f64>, usize);
 
 /// What is told of every campaign. All runs with a summary count, solved or not.
-pub const QUANTITIES: [Quantity; 5] = [
+pub(crate) const QUANTITIES: [Quantity; 5] = [
     ("peak_force_n", "peak force [N]", |f| Some(f.peak_force_n), 1),
     ("peak_contact_n", "peak contact [N]", |f| f.peak_contact_n, 1),
     ("grasps", "grasps", |f| Some(f64::from(f.grasps)), 0),
@@ -87,7 +89,7 @@ impl Tally {
 
     /// Whether one build of the program performed all runs.
     #[must_use]
-    pub fn is_of_one_build(&self) -> bool {
+    pub(crate) fn is_of_one_build(&self) -> bool {
         self.header.build != SEVERAL
     }
 
@@ -109,17 +111,18 @@ impl Tally {
 
     /// Runs in which something was touched with more force than the scenario allows.
     #[must_use]
-    pub fn above_limit(&self) -> u64 {
+    pub(crate) fn above_limit(&self) -> u64 {
         self.figures().filter(|f| f.exceeds_limit() == Some(true)).count() as u64
     }
 
     /// Runs in which the cube fell more often than the controller told.
     #[must_use]
-    pub fn unnoticed(&self) -> u64 {
+    pub(crate) fn unnoticed(&self) -> u64 {
         self.figures().filter(|f| f.has_unnoticed_drop() == Some(true)).count() as u64
     }
 
-    /// Runs with a verdict that were performed by a build that did not tell contact, limit and noticed drops.
+    /// Runs with a verdict that were performed by a build that did not tell contact, limit and
+    /// noticed drops.
     #[must_use]
     pub fn contact_unknown(&self) -> u64 {
         let unknown =
@@ -145,7 +148,7 @@ impl Tally {
 
     /// The runs that were not solved by the phase in which they ended.
     #[must_use]
-    pub fn by_phase(&self) -> BTreeMap<&str, Vec<&RunResult>> {
+    pub(crate) fn by_phase(&self) -> BTreeMap<&str, Vec<&RunResult>> {
         let mut phases: BTreeMap<&str, Vec<&RunResult>> = BTreeMap::new();
         for failure in self.failures() {
             phases.entry(phase(failure)).or_default().push(failure);
@@ -153,7 +156,8 @@ impl Tally {
         phases
     }
 
-    /// Runs that ended without a verdict of the plant: they never began, died, or were killed after their time.
+    /// Runs that ended without a verdict of the plant: they never began, died, or were killed after
+    /// their time.
     #[must_use]
     pub fn without_verdict(&self) -> u64 {
         self.results.iter().filter(|r| r.figures.is_none()).count() as u64
@@ -204,66 +208,67 @@ impl Tally {
         object
     }
 
-    /// The table for people, with an end of line behind each row.
+    /// Returns the table for people, with an end of line behind each row.
     #[must_use]
     pub fn table(&self) -> String {
         let mut t = String::new();
-        let shard = match self.header.shard.to_string() {
+        self.add_runs(&mut t);
+        self.add_spreads(&mut t);
+        self.add_mishaps(&mut t);
+        self.add_failures(&mut t);
+        t
+    }
+
+    fn add_runs(&self, t: &mut String) {
+        let header = &self.header;
+        let shard = match header.shard.to_string() {
             whole if whole == "1/1" => String::new(),
             part => format!(", shard {part}"),
         };
-        let last = self.header.seed.saturating_add(self.header.runs.saturating_sub(1));
-        row(
-            &mut t,
-            "scenario",
-            &format!("{}, seeds {}..{last}{shard}", self.header.scenario, self.header.seed),
-        );
-        row(&mut t, "runs", &format!("{} of {}", self.runs(), self.asked));
-        let [low, high] = self.interval.map(|x| 100.0 * x);
-        row(
-            &mut t,
-            "solved",
-            &format!(
-                "{} ({:.2} %), 95 % interval {low:.2} .. {high:.2} %",
-                self.solved,
-                100.0 * self.success()
-            ),
-        );
-        let figures = format!("{:>9} {:>9} {:>9} {:>9}", "min", "median", "95 %", "max");
-        row(&mut t, "", &figures);
+        let last = header.seed.saturating_add(header.runs.saturating_sub(1));
+        let scenario = format!("{}, seeds {}..{last}{shard}", header.scenario, header.seed);
+        row(t, "scenario", &scenario);
+        row(t, "runs", &format!("{} of {}", self.runs(), self.asked));
+        let ([low, high], share) = (self.interval.map(|x| 100.0 * x), 100.0 * self.success());
+        let interval = format!("95 % interval {low:.2} .. {high:.2} %");
+        row(t, "solved", &format!("{} ({share:.2} %), {interval}", self.solved));
+    }
+
+    fn add_spreads(&self, t: &mut String) {
+        row(t, "", &format!("{:>9} {:>9} {:>9} {:>9}", "min", "median", "95 %", "max"));
         for (_, words, of, decimals) in QUANTITIES {
             let s = self.spread(of);
             if !s.is_empty() {
                 let values = [s.min, s.median, s.p95, s.max];
-                let text: Vec<_> = values.iter().map(|v| figure(*v, decimals)).collect();
-                row(
-                    &mut t,
-                    words,
-                    &text.iter().map(|v| format!("{v:>9}")).collect::<Vec<_>>().join(" "),
-                );
+                let text = values.map(|v| format!("{:>9}", figure(v, decimals)));
+                row(t, words, &text.join(" "));
             }
         }
+    }
+
+    fn add_mishaps(&self, t: &mut String) {
         let m = &self.mishaps;
-        row(&mut t, "jams, slips, drops", &format!("{}, {}, {}", m.jams, m.slips, m.drops));
+        row(t, "jams, slips, drops", &format!("{}, {}, {}", m.jams, m.slips, m.drops));
         let others = format!("{}, {}, {}", m.pops, m.crushed, m.collisions);
-        row(&mut t, "pops, crushes, bumps", &others);
+        row(t, "pops, crushes, bumps", &others);
         let (with, mended) = self.mended;
-        row(
-            &mut t,
-            "runs with any of them",
-            &format!("{with}, of which {mended} solved all the same"),
-        );
-        row(&mut t, "recoveries", &self.recoveries.to_string());
+        let any = format!("{with}, of which {mended} solved all the same");
+        row(t, "runs with any of them", &any);
+        row(t, "recoveries", &self.recoveries.to_string());
         let above = format!("{} runs above {}", self.above_limit(), self.limit());
-        row(&mut t, "contact", &above);
-        row(&mut t, "drops unnoticed", &format!("in {} runs", self.unnoticed()));
+        row(t, "contact", &above);
+        row(t, "drops unnoticed", &format!("in {} runs", self.unnoticed()));
         if self.contact_unknown() > 0 {
             let unknown = format!("in {} runs of an earlier build", self.contact_unknown());
-            row(&mut t, "neither is known", &unknown);
+            row(t, "neither is known", &unknown);
         }
-        row(&mut t, "without a verdict", &format!("{} runs", self.without_verdict()));
+        row(t, "without a verdict", &format!("{} runs", self.without_verdict()));
+    }
+
+    /// Adds the failed runs by phase, the first of them with the command that repeats each.
+    fn add_failures(&self, t: &mut String) {
         let failed = self.runs() - self.solved;
-        row(&mut t, "failures", &if failed == 0 { "none".to_owned() } else { failed.to_string() });
+        row(t, "failures", &if failed == 0 { "none".to_owned() } else { failed.to_string() });
         let mut listed = 0;
         for (phase, runs) in self.by_phase() {
             let _ = writeln!(t, "  in {phase}: {}", runs.len());
@@ -276,7 +281,6 @@ impl Tally {
         if failed > LISTED as u64 {
             let _ = writeln!(t, "  (the first {LISTED}; the report and --json have all)");
         }
-        t
     }
 }
 
@@ -285,8 +289,8 @@ pub(super) fn phase(run: &RunResult) -> &str {
     if run.phase.is_empty() { "the start" } else { &run.phase }
 }
 
-/// A figure with so many decimals, and one where a median lies between two whole numbers; what stands for infinite is
-/// said so.
+/// A figure with so many decimals, and one where a median lies between two whole numbers; what
+/// stands for infinite is said so.
 pub(super) fn figure(value: f64, decimals: usize) -> String {
     if value.abs() >= 1e12 {
         return "no number".to_owned();

@@ -54,3 +54,11 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
         Err(why) => Err(why.to_string()),
     }
 }
+
+/// A finite number above 0.
+pub(super) fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
+        _ => Err("a number above 0 is wanted".to_owned()),
+    }
+}

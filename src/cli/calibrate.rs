@@ -1,13 +1,14 @@
-//! `rubik-robot calibrate`: cameras are calibrated in the simulated cell and written as a part of a scenario.
+//! `rubik-robot calibrate`: cameras are calibrated in the simulated cell and written as a part of a
+//! scenario.
 //!
 //! - in: a scenario, which camera, how many views
 //! - out: a table of what was found and of the error that it leaves; the camera section as TOML
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, clash, complain, refuse, save};
-use crate::cell::{Camera, Mount};
+use crate::cell::{Camera, Cell, Mount};
 use crate::run::calibrate::{self, Errors, Report};
-use crate::scenario::{CameraSource, Scenario};
+use crate::scenario::{CameraSource, ControllerConfig};
 use crate::vision::calibration::Calibrated;
 use clap::Args;
 use serde_json::{Value, json};
@@ -66,16 +67,17 @@ pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Re
     let reports = calibrate::run(&scenario, wanted, args.views as usize, complain)
         .map_err(|error| anyhow::anyhow!("{error}"))?;
     if args.json {
-        let all: Vec<Value> = reports.iter().map(|r| object(&scenario, r)).collect();
+        let all: Vec<Value> =
+            reports.iter().map(|r| object(&scenario.controller.cell, r)).collect();
         output.line(&json!({ "seed": scenario.seed, "cameras": all }).to_string())?;
     } else {
         for report in &reports {
-            output.text(&words(&scenario, report))?;
+            output.text(&words(&scenario.controller.cell, report))?;
         }
     }
     if let Some(path) = &args.output {
         if reports.iter().any(|report| report.found.is_ok()) {
-            save(path, section(&scenario, &reports).as_bytes())?;
+            save(path, section(&scenario.controller, &reports).as_bytes())?;
         } else {
             complain(&format!("no camera was calibrated: {} stays as it is", path.display()));
         }
@@ -83,8 +85,8 @@ pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Re
     Ok(u8::from(reports.iter().any(|r| r.found.is_err())))
 }
 
-fn name<'a>(scenario: &'a Scenario, report: &Report) -> &'a str {
-    &scenario.controller.cell.cameras[report.camera].name
+fn name<'a>(cell: &'a Cell, report: &Report) -> &'a str {
+    &cell.cameras[report.camera].name
 }
 
 fn errors_object(errors: &Errors) -> Value {
@@ -93,8 +95,8 @@ fn errors_object(errors: &Errors) -> Value {
         "lateral_mm": errors.lateral * 1e3, "depth_mm": errors.depth * 1e3 })
 }
 
-fn object(scenario: &Scenario, report: &Report) -> Value {
-    let mut object = json!({ "camera": name(scenario, report), "poses": report.views.0,
+fn object(cell: &Cell, report: &Report) -> Value {
+    let mut object = json!({ "camera": name(cell, report), "poses": report.views.0,
         "views": report.views.1, "sim_time_s": report.time,
         "off_before": errors_object(&report.errors.0),
         "off_after": report.errors.1.as_ref().map(errors_object),
@@ -124,104 +126,124 @@ fn rpy(found: &Calibrated) -> [f64; 3] {
     [roll, pitch, yaw].map(f64::to_degrees)
 }
 
-fn words(scenario: &Scenario, report: &Report) -> String {
+fn words(cell: &Cell, report: &Report) -> String {
     let mut text = format!(
         "{}: {} of {} views, {:.0} s of simulated time\n",
-        name(scenario, report),
+        name(cell, report),
         report.views.1,
         report.views.0,
         report.time
     );
-    let off = |label: &str, e: &Errors| {
-        format!(
-            "  {label:<16} off by: focal {:+.3} %, centre {:.2} px, place {:.2} mm, tilt {:.3} deg; at work {:.2} mm across, {:.2} mm along the sight\n",
-            e.focal * 100.0,
-            e.centre,
-            e.place * 1e3,
-            e.tilt.to_degrees(),
-            e.lateral * 1e3,
-            e.depth * 1e3
-        )
-    };
     match &report.found {
-        Ok(found) => {
-            let (lens, d) = (&found.setup.lens, &found.deviations);
-            let at = found.setup.camera.translation.vector * 1e3;
-            let turn = rpy(found);
-            // Writing to a string cannot fail.
-            let _ = write!(
-                text,
-                "  focal {:.1} {:.1} px (s.d. {:.1}), centre {:.1} {:.1} px (s.d. {:.1} {:.1}), k1 {:.4} k2 {:.4} (s.d. {:.4} {:.4})\n  \
-                place {:.1} {:.1} {:.1} mm (s.d. {:.2} {:.2} {:.2}), roll pitch yaw {:.2} {:.2} {:.2} deg (s.d. {:.3}) relative to the encoders\n  \
-                in truth s.d. {:.1} {:.1} {:.1} mm, {:.2} deg, with what all of the arm's poses may be off alike\n  \
-                cube's edge {:.2} mm (s.d. {:.2}); residual {:.2} px over {} grooves; the arm was off by {:.2} mm, {:.3} deg\n",
-                lens.focal.0,
-                lens.focal.1,
-                d[0],
-                lens.centre.0,
-                lens.centre.1,
-                d[2],
-                d[3],
-                lens.radial[0],
-                lens.radial[1],
-                d[4],
-                d[5],
-                at.x,
-                at.y,
-                at.z,
-                d[6] * 1e3,
-                d[7] * 1e3,
-                d[8] * 1e3,
-                turn[0],
-                turn[1],
-                turn[2],
-                d[9].max(d[10]).max(d[11]).to_degrees(),
-                found.in_truth[0] * 1e3,
-                found.in_truth[1] * 1e3,
-                found.in_truth[2] * 1e3,
-                found.in_truth[3..].iter().copied().fold(0.0, f64::max).to_degrees(),
-                found.setup.edge * 1e3,
-                d[18] * 1e3,
-                found.residual_px,
-                found.grooves,
-                found.arm.0 * 1e3,
-                found.arm.1.to_degrees(),
-            );
-        }
+        Ok(found) => text += &found_words(found),
         Err(reason) => {
             let _ = writeln!(text, "  not calibrated: {reason}");
         }
     }
-    text += &off("the scenario is", &report.errors.0);
+    text += &error_words("the scenario is", &report.errors.0);
     if let Some(after) = &report.errors.1 {
-        text += &off("this result is", after);
+        text += &error_words("this result is", after);
     }
+    text + &hand_words(report)
+}
+
+/// Returns the values that were found, each with its standard deviation.
+fn found_words(found: &Calibrated) -> String {
+    let (lens, d) = (&found.setup.lens, &found.deviations);
+    let at = found.setup.camera.translation.vector * 1e3;
+    let turn = rpy(found);
+    let lens_words = format!(
+        "  focal {:.1} {:.1} px (s.d. {:.1}), centre {:.1} {:.1} px (s.d. {:.1} {:.1}), \
+         k1 {:.4} k2 {:.4} (s.d. {:.4} {:.4})\n",
+        lens.focal.0,
+        lens.focal.1,
+        d[0],
+        lens.centre.0,
+        lens.centre.1,
+        d[2],
+        d[3],
+        lens.radial[0],
+        lens.radial[1],
+        d[4],
+        d[5],
+    );
+    let place_words = format!(
+        "  place {:.1} {:.1} {:.1} mm (s.d. {:.2} {:.2} {:.2}), roll pitch yaw {:.2} {:.2} {:.2} deg \
+         (s.d. {:.3}) relative to the encoders\n",
+        at.x,
+        at.y,
+        at.z,
+        d[6] * 1e3,
+        d[7] * 1e3,
+        d[8] * 1e3,
+        turn[0],
+        turn[1],
+        turn[2],
+        d[9].max(d[10]).max(d[11]).to_degrees(),
+    );
+    let truth_words = format!(
+        "  in truth s.d. {:.1} {:.1} {:.1} mm, {:.2} deg, with what all of the arm's poses may be off \
+         alike\n",
+        found.in_truth[0] * 1e3,
+        found.in_truth[1] * 1e3,
+        found.in_truth[2] * 1e3,
+        found.in_truth[3..].iter().copied().fold(0.0, f64::max).to_degrees(),
+    );
+    let cube_words = format!(
+        "  cube's edge {:.2} mm (s.d. {:.2}); residual {:.2} px over {} grooves; the arm was off by \
+         {:.2} mm, {:.3} deg\n",
+        found.setup.edge * 1e3,
+        d[18] * 1e3,
+        found.residual_px,
+        found.grooves,
+        found.arm.0 * 1e3,
+        found.arm.1.to_degrees(),
+    );
+    lens_words + &place_words + &truth_words + &cube_words
+}
+
+/// Returns by how much numbers of a camera are off from the truth.
+fn error_words(label: &str, e: &Errors) -> String {
+    format!(
+        "  {label:<16} off by: focal {:+.3} %, centre {:.2} px, place {:.2} mm, tilt {:.3} deg; at \
+         work {:.2} mm across, {:.2} mm along the sight\n",
+        e.focal * 100.0,
+        e.centre,
+        e.place * 1e3,
+        e.tilt.to_degrees(),
+        e.lateral * 1e3,
+        e.depth * 1e3
+    )
+}
+
+/// Returns how far the hand was from its encoders' place, and from where the camera sees it.
+fn hand_words(report: &Report) -> String {
     let [x, y, z] = report.sag.map(|s| s * 1e3);
-    let _ = write!(text, "  the hand was {x:+.2} {y:+.2} {z:+.2} mm beside what its encoders say");
-    let _ = match report.hand {
-        ([a, b], Some([c, d])) if a + b > 0.0 => writeln!(
-            text,
-            "; seen from the camera, encoders and camera together miss it by {:.2} mm across, {:.2} mm along the sight (before: {:.2}, {:.2})",
+    let sag = format!("  the hand was {x:+.2} {y:+.2} {z:+.2} mm beside what its encoders say");
+    let seen = match report.hand {
+        ([a, b], Some([c, d])) if a + b > 0.0 => format!(
+            "; seen from the camera, encoders and camera together miss it by {:.2} mm across, {:.2} mm \
+             along the sight (before: {:.2}, {:.2})",
             c * 1e3,
             d * 1e3,
             a * 1e3,
             b * 1e3
         ),
-        _ => writeln!(text),
+        _ => String::new(),
     };
-    text
+    sag + &seen + "\n"
 }
 
-/// All cameras of the scenario, the calibrated ones with their new values, and the errors that the plant is to draw
-/// around them from now on.
-fn section(scenario: &Scenario, reports: &[Report]) -> String {
+/// All cameras of the scenario, the calibrated ones with their new values, and the errors that the
+/// plant is to draw around them from now on.
+fn section(config: &ControllerConfig, reports: &[Report]) -> String {
     let mut text = String::from(
         "# Cameras as `rubik-robot calibrate` found them; a list replaces the built-in one.\n",
     );
-    let cell = &scenario.controller.cell;
+    let cell = &config.cell;
     for (index, camera) in cell.cameras.iter().enumerate() {
         let found = reports.iter().find(|r| r.camera == index).and_then(|r| r.found.as_ref().ok());
-        let source = match &scenario.controller.cameras[index] {
+        let source = match &config.cameras[index] {
             CameraSource::Renderer => "renderer".to_owned(),
             CameraSource::Folder(folder) => folder.display().to_string(),
         };
@@ -308,7 +330,7 @@ mod tests {
             assert!(left.tilt < 3.0 * norm(&found.in_truth[3..]), "{seed}: {left:?} {found:?}");
             // The arm sags: by its encoders alone the camera is known better than it is.
             assert!(left.place > 2.0 * norm(&found.deviations[6..9]), "{seed}: {left:?}");
-            let written = section(&scenario, &reports);
+            let written = section(&scenario.controller, &reports);
             let spread = scenario::read(Path::new("again.toml"), &written, &[]).unwrap();
             assert!(
                 3.0 * spread.plant.keys.errors.camera * 3.0_f64.sqrt() > left.place,
@@ -322,7 +344,7 @@ mod tests {
         let path = Path::new("test.toml");
         let built_in = scenario::read(path, "", &[]).unwrap();
 
-        let again = scenario::read(path, &section(&built_in, &[]), &[]).unwrap();
+        let again = scenario::read(path, &section(&built_in.controller, &[]), &[]).unwrap();
 
         for (a, b) in built_in.controller.cell.cameras.iter().zip(&again.controller.cell.cameras) {
             assert_eq!((&a.name, a.intrinsics), (&b.name, b.intrinsics));

@@ -1,4 +1,5 @@
-//! Whole cubes on the command line: `vision colours` and `vision scan`, and the line that all cubes get.
+//! Whole cubes on the command line: `vision colours` and `vision scan`, and the line that all cubes
+//! get.
 //!
 //! Facelets are named by face and number in reading order: U1..U9, R1.., F, D, L, B.
 
@@ -118,8 +119,8 @@ pub(super) fn report(
     (line + "\n", read)
 }
 
-/// Where the first square of each face is in the files of measured squares: faces U, L, F, R, B, D there,
-/// URFDLB here.
+/// Where the first square of each face is in the files of measured squares: faces U, L, F, R, B, D
+/// there, URFDLB here.
 const FIRST_SQUARE: [usize; 6] = [1, 28, 19, 46, 10, 37];
 
 /// The 54 triples of a file, in the order URFDLB.
@@ -143,8 +144,8 @@ pub fn measured_squares(text: &str) -> Result<[[f64; 3]; 54]> {
     Ok(rgb)
 }
 
-/// `vision colours FILE...`: the facelets (URFDLB) of each file of 54 measured squares. The flag is false when
-/// a cube could not be decided.
+/// `vision colours FILE...`: the facelets (URFDLB) of each file of 54 measured squares. The flag is
+/// false when a cube could not be decided.
 #[must_use]
 pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     let (mut text, mut all) = (String::new(), true);
@@ -160,17 +161,18 @@ pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     (text, all)
 }
 
-/// The face that a picture is about: the widest of those that are nearly as certain as the best one.
+/// The face that a picture is about: the widest of those that are nearly as certain as the best
+/// one.
 fn dominant(mut faces: Vec<FaceSighting>) -> Option<FaceSighting> {
     let best = faces.first()?.confidence;
     faces.retain(|f| f.confidence >= 0.8 * best);
     faces.into_iter().max_by(|a, b| a.width_px().total_cmp(&b.width_px()))
 }
 
-/// `vision scan IMAGE x6`: one cube from pictures of its faces U, R, F, D, L, B, each upright as in the usual net.
-/// The flag is false when it could not be read.
+/// `vision scan IMAGE x6`: one cube from pictures of its faces U, R, F, D, L, B, each upright as in
+/// the usual net. The flag is false when it could not be read.
 #[must_use]
-pub fn scan(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
+pub(crate) fn scan(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     let mut faults = String::new();
     let decided = || -> std::result::Result<Decision, Refused> {
         if images.len() != 6 {
@@ -186,7 +188,8 @@ pub fn scan(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
             });
             match sighting {
                 Ok(sighting) => rgb[9 * face..9 * face + 9].copy_from_slice(&sighting.rgb),
-                // Every picture is looked at, so that all that must be taken again are named at once.
+                // Every picture is looked at, so that all that must be taken again are named at
+                // once.
                 Err(reason) => {
                     let between = if faults.is_empty() { "" } else { "; " };
                     let _ = write!(faults, "{between}face {}: {reason:#}", face_letter(face));

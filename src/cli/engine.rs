@@ -9,7 +9,7 @@ use crate::solver::shortest::{Shortest, shortest};
 use crate::solver::table::{InTurn, TableSpec, Workers};
 use crate::solver::tables::Bytes;
 use crate::solver::{self, Budget, Tables, Watch};
-use crate::tables::{Store, Threads, Unusable};
+use crate::tables::{Observer, Store, Threads, Unusable};
 use crate::tasks::cube::hold::{Grip, Hand};
 use crate::tasks::cube::plan::{Effort, NoPlan, Plan, Planner, taken};
 use crate::{run, scenario};
@@ -27,7 +27,8 @@ pub(super) enum Mode {
     First,
     /// The shortest solution that two-phase finds within the budget
     TwoPhase,
-    /// A shortest solution by Korf's pattern databases, as in the paper: quick to 14 turns, slow from 17 on
+    /// A shortest solution by Korf's pattern databases, as in the paper: quick to 14 turns, slow
+    /// from 17 on
     Korf,
     /// A shortest solution, proven
     Optimal,
@@ -179,7 +180,8 @@ impl Engine {
         }
     }
 
-    /// The solution of the plan of least time for the built-in cell, begun as the mission begins it.
+    /// The solution of the plan of least time for the built-in cell, begun as the mission begins
+    /// it.
     fn for_arms(&self, cube: &Cube) -> Result<solver::Solution, Unsolved> {
         if cube.is_solved() {
             return Ok(solver::Solution { turns: Vec::new(), nodes: 0, proven: true });
@@ -190,9 +192,8 @@ impl Engine {
         let nodes = self.limits.nodes.unwrap_or(USUAL_NODES);
         let effort = Effort { nodes, candidates: CANDIDATES };
         let (_, start) = planner.looks(taken()).map_err(said)?;
-        let time = self.limits.time;
-        let (plan, nodes) =
-            best_within(planner, cube, start, &self.tables, effort, time).map_err(said)?;
+        let search = PlanSearch { planner, tables: &self.tables, effort, time: self.limits.time };
+        let (plan, nodes) = search.best(cube, start).map_err(said)?;
         Ok(solver::Solution { turns: plan.turns, nodes, proven: false })
     }
 }
@@ -200,30 +201,35 @@ impl Engine {
 /// Least effort of a budget in time.
 const FIRST: Effort = Effort { nodes: 50_000, candidates: 25 };
 
-/// The best plan with all the effort at once, or doubling it from little until the time would be over; and the nodes of
-/// the last search.
-pub(super) fn best_within(
-    planner: &Planner,
-    cube: &Cube,
-    start: (Hand, Grip),
-    tables: &Tables,
-    most: Effort,
-    time: Option<Duration>,
-) -> Result<(Plan, u64), NoPlan> {
-    let begun = Instant::now();
-    let mut effort = if time.is_some() { FIRST } else { most };
-    let mut plan = planner.best(cube, start, tables, effort)?;
-    if let Some(time) = time {
-        // The next try takes about twice as long as all before it.
-        while begun.elapsed() * 3 <= time {
-            effort = Effort { nodes: effort.nodes * 2, candidates: effort.candidates * 2 };
-            let better = planner.best(cube, start, tables, effort)?;
-            if better.cost < plan.cost {
-                plan = better;
+/// A search for the plan of least time.
+pub(super) struct PlanSearch<'a> {
+    pub(super) planner: &'a Planner,
+    pub(super) tables: &'a Tables,
+    /// The effort of a search without a time.
+    pub(super) effort: Effort,
+    /// The time that a search may take, if one is given.
+    pub(super) time: Option<Duration>,
+}
+
+impl PlanSearch<'_> {
+    /// Returns the best plan, and the nodes of the last search: one with all the effort, or several
+    /// that double a small effort until the time would be over.
+    pub(super) fn best(&self, cube: &Cube, start: (Hand, Grip)) -> Result<(Plan, u64), NoPlan> {
+        let begun = Instant::now();
+        let mut effort = if self.time.is_some() { FIRST } else { self.effort };
+        let mut plan = self.planner.best(cube, start, self.tables, effort)?;
+        if let Some(time) = self.time {
+            // The next search takes about twice as long as all before it.
+            while begun.elapsed() * 3 <= time {
+                effort = Effort { nodes: effort.nodes * 2, candidates: effort.candidates * 2 };
+                let better = self.planner.best(cube, start, self.tables, effort)?;
+                if better.cost < plan.cost {
+                    plan = better;
+                }
             }
         }
+        Ok((plan, effort.nodes))
     }
-    Ok((plan, effort.nodes))
 }
 
 /// The planner of the built-in cell.
@@ -281,11 +287,12 @@ fn sound(store: &Store, spec: &TableSpec, workers: Threads) -> Option<Bytes> {
 fn obtain(store: &Store, spec: &TableSpec, workers: Threads) -> Bytes {
     let bar = Bar::new(spec.name);
     let listener = |spec: &TableSpec, news: crate::tables::News<'_>| tell(spec, &news);
-    store.obtain(spec, &workers, &listener, &|share| bar.show(share))
+    let observer = Observer { listener: &listener, progress: &|share| bar.show(share) };
+    store.obtain(spec, &workers, observer)
 }
 
-/// The best table for shortest solutions: the largest that is there, else one that is built and leaves half of the
-/// memory free.
+/// The best table for shortest solutions: the largest that is there, else one that is built and
+/// leaves half of the memory free.
 fn optimal_table(store: &Store, workers: Threads) -> (Option<Exact>, &'static str) {
     let [small, standard] = &optimal::TABLES;
     let there = |spec: &'static TableSpec| Some((spec, sound(store, spec, workers)?));

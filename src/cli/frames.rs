@@ -1,11 +1,11 @@
-//! `vision render`: frames of the plant's renderer with exact truth, for any tool to check its poses with.
+//! `vision render`: frames of the plant's renderer with exact truth, for any tool to check its
+//! poses with.
 //!
 //! - in: a scenario (camera, cube), how many poses, their spread, a seed
-//! - out: a folder of PNG files, `frames.jsonl` (a line a frame: optics, pose, faces) and `manifest.jsonl` (a line
-//!   a face, in the form that `vision eval` reads)
+//! - out: a folder of PNG files, `frames.jsonl` (a line a frame: optics, pose, faces) and
+//!   `manifest.jsonl` (a line a face, in the form that `vision eval` reads)
 
-use super::arguments::ScenarioArgs;
-use super::locate::positive;
+use super::arguments::{ScenarioArgs, positive};
 use super::output::{WRONG, complain};
 use crate::cell::{Camera, Intrinsics, Mount};
 use crate::hw::plant::render::{Look, Renderer, Setting, cube_alone};
@@ -215,10 +215,11 @@ pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
             return Ok((String::new(), WRONG));
         };
         let facelets: [u8; 54] = std::array::from_fn(|_| random.random_range(0..6));
-        picture(args, &scenario, camera, number, &camera_from_cube, edge, facelets)
+        let shot = Shot { camera, camera_from_cube, edge, facelets };
+        picture(args, &scenario, number, &shot)
             .save(args.output.join(&image))
             .with_context(|| args.output.join(&image).display().to_string())?;
-        let truth = truth(image, camera, &camera_from_cube, edge, &facelets);
+        let truth = shot.truth(image);
         visible += truth.faces.len();
         manifest += &manifest_lines(&truth);
         frames += &serde_json::to_string(&truth)?;
@@ -238,7 +239,8 @@ pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
     Ok((told, 0))
 }
 
-/// A cube wholly in the picture whose dominant face is at most `tilt` off the sight; `None` when there is no room.
+/// A cube wholly in the picture whose dominant face is at most `tilt` off the sight; `None` when
+/// there is no room.
 fn draw_pose(
     random: &mut Pcg64,
     camera: &Camera,
@@ -277,15 +279,23 @@ fn draw_pose(
     None
 }
 
+/// A cube before a camera.
+struct Shot<'a> {
+    camera: &'a Camera,
+    camera_from_cube: Pose,
+    /// Length of the cube's edge [m].
+    edge: f64,
+    facelets: [u8; 54],
+}
+
+/// Renders a shot under the look of its number.
 fn picture(
     args: &RenderArgs,
     scenario: &Scenario,
-    camera: &Camera,
     number: u32,
-    camera_from_cube: &Pose,
-    edge: f64,
-    facelets: [u8; 54],
+    shot: &Shot<'_>,
 ) -> image::RgbImage {
+    let Shot { camera, camera_from_cube, edge, facelets } = shot;
     let seed = args.seed.wrapping_mul(0x9e37_79b9).wrapping_add(u64::from(number));
     let keys = &scenario.plant.keys;
     let mut look = match args.look {
@@ -304,8 +314,8 @@ fn picture(
             UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -std::f64::consts::FRAC_PI_2),
         ),
     };
-    let camera = Camera { mount: Mount::World { world_from_camera }, ..camera.clone() };
-    let scene = cube_alone(world_from_camera * camera_from_cube, edge, facelets);
+    let camera = Camera { mount: Mount::World { world_from_camera }, ..(*camera).clone() };
+    let scene = cube_alone(world_from_camera * camera_from_cube, *edge, *facelets);
     Renderer::new(camera, look, seed)
         .with_setting(Setting::of(&scenario.controller.cell))
         .render(&scene, 1.0)
@@ -314,7 +324,8 @@ fn picture(
 /// A direction of the cube frame.
 type Direction = [f64; 3];
 
-/// Letters of the faces, the outward normal and the directions of columns and rows of each in the cube frame.
+/// Letters of the faces, the outward normal and the directions of columns and rows of each in the
+/// cube frame.
 const FACES: [(&str, Direction, Direction, Direction); 6] = [
     ("U", [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]),
     ("R", [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]),
@@ -327,32 +338,42 @@ const FACES: [(&str, Direction, Direction, Direction); 6] = [
 /// Least cosine between the sight and a face's normal for the face to count as visible.
 const VISIBLE: f64 = 0.26;
 
-fn truth(
-    image: String,
-    camera: &Camera,
-    camera_from_cube: &Pose,
-    edge: f64,
-    facelets: &[u8; 54],
-) -> FrameTruth {
-    let optics = Optics::of(&camera.intrinsics);
-    let lens = optics.lens();
-    let mut faces: Vec<(f64, FaceTruth)> = Vec::new();
-    for (index, (letter, normal, columns, rows_)) in FACES.iter().enumerate() {
-        let (normal, x, y) =
-            (Vector3::from(*normal), Vector3::from(*columns), Vector3::from(*rows_));
-        let cube_from_face =
-            crate::spatial::pose_from_axes(x, y, -normal, Point3::from(normal * (edge / 2.0)));
-        let mut camera_from_face = camera_from_cube * cube_from_face;
+impl Shot<'_> {
+    /// Returns the truth of the picture with this name: its visible faces, the dominant one first.
+    fn truth(&self, image: String) -> FrameTruth {
+        let optics = Optics::of(&self.camera.intrinsics);
+        let lens = optics.lens();
+        let mut faces: Vec<(f64, FaceTruth)> =
+            (0..FACES.len()).filter_map(|index| self.face(index, &lens)).collect();
+        faces.sort_by(|a, b| b.0.total_cmp(&a.0));
+        FrameTruth {
+            image,
+            width: self.camera.intrinsics.width,
+            height: self.camera.intrinsics.height,
+            intrinsics: optics,
+            cube_mm: self.edge * 1e3,
+            camera_from_cube: rows(&self.camera_from_cube),
+            faces: faces.into_iter().map(|(_, face)| face).collect(),
+        }
+    }
+
+    /// Returns how much a face looks at the camera, and its truth; `None` if it is not visible.
+    fn face(&self, index: usize, lens: &Lens) -> Option<(f64, FaceTruth)> {
+        let (letter, normal, columns, lines) = FACES[index];
+        let (normal, x, y) = (Vector3::from(normal), Vector3::from(columns), Vector3::from(lines));
+        let centre = Point3::from(normal * (self.edge / 2.0));
+        let cube_from_face = crate::spatial::pose_from_axes(x, y, -normal, centre);
+        let mut camera_from_face = self.camera_from_cube * cube_from_face;
         let sight = camera_from_face.translation.vector;
         let facing = (camera_from_face.rotation * Vector3::z()).dot(&sight) / sight.norm();
         if facing < VISIBLE {
-            continue;
+            return None;
         }
-        let mut colours: [u8; 9] = std::array::from_fn(|i| facelets[9 * index + i]);
+        let mut colours: [u8; 9] = std::array::from_fn(|i| self.facelets[9 * index + i]);
         let place = |pose: &Pose, (u, v): (f64, f64)| {
-            lens.project(&(pose * Point3::new(u * edge / 3.0, v * edge / 3.0, 0.0)))
+            lens.project(&(pose * Point3::new(u * self.edge / 3.0, v * self.edge / 3.0, 0.0)))
         };
-        // Read as it stands in the picture: columns to the right.
+        // The face is read as it stands in the picture: with its columns to the right.
         for _ in 0..4 {
             let (a, b) =
                 (place(&camera_from_face, (-1.0, 0.0)), place(&camera_from_face, (1.0, 0.0)));
@@ -369,26 +390,14 @@ fn truth(
                 }
             }
         }
-        faces.push((
-            facing,
-            FaceTruth {
-                face: (*letter).to_owned(),
-                camera_from_face: rows(&camera_from_face),
-                corners: OUTLINE.map(|p| place(&camera_from_face, p)),
-                centres: GRID.map(|p| place(&camera_from_face, p)),
-                colours: colours.iter().map(|&c| LETTERS[usize::from(c)]).collect(),
-            },
-        ));
-    }
-    faces.sort_by(|a, b| b.0.total_cmp(&a.0));
-    FrameTruth {
-        image,
-        width: camera.intrinsics.width,
-        height: camera.intrinsics.height,
-        intrinsics: optics,
-        cube_mm: edge * 1e3,
-        camera_from_cube: rows(camera_from_cube),
-        faces: faces.into_iter().map(|(_, face)| face).collect(),
+        let truth = FaceTruth {
+            face: letter.to_owned(),
+            camera_from_face: rows(&camera_from_face),
+            corners: OUTLINE.map(|p| place(&camera_from_face, p)),
+            centres: GRID.map(|p| place(&camera_from_face, p)),
+            colours: colours.iter().map(|&c| LETTERS[usize::from(c)]).collect(),
+        };
+        Some((facing, truth))
     }
 }
 
@@ -442,7 +451,9 @@ mod tests {
         let mut random = Pcg64::seed_from_u64(2);
         for _ in 0..50 {
             let pose = draw_pose(&mut random, &camera, 0.057, 0.342, 30.0).unwrap();
-            let truth = truth("x".into(), &camera, &pose, 0.057, &[0; 54]);
+            let shot =
+                Shot { camera: &camera, camera_from_cube: pose, edge: 0.057, facelets: [0; 54] };
+            let truth = shot.truth("x".into());
 
             let face = &truth.faces[0];
             let at = Vector3::from(face.camera_from_face.map(|r| r[3]));

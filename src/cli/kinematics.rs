@@ -34,7 +34,7 @@ pub(super) struct KinematicsArgs {
 /// A question about each row.
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Question {
+pub(crate) enum Question {
     /// Joints -> base_from_flange, base_from_tool
     Fk,
     /// base_from_tool and the current joints -> joints
@@ -95,7 +95,7 @@ struct Refusal {
 ///
 /// # Errors
 /// Those of reading and writing; a closed pipe is one of the latter.
-pub fn stream(
+pub(crate) fn stream(
     question: Question,
     model: &ArmModel,
     flange_from_tool: &Pose,
@@ -121,7 +121,7 @@ pub fn stream(
 /// comment (`#`), which are not rows. A header row is answered as any other row that holds no
 /// numbers: by its error.
 #[must_use]
-pub fn answer(
+pub(crate) fn answer(
     question: Question,
     model: &ArmModel,
     flange_from_tool: &Pose,

@@ -1,8 +1,10 @@
-//! `vision locate` and `vision accuracy`: where the cube is in a picture, and how well that is known.
+//! `vision locate` and `vision accuracy`: where the cube is in a picture, and how well that is
+//! known.
 //!
 //! - in: picture files with their optics; or a folder that `vision render` wrote, with its truth
 //! - out: one line of JSON or text a picture; or a table of errors
 
+use super::arguments::positive;
 use super::frames::{FrameTruth, Optics, rows};
 use super::image_file::load;
 use crate::spatial::Pose;
@@ -89,14 +91,6 @@ impl OpticsArgs {
             radial: [self.k1, self.k2, self.k3],
             tangential: [self.p1, self.p2],
         }
-    }
-}
-
-/// A finite number above 0.
-pub(super) fn positive(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
-        _ => Err("a number above 0 is wanted".to_owned()),
     }
 }
 
@@ -266,81 +260,121 @@ fn quantile(values: &[f64], share: f64) -> f64 {
 /// A dominant face farther from the truth than this is a wrong report [m].
 const ASTRAY: f64 = 0.015;
 
-/// The table, and whether every frame gave a pose.
+/// Measures all frames; returns the table, and whether every frame gave a pose.
 ///
 /// # Errors
 /// A folder that cannot be read.
 pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(String, bool)> {
     let frames = FrameTruth::read_all(&args.folder)?;
-    let [mut face, mut several, mut single] =
-        [Errors::default(), Errors::default(), Errors::default()];
-    let (mut nees, mut times, mut misses) = (Vec::new(), Vec::new(), Vec::new());
-    let mut turns = Vec::new();
+    let mut measured = Measured::default();
     for frame in &frames {
+        if let Err(miss) = measured.add(frame, args)? {
+            measured.misses.push(format!("{}: {miss}", frame.image));
+        }
+    }
+    let all = measured.misses.is_empty() && !frames.is_empty();
+    let text = if args.json {
+        format!("{}\n", measured.json(frames.len(), args))
+    } else {
+        measured.table(frames.len())?
+    };
+    Ok((text, all))
+}
+
+/// Errors over the frames of a folder.
+#[derive(Debug, Default)]
+struct Measured {
+    face: Errors,
+    several: Errors,
+    single: Errors,
+    nees: Vec<f64>,
+    /// Times of localisation [ms].
+    times: Vec<f64>,
+    /// Errors of rotation [rad].
+    turns: Vec<f64>,
+    misses: Vec<String>,
+}
+
+impl Measured {
+    /// Localises the cube in a frame and adds its errors; returns why it gives no pose, or a wrong
+    /// one.
+    fn add(
+        &mut self,
+        frame: &FrameTruth,
+        args: &AccuracyArgs,
+    ) -> Result<std::result::Result<(), String>> {
         let image = load(&args.folder.join(&frame.image))?;
         let lens = scaled(&frame.intrinsics, 1.0 + args.focal_error_percent / 100.0);
         let edge = frame.cube_mm * 1e-3;
         let begun = Instant::now();
         let found = find(&image, &lens, edge);
-        times.push(begun.elapsed().as_secs_f64() * 1e3);
+        self.times.push(begun.elapsed().as_secs_f64() * 1e3);
         let location = match found {
             Ok(location) => location,
-            Err(reason) => {
-                misses.push(format!("{}: {reason:#}", frame.image));
-                continue;
-            }
+            Err(reason) => return Ok(Err(format!("{reason:#}"))),
         };
         let truth = frame.pose().with_context(|| frame.image.clone())?;
         let centre = Point3::from(location.camera_from_face().translation.vector);
         let nearest = face_nearest(&truth, edge, &centre);
-        if (centre - nearest).norm()
-            > ASTRAY + 0.02 * args.focal_error_percent.abs() * nearest.coords.norm()
-        {
-            let far = (centre - nearest).norm() * 1e3;
-            misses.push(format!("{}: {far:.0} mm astray", frame.image));
-            continue;
+        let far = (centre - nearest).norm();
+        if far > ASTRAY + 0.02 * args.focal_error_percent.abs() * nearest.coords.norm() {
+            return Ok(Err(format!("{:.0} mm astray", far * 1e3)));
         }
-        face.push(centre, nearest);
-        let cube = if location.used.len() > 1 { &mut several } else { &mut single };
+        self.face.push(centre, nearest);
+        let cube = if location.used.len() > 1 { &mut self.several } else { &mut self.single };
         cube.push(
             location.camera_from_cube.translation.vector.into(),
             truth.translation.vector.into(),
         );
         let error = error_of(&location.camera_from_cube, &truth);
-        turns.push(error.fixed_rows::<3>(3).norm());
-        nees.extend(nees_of(&error, &location.covariance));
+        self.turns.push(error.fixed_rows::<3>(3).norm());
+        self.nees.extend(nees_of(&error, &location.covariance));
+        Ok(Ok(()))
     }
-    let mean = nees.iter().sum::<f64>() / nees.len().max(1) as f64;
-    let turn = (turns.iter().map(|t| t * t).sum::<f64>() / turns.len().max(1) as f64).sqrt();
-    let all = misses.is_empty() && !frames.is_empty();
-    if args.json {
-        let object = json!({ "frames": frames.len(), "focal_error_percent": args.focal_error_percent,
+
+    fn mean_nees(&self) -> f64 {
+        self.nees.iter().sum::<f64>() / self.nees.len().max(1) as f64
+    }
+
+    /// Returns the error of rotation, r.m.s. [rad].
+    fn turn(&self) -> f64 {
+        let squares = self.turns.iter().map(|t| t * t).sum::<f64>();
+        (squares / self.turns.len().max(1) as f64).sqrt()
+    }
+
+    fn json(&self, frames: usize, args: &AccuracyArgs) -> Value {
+        let Self { face, several, single, nees, times, misses, .. } = self;
+        json!({ "frames": frames, "focal_error_percent": args.focal_error_percent,
             "face_centre": face.json(), "cube_centre_several_faces": several.json(),
-            "cube_centre_one_face": single.json(), "rotation_rms_deg": turn.to_degrees(),
-            "nees_mean": mean, "nees_median": quantile(&nees, 0.5), "nees_p95": quantile(&nees, 0.95),
-            "median_ms": quantile(&times, 0.5), "misses": misses });
-        return Ok((format!("{object}\n"), all));
+            "cube_centre_one_face": single.json(), "rotation_rms_deg": self.turn().to_degrees(),
+            "nees_mean": self.mean_nees(), "nees_median": quantile(nees, 0.5),
+            "nees_p95": quantile(nees, 0.95), "median_ms": quantile(times, 0.5), "misses": misses })
     }
-    let mut out = String::from(
-        "point                                  frames   lateral mm: r.m.s., p95     depth mm: r.m.s., p95\n",
-    );
-    out += &face.line("centre of the dominant face");
-    out += &several.line("centre of the cube, two or three faces");
-    out += &single.line("centre of the cube, one face");
-    writeln!(
-        out,
-        "rotation {:.2} deg r.m.s.; NEES mean {mean:.1}, median {:.1}, p95 {:.1}; {} of {} frames, median {:.1} ms (with detection)",
-        turn.to_degrees(),
-        quantile(&nees, 0.5),
-        quantile(&nees, 0.95),
-        frames.len() - misses.len(),
-        frames.len(),
-        quantile(&times, 0.5)
-    )?;
-    for miss in misses {
-        writeln!(out, "  {miss}")?;
+
+    fn table(&self, frames: usize) -> Result<String> {
+        let mut out = String::from(
+            "point                                  frames   lateral mm: r.m.s., p95     depth mm: r.m.s., p95\n",
+        );
+        out += &self.face.line("centre of the dominant face");
+        out += &self.several.line("centre of the cube, two or three faces");
+        out += &self.single.line("centre of the cube, one face");
+        let mean = self.mean_nees();
+        writeln!(
+            out,
+            "rotation {:.2} deg r.m.s.; NEES mean {mean:.1}, median {:.1}, p95 {:.1}; {} of {} \
+             frames, median {:.1} ms (with detection)",
+            self.turn().to_degrees(),
+            quantile(&self.nees, 0.5),
+            quantile(&self.nees, 0.95),
+            frames - self.misses.len(),
+            frames,
+            quantile(&self.times, 0.5)
+        )?;
+        for miss in &self.misses {
+            writeln!(out, "  {miss}")?;
+        }
+        Ok(out)
     }
-    Ok((out, all))
 }
 
 fn scaled(optics: &Optics, factor: f64) -> Lens {

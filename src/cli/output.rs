@@ -1,4 +1,4 @@
-//! Where results go: stdout, and files.
+//! The ends that results go to: stdout, and files.
 //!
 //! - a closed pipe is a success: `rubik-robot keys | head -1` ends quietly
 //! - a file is whole, or what it was before: the new one takes its place when it is written
@@ -40,7 +40,7 @@ pub(super) fn complain(text: &str) {
 ///
 /// # Errors
 /// What the operating system says, with the file's name; what was there is there still.
-pub fn save(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+pub(crate) fn save(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let write = || -> io::Result<()> {
         let (mut file, mut place) = Place::create(path)?;
         let regular = place.waits();
@@ -57,7 +57,7 @@ pub fn save(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
 }
 
 /// A file of a command: what it is, and its name where it is given.
-pub type Named<'a> = (&'a str, Option<&'a PathBuf>);
+pub(crate) type Named<'a> = (&'a str, Option<&'a PathBuf>);
 
 /// Refuses files of which the command would write one over another.
 ///
@@ -113,7 +113,7 @@ fn is_same(one: &Path, other: &Path) -> bool {
 ///
 /// # Errors
 /// Those of reading.
-pub fn next_line(
+pub(crate) fn next_line(
     from: &mut impl io::BufRead,
     most: usize,
     line: &mut Vec<u8>,
@@ -144,7 +144,7 @@ pub fn next_line(
 
 /// Lines of results.
 #[derive(Debug)]
-pub struct Output<W: Write = io::Stdout> {
+pub(crate) struct Output<W: Write = io::Stdout> {
     to: BufWriter<W>,
     closed: bool,
 }
@@ -152,14 +152,14 @@ pub struct Output<W: Write = io::Stdout> {
 impl Output {
     /// The process's stdout.
     #[must_use]
-    pub fn stdout() -> Self {
+    pub(crate) fn stdout() -> Self {
         Self::new(io::stdout())
     }
 }
 
 impl<W: Write> Output<W> {
     /// Writes to `to`.
-    pub fn new(to: W) -> Self {
+    pub(crate) fn new(to: W) -> Self {
         Self { to: BufWriter::new(to), closed: false }
     }
 
@@ -167,7 +167,7 @@ impl<W: Write> Output<W> {
     ///
     /// # Errors
     /// Whatever the device says, but not that nobody reads any more.
-    pub fn line(&mut self, text: &str) -> anyhow::Result<()> {
+    pub(crate) fn line(&mut self, text: &str) -> anyhow::Result<()> {
         let written = writeln!(self.to, "{text}");
         self.take(written)
     }
@@ -176,7 +176,7 @@ impl<W: Write> Output<W> {
     ///
     /// # Errors
     /// As [`Output::line`].
-    pub fn text(&mut self, text: &str) -> anyhow::Result<()> {
+    pub(crate) fn text(&mut self, text: &str) -> anyhow::Result<()> {
         let written = self.to.write_all(text.as_bytes());
         self.take(written)
     }
@@ -185,7 +185,7 @@ impl<W: Write> Output<W> {
     ///
     /// # Errors
     /// As [`Output::line`].
-    pub fn write(
+    pub(crate) fn write(
         &mut self,
         writer: impl FnOnce(&mut BufWriter<W>) -> io::Result<()>,
     ) -> anyhow::Result<()> {
@@ -197,14 +197,14 @@ impl<W: Write> Output<W> {
     ///
     /// # Errors
     /// As [`Output::line`].
-    pub fn flush(&mut self) -> anyhow::Result<()> {
+    pub(crate) fn flush(&mut self) -> anyhow::Result<()> {
         let flushed = if self.closed { Ok(()) } else { self.to.flush() };
         self.take(flushed)
     }
 
     /// Whether nobody reads any more.
     #[must_use]
-    pub fn is_closed(&self) -> bool {
+    pub(crate) fn is_closed(&self) -> bool {
         self.closed
     }
 

@@ -1,13 +1,13 @@
 //! `rubik-robot plan`: what two arms do with a cube, without moving them.
 
-use super::engine::{best_within, default_tables};
+use super::engine::{PlanSearch, default_tables};
 use super::output::{Output, WRONG, complain, refuse};
 use super::solve::{Refusal, read};
 use crate::cube::{Cube, format_turns};
-use crate::solver::{self, Budget, Tables};
+use crate::solver::{self, Budget};
 use crate::tables::{Store, Threads};
 use crate::tasks::cube::hold::Step;
-use crate::tasks::cube::plan::{Effort, NoPlan, Plan, Planner, Rule, taken};
+use crate::tasks::cube::plan::{Effort, NoPlan, Plan, Rule, taken};
 use crate::{run, scenario};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
@@ -23,7 +23,8 @@ pub(super) struct PlanArgs {
     /// Which pairs of holds are allowed [default: what the cell's grippers allow]
     #[arg(long, value_enum)]
     rule: Option<RuleWord>,
-    /// Plan for so long at most; without it, the scenario's planner.node_budget and planner.candidates
+    /// Plan for so long at most; without it, the scenario's planner.node_budget and
+    /// planner.candidates
     #[arg(long, value_name = "N")]
     budget_ms: Option<u64>,
     /// Say for each step who holds what, how long it takes and why it is needed
@@ -71,12 +72,13 @@ pub(super) fn run(args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
     let planner = run::planner(&scenario.controller).map_err(refuse)?;
     let planner = args.rule.map_or(planner.clone(), |rule| planner.by_rule(rule.into()));
     let keys = &scenario.controller.planner;
-    let most = Effort { nodes: keys.node_budget, candidates: keys.candidates as usize };
+    let effort = Effort { nodes: keys.node_budget, candidates: keys.candidates as usize };
     // Those of a mission, whatever else is kept: its plan is to be shown.
     let tables = default_tables(&Store::of_user(), Threads::all());
     let begun = Instant::now();
     let time = args.budget_ms.map(Duration::from_millis);
-    match work(&planner, &cube, &tables, most, time) {
+    let search = PlanSearch { planner: &planner, tables: &tables, effort, time };
+    match work(&search, &cube) {
         Ok(mut work) => {
             work.time = begun.elapsed();
             let text =
@@ -112,18 +114,13 @@ struct Work {
 }
 
 /// Plans, with all the effort at once, or doubling it until the time would be over.
-fn work(
-    planner: &Planner,
-    cube: &Cube,
-    tables: &Tables,
-    most: Effort,
-    time: Option<Duration>,
-) -> Result<Work, NoPlan> {
+fn work(search: &PlanSearch<'_>, cube: &Cube) -> Result<Work, NoPlan> {
+    let planner = search.planner;
     let begun = Instant::now();
     let (steps, start) = planner.looks(taken())?;
     let looks = steps.iter().filter(|s| matches!(s, Step::Grasp { .. })).count();
-    let (plan, nodes) = best_within(planner, cube, start, tables, most, time)?;
-    let shortest = solver::solve(cube, tables, &Budget { nodes, max_length: 0 }).turns;
+    let (plan, nodes) = search.best(cube, start)?;
+    let shortest = solver::solve(cube, search.tables, &Budget { nodes, max_length: 0 }).turns;
     let original = planner.by_rule(Rule::Original);
     let baseline = original.looks(taken()).and_then(|(_, start)| original.of(&[shortest], start));
     Ok(Work { rule: planner.rule(), plan, looks, baseline, time: begun.elapsed() })

@@ -15,13 +15,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Where each facelet shows: boxes `[x, y, width, height]`.
-pub type Boxes = [Vec<[u32; 4]>; 54];
+pub(crate) type Boxes = [Vec<[u32; 4]>; 54];
 
 /// Reads a boxes file.
 ///
 /// # Errors
 /// The line that is wrong.
-pub fn parse_boxes(text: &str) -> Result<Boxes> {
+pub(crate) fn parse_boxes(text: &str) -> Result<Boxes> {
     let lines: Vec<&str> = text.lines().filter(|l| !l.trim().is_empty()).collect();
     if lines.len() != 54 {
         bail!("expected 54 lines of boxes, one a facelet, found {}", lines.len());
@@ -46,7 +46,7 @@ pub fn parse_boxes(text: &str) -> Result<Boxes> {
 ///
 /// # Errors
 /// A box that is not inside the picture.
-pub fn measure(image: &RgbImage, boxes: &Boxes) -> Result<[Vec<[u8; 3]>; 54]> {
+pub(crate) fn measure(image: &RgbImage, boxes: &Boxes) -> Result<[Vec<[u8; 3]>; 54]> {
     let mut pixels: [Vec<[u8; 3]>; 54] = std::array::from_fn(|_| Vec::new());
     for (facelet, (pixels, boxes)) in pixels.iter_mut().zip(boxes).enumerate() {
         for &[x, y, width, height] in boxes {
@@ -100,12 +100,12 @@ fn read_table(path: &Path) -> Result<ColourTable> {
     Ok(table)
 }
 
-/// `vision rig IMAGE... --boxes FILE [--table FILE]`: the cube of each picture. The flag is false when one could
-/// not be read.
+/// `vision rig IMAGE... --boxes FILE [--table FILE]`: the cube of each picture. The flag is false
+/// when one could not be read.
 ///
 /// # Errors
 /// A boxes file or a table that cannot be used.
-pub fn rig(
+pub(crate) fn rig(
     images: &[PathBuf],
     boxes: &Path,
     table: Option<&Path>,
@@ -158,12 +158,12 @@ fn parse_state(text: &str) -> Result<[u8; 54]> {
     Ok(facelets)
 }
 
-/// `vision learn IMAGE... --boxes FILE [--states FILE]`: the colour table of a rig from cubes of known state, as JSON.
-/// Without a file of states, each picture's name is its state.
+/// `vision learn IMAGE... --boxes FILE [--states FILE]`: the colour table of a rig from cubes of
+/// known state, as JSON. Without a file of states, each picture's name is its state.
 ///
 /// # Errors
 /// A file that cannot be read, a state that is none.
-pub fn learn(images: &[PathBuf], boxes: &Path, states: Option<&Path>) -> Result<String> {
+pub(crate) fn learn(images: &[PathBuf], boxes: &Path, states: Option<&Path>) -> Result<String> {
     let boxes = read_boxes(boxes)?;
     let states = match states {
         None => None,

@@ -11,7 +11,7 @@ use crate::record::place::Place;
 use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
 use crate::run::{self, RunContext, RunOptions, SavedFiles};
-use crate::scenario::keys::{Pace, Task};
+use crate::scenario::keys::{BridgeKind, Pace, Task};
 use crate::scenario::{Override, Scenario};
 use crate::tui;
 use anyhow::Context;
@@ -114,7 +114,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let more = args.overrides();
     let scenario = args.scenario.load(&more).map_err(refuse)?;
     args.check(&scenario)?;
-    let keep = keep(&args.keep, &scenario).map_err(refuse)?;
+    let keep = keep(&args.keep, scenario.bridge.kind, scenario.controller.task).map_err(refuse)?;
     overwritten(args, &keep)?;
 
     let desk = Desk::default();
@@ -239,9 +239,9 @@ fn ends_on_a_terminal(error: Error) {
     ends(error);
 }
 
-/// The files that outlive the run, or why they cannot be.
-fn keep(args: &KeepArgs, scenario: &Scenario) -> Result<SavedFiles, &'static str> {
-    if args.world.is_some() && scenario.bridge.kind.is_hardware() {
+/// Returns the files that outlive the run, or why they cannot be.
+fn keep(args: &KeepArgs, bridge: BridgeKind, task: Task) -> Result<SavedFiles, &'static str> {
+    if args.world.is_some() && bridge.is_hardware() {
         return Err(
             "--world: hardware keeps its state itself; only a simulated plant needs a file",
         );
@@ -255,10 +255,10 @@ fn keep(args: &KeepArgs, scenario: &Scenario) -> Result<SavedFiles, &'static str
     if args.resume && journal.is_none() {
         return Err("--resume: name the --journal of the run that was broken off");
     }
-    if args.resume && args.world.is_none() && !scenario.bridge.kind.is_hardware() {
+    if args.resume && args.world.is_none() && !bridge.is_hardware() {
         return Err("--resume: name the --world of the run that was broken off, too");
     }
-    if args.resume && scenario.controller.task != Task::Solve {
+    if args.resume && task != Task::Solve {
         return Err("--resume: only the task solve can go on");
     }
     Ok(SavedFiles { world: args.world.clone(), journal, resume: args.resume })

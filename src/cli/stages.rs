@@ -1,11 +1,12 @@
 //! `rubik-robot vision stages`: the paper's figure 4 of any picture.
 //!
-//! One picture a stage of [`crate::vision::paper`], with the regions that it left in their colours on the dimmed
-//! picture, and one with the result: the paper's square, and the faces that the default detector reports. With the
-//! camera's optics, the pose that the paper takes of the square's four corner tiles.
+//! One picture a stage of [`crate::vision::paper`], with the regions that it left in their colours
+//! on the dimmed picture, and one with the result: the paper's square, and the faces that the
+//! default detector reports. With the camera's optics, the pose that the paper takes of the
+//! square's four corner tiles.
 
+use super::arguments::positive;
 use super::image_file::load;
-use super::locate::positive;
 use crate::spatial::Pose;
 use crate::vision::homography::Point;
 use crate::vision::paper::{Filters, Square, Stages, classes};
@@ -66,8 +67,8 @@ impl StagesArgs {
     }
 }
 
-/// A picture's stages: files in a folder when there is one, one line of JSON or a short table. The flag is false
-/// when a picture could not be read.
+/// A picture's stages: files in a folder when there is one, one line of JSON or a short table. The
+/// flag is false when a picture could not be read.
 ///
 /// # Errors
 /// A folder or file that cannot be written.
@@ -102,11 +103,10 @@ pub(super) fn stages(args: &StagesArgs) -> Result<(String, bool)> {
             pose.residual_px.is_finite().then_some(pose)
         });
         let faces = detect(&image, None, &DetectorSettings::default());
-        let files = match folder {
-            Some(folder) => write(image, path, folder, &stages, &square, &faces)?,
-            None => Vec::new(),
-        };
-        let found = Found { stages, square, pose, faces, files };
+        let mut found = Found { stages, square, pose, faces, files: Vec::new() };
+        if let Some(folder) = folder {
+            found.files = found.write(image, path, folder)?;
+        }
         text += &if json { found.json(&name) } else { found.words(&name) };
     }
     Ok((text, all))
@@ -191,70 +191,69 @@ impl Found {
         }
         text
     }
-}
 
-/// One file a stage, and the result; their names.
-fn write(
-    image: RgbImage,
-    path: &Path,
-    folder: &Path,
-    stages: &Stages,
-    square: &Result<Square, Refusal>,
-    faces: &Result<Vec<FaceSighting>, Refusal>,
-) -> Result<Vec<String>> {
-    let stem = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-    let mut files = Vec::new();
-    let mut save = |picture: &RgbImage, name: &str| -> Result<()> {
-        let file = folder.join(format!("{stem}-{name}.png"));
-        picture.save(&file).with_context(|| format!("{}", file.display()))?;
-        files.push(file.display().to_string());
-        Ok(())
-    };
-    let (mut dim, classes) = classes(&image);
-    for pixel in dim.pixels_mut() {
-        let grey = pixel.0.iter().map(|&v| u32::from(v)).sum::<u32>() / 12;
-        pixel.0 = [grey as u8; 3];
-    }
-    for (i, stage) in stages.stages.iter().enumerate() {
-        let mut picture = dim.clone();
-        // The first one shows specks, too, that are counted only.
-        for (pixel, class) in picture.pixels_mut().zip(&classes).filter(|_| i == 0) {
-            if let Some(shade) = SHADES.get(usize::from(*class)) {
-                pixel.0 = *shade;
-            }
+    /// Writes a picture of each stage and one of the result; returns the names of the files.
+    fn write(&self, image: RgbImage, path: &Path, folder: &Path) -> Result<Vec<String>> {
+        let stages = &self.stages;
+        let stem = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        let mut files = Vec::new();
+        let mut save = |picture: &RgbImage, name: &str| -> Result<()> {
+            let file = folder.join(format!("{stem}-{name}.png"));
+            picture.save(&file).with_context(|| format!("{}", file.display()))?;
+            files.push(file.display().to_string());
+            Ok(())
+        };
+        let (mut dim, classes) = classes(&image);
+        for pixel in dim.pixels_mut() {
+            let grey = pixel.0.iter().map(|&v| u32::from(v)).sum::<u32>() / 12;
+            pixel.0 = [grey as u8; 3];
         }
-        for &region in stage.left.iter().filter(|_| i > 0) {
-            let region = &stages.regions[region];
-            for &(row, start, end) in &region.runs {
-                for x in start..end {
-                    picture.put_pixel(
-                        x as u32,
-                        row as u32,
-                        Rgb(SHADES[usize::from(region.colour)]),
-                    );
+        for (i, stage) in stages.stages.iter().enumerate() {
+            let mut picture = dim.clone();
+            // The first picture shows specks, too, which the later stages only count.
+            for (pixel, class) in picture.pixels_mut().zip(&classes).filter(|_| i == 0) {
+                if let Some(shade) = SHADES.get(usize::from(*class)) {
+                    pixel.0 = *shade;
                 }
             }
+            for &region in stage.left.iter().filter(|_| i > 0) {
+                let region = &stages.regions[region];
+                for &(row, start, end) in &region.runs {
+                    for x in start..end {
+                        picture.put_pixel(
+                            x as u32,
+                            row as u32,
+                            Rgb(SHADES[usize::from(region.colour)]),
+                        );
+                    }
+                }
+            }
+            save(&picture, &format!("{}-{}", i + 1, stage.name))?;
         }
-        save(&picture, &format!("{}-{}", i + 1, stage.name))?;
+        let result = self.draw_result(image);
+        save(&result, &format!("{}-result", stages.stages.len() + 1))?;
+        Ok(files)
     }
-    let mut picture = image;
-    for face in faces.as_ref().map_or(&[][..], Vec::as_slice) {
-        outline(&mut picture, &face.corners, [255, 255, 0]);
-        for (centre, colour) in face.centres.iter().zip(face.colours) {
-            blot(&mut picture, *centre, 4.0, [0, 0, 0]);
-            blot(&mut picture, *centre, 3.0, SHADES[usize::from(colour)]);
+
+    /// Draws the faces that the default detector finds, and the biggest square with its tiles.
+    fn draw_result(&self, mut picture: RgbImage) -> RgbImage {
+        for face in self.faces.as_ref().map_or(&[][..], Vec::as_slice) {
+            outline(&mut picture, &face.corners, [255, 255, 0]);
+            for (centre, colour) in face.centres.iter().zip(face.colours) {
+                blot(&mut picture, *centre, 4.0, [0, 0, 0]);
+                blot(&mut picture, *centre, 3.0, SHADES[usize::from(colour)]);
+            }
         }
-    }
-    if let Ok(square) = square {
-        outline(&mut picture, &square.corners, [255, 0, 255]);
-        for &tile in &square.tiles {
-            let whole = |v: f64| (v + 0.5) * stages.step as f64 - 0.5;
-            let centre = stages.regions[tile].centre;
-            blot(&mut picture, (whole(centre.0), whole(centre.1)), 1.5, [255, 0, 255]);
+        if let Ok(square) = &self.square {
+            outline(&mut picture, &square.corners, [255, 0, 255]);
+            for &tile in &square.tiles {
+                let whole = |v: f64| (v + 0.5) * self.stages.step as f64 - 0.5;
+                let centre = self.stages.regions[tile].centre;
+                blot(&mut picture, (whole(centre.0), whole(centre.1)), 1.5, [255, 0, 255]);
+            }
         }
+        picture
     }
-    save(&picture, &format!("{}-result", stages.stages.len() + 1))?;
-    Ok(files)
 }
 
 fn outline(picture: &mut RgbImage, corners: &[Point; 4], colour: [u8; 3]) {

@@ -4,7 +4,7 @@ use super::output::{Output, refuse};
 use super::progress::{Bar, megabytes, tell};
 use crate::solver;
 use crate::solver::table::TableSpec;
-use crate::tables::{Store, Threads, Unusable};
+use crate::tables::{Observer, Store, Threads, Unusable};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
@@ -112,7 +112,8 @@ fn build(store: &Store, spec: &TableSpec, workers: Threads) -> Result<String, St
     let Err(reason) = store.open(spec, &workers) else { return Ok("there already".to_owned()) };
     let bar = Bar::new(spec.name);
     let listener = |spec: &TableSpec, news: crate::tables::News<'_>| tell(spec, &news);
-    match store.build(spec, &workers, &reason, &listener, &|share| bar.show(share)) {
+    let observer = Observer { listener: &listener, progress: &|share| bar.show(share) };
+    match store.build(spec, &workers, &reason, observer) {
         Ok(_) => {
             bar.end("built");
             Ok("built".to_owned())

@@ -1,13 +1,28 @@
-//! What a kernel believes of the cube, in a recording: as JSON for replays, as message fields for everybody else.
+//! What a kernel believes of the cube, in a recording: as JSON for replays, as message fields for
+//! everybody else.
 
 use super::cdr::Writer;
-use super::recorder::CubeKnown;
 use crate::operator::{Net, PlanLine};
 use crate::spatial::Pose;
 use crate::tasks::{Picture, Turning};
 use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
+
+/// Knowledge of the cube at one moment; a field that is not known is empty.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct CubeKnown {
+    /// 54 letters as read.
+    pub identified: String,
+    /// How sure each is.
+    pub confidences: Vec<f64>,
+    /// 54 letters as it is by the turns carried out.
+    pub believed: String,
+    /// 54 letters in the plant.
+    pub truth: String,
+    /// Names of the effectors that hold it.
+    pub holders: Vec<String>,
+}
 
 /// A [`Picture`] as it is written.
 #[derive(Debug, Serialize, Deserialize)]
@@ -25,7 +40,7 @@ struct Wire {
 
 /// Writes it as JSON.
 #[must_use]
-pub fn json(picture: &Picture) -> String {
+pub(crate) fn json(picture: &Picture) -> String {
     let wire = Wire {
         world_from_base: picture.world_from_base,
         tool_from_cube: picture.tool_from_cube,
@@ -41,7 +56,7 @@ pub fn json(picture: &Picture) -> String {
 
 /// Reads it back; `None` when it is something else.
 #[must_use]
-pub fn read(text: &str) -> Option<Picture> {
+pub(crate) fn read(text: &str) -> Option<Picture> {
     let wire: Wire = serde_json::from_str(text).ok()?;
     let turning = wire.turning.and_then(|(effector, face, cube_from_tool)| {
         let face = *crate::cube::Face::ALL.get(face)?;
@@ -60,7 +75,7 @@ pub fn read(text: &str) -> Option<Picture> {
 }
 
 /// Colours 0..=5 as letters URFDLB, `?` where unknown.
-pub fn letters(colours: impl Iterator<Item = Option<u8>>) -> String {
+pub(crate) fn letters(colours: impl Iterator<Item = Option<u8>>) -> String {
     colours
         .map(|c| c.and_then(|c| b"URFDLB".get(usize::from(c))).map_or('?', |l| char::from(*l)))
         .collect()
@@ -68,7 +83,7 @@ pub fn letters(colours: impl Iterator<Item = Option<u8>>) -> String {
 
 /// What is known of the cube; the truth is not in it.
 #[must_use]
-pub fn known(picture: &Picture, arms: &[String]) -> CubeKnown {
+pub(crate) fn known(picture: &Picture, arms: &[String]) -> CubeKnown {
     let readings = &picture.net.facelets;
     let holders = arms.iter().zip(&picture.tool_from_cube).filter(|(_, held)| held.is_some());
     CubeKnown {
@@ -81,7 +96,7 @@ pub fn known(picture: &Picture, arms: &[String]) -> CubeKnown {
 }
 
 /// Writes `rubik_robot_msgs/Plan`.
-pub fn write_plan(picture: &Picture, stamp: u64, to: &mut Writer) {
+pub(crate) fn write_plan(picture: &Picture, stamp: u64, to: &mut Writer) {
     let steps: Vec<_> = picture.plan.iter().map(|line| line.what.clone()).collect();
     let reasons: Vec<_> = picture.plan.iter().map(|line| line.why.clone()).collect();
     to.time(stamp);

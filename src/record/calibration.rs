@@ -1,5 +1,5 @@
-//! The cameras as a run believed them, where a calibration found other values than its scenario has: facts of a
-//! recording, so that a replay paints what vision found where it found it.
+//! The cameras as a run believed them, where a calibration found other values than its scenario
+//! has: facts of a recording, so that a replay paints what vision found where it found it.
 //!
 //! - in: the cell that the controller believes; or the label of a recording
 //! - out: named texts; or the cell with those cameras in it
@@ -10,7 +10,7 @@ use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};
 
 /// Name of the facts in a recording.
-pub const NAME: &str = "calibration";
+pub(crate) const NAME: &str = "calibration";
 
 /// A camera as it is written.
 #[derive(Debug, Serialize, Deserialize)]
@@ -25,7 +25,7 @@ struct Wire {
 
 /// What a calibration can change of a cell.
 #[must_use]
-pub fn facts(cell: &Cell) -> Vec<(String, String)> {
+pub(crate) fn facts(cell: &Cell) -> Vec<(String, String)> {
     let wire = |camera: &crate::cell::Camera| Wire {
         name: camera.name.clone(),
         focal: camera.intrinsics.focal,
@@ -45,8 +45,9 @@ pub fn facts(cell: &Cell) -> Vec<(String, String)> {
     facts.map(|(name, value)| (name.to_owned(), value)).to_vec()
 }
 
-/// Puts what a recording says of its calibration into the cell of its scenario; without such facts it stays as it is.
-pub fn apply(label: &Label, cell: &mut Cell) {
+/// Puts what a recording says of its calibration into the cell of its scenario; without such facts
+/// it stays as it is.
+pub(crate) fn apply(label: &Label, cell: &mut Cell) {
     if let Ok(edge) = label.of(NAME, "edge_m").parse() {
         cell.cube.edge = edge;
     }
@@ -65,7 +66,7 @@ pub fn apply(label: &Label, cell: &mut Cell) {
 
 /// Where the camera that stands in the cell is believed to be [m].
 #[must_use]
-pub fn standalone(cell: &Cell) -> String {
+pub(crate) fn standalone(cell: &Cell) -> String {
     let place = cell.cameras.iter().find_map(|camera| match camera.mount {
         Mount::World { world_from_camera } => Some(world_from_camera.translation.vector),
         Mount::Flange { .. } => None,

@@ -1,8 +1,10 @@
-//! CDR, the bytes of ROS 2 messages: little-endian plain CDR (XCDR1) with its four bytes of encapsulation.
+//! CDR, the bytes of ROS 2 messages: little-endian plain CDR (XCDR1) with its four bytes of
+//! encapsulation.
 //!
 //! - in: the fields of a message in the order of its definition
 //! - out: bytes; and back
-//! - source: OMG CORBA 3.0, chapter 15 (alignment, strings, sequences); DDSI-RTPS 2.2, 10 (encapsulation)
+//! - source: OMG CORBA 3.0, chapter 15 (alignment, strings, sequences); DDSI-RTPS 2.2, 10
+//!   (encapsulation)
 //!
 //! Every primitive is aligned to its size, counted from behind the encapsulation.
 
@@ -89,20 +91,20 @@ impl Writer {
     }
 
     /// `float64[N]`.
-    pub fn f64s(&mut self, values: &[f64]) {
+    pub(crate) fn f64s(&mut self, values: &[f64]) {
         for value in values {
             self.f64(*value);
         }
     }
 
     /// `float64[]`.
-    pub fn f64_sequence(&mut self, values: &[f64]) {
+    pub(crate) fn f64_sequence(&mut self, values: &[f64]) {
         self.u32(values.len() as u32);
         self.f64s(values);
     }
 
     /// `uint8[]`.
-    pub fn u8_sequence(&mut self, values: &[u8]) {
+    pub(crate) fn u8_sequence(&mut self, values: &[u8]) {
         self.u32(values.len() as u32);
         self.bytes.extend_from_slice(values);
     }
@@ -115,7 +117,7 @@ impl Writer {
     }
 
     /// `string[]`.
-    pub fn string_sequence<S: AsRef<str>>(&mut self, values: &[S]) {
+    pub(crate) fn string_sequence<S: AsRef<str>>(&mut self, values: &[S]) {
         self.u32(values.len() as u32);
         for value in values {
             self.string(value.as_ref());
@@ -142,7 +144,7 @@ pub struct Malformed;
 
 /// Reads a message, field by field.
 #[derive(Debug, Clone)]
-pub struct Reader<'a> {
+pub(crate) struct Reader<'a> {
     bytes: &'a [u8],
     at: usize,
 }
@@ -152,7 +154,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`] for anything but little-endian plain CDR.
-    pub fn new(bytes: &'a [u8]) -> Result<Self, Malformed> {
+    pub(crate) fn new(bytes: &'a [u8]) -> Result<Self, Malformed> {
         match bytes.split_at_checked(ENCAPSULATION.len()) {
             Some((head, bytes)) if head[..2] == ENCAPSULATION[..2] => Ok(Self { bytes, at: 0 }),
             _ => Err(Malformed),
@@ -175,7 +177,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`], here and below.
-    pub fn u8(&mut self) -> Result<u8, Malformed> {
+    pub(crate) fn u8(&mut self) -> Result<u8, Malformed> {
         Ok(self.primitive::<1>()?[0])
     }
 
@@ -183,7 +185,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn bool(&mut self) -> Result<bool, Malformed> {
+    pub(crate) fn bool(&mut self) -> Result<bool, Malformed> {
         Ok(self.u8()? != 0)
     }
 
@@ -191,7 +193,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn i16(&mut self) -> Result<i16, Malformed> {
+    pub(crate) fn i16(&mut self) -> Result<i16, Malformed> {
         self.primitive().map(i16::from_le_bytes)
     }
 
@@ -199,7 +201,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn i32(&mut self) -> Result<i32, Malformed> {
+    pub(crate) fn i32(&mut self) -> Result<i32, Malformed> {
         self.primitive().map(i32::from_le_bytes)
     }
 
@@ -207,7 +209,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn u32(&mut self) -> Result<u32, Malformed> {
+    pub(crate) fn u32(&mut self) -> Result<u32, Malformed> {
         self.primitive().map(u32::from_le_bytes)
     }
 
@@ -215,7 +217,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn i64(&mut self) -> Result<i64, Malformed> {
+    pub(crate) fn i64(&mut self) -> Result<i64, Malformed> {
         self.primitive().map(i64::from_le_bytes)
     }
 
@@ -223,7 +225,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn u64(&mut self) -> Result<u64, Malformed> {
+    pub(crate) fn u64(&mut self) -> Result<u64, Malformed> {
         self.primitive().map(u64::from_le_bytes)
     }
 
@@ -231,7 +233,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn f64(&mut self) -> Result<f64, Malformed> {
+    pub(crate) fn f64(&mut self) -> Result<f64, Malformed> {
         self.u64().map(f64::from_bits)
     }
 
@@ -239,7 +241,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn f64s<const N: usize>(&mut self) -> Result<[f64; N], Malformed> {
+    pub(crate) fn f64s<const N: usize>(&mut self) -> Result<[f64; N], Malformed> {
         let mut values = [0.0; N];
         for value in &mut values {
             *value = self.f64()?;
@@ -251,7 +253,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn f64_sequence(&mut self) -> Result<Vec<f64>, Malformed> {
+    pub(crate) fn f64_sequence(&mut self) -> Result<Vec<f64>, Malformed> {
         let count = self.u32()? as usize;
         // What a broken length asks for is not reserved.
         let mut values = Vec::with_capacity(count.min(self.bytes.len() / 8));
@@ -265,7 +267,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn u8_sequence(&mut self) -> Result<&'a [u8], Malformed> {
+    pub(crate) fn u8_sequence(&mut self) -> Result<&'a [u8], Malformed> {
         let count = self.u32()? as usize;
         self.take(count, 1)
     }
@@ -274,7 +276,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn string(&mut self) -> Result<&'a str, Malformed> {
+    pub(crate) fn string(&mut self) -> Result<&'a str, Malformed> {
         let with_end = self.u8_sequence()?;
         let text = with_end.strip_suffix(&[0]).ok_or(Malformed)?;
         std::str::from_utf8(text).map_err(|_| Malformed)
@@ -284,7 +286,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn string_sequence(&mut self) -> Result<Vec<&'a str>, Malformed> {
+    pub(crate) fn string_sequence(&mut self) -> Result<Vec<&'a str>, Malformed> {
         let count = self.u32()? as usize;
         let mut values = Vec::with_capacity(count.min(self.bytes.len() / 5));
         for _ in 0..count {
@@ -297,7 +299,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn time(&mut self) -> Result<u64, Malformed> {
+    pub(crate) fn time(&mut self) -> Result<u64, Malformed> {
         // No recording is older than 1970.
         let seconds = u64::try_from(self.i32()?).map_err(|_| Malformed)?;
         Ok(seconds * 1_000_000_000 + u64::from(self.u32()?))
@@ -307,7 +309,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// [`Malformed`].
-    pub fn header(&mut self) -> Result<(u64, &'a str), Malformed> {
+    pub(crate) fn header(&mut self) -> Result<(u64, &'a str), Malformed> {
         Ok((self.time()?, self.string()?))
     }
 }

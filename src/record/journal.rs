@@ -1,10 +1,12 @@
 //! The journal of a mission: what another run must know to go on after a crash.
 //!
-//! - in: an entry before each motion that changes the cube, who holds it, or where another run would look for it
+//! - in: an entry before each motion that changes the cube, who holds it, or where another run
+//!   would look for it
 //! - out: a line of JSON each, durable before the motion begins; what was noted last
-//! - a last line that a crash cut off is left out; the entry before it was durable, and the motion had not begun. Where
-//!   there is none before it, nothing had begun
-//! - a journal that cannot be written any more says so itself: its last entry would pass for the truth
+//! - a last line that a crash cut off is left out; the entry before it was durable, and the motion
+//!   had not begun. Where there is none before it, nothing had begun
+//! - a journal that cannot be written any more says so itself: its last entry would pass for the
+//!   truth
 
 use crate::tasks::Entry;
 use std::fmt::Debug;
@@ -100,8 +102,8 @@ impl Journal {
     /// Begins a journal in place of one whose run has ended, or goes on with one.
     ///
     /// # Errors
-    /// When it is no journal, another run writes it, or one that is to be begun would lose what another has left; what the
-    /// operating system says.
+    /// When it is no journal, another run writes it, or one that is to be begun would lose what
+    /// another has left; what the operating system says.
     pub fn open(path: &Path, go_on: bool) -> Result<Self, Unreadable> {
         Self::open_in(path, go_on, keep_name)
     }
@@ -135,7 +137,8 @@ impl Journal {
             }
             _ => {
                 file.set_len(0)?;
-                // What has ended must not come back after a power cut, before this run notes anything.
+                // What has ended must not come back after a power cut, before this run notes
+                // anything.
                 file.sync_all()?;
             }
         }
@@ -156,10 +159,10 @@ impl Journal {
         self.keeps.append(&line)
     }
 
-    /// Sees to it that nobody goes on from its last entry, since what follows cannot be noted; what the operator is to
-    /// know.
+    /// Sees to it that nobody goes on from its last entry, since what follows cannot be noted; what
+    /// the operator is to know.
     #[must_use]
-    pub fn given_up(self, why: &io::Error) -> String {
+    pub(crate) fn given_up(self, why: &io::Error) -> String {
         let place = self.path.display();
         // In place: that takes no room on a disk that is full.
         let marked = File::options().write(true).open(&self.path).and_then(|mut file| {
@@ -239,16 +242,18 @@ fn begins_an_entry(bytes: &[u8]) -> bool {
     bytes.iter().zip(HEAD).all(|(byte, of_an_entry)| byte == of_an_entry)
 }
 
-/// Sees to it that a file's name is there after a power cut: what is in the file is durable without it.
+/// Sees to it that a file's name is there after a power cut: what is in the file is durable without
+/// it.
 ///
 /// # Errors
 /// What the operating system says.
-pub fn keep_name(path: &Path) -> io::Result<()> {
+pub(crate) fn keep_name(path: &Path) -> io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     match File::open(folder).and_then(|folder| folder.sync_all()) {
         Err(why) if why.kind() != io::ErrorKind::NotFound => {
-            // A file system, or a folder, that allows no such thing: a run is no worse than without.
+            // A file system, or a folder, that allows no such thing: a run is no worse than
+            // without.
             tracing::warn!("{}: {why}: a power cut may lose a new file there", folder.display());
             Ok(())
         }
@@ -258,7 +263,7 @@ pub fn keep_name(path: &Path) -> io::Result<()> {
 
 /// Locks a file that one run alone may write; whether nobody else does.
 #[must_use]
-pub fn is_ours(file: &File, path: &Path) -> bool {
+pub(crate) fn is_ours(file: &File, path: &Path) -> bool {
     match file.try_lock() {
         Ok(()) => true,
         Err(TryLockError::WouldBlock) => false,

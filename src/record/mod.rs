@@ -1,27 +1,28 @@
-//! What leaves a run: its hashes ([`run_hash`]), the summary, the journal, and the recording.
+//! Results of a run: its hashes ([`run_hash`]), the summary, the journal, and the recording.
 //!
-//! - written: [`recorder`] (the thread), [`place`] (the file and its name), [`sheet`] (what goes
-//!   where), [`file`](mod@file) (MCAP), made of [`cdr`], [`schema`], [`standard`], [`tick`],
-//!   [`sensed`], [`belief`], [`calibration`], [`urdf`]
-//! - read: [`reading`] (whole, cut off or damaged), [`recover_file`], [`playback`] (as a port and
+//! - written: [`recorder`] (the thread), `place` (the file and its name), [`sheet`] (what goes
+//!   where), `file` (MCAP), made of `cdr`, `schema`, `standard`, [`tick`],
+//!   `sensed`, `belief`, `calibration`, [`urdf`]
+//! - read: [`reading`] (whole, cut off or damaged), [`recover_file`], `playback` (as a port and
 //!   as sensors), [`report`]
 
-pub mod belief;
-pub mod calibration;
-pub mod cdr;
-pub mod file;
+pub(crate) mod belief;
+pub(crate) mod calibration;
+pub(crate) mod cdr;
+pub(crate) mod entry;
+pub(crate) mod file;
 pub mod journal;
-pub mod place;
-pub mod playback;
+pub(crate) mod place;
+pub(crate) mod playback;
 pub mod reading;
 pub mod recorder;
 pub mod recover_file;
 pub mod report;
 pub mod run_hash;
-pub mod schema;
-pub mod sensed;
+pub(crate) mod schema;
+pub(crate) mod sensed;
 pub mod sheet;
-pub mod standard;
+pub(crate) mod standard;
 pub mod summary;
 pub mod tick;
 pub mod urdf;
@@ -31,7 +32,7 @@ pub mod urdf;
 ///
 /// # Errors
 /// What the operating system says.
-pub fn running_program() -> std::io::Result<std::path::PathBuf> {
+pub(crate) fn running_program() -> std::io::Result<std::path::PathBuf> {
     let own = std::path::Path::new("/proc/self/exe");
     if own.exists() { Ok(own.to_owned()) } else { std::env::current_exe() }
 }

@@ -1,5 +1,5 @@
-//! Where a recording goes: beside its name, as `FILE.part`, until there is a period in it. So a run that does not come to
-//! begin takes no older recording's place.
+//! Where a recording goes: beside its name, as `FILE.part`, until there is a period in it. So a run
+//! that does not come to begin takes no older recording's place.
 
 use super::reading::{Piece, open};
 use std::ffi::OsString;
@@ -8,9 +8,10 @@ use std::path::{Path, PathBuf};
 
 /// The place of a file that is being written.
 #[derive(Debug)]
-pub struct Place {
+pub(crate) struct Place {
     path: PathBuf,
-    /// Where it is until then; `None` when it has its name, as a device and a pipe have from the beginning.
+    /// Where it is until then; `None` when it has its name, as a device and a pipe have from the
+    /// beginning.
     part: Option<PathBuf>,
     regular: bool,
 }
@@ -20,7 +21,7 @@ impl Place {
     ///
     /// # Errors
     /// What the operating system says.
-    pub fn create(path: &Path) -> std::io::Result<(File, Self)> {
+    pub(crate) fn create(path: &Path) -> std::io::Result<(File, Self)> {
         let there = std::fs::metadata(path).ok();
         let regular = there.as_ref().is_none_or(std::fs::Metadata::is_file);
         // Streams of this process and what a link is to bring about are no places of their own.
@@ -40,7 +41,8 @@ impl Place {
         let part = Self::part_of(&path);
         let file = File::create(&part)?;
         if let Some(there) = there {
-            // Who may read and write it stays so; a file system that knows no rights has none to keep.
+            // Who may read and write it stays so; a file system that knows no rights has none to
+            // keep.
             let _ = file.set_permissions(there.permissions());
         }
         Ok((file, Self { path, part: Some(part), regular }))
@@ -48,7 +50,7 @@ impl Place {
 
     /// Where a file of this name is until it is whole.
     #[must_use]
-    pub fn part_of(path: &Path) -> PathBuf {
+    pub(crate) fn part_of(path: &Path) -> PathBuf {
         let mut part = OsString::from(path);
         part.push(".part");
         PathBuf::from(part)
@@ -56,13 +58,13 @@ impl Place {
 
     /// Where it is.
     #[must_use]
-    pub fn at(&self) -> &Path {
+    pub(crate) fn at(&self) -> &Path {
         self.part.as_deref().unwrap_or(&self.path)
     }
 
     /// Whether it does not have its name yet.
     #[must_use]
-    pub fn waits(&self) -> bool {
+    pub(crate) fn waits(&self) -> bool {
         self.part.is_some()
     }
 
@@ -70,7 +72,7 @@ impl Place {
     ///
     /// # Errors
     /// What the operating system says.
-    pub fn take(&mut self) -> std::io::Result<()> {
+    pub(crate) fn take(&mut self) -> std::io::Result<()> {
         if let Some(part) = &self.part {
             std::fs::rename(part, &self.path)?;
             self.part = None;
@@ -82,7 +84,7 @@ impl Place {
     ///
     /// # Errors
     /// What the operating system says.
-    pub fn take_if_free(&mut self) -> std::io::Result<()> {
+    pub(crate) fn take_if_free(&mut self) -> std::io::Result<()> {
         let taken = std::fs::metadata(&self.path).is_ok_and(|there| there.len() > 0);
         if taken { Ok(()) } else { self.take() }
     }
@@ -91,13 +93,13 @@ impl Place {
     ///
     /// # Errors
     /// What the operating system says.
-    pub fn discard(self) -> std::io::Result<()> {
+    pub(crate) fn discard(self) -> std::io::Result<()> {
         self.part.map_or(Ok(()), std::fs::remove_file)
     }
 
     /// How many messages of a recording are really there; `None` where nothing can be read back.
     #[must_use]
-    pub fn messages(&self) -> Option<u64> {
+    pub(crate) fn messages(&self) -> Option<u64> {
         let reading = if self.regular { open(self.at()).ok() } else { None };
         let is_message = |piece: &Piece| matches!(piece, Piece::Message(_));
         reading.map(|reading| reading.filter(is_message).count() as u64)

@@ -1,5 +1,6 @@
-//! A recording as the controller's world: its readings come out of the port again, its sensors deliver again, its
-//! operator commands again; and what the controller makes of them is held against what was recorded.
+//! A recording as the controller's world: its readings come out of the port again, its sensors
+//! deliver again, its operator commands again; and what the controller makes of them is held
+//! against what was recorded.
 //!
 //! - in: a recording
 //! - out: a [`Port`], the sensors' answers, and the first [`Divergence`]
@@ -35,7 +36,7 @@ impl std::fmt::Display for Divergence {
 
 /// What a recording has for a look.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Played {
+pub(crate) enum Played {
     /// What the sensor delivered.
     Answer(Result<Found, String>),
     /// The recording holds no further look of this sensor.
@@ -101,7 +102,7 @@ impl Playback {
 
     /// What a sensor delivered when it was asked to look at `period`, and how it was asked.
     #[must_use]
-    pub fn sensed(&self, sensor: &str, period: u64, asked: &str) -> Played {
+    pub(crate) fn sensed(&self, sensor: &str, period: u64, asked: &str) -> Played {
         let state = &mut *self.state();
         let Some(at) = state.sensed.iter().position(|s| s.sensor == sensor) else {
             return Played::Nothing;
@@ -109,15 +110,15 @@ impl Playback {
         let answer = state.sensed.remove(at);
         if answer.period != period || answer.asked != asked {
             let recorded = format!("period {}, {}", answer.period, answer.asked);
-            state.part(period, sensor, "look", &recorded, &format!("period {period}, {asked}"));
+            state.part(period, sensor, look(recorded, period, asked));
         }
         Played::Answer(answer.found)
     }
 
-    /// A look that the recording does not hold has come to be delivered. Whoever only begins one as the run ends sees
-    /// nothing any more.
-    pub fn unheard(&self, sensor: &str, period: u64, asked: &str) {
-        self.state().part(period, sensor, "look", "nothing", &format!("period {period}, {asked}"));
+    /// A look that the recording does not hold has come to be delivered. Whoever only begins one as
+    /// the run ends sees nothing any more.
+    pub(crate) fn unheard(&self, sensor: &str, period: u64, asked: &str) {
+        self.state().part(period, sensor, look("nothing".to_owned(), period, asked));
     }
 
     /// What the operator wanted until this period of 2 ms, one by one.
@@ -137,8 +138,8 @@ impl Playback {
         (state.divergence.clone(), state.compared)
     }
 
-    /// The first injected fault that befalls an actor or the clock, none of which the inputs hold: the period of 2 ms in
-    /// which it was noted, and what it is.
+    /// The first injected fault that befalls an actor or the clock, none of which the inputs hold:
+    /// the period of 2 ms in which it was noted, and what it is.
     #[must_use]
     pub fn injected(&self) -> Option<(u64, String)> {
         self.state().injected.clone()
@@ -168,12 +169,6 @@ impl Playback {
         let state = self.state();
         let flaw = state.stream.end().and_then(End::flaw)?;
         Some(format!("{flaw:#}"))
-    }
-
-    /// Whether the run and its recording are the same so far.
-    #[must_use]
-    pub fn agrees(&self) -> bool {
-        self.state().divergence.is_none()
     }
 
     /// The next tick, to be fed elsewhere.
@@ -209,6 +204,11 @@ fn not_an_input(data: &[u8]) -> Result<Option<(u64, String)>, super::cdr::Malfor
     Ok(what.map(|what| ((time as f64 * 1e-9 / PERIOD).round() as u64, what.to_owned())))
 }
 
+/// Returns the difference of a look: the recorded one, and the one that was asked for now.
+fn look(recorded: String, period: u64, asked: &str) -> Difference {
+    Difference { field: "look".to_owned(), recorded, now: format!("period {period}, {asked}") }
+}
+
 impl State {
     fn next_tick(&mut self) -> Option<Tick> {
         self.stream.by_ref().find_map(|piece| match piece {
@@ -219,8 +219,8 @@ impl State {
         })
     }
 
-    fn part(&mut self, period: u64, who: &str, field: &str, recorded: &str, now: &str) {
-        let what = Difference { field: field.into(), recorded: recorded.into(), now: now.into() };
+    /// Keeps the first difference of the run.
+    fn part(&mut self, period: u64, who: &str, what: Difference) {
         self.divergence.get_or_insert_with(|| Divergence { period, who: who.to_owned(), what });
     }
 }
@@ -243,7 +243,8 @@ impl Port for Playback {
         // What is read at the end of a period is what the next one begins with.
         while state.ahead.len() < readings.len() {
             let Some(tick) = state.next_tick() else {
-                // The run's last readings are used by no period; of a file that is cut off, a part of the arms.
+                // The run's last readings are used by no period; of a file that is cut off, a part
+                // of the arms.
                 state.ahead.clear();
                 state.over = true;
                 return Ok(());
@@ -277,7 +278,9 @@ impl RecordSink for Playback {
         let who = state.arms.get(usize::from(record.arm)).cloned().unwrap_or_default();
         let Some(recorded) = state.ahead.pop_front() else {
             if !state.over {
-                state.part(record.period, &who, "period", "nothing", "a period");
+                let (recorded, now) = ("nothing".to_owned(), "a period".to_owned());
+                let what = Difference { field: "period".to_owned(), recorded, now };
+                state.part(record.period, &who, what);
             }
             return;
         };

@@ -1,21 +1,20 @@
 //! The recorder: a thread that writes what a run brings, and the ends that the run holds.
 //!
 //! - in: servo records by a ring, everything else by a bounded queue
-//! - out: an MCAP file ([`super::sheet`] says which topics), and [`Written`]: how much, and what was lost
+//! - out: an MCAP file ([`super::sheet`] says which topics), and [`Written`]: how much, and what
+//!   was lost
 //!
-//! Under the wall clock nobody ever waits for the recorder: what does not fit is counted and left out. On the virtual
-//! clock, where a run goes as fast as it computes, it waits instead of losing: time that passes there is nobody's. Once
-//! the device refuses, nothing more is written, all that comes is counted, and the run goes on; what is really in the
-//! file is then counted by reading it.
+//! Under the wall clock nobody ever waits for the recorder: what does not fit is counted and left
+//! out. On the virtual clock, where a run goes as fast as it computes, it waits instead of losing:
+//! time that passes there is nobody's. Once the device refuses, nothing more is written, all that
+//! comes is counted, and the run goes on; what is really in the file is then counted by reading it.
 
+pub use super::entry::Entry;
+
+use super::file::File;
 use super::place::Place;
-use super::sensed::Sensed;
 use super::sheet::{About, Sheet};
 use crate::hw::driver::{RecordSink, ServoRecord};
-use crate::hw::scene::Scene;
-use crate::operator::{Class, Input};
-use crate::tasks::Picture;
-use image::RgbImage;
 use std::io::{Seek, Write};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -32,52 +31,6 @@ const QUEUE: usize = 1024;
 const PICTURES: u64 = 32;
 /// How long the recorder sleeps when there is nothing to write.
 const NAP: Duration = Duration::from_millis(2);
-
-/// What a run brings beside its servo records.
-#[derive(Debug, Clone)]
-pub enum Entry {
-    /// A line for the log: how grave; who says it; what.
-    Log(Class, String, String),
-    /// A phase begins; at last "end" and what the run came to.
-    Phase(String, String),
-    /// A virtual sensor has delivered.
-    Sensed(Sensed),
-    /// A camera's picture.
-    Picture(usize, RgbImage),
-    /// A face was read in so long, by the wall clock [s].
-    FaceTook(f64),
-    /// What there is to be seen, in the plant.
-    Scene(Box<Scene>),
-    /// An input of the operator, as JSON.
-    Operator(String),
-    /// What the kernel believes of the cube, and its plan.
-    Belief(Box<Picture>),
-    /// Named texts: how punctual the servo was, the summary.
-    Facts(&'static str, Vec<(String, String)>),
-}
-
-impl Entry {
-    /// Returns the entry of an input of the operator.
-    #[must_use]
-    pub fn input(input: &Input) -> Self {
-        Self::Operator(serde_json::to_string(input).unwrap_or_default())
-    }
-}
-
-/// What is known of the cube at one moment; empty where nobody knows.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct CubeKnown {
-    /// 54 letters as read.
-    pub identified: String,
-    /// How sure each is.
-    pub confidences: Vec<f64>,
-    /// 54 letters as it is by the turns carried out.
-    pub believed: String,
-    /// 54 letters in the plant.
-    pub truth: String,
-    /// Names of the effectors that hold it.
-    pub holders: Vec<String>,
-}
 
 /// What became of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -191,7 +144,7 @@ impl Recorder {
     ///
     /// # Errors
     /// What the operating system says of the thread.
-    pub fn begin_at<W: Write + Seek + Send + 'static>(
+    pub(crate) fn begin_at<W: Write + Seek + Send + 'static>(
         to: W,
         place: Option<Place>,
         about: About,
@@ -229,13 +182,13 @@ impl Recorder {
 
     /// Whether anything is recorded.
     #[must_use]
-    pub fn is_on(&self) -> bool {
+    pub(crate) fn is_on(&self) -> bool {
         self.0.is_some()
     }
 
     /// The latest period of which anything was noted, beside the servo's records.
     #[must_use]
-    pub fn latest(&self) -> u64 {
+    pub(crate) fn latest(&self) -> u64 {
         self.0.as_ref().map_or(0, |shared| shared.counts.latest.load(Ordering::Relaxed))
     }
 
@@ -245,7 +198,7 @@ impl Recorder {
     }
 
     /// The same, if there is something.
-    pub fn note_some(&self, period: u64, entry: impl FnOnce() -> Option<Entry>) {
+    pub(crate) fn note_some(&self, period: u64, entry: impl FnOnce() -> Option<Entry>) {
         let Some(shared) = &self.0 else { return };
         let Some(entry) = entry() else { return };
         shared.counts.latest.fetch_max(period, Ordering::Relaxed);
@@ -277,7 +230,8 @@ impl Recorder {
         }
     }
 
-    /// Ends the file and says what became of it; `None` when nothing was recorded, or another has asked already.
+    /// Ends the file and says what became of it; `None` when nothing was recorded, or another has
+    /// asked already.
     #[must_use]
     pub fn finish(&self) -> Option<Written> {
         let shared = self.0.as_ref()?;
@@ -339,65 +293,97 @@ struct Clerk {
     begins: bool,
 }
 
+/// The next thing that the recorder has to write.
+enum Next {
+    Entry(u64, Entry),
+    Record(ServoRecord),
+    Nothing,
+}
+
 impl Clerk {
+    /// Writes what comes until the run is over, and ends the file.
     fn work<W: Write + Seek>(
         mut self,
         to: W,
         mut records: rtrb::Consumer<ServoRecord>,
         entries: &Receiver<(u64, Entry)>,
     ) -> Written {
-        let mut file = match super::file::File::begin(to) {
-            Ok(file) => Some(file),
-            Err(why) => {
-                self.fail(&why.to_string());
-                None
-            }
-        };
-        if let Some(open) = &mut file
-            && let Err(why) = self.sheet.begin(open)
-        {
-            self.fail(&why.to_string());
-            file = None;
-        }
+        let mut file = self.begin(to);
         let mut waiting: Option<(u64, Entry)> = None;
         loop {
             let last = self.counts.over.load(Ordering::Acquire);
-            // Who notes something has sent the records of that period before: so, looked at in this order, whatever
-            // belongs before a record is there when the record is.
-            let next = |records: &mut rtrb::Consumer<ServoRecord>| {
-                records.peek().ok().map(|r| self.sheet.tick_of(r.period))
-            };
-            let mut record = next(&mut records);
-            if waiting.is_none() {
-                waiting = entries.try_recv().ok();
-                record = record.or_else(|| next(&mut records));
-            }
-            if let Some((period, entry)) = waiting.take_if(|w| record.is_none_or(|r| w.0 < r)) {
-                if matches!(entry, Entry::Picture(..)) {
-                    self.counts.pictures.fetch_sub(1, Ordering::AcqRel);
-                }
-                let written = file.as_mut().map(|file| self.sheet.entry(period, &entry, file));
-                self.settle(&mut file, written, 1);
-            } else if record.is_some() {
-                let Ok(record) = records.pop() else { continue };
-                let first = std::mem::take(&mut self.begins);
-                let written = file.as_mut().map(|file| {
-                    self.sheet.tick(&record, file)?;
-                    // Only what can be read may take the place of another.
-                    if first { file.flush() } else { Ok(()) }
-                });
-                if first && matches!(written, Some(Ok(()))) {
-                    self.named(Place::take);
-                }
-                let lost = self.sheet.messages_of(&record);
-                self.settle(&mut file, written, lost);
-            } else if last {
-                break;
-            } else {
-                std::thread::sleep(NAP);
+            match self.next(&mut records, entries, &mut waiting) {
+                Next::Entry(period, entry) => self.entry(period, &entry, &mut file),
+                Next::Record(record) => self.record(&record, &mut file),
+                Next::Nothing if last => break,
+                Next::Nothing => std::thread::sleep(NAP),
             }
         }
-        // Who reads the file later is to know what is not in it.
+        self.end(file)
+    }
+
+    /// Begins the file; without one everything that comes is counted as lost.
+    fn begin<W: Write + Seek>(&mut self, to: W) -> Option<File<W>> {
+        let begun = File::begin(to).map_err(|why| why.to_string()).and_then(|mut file| {
+            self.sheet.begin(&mut file).map_err(|why| why.to_string())?;
+            Ok(file)
+        });
+        begun.map_err(|why| self.fail(&why)).ok()
+    }
+
+    /// Returns the entry or the record that comes next in the order of the run's periods.
+    ///
+    /// An actor that sends an entry has sent the records of that period before. So, once an entry
+    /// is received, every record that belongs before it is in the ring, which is looked at again.
+    fn next(
+        &self,
+        records: &mut rtrb::Consumer<ServoRecord>,
+        entries: &Receiver<(u64, Entry)>,
+        waiting: &mut Option<(u64, Entry)>,
+    ) -> Next {
+        let next = |records: &mut rtrb::Consumer<ServoRecord>| {
+            records.peek().ok().map(|r| self.sheet.tick_of(r.period))
+        };
+        let mut record = next(records);
+        if waiting.is_none() {
+            *waiting = entries.try_recv().ok();
+            record = record.or_else(|| next(records));
+        }
+        if let Some((period, entry)) = waiting.take_if(|w| record.is_none_or(|r| w.0 < r)) {
+            return Next::Entry(period, entry);
+        }
+        // A record that came since the entries were looked at may belong behind an entry that came,
+        // too.
+        if record.is_none() {
+            return Next::Nothing;
+        }
+        records.pop().map_or(Next::Nothing, Next::Record)
+    }
+
+    fn entry<W: Write + Seek>(&mut self, period: u64, entry: &Entry, file: &mut Option<File<W>>) {
+        if matches!(entry, Entry::Picture(..)) {
+            self.counts.pictures.fetch_sub(1, Ordering::AcqRel);
+        }
+        let written = file.as_mut().map(|file| self.sheet.entry(period, entry, file));
+        self.settle(file, written, 1);
+    }
+
+    fn record<W: Write + Seek>(&mut self, record: &ServoRecord, file: &mut Option<File<W>>) {
+        let first = std::mem::take(&mut self.begins);
+        let written = file.as_mut().map(|file| {
+            self.sheet.tick(record, file)?;
+            // Only a file that can be read may take the place of another.
+            if first { file.flush() } else { Ok(()) }
+        });
+        if first && matches!(written, Some(Ok(()))) {
+            self.named(Place::take);
+        }
+        let lost = self.sheet.messages_of(record);
+        self.settle(file, written, lost);
+    }
+
+    /// Writes the counts, so that a reader knows what the file lacks, and ends the file.
+    fn end<W: Write + Seek>(mut self, file: Option<File<W>>) -> Written {
         let lost = self.counts.lost.load(Ordering::Acquire).to_string();
         let count = [("messages", self.sheet.messages().to_string()), ("lost", lost)];
         let count = count.map(|(name, value)| (name.to_owned(), value)).into();
@@ -409,7 +395,7 @@ impl Clerk {
             self.fail(&why.to_string());
         }
         self.named(Place::take_if_free);
-        // What was in a buffer when the device refused is in no file.
+        // The messages that were in a buffer when the device refused are in no file.
         let put = self.sheet.messages();
         let found = self.failure.as_ref().and(self.place.as_ref()).and_then(Place::messages);
         let messages = found.unwrap_or(put);

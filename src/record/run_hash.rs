@@ -60,7 +60,7 @@ impl RunHash {
 
     /// Returns the hash over the servo records so far, as 16 hexadecimal digits.
     #[must_use]
-    pub fn servo_hash(&self) -> String {
+    pub(crate) fn servo_hash(&self) -> String {
         let state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         format!("{:016x}", state.servo.finish())
     }

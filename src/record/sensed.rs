@@ -1,4 +1,5 @@
-//! What a virtual sensor delivered, as a message: the controller's inputs beside the port's readings.
+//! What a virtual sensor delivered, as a message: the controller's inputs beside the port's
+//! readings.
 //!
 //! - in: a [`Sensed`]; or the bytes of a message
 //! - out: the bytes; or the same [`Sensed`], to the bit
@@ -100,7 +101,7 @@ impl Sensed {
 
 /// x y z qx qy qz qw.
 #[must_use]
-pub fn pose_numbers(pose: &Pose) -> [f64; 7] {
+pub(crate) fn pose_numbers(pose: &Pose) -> [f64; 7] {
     let (t, q) = (&pose.translation.vector, &pose.rotation.coords);
     [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
 }

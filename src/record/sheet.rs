@@ -12,14 +12,15 @@
 //! | `/belief` | `std_msgs/String`, JSON | when it changes: what the operator's page shows of the kernel |
 //! | `/rosout` | `rcl_interfaces/Log` | every message to the operator |
 //!
-//! Metadata `rubik_robot` holds version, build, seed, task; `options` what overruled the scenario; `summary`, `timing`,
-//! `vision` (how long it took) and `recording` (messages in it, and how many were lost) come at the end; `calibration` has
-//! the cameras where the controller believed others than the scenario's. The scenario is attached as `scenario.toml`.
+//! Metadata `rubik_robot` holds version, build, seed, task; `options` what overruled the scenario;
+//! `summary`, `timing`, `vision` (how long it took) and `recording` (messages in it, and how many
+//! were lost) come at the end; `calibration` has the cameras where the controller believed others
+//! than the scenario's. The scenario is attached as `scenario.toml`.
 
 use super::belief;
 use super::cdr::Writer;
+use super::entry::Entry;
 use super::file::{File, Unwritten};
-use super::recorder::Entry;
 use super::schema::Kind;
 use super::sensed::Found;
 use super::urdf::{self, Model};
@@ -70,7 +71,7 @@ pub struct Sheet {
     names: Vec<String>,
     belief: Option<Picture>,
     truth: String,
-    cube: super::recorder::CubeKnown,
+    cube: belief::CubeKnown,
     /// How long it took to read faces [s].
     faces: Vec<f64>,
     /// Memory that is used again: positions of joints, a picture's file.
@@ -135,7 +136,7 @@ impl Sheet {
             pen: Pen { buffer: Vec::with_capacity(1024), messages: 0 },
             belief: None,
             truth: String::new(),
-            cube: super::recorder::CubeKnown::default(),
+            cube: belief::CubeKnown::default(),
             faces: Vec::new(),
             positions: Vec::new(),
             jpeg: Vec::new(),
@@ -152,7 +153,7 @@ impl Sheet {
 
     /// How many messages a servo record comes to.
     #[must_use]
-    pub fn messages_of(&self, record: &ServoRecord) -> u64 {
+    pub(crate) fn messages_of(&self, record: &ServoRecord) -> u64 {
         let period = self.about.length.tick(record.period);
         let each = |every: u64| 2 * u64::from(period.is_multiple_of(every));
         1 + each(STATES) + each(FRAMES)
@@ -170,7 +171,7 @@ impl Sheet {
 
     /// In which period of 2 ms a servo period is.
     #[must_use]
-    pub fn tick_of(&self, period: u64) -> u64 {
+    pub(crate) fn tick_of(&self, period: u64) -> u64 {
         self.about.length.tick(period)
     }
 
@@ -188,15 +189,15 @@ impl Sheet {
         file.attach("scenario.toml", "application/toml", self.about.scenario.as_bytes())?;
         let start = self.about.start;
         let description = urdf::xml(&self.model);
-        self.pen.put(file, "/robot_description", Kind::Text, start, |to| {
+        self.pen.put(file, ("/robot_description", Kind::Text), start, |to| {
             standard::text(to, &description);
         })?;
         let fixed: Vec<_> = self.model.fixed().collect();
-        self.pen.put(file, "/tf_static", Kind::Transforms, start, |to| {
+        self.pen.put(file, ("/tf_static", Kind::Transforms), start, |to| {
             standard::transforms(to, start, fixed.into_iter());
         })?;
         for (camera, topics) in self.about.cell.cameras.iter().zip(&self.cameras) {
-            self.pen.put(file, &topics.info, Kind::CameraInfo, start, |to| {
+            self.pen.put(file, (&topics.info, Kind::CameraInfo), start, |to| {
                 standard::camera_info(to, start, &topics.frame, &camera.intrinsics);
             })?;
         }
@@ -212,7 +213,7 @@ impl Sheet {
         let arm = usize::from(record.arm);
         let Some(topics) = self.arms.get(arm) else { return Ok(()) };
         let time = self.about.start + record.period * self.about.length.nanos();
-        self.pen.put(file, &topics.servo, Kind::ServoTick, time, |to| {
+        self.pen.put(file, (&topics.servo, Kind::ServoTick), time, |to| {
             tick::write(record, time, to);
         })?;
         self.joints[arm] = record.state.joints;
@@ -241,10 +242,10 @@ impl Sheet {
             urdf::Variable::Joint(index) => record.state.joints.0[index],
             urdf::Variable::HalfOpening => 0.5 * record.state.jaw_opening,
         }));
-        self.pen.put(file, "/joint_states", Kind::JointState, time, |to| {
+        self.pen.put(file, ("/joint_states", Kind::JointState), time, |to| {
             standard::joint_state(to, time, &topics.joints, &self.positions);
         })?;
-        self.pen.put(file, &topics.wrench, Kind::Wrench, time, |to| {
+        self.pen.put(file, (&topics.wrench, Kind::Wrench), time, |to| {
             standard::wrench(to, time, &topics.frame, &record.state.wrench_in_tool);
         })
     }
@@ -262,12 +263,12 @@ impl Sheet {
             let pose = joint.place(&self.joints, &self.openings);
             (joint.parent.as_str(), joint.child.as_str(), pose)
         });
-        self.pen.put(file, "/tf", Kind::Transforms, time, |to| {
+        self.pen.put(file, ("/tf", Kind::Transforms), time, |to| {
             standard::transforms(to, time, moving);
         })?;
         let world_from_tool =
             self.about.cell.arms[arm].world_from_base * record.state.base_from_tool;
-        self.pen.put(file, &topics.tool, Kind::Pose, time, |to| {
+        self.pen.put(file, (&topics.tool, Kind::Pose), time, |to| {
             standard::pose(to, time, "world", &world_from_tool);
         })
     }
@@ -285,18 +286,18 @@ impl Sheet {
         let time = self.about.start + (period as f64 * PERIOD * 1e9).round() as u64;
         let pen = &mut self.pen;
         match entry {
-            Entry::Log(class, name, text) => pen.put(file, "/rosout", Kind::Log, time, |to| {
+            Entry::Log(class, name, text) => pen.put(file, ("/rosout", Kind::Log), time, |to| {
                 standard::log(to, time, *class, name, text);
             }),
-            Entry::Phase(name, outcome) => pen.put(file, "/phase", Kind::TaskPhase, time, |to| {
+            Entry::Phase(name, outcome) => pen.put(file, ("/phase", Kind::TaskPhase), time, |to| {
                 to.time(time);
                 to.string(name);
                 to.string(outcome);
             }),
             Entry::Sensed(sensed) => {
-                pen.put(file, "/sensed", Kind::Sensed, time, |to| sensed.write(time, to))?;
+                pen.put(file, ("/sensed", Kind::Sensed), time, |to| sensed.write(time, to))?;
                 let Ok(Found::Cube { world_from_cube, .. }) = &sensed.found else { return Ok(()) };
-                pen.put(file, "/cube/seen", Kind::Pose, time, |to| {
+                pen.put(file, ("/cube/seen", Kind::Pose), time, |to| {
                     standard::pose(to, time, "world", world_from_cube);
                 })
             }
@@ -308,7 +309,7 @@ impl Sheet {
                 if image.write_with_encoder(encoder).is_err() {
                     return Ok(());
                 }
-                pen.put(file, &topics.image, Kind::Picture, time, |to| {
+                pen.put(file, (&topics.image, Kind::Picture), time, |to| {
                     standard::picture(to, time, &topics.frame, &self.jpeg);
                 })
             }
@@ -317,7 +318,7 @@ impl Sheet {
                 Ok(())
             }
             Entry::Scene(scene) => self.scene(time, scene, file),
-            Entry::Operator(command) => pen.put(file, "/operator", Kind::Operator, time, |to| {
+            Entry::Operator(command) => pen.put(file, ("/operator", Kind::Operator), time, |to| {
                 to.time(time);
                 to.u64(period);
                 to.string(command);
@@ -330,7 +331,7 @@ impl Sheet {
     /// The cube where it is in the plant, and its colours when they change.
     fn scene<W: Write + Seek>(&mut self, time: u64, scene: &Scene, file: &mut File<W>) -> Done {
         let place = [("world", "cube", scene.cube.world_from_cube)];
-        self.pen.put(file, "/tf", Kind::Transforms, time, |to| {
+        self.pen.put(file, ("/tf", Kind::Transforms), time, |to| {
             standard::transforms(to, time, place.into_iter());
         })?;
         let truth = belief::letters(scene.cube.facelets.iter().map(|c| Some(*c)));
@@ -347,9 +348,9 @@ impl Sheet {
         }
         let before = self.belief.replace(now.clone());
         let text = belief::json(now);
-        self.pen.put(file, "/belief", Kind::Text, time, |to| standard::text(to, &text))?;
+        self.pen.put(file, ("/belief", Kind::Text), time, |to| standard::text(to, &text))?;
         if before.is_none_or(|before| before.plan != now.plan) && !now.plan.is_empty() {
-            self.pen.put(file, "/plan", Kind::Plan, time, |to| {
+            self.pen.put(file, ("/plan", Kind::Plan), time, |to| {
                 belief::write_plan(now, time, to);
             })?;
         }
@@ -365,7 +366,7 @@ impl Sheet {
     fn known<W: Write + Seek>(&mut self, time: u64, file: &mut File<W>) -> Done {
         self.cube.truth.clone_from(&self.truth);
         let known = &self.cube;
-        self.pen.put(file, "/cube", Kind::CubeState, time, |to| {
+        self.pen.put(file, ("/cube", Kind::CubeState), time, |to| {
             to.time(time);
             to.string(&known.identified);
             to.f64_sequence(&known.confidences);
@@ -377,11 +378,11 @@ impl Sheet {
 }
 
 impl Pen {
+    /// Writes the message that `fill` makes to a topic of this kind.
     fn put<W: Write + Seek>(
         &mut self,
         file: &mut File<W>,
-        topic: &str,
-        kind: Kind,
+        (topic, kind): (&str, Kind),
         time: u64,
         fill: impl FnOnce(&mut Writer),
     ) -> Done {

@@ -10,12 +10,12 @@ use crate::spatial::{Pose, Wrench};
 use nalgebra::Vector3;
 
 /// `std_msgs/String`.
-pub fn text(to: &mut Writer, text: &str) {
+pub(crate) fn text(to: &mut Writer, text: &str) {
     to.string(text);
 }
 
 /// `sensor_msgs/JointState`, positions only.
-pub fn joint_state(to: &mut Writer, stamp: u64, names: &[String], positions: &[f64]) {
+pub(crate) fn joint_state(to: &mut Writer, stamp: u64, names: &[String], positions: &[f64]) {
     to.header(stamp, "");
     to.string_sequence(names);
     to.f64_sequence(positions);
@@ -24,7 +24,7 @@ pub fn joint_state(to: &mut Writer, stamp: u64, names: &[String], positions: &[f
 }
 
 /// `tf2_msgs/TFMessage` of parents, children, and `parent_from_child`.
-pub fn transforms<'a>(
+pub(crate) fn transforms<'a>(
     to: &mut Writer,
     stamp: u64,
     transforms: impl ExactSizeIterator<Item = (&'a str, &'a str, Pose)>,
@@ -39,28 +39,28 @@ pub fn transforms<'a>(
 }
 
 /// `geometry_msgs/WrenchStamped` in `frame`.
-pub fn wrench(to: &mut Writer, stamp: u64, frame: &str, wrench: &Wrench) {
+pub(crate) fn wrench(to: &mut Writer, stamp: u64, frame: &str, wrench: &Wrench) {
     to.header(stamp, frame);
     vector(to, &wrench.force);
     vector(to, &wrench.torque);
 }
 
 /// `geometry_msgs/PoseStamped` in `frame`.
-pub fn pose(to: &mut Writer, stamp: u64, frame: &str, pose: &Pose) {
+pub(crate) fn pose(to: &mut Writer, stamp: u64, frame: &str, pose: &Pose) {
     to.header(stamp, frame);
     vector(to, &pose.translation.vector);
     to.f64s(pose.rotation.coords.as_slice());
 }
 
 /// `sensor_msgs/CompressedImage`.
-pub fn picture(to: &mut Writer, stamp: u64, frame: &str, jpeg: &[u8]) {
+pub(crate) fn picture(to: &mut Writer, stamp: u64, frame: &str, jpeg: &[u8]) {
     to.header(stamp, frame);
     to.string("jpeg");
     to.u8_sequence(jpeg);
 }
 
 /// `sensor_msgs/CameraInfo`: pinhole with two radial coefficients.
-pub fn camera_info(to: &mut Writer, stamp: u64, frame: &str, camera: &Intrinsics) {
+pub(crate) fn camera_info(to: &mut Writer, stamp: u64, frame: &str, camera: &Intrinsics) {
     let ((fx, fy), (cx, cy)) = (camera.focal, camera.centre);
     to.header(stamp, frame);
     to.u32(camera.height);
@@ -78,9 +78,10 @@ pub fn camera_info(to: &mut Writer, stamp: u64, frame: &str, camera: &Intrinsics
     to.bool(false);
 }
 
-/// `rcl_interfaces/Log`; levels as there: 20 info, 30 warn, 40 error, 50 fatal. The paper has two classes of errors
-/// between warning and fatal: which one it is stands where the level leaves it open, as the function's name.
-pub fn log(to: &mut Writer, stamp: u64, class: Class, name: &str, message: &str) {
+/// `rcl_interfaces/Log`; levels as there: 20 info, 30 warn, 40 error, 50 fatal. The paper has two
+/// classes of errors between warning and fatal: which one it is stands where the level leaves it
+/// open, as the function's name.
+pub(crate) fn log(to: &mut Writer, stamp: u64, class: Class, name: &str, message: &str) {
     let (level, function) = match class {
         Class::Info => (20, ""),
         Class::Warning => (30, ""),
@@ -103,7 +104,7 @@ const NON_FATAL: &str = "non_fatal";
 ///
 /// # Errors
 /// [`Malformed`].
-pub fn read_log<'a>(from: &mut Reader<'a>) -> Result<(Class, &'a str, &'a str), Malformed> {
+pub(crate) fn read_log<'a>(from: &mut Reader<'a>) -> Result<(Class, &'a str, &'a str), Malformed> {
     from.time()?;
     let level = from.u8()?;
     let (name, message) = (from.string()?, from.string()?);

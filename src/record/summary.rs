@@ -1,8 +1,9 @@
 //! What a run comes to: one object for machines, one table for the operator.
 //!
-//! - in: figures of the mission and of the plant, collected by whoever ran it; what only a plant can know is `None`
-//!   on hardware
-//! - out: a line of JSON ([`Summary::json`]) or a table ([`Summary::table`]), and the verdict's exit code
+//! - in: figures of the mission and of the plant, collected by whoever ran it; what only a plant
+//!   can know is `None` on hardware
+//! - out: a line of JSON ([`Summary::json`]) or a table ([`Summary::table`]), and the verdict's
+//!   exit code
 
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -12,7 +13,8 @@ use std::fmt::Write;
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// What the scenario asks for was achieved: the cube is solved (`solve`), the layer is turned
-    /// (`face_turn`), the cube is in the gripper (`acquire`), the arms were moved by hand until the operator ended it.
+    /// (`face_turn`), the cube is in the gripper (`acquire`), the arms were moved by hand until the
+    /// operator ended it.
     Solved,
     /// The task came to its end without that.
     Failed,
@@ -47,8 +49,8 @@ pub struct Phase {
     pub wall_time_s: f64,
 }
 
-/// Largest force and torque at one tool over the whole run: of the contact, as the plant has it, and as the wrist's
-/// sensor felt it, weight taken off, once a macrostep.
+/// Largest force and torque at one tool over the whole run: of the contact, as the plant has it,
+/// and as the wrist's sensor felt it, weight taken off, once a macrostep.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SensorPeak {
     /// Name of the effector.
@@ -85,7 +87,8 @@ pub struct Summary {
     pub task: String,
     /// Seed.
     pub seed: u64,
-    /// The plant's cube at the beginning; `None` on hardware, like every figure below that is optional for that reason.
+    /// The plant's cube at the beginning; `None` on hardware, like every figure below that is
+    /// optional for that reason.
     pub cube_start: Option<String>,
     /// The plant's cube at the end.
     pub cube_end: Option<String>,
@@ -104,8 +107,8 @@ pub struct Summary {
     pub recoveries: u32,
     /// Simulated time [s].
     pub sim_time_s: f64,
-    /// Time by the wall clock [s], without the wait for the start and what time was held back on purpose: by a limit of
-    /// its speed, pauses, questions and moves by hand.
+    /// Time by the wall clock [s], without the wait for the start and what time was held back on
+    /// purpose: by a limit of its speed, pauses, questions and moves by hand.
     pub wall_time_s: f64,
     /// Largest force of the plant's contact at the tools while both arms hold the cube, without the
     /// squeeze of the grips [N]; 0 when they never did.
@@ -120,10 +123,12 @@ pub struct Summary {
     pub slips: Option<u32>,
     /// Times that the cube fell.
     pub drops: Option<u32>,
-    /// How often the controller told that the cube had fallen, as its jaws felt: a hand that alone held it had lost it.
+    /// How often the controller told that the cube had fallen, as its jaws felt: a hand that alone
+    /// held it had lost it.
     #[serde(default)]
     pub drops_noticed: Option<u32>,
-    /// Whether the operator has the cube in the end, or the table where it was to go back to, by the plant.
+    /// Whether the operator has the cube in the end, or the table where it was to go back to, by
+    /// the plant.
     #[serde(default)]
     pub returned: Option<bool>,
     /// Force at which the controller breaks a free motion off, `control.force_limit_n` [N].
@@ -138,8 +143,9 @@ pub struct Summary {
     pub crushed: Option<u32>,
     /// Times that something touched what it should not.
     pub collisions: Option<u32>,
-    /// What went wrong in the plant in this run, in its order: what is counted above, layers that stand still under load
-    /// and sensors that leave their range. A run with very many events leaves out the last.
+    /// What went wrong in the plant in this run, in its order: what is counted above, layers that
+    /// stand still under load and sensors that leave their range. A run with very many events
+    /// leaves out the last.
     #[serde(default)]
     pub accidents: Option<Vec<Accident>>,
     /// Task "`face_turn`": the layer's angle in the plant, positive in the asked sense [deg].
@@ -148,16 +154,17 @@ pub struct Summary {
     pub phases: Vec<Phase>,
     /// Over every servo record and message of the run, hexadecimal.
     pub hash: String,
-    /// Over the servo records alone, hexadecimal: equal where two builds move alike. Empty in summaries of older builds.
+    /// Over the servo records alone, hexadecimal: equal where two builds move alike. Empty in
+    /// summaries of older builds.
     #[serde(default)]
     pub servo_hash: String,
 }
 
 impl Summary {
-    /// A run that was broken off before anything moved: the cube is as it was, all figures are 0. `cube` is `None` on
-    /// hardware.
+    /// A run that was broken off before anything moved: the cube is as it was, all figures are 0.
+    /// `cube` is `None` on hardware.
     #[must_use]
-    pub fn not_started(
+    pub(crate) fn not_started(
         task: &str,
         seed: u64,
         cube: Option<&str>,
@@ -202,9 +209,10 @@ impl Summary {
         }
     }
 
-    /// Whether there was a run: one that was broken off before anything moved has no hash, and zeros that nobody measured.
+    /// Whether there was a run: one that was broken off before anything moved has no hash, and
+    /// zeros that nobody measured.
     #[must_use]
-    pub fn has_begun(&self) -> bool {
+    pub(crate) fn has_begun(&self) -> bool {
         !self.hash.is_empty()
     }
 
@@ -223,12 +231,12 @@ impl Summary {
 
     /// Simulated over wall-clock time.
     #[must_use]
-    pub fn real_time_factor(&self) -> f64 {
+    pub(crate) fn real_time_factor(&self) -> f64 {
         factor(self.sim_time_s, self.wall_time_s)
     }
 
-    /// One line of JSON. A figure that is no number would become `null`; it is written as the largest
-    /// number instead, so that it stays under no limit.
+    /// One line of JSON. A figure that is no number would become `null`; it is written as the
+    /// largest number instead, so that it stays under no limit.
     #[must_use]
     pub fn json(&self) -> String {
         let mut clean = self.clone();
@@ -246,54 +254,13 @@ impl Summary {
         serde_json::to_string(&clean).unwrap_or_else(|error| format!("{{\"error\":\"{error}\"}}"))
     }
 
-    /// The table for the operator, with an end of line behind each row.
+    /// Returns the table for the operator, with an end of line behind each row.
     #[must_use]
     pub fn table(&self) -> String {
         let mut t = String::new();
-        row(&mut t, "phase", "simulated time, times real time");
-        for phase in &self.phases {
-            let factor = factor(phase.sim_time_s, phase.wall_time_s);
-            row(&mut t, &phase.name, &format!("{:8.1} s {factor:9.1} x", phase.sim_time_s));
-        }
-        row(&mut t, "whole run", &format!("{:8.1} s", self.sim_time_s));
+        self.add_phases(&mut t);
         t.push('\n');
-        row(&mut t, "turns", &self.turns.to_string());
-        row(&mut t, "grasps", &self.grasps.to_string());
-        row(&mut t, "begun anew", &self.recoveries.to_string());
-        row(
-            &mut t,
-            "peak while both hold",
-            &known(self.peak_force_n.zip(self.peak_torque_nm), |(force, torque)| {
-                format!("{force:.1} N, {torque:.2} Nm")
-            }),
-        );
-        for sensor in &self.sensors {
-            row(
-                &mut t,
-                &format!("peak at {}", sensor.effector),
-                &format!(
-                    "{}; its sensor felt {:.1} N, {:.2} Nm",
-                    known(sensor.force_n.zip(sensor.torque_nm), |(force, torque)| {
-                        format!("{force:.1} N, {torque:.2} Nm")
-                    }),
-                    sensor.felt_force_n,
-                    sensor.felt_torque_nm
-                ),
-            );
-        }
-        row(&mut t, "jams, slips, drops", &counts([self.jams, self.slips, self.drops]));
-        if self.drops.unwrap_or(0) > 0 || self.drops_noticed.unwrap_or(0) > 0 {
-            row(&mut t, "drops it noticed", &self.drops_noticed.unwrap_or(0).to_string());
-        }
-        row(&mut t, "pops, crushes, bumps", &counts([self.pops, self.crushed, self.collisions]));
-        for Accident { time_s, what } in self.accidents.iter().flatten() {
-            row(&mut t, "", &format!("{time_s:8.1} s: {what}"));
-        }
-        if let Some(angle) = self.turned_deg {
-            row(&mut t, "layer turned by", &format!("{angle:.1} deg"));
-        }
-        let clock = format!("{:.1} ({:.1} s)", self.real_time_factor(), self.wall_time_s);
-        row(&mut t, "real-time factor", &clock);
+        self.add_figures(&mut t);
         t.push('\n');
         row(&mut t, "cube at start", self.cube_start.as_deref().unwrap_or(UNKNOWN));
         row(&mut t, "as identified", self.identified.as_deref().unwrap_or("(not read)"));
@@ -311,6 +278,44 @@ impl Summary {
         };
         row(&mut t, verdict, &self.reason);
         t
+    }
+
+    fn add_phases(&self, t: &mut String) {
+        row(t, "phase", "simulated time, times real time");
+        for phase in &self.phases {
+            let factor = factor(phase.sim_time_s, phase.wall_time_s);
+            row(t, &phase.name, &format!("{:8.1} s {factor:9.1} x", phase.sim_time_s));
+        }
+        row(t, "whole run", &format!("{:8.1} s", self.sim_time_s));
+    }
+
+    fn add_figures(&self, t: &mut String) {
+        let peak = |force: Option<f64>, torque: Option<f64>| {
+            known(force.zip(torque), |(force, torque)| format!("{force:.1} N, {torque:.2} Nm"))
+        };
+        row(t, "turns", &self.turns.to_string());
+        row(t, "grasps", &self.grasps.to_string());
+        row(t, "begun anew", &self.recoveries.to_string());
+        row(t, "peak while both hold", &peak(self.peak_force_n, self.peak_torque_nm));
+        for sensor in &self.sensors {
+            let felt = format!("{:.1} N, {:.2} Nm", sensor.felt_force_n, sensor.felt_torque_nm);
+            let exerted = peak(sensor.force_n, sensor.torque_nm);
+            let words = format!("{exerted}; its sensor felt {felt}");
+            row(t, &format!("peak at {}", sensor.effector), &words);
+        }
+        row(t, "jams, slips, drops", &counts([self.jams, self.slips, self.drops]));
+        if self.drops.unwrap_or(0) > 0 || self.drops_noticed.unwrap_or(0) > 0 {
+            row(t, "drops it noticed", &self.drops_noticed.unwrap_or(0).to_string());
+        }
+        row(t, "pops, crushes, bumps", &counts([self.pops, self.crushed, self.collisions]));
+        for Accident { time_s, what } in self.accidents.iter().flatten() {
+            row(t, "", &format!("{time_s:8.1} s: {what}"));
+        }
+        if let Some(angle) = self.turned_deg {
+            row(t, "layer turned by", &format!("{angle:.1} deg"));
+        }
+        let clock = format!("{:.1} ({:.1} s)", self.real_time_factor(), self.wall_time_s);
+        row(t, "real-time factor", &clock);
     }
 }
 

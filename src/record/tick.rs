@@ -130,7 +130,7 @@ impl Tick {
     /// Reads a message.
     ///
     /// # Errors
-    /// [`Malformed`].
+    /// `Malformed`.
     pub fn read(bytes: &[u8]) -> Result<Self, Malformed> {
         let mut from = Reader::new(bytes)?;
         from.time()?;

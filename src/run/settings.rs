@@ -13,7 +13,7 @@ use crate::solver::table::TableSpec;
 use crate::solver::tables::Bytes;
 use crate::solver::{Tables, korf};
 use crate::spatial::Pose;
-use crate::tables::{News, Store, Threads};
+use crate::tables::{News, Observer, Store, Threads};
 use crate::tasks::cube::hold::Hold;
 use crate::tasks::cube::mission::Goal;
 use crate::tasks::cube::plan::{Planner, Rule};
@@ -194,7 +194,8 @@ fn kept(spec: &TableSpec) -> Bytes {
         News::Waiting => tracing::warn!("another process builds table {}", spec.name),
         News::NotKept(e) => tracing::warn!("table {} is not kept: {e}", spec.name),
     };
-    Store::of_user().obtain(spec, &Threads::all(), &told, &|_| ())
+    let observer = Observer { listener: &told, progress: &|_| () };
+    Store::of_user().obtain(spec, &Threads::all(), observer)
 }
 
 /// Which solution is carried out. Korf's tables are built when the paper's rule first needs them: 10 s.

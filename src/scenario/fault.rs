@@ -1,6 +1,7 @@
 //! Faults of a scenario: where, what, and what was probably meant.
 //!
-//! - in: places (spans of a text) and reasons, collected while reading; nothing stops at the first one
+//! - in: places (spans of a text) and reasons, collected while reading; nothing stops at the first
+//!   one
 //! - out: text with `file:line:column`, the reason, and the offending line underlined
 
 use std::fmt;
@@ -101,7 +102,7 @@ impl Faults {
     }
 
     /// Adds a fault with advice.
-    pub fn add_with_help(
+    pub(crate) fn add_with_help(
         &mut self,
         place: Option<&Place>,
         reason: impl Into<String>,
@@ -142,7 +143,7 @@ impl std::error::Error for Faults {}
 
 /// The known word nearest to a wrong one, if it is near enough to be meant.
 #[must_use]
-pub fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
+pub(crate) fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
     let near = known
         .iter()
         .map(|k| (strsim::damerau_levenshtein(wrong, k), *k))

@@ -10,7 +10,7 @@ use crate::cube::Face;
 
 words! {
     /// What goes wrong, with the unit of its magnitude.
-    FaultKind {
+    pub FaultKind {
         /// The counter of an axis stands still.
         EncoderFreeze = "encoder_freeze",
         /// The counter of an axis is off by magnitude [rad of the motor].
@@ -85,7 +85,7 @@ words! {
 
 words! {
     /// What happens in the plant and begins a fault.
-    FaultEvent {
+    pub FaultEvent {
         /// Jaws close on the cube; of `event_arm` only, when that is given.
         Grasped = "grasped",
         /// Jaws let go of the cube; of `event_arm` only, when that is given.
@@ -107,7 +107,7 @@ words! {
 
 words! {
     /// Actors that can fail.
-    FaultActor {
+    pub FaultActor {
         /// The coordinator.
         Mp = "mp",
         /// The task's share of an arm.
@@ -121,7 +121,7 @@ words! {
 
 section! {
     /// A fault.
-    FaultKeys {
+    pub FaultKeys {
         /// Name, for messages and `--set fault.NAME.key`.
         name: String = String::new();
         /// What goes wrong, with the unit of its magnitude.

@@ -1,14 +1,15 @@
 //! The keys that the controller may read, section by section.
 //!
-//! Lengths, angles and times are in SI in the fields and in the unit of the key in a scenario. Numbers
-//! come from the 2008 sources of the original where they exist, and were chosen for this cell otherwise.
+//! Lengths, angles and times are in SI in the fields and in the unit of the key in a scenario.
+//! Numbers come from the 2008 sources of the original where they exist, and were chosen for this
+//! cell otherwise.
 
 use super::section::{section, words};
 use crate::hw::devices::usual_place;
 
 words! {
     /// What a run is to do.
-    Task {
+    pub Task {
         /// The mission: take the cube, read it, solve it, give it back.
         Solve = "solve",
         /// Both arms hold the cube and turn one layer.
@@ -22,7 +23,7 @@ words! {
 
 words! {
     /// Who or what has the cube at first, and gets it in the end.
-    Keeper {
+    pub Keeper {
         /// A person's hand brings it, and takes it back.
         Person = "person",
         /// It lies on the table, and is put down there; no person is in the cell.
@@ -32,7 +33,7 @@ words! {
 
 words! {
     /// Who makes the set values of the arms (Zieliński et al. 2007, p. 369).
-    Coordination {
+    pub Coordination {
         /// MP invokes behaviours; ECPs run the generators.
         Sporadic = "sporadic",
         /// MP's generators command both arms at each macrostep; ECPs transmit.
@@ -42,7 +43,7 @@ words! {
 
 words! {
     /// Which clock drives a run.
-    Pace {
+    pub Pace {
         /// As fast as it computes; repeatable to the bit.
         Virtual = "virtual",
         /// The wall clock.
@@ -52,10 +53,11 @@ words! {
 
 words! {
     /// What is behind the hardware port.
-    BridgeKind {
+    pub BridgeKind {
         /// The simulated plant.
         Plant = "plant",
-        /// The simulated plant behind the serial protocol, without lines: every byte of it, under any clock.
+        /// The simulated plant behind the serial protocol, without lines: every byte of it, under
+        /// any clock.
         Wire = "wire",
         /// The original's serial axis controllers, one line an axis.
         Serial = "serial",
@@ -66,7 +68,7 @@ words! {
 
 words! {
     /// Which arm yields while both hold the cube.
-    CompliantArm {
+    pub CompliantArm {
         /// The arm that holds the body and does not turn: the paper.
         Body = "body",
         /// The arm that turns: the sources of 2008.
@@ -76,7 +78,7 @@ words! {
 
 words! {
     /// Which directions yield while both arms hold the cube.
-    Compliance {
+    pub Compliance {
         /// None: position control.
         None = "none",
         /// x, y, z and the turn's axis: the original.
@@ -88,7 +90,7 @@ words! {
 
 words! {
     /// How regrasps are planned.
-    Rule {
+    pub Rule {
         /// Palms stand off: a finger may lie on the face under the other palm.
         Clearance = "clearance",
         /// Palms press the cube: the face under a palm is forbidden to fingers.
@@ -100,17 +102,18 @@ words! {
 
 words! {
     /// Which solution of the cube is carried out.
-    Strategy {
+    pub Strategy {
         /// Of many that two-phase finds, the one that takes two arms the least time.
         Robot = "robot",
-        /// The paper's: Korf's search up to 16 turns, and two-phase where that takes too long; the shortest counts.
+        /// The paper's: Korf's search up to 16 turns, and two-phase where that takes too long; the
+        /// shortest counts.
         Paper = "paper",
     }
 }
 
 words! {
     /// How the cube is found in an image.
-    Detector {
+    pub Detector {
         /// Edges and a vote of lattices.
         Lattice = "lattice",
         /// The paper's: colour thresholds, regions, filters, corner tiles.
@@ -120,11 +123,12 @@ words! {
 
 section! {
     /// What is behind the hardware port.
-    Bridge {
+    pub Bridge {
         /// The simulated plant, or real controllers.
         kind: BridgeKind = BridgeKind::Plant;
-        /// File that names the devices of real controllers, from the scenario's folder. When not given:
-        /// `rubik-robot-devices.toml` in `$XDG_RUNTIME_DIR`, or else in /tmp, where `rubik-robot emulate` writes it.
+        /// File that names the devices of real controllers, from the scenario's folder. When not
+        /// given: `rubik-robot-devices.toml` in `$XDG_RUNTIME_DIR`, or else in /tmp, where
+        /// `rubik-robot emulate` writes it.
         devices: Option<String> = None;
         /// Answers that one axis misses in a row before its line is given up.
         missed_answers: u32 = 3, 1.0..=50.0;
@@ -132,9 +136,10 @@ section! {
 }
 
 impl BridgeKind {
-    /// Whether something outside this process is behind the port, of which nobody here knows the truth.
+    /// Whether something outside this process is behind the port, of which nobody here knows the
+    /// truth.
     #[must_use]
-    pub fn is_hardware(self) -> bool {
+    pub(crate) fn is_hardware(self) -> bool {
         matches!(self, Self::Serial | Self::Isa)
     }
 }
@@ -142,7 +147,7 @@ impl BridgeKind {
 impl Bridge {
     /// Where the file of devices is, for the scenario at `path`.
     #[must_use]
-    pub fn devices_at(&self, path: &std::path::Path) -> std::path::PathBuf {
+    pub(crate) fn devices_at(&self, path: &std::path::Path) -> std::path::PathBuf {
         let Some(devices) = &self.devices else { return usual_place() };
         path.parent().map_or_else(Default::default, |folder| folder.join(devices))
     }
@@ -150,7 +155,7 @@ impl Bridge {
 
 section! {
     /// What the cell is built of, apart from arms and cameras.
-    CellKeys {
+    pub(crate) CellKeys {
         /// Height of the table top, with the tray, above the floor.
         table_height [mm]: f64 = 700.0, 0.0..=2000.0;
     }
@@ -158,7 +163,7 @@ section! {
 
 section! {
     /// The cube. Its state is the plant's; its size is measured by the workshop.
-    CubeKeys {
+    pub(crate) CubeKeys {
         /// "random" (from the seed) or 54 letters URFDLB by faces, each face in reading order.
         state: String = "random".to_owned();
         /// Edge of the whole cube.
@@ -170,13 +175,14 @@ section! {
 
 section! {
     /// Where the cube is handed over, as the controller believes.
-    HandKeys {
+    pub(crate) HandKeys {
         /// Who or what has the cube at first, and gets it in the end.
         keeper: Keeper = Keeper::Person;
-        /// Centre of the place in the world: x away from the arms, y from track to postument, z up. On a table z is
-        /// that of a cube which lies there.
+        /// Centre of the place in the world: x away from the arms, y from track to postument, z up.
+        /// On a table z is that of a cube which lies there.
         centre_xyz [mm]: [f64; 3] = [950.0, 0.0, 1000.0], -5000.0..=5000.0;
-        /// Roll, pitch, yaw of the cube there: with 0 its R faces +x, B +y, U +z. On a table roll and pitch are 0.
+        /// Roll, pitch, yaw of the cube there: with 0 its R faces +x, B +y, U +z. On a table roll
+        /// and pitch are 0.
         cube_rpy [deg]: [f64; 3] = [0.0; 3], -180.0..=180.0;
         /// Half the size of the box in which the cube may be; along x and y on a table.
         half_extent_xyz [mm]: [f64; 3] = [60.0, 100.0, 80.0], 0.0..=1000.0;
@@ -185,14 +191,15 @@ section! {
 
 section! {
     /// The controller's gains, speeds and limits.
-    Control {
+    pub Control {
         /// Servo periods (2 ms) in one command of a generator.
         macrostep_periods: u32 = 8, 1.0..=100.0;
         /// Which arm yields while both hold the cube.
         compliant_arm: CompliantArm = CompliantArm::Body;
         /// Which directions yield while both hold the cube.
         compliance: Compliance = Compliance::Tff;
-        /// Reciprocal damping b of a yielding linear direction; stable for b <= 0.4 / (stiffness x delay).
+        /// Reciprocal damping b of a yielding linear direction; stable for b <= 0.4 / (stiffness x
+        /// delay).
         linear_admittance [mm_sn]: f64 = 1.0, 0.0..=50.0;
         /// Virtual mass m of a yielding linear direction; 0 is the paper's plain scaling.
         linear_inertia [kg]: f64 = 20.0, 0.0..=1000.0;
@@ -212,7 +219,8 @@ section! {
         force_limit [n]: f64 = 20.0, 1.0..=65.0;
         /// Torque at which a step with contact is broken off.
         torque_limit [nm]: f64 = 4.5, 0.1..=5.0;
-        /// Largest speed of an arm where the operator's hand may be: what ISO 10218 calls reduced speed.
+        /// Largest speed of an arm where the operator's hand may be: what ISO 10218 calls reduced
+        /// speed.
         hand_speed [mm_s]: f64 = 250.0, 10.0..=1000.0;
         /// Force at which any motion of an arm is broken off there.
         hand_force [n]: f64 = 20.0, 1.0..=65.0;
@@ -249,7 +257,7 @@ section! {
 
 section! {
     /// The generator that follows the cube by the stand-alone camera.
-    VisualServo {
+    pub VisualServo {
         /// Distance before the cube at which the gripper waits until the cube stands still.
         stand_off [mm]: f64 = 100.0, 20.0..=400.0;
         /// Largest speed while following.
@@ -260,19 +268,20 @@ section! {
         still [mm]: f64 = 6.0, 0.1..=50.0;
         /// ... for this long.
         still_time [ms]: f64 = 600.0, 40.0..=10000.0;
-        /// The arm backs off when the cube moves this far; where the gripper hides it, 50 mm at least, and 300 at most.
+        /// The arm backs off when the cube moves this far; where the gripper hides it, 50 mm at
+        /// least, and 300 at most.
         withdraw [mm]: f64 = 50.0, 1.0..=250.0;
         /// A pose older than this is no longer followed; they come each 40 ms.
         pose_age [ms]: f64 = 100.0, 60.0..=2000.0;
-        /// The task fails when no cube came within this time, when a limit kept the arm from it for so long, or when it
-        /// did not stand still in five times this.
+        /// The task fails when no cube came within this time, when a limit kept the arm from it for
+        /// so long, or when it did not stand still in five times this.
         patience [s]: f64 = 60.0, 1.0..=3600.0;
     }
 }
 
 section! {
     /// The vision of all cameras.
-    VisionKeys {
+    pub VisionKeys {
         /// How the stand-alone camera's sensor finds the cube.
         detector: Detector = Detector::Lattice;
         /// Declared time of one localisation on the virtual clock.
@@ -284,7 +293,7 @@ section! {
 
 section! {
     /// Solver and regrasp planner.
-    Planner {
+    pub Planner {
         /// How regrasps are planned.
         rule: Rule = Rule::Clearance;
         /// Which solution is carried out.
@@ -302,7 +311,7 @@ section! {
 
 section! {
     /// What `task = "idle"` does.
-    Idle {
+    pub Idle {
         /// How long the arms are held.
         time [s]: f64 = 10.0, 0.01..=86400.0;
     }
@@ -310,7 +319,7 @@ section! {
 
 section! {
     /// What `task = "face_turn"` does.
-    FaceTurn {
+    pub FaceTurn {
         /// How far the layer is turned; positive is clockwise seen from outside.
         angle [deg]: f64 = 90.0, -180.0..=180.0;
     }
@@ -318,25 +327,27 @@ section! {
 
 section! {
     /// The servo's thread under the wall clock.
-    RealTime {
-        /// Length of a servo period; a command of `control.macrostep_periods` (of 2 ms) must last whole ones.
+    pub RealTime {
+        /// Length of a servo period; a command of `control.macrostep_periods` (of 2 ms) must last
+        /// whole ones.
         period [ms]: f64 = 2.0, 0.5..=20.0;
         /// Length of the last part of each wait that is spun away; 0 sleeps all of it.
         spin [us]: f64 = 100.0, 0.0..=1000.0;
-        /// Priority of the servo's thread in the first-in, first-out class; the bridge's thread has 5 less.
+        /// Priority of the servo's thread in the first-in, first-out class; the bridge's thread has
+        /// 5 less.
         priority: i32 = 85, 6.0..=99.0;
         /// Core that the servo's thread stays on; the scheduler's choice when not given.
         core: Option<u32> = None, 0.0..=1023.0;
-        /// Periods missed in a row after which the arms are brought to a stand and stop. Left out: 20 on hardware, whose
-        /// controllers stop by themselves 50 ms after the last order, and 50 with the simulated plant, since gaps of up
-        /// to 45 ms come from below virtual machines.
+        /// Periods missed in a row after which the arms are brought to a stand and stop. Left out:
+        /// 20 on hardware, whose controllers stop by themselves 50 ms after the last order, and 50
+        /// with the simulated plant, since gaps of up to 45 ms come from below virtual machines.
         missed_limit: Option<u32> = None, 1.0..=10000.0;
     }
 }
 
 section! {
     /// The regulators of all axes; their gains are the data of each effector's `servo_profile`.
-    Servo {
+    pub(crate) Servo {
         /// Factor of the gains b0 and b1 of every axis.
         gain_factor: f64 = 1.0, 0.0..=10.0;
         /// Largest pulse width, of 255; the profile's when not given.

@@ -1,8 +1,9 @@
 //! Keys of the lists `[[effector]]`, `[[camera]]` and `[[vsp]]`.
 //!
-//! Without a list of its own a scenario has the built-in cell's (`scenarios/cell.toml`). An element that
-//! bears the name of a built-in one starts from its values; others start from the defaults here. Built-in
-//! cameras and VSPs whose effector or camera the scenario leaves out are left out, too.
+//! Without a list of its own a scenario has the built-in cell's (`scenarios/cell.toml`). An element
+//! that bears the name of a built-in one starts from its values; others start from the defaults
+//! here. Built-in cameras and VSPs whose effector or camera the scenario leaves out are left out,
+//! too.
 
 use super::section::{section, words};
 
@@ -11,7 +12,7 @@ pub(super) const LISTS: [&str; 4] = ["effector", "camera", "vsp", "fault"];
 
 words! {
     /// What a camera is fixed to.
-    MountKind {
+    pub(crate) MountKind {
         /// Stands in the cell.
         World = "world",
         /// Sits in the gripper of an effector.
@@ -21,7 +22,7 @@ words! {
 
 words! {
     /// What a VSP makes of its sensor.
-    VspKind {
+    pub VspKind {
         /// Pose of the cube in an image.
         Cube = "cube",
         /// Colours of the face in an image.
@@ -33,10 +34,11 @@ words! {
 
 section! {
     /// An arm with its gripper and wrist sensor.
-    Effector {
+    pub(crate) Effector {
         /// Name; the cube task wants the track arm first, the postument second.
         name: String = String::new();
-        /// Geometry, transmissions and limits: a built-in profile, or a path from the scenario's folder.
+        /// Geometry, transmissions and limits: a built-in profile, or a path from the scenario's
+        /// folder.
         profile: String = "irp6_postument".to_owned();
         /// Regulators of the axes: `irp6_servo`, or a path from the scenario's folder.
         servo_profile: String = "irp6_servo".to_owned();
@@ -52,8 +54,8 @@ section! {
         start_d0 [mm]: f64 = 0.0, -200.0..=2000.0;
         /// Joints q1..q6 when the run begins; the default stands before the hand-over place.
         start_joints [deg]: [f64; 6] = [0.0, -101.07, 29.03, 72.04, 90.0, 0.0], -600.0..=600.0;
-        /// Whether its controllers know where the arm is when the run begins; an arm that does not is synchronised
-        /// first: axis by axis to its switch and the encoder's zero.
+        /// Whether its controllers know where the arm is when the run begins; an arm that does not
+        /// is synchronised first: axis by axis to its switch and the encoder's zero.
         start_synchronised: bool = true;
     } with {
         /// Gripper.
@@ -65,7 +67,7 @@ section! {
 
 section! {
     /// An electric two-finger gripper.
-    GripperKeys {
+    pub(crate) GripperKeys {
         /// Whether the palm stands off the cube, so that a layer turns freely under it.
         palm_clearance: bool = true;
         /// Finger along the tool's x.
@@ -93,7 +95,7 @@ section! {
 
 section! {
     /// A six-component force sensor in the wrist and what hangs on it.
-    SensorKeys {
+    pub(crate) SensorKeys {
         /// Place of the sensor in the flange frame.
         xyz [mm]: [f64; 3] = [0.0, 0.0, 90.0], -500.0..=500.0;
         /// Roll, pitch, yaw of the sensor.
@@ -111,7 +113,7 @@ section! {
 
 section! {
     /// A camera.
-    CameraKeys {
+    pub(crate) CameraKeys {
         /// Name.
         name: String = String::new();
         /// "renderer", or a folder of image files (from the scenario's folder).
@@ -136,15 +138,15 @@ section! {
         centre [px]: [f64; 2] = [319.5, 239.5], 0.0..=4096.0;
         /// Radial distortion k1, k2.
         distortion: [f64; 2] = [0.0, 0.0], -1.0..=1.0;
-        /// Before a simulated hand-over the arm shows the cube to this camera so many times, and the controller believes
-        /// what that calibration finds; 0: it believes the numbers above.
+        /// Before a simulated hand-over the arm shows the cube to this camera so many times, and
+        /// the controller believes what that calibration finds; 0: it believes the numbers above.
         calibrate_views: u32 = 0, 0.0..=200.0;
     }
 }
 
 section! {
     /// A virtual sensor process.
-    Vsp {
+    pub(crate) Vsp {
         /// Name; mpc, gs1, gs2 and mpf are those of the paper's figure 3.
         name: String = String::new();
         /// What it makes of its sensor.

@@ -6,16 +6,16 @@
 //!   plant may read
 //! - faults: all of them at once, each with `file:line:column`
 //!
-//! A key is declared in one place: see [`section`]. The built-in cell is `scenarios/cell.toml`.
+//! A key is declared in one place: see `scenario::section`. The built-in cell is `scenarios/cell.toml`.
 
-pub mod fault;
-pub mod injected;
+pub(crate) mod fault;
+pub(crate) mod injected;
 pub mod keys;
-pub mod lists;
-pub mod plant;
-pub mod root;
-pub mod section;
-pub mod tree;
+pub(crate) mod lists;
+pub(crate) mod plant;
+pub(crate) mod root;
+pub(crate) mod section;
+pub(crate) mod tree;
 
 mod build;
 mod check;
@@ -95,7 +95,7 @@ pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario,
 
 /// Returns every key with its default.
 #[must_use]
-pub fn all_keys() -> Vec<Key> {
+pub(crate) fn all_keys() -> Vec<Key> {
     let mut reader = Reader::default();
     let built_in = draft::built_in(&mut reader);
     draft::draft(&built_in, &built_in, &mut reader).keys()

@@ -6,7 +6,7 @@ use super::section::{section, words};
 
 words! {
     /// What the finger pads are made of.
-    Jaws {
+    pub Jaws {
         /// Rubber pads.
         Rubber = "rubber",
         /// Bare metal, ground to fit: stiff.
@@ -16,7 +16,7 @@ words! {
 
 words! {
     /// How a cube's layers turn.
-    CubeKind {
+    pub CubeKind {
         /// A cube of the paper's time, moderately stiff.
         Of2007 = "2007",
         /// Light and loose.
@@ -28,7 +28,7 @@ words! {
 
 section! {
     /// The simulated plant.
-    PlantKeys {
+    pub PlantKeys {
         /// Sideways (seeded direction) and axial error of the grasp that `face_turn` starts from.
         grasp_error [mm]: f64 = 0.0, 0.0..=20.0;
         /// Tilt (seeded sideways axis) of that grasp.
@@ -61,7 +61,7 @@ section! {
 
 section! {
     /// What goes wrong on the lines of bridge.kind = "wire", by chance.
-    Lines {
+    pub Lines {
         /// Share of the axes' answers that never come.
         missed: f64 = 0.0, 0.0..=1.0;
         /// Share of the axes' answers of which one bit is wrong.
@@ -77,7 +77,7 @@ section! {
 
 section! {
     /// Standard deviations of truth around the controller's belief, drawn from the seed.
-    Errors {
+    pub Errors {
         /// Places of the bases, each axis.
         base [mm]: f64 = 1.0, 0.0..=50.0;
         /// Orientation of the bases, each axis.
@@ -107,7 +107,7 @@ section! {
 
 section! {
     /// Noise.
-    Noise {
+    pub Noise {
         /// Force sensors, r.m.s. of each reading.
         force [n]: f64 = 0.05, 0.0..=5.0;
         /// The same of torques.
@@ -123,7 +123,7 @@ section! {
 
 section! {
     /// How the operator's hand moves.
-    PlantHand {
+    pub PlantHand {
         /// When it starts to bring the cube.
         appears [s]: f64 = 1.0, 0.0..=600.0;
         /// How long it takes to come to the place.
@@ -156,7 +156,8 @@ section! {
         release [n]: f64 = 8.0, 0.1..=100.0;
         /// It lets go this long after the jaws closed, at the latest.
         release_time [s]: f64 = 2.0, 0.0..=60.0;
-        /// It comes back for the cube when this has passed since it let go; 5 s later for one that never left the zone.
+        /// It comes back for the cube when this has passed since it let go; 5 s later for one that
+        /// never left the zone.
         return_after [s]: f64 = 20.0, 0.0..=3600.0;
         /// A cube that fell is picked up after this time and held out again; 3600 for never.
         picks_up_after [s]: f64 = 5.0, 0.0..=3600.0;
@@ -169,7 +170,7 @@ section! {
 
 section! {
     /// How the cube lies on the table at first.
-    PlantTable {
+    pub PlantTable {
         /// Where the middle of the place really is, beside what `hand` says.
         offset_xy [mm]: [f64; 2] = [0.0, 0.0], -1000.0..=1000.0;
         /// Share of `hand.half_extent_xyz_mm` within which it lies, seeded.
@@ -183,7 +184,7 @@ section! {
 
 section! {
     /// Light.
-    Light {
+    pub Light {
         /// Colour temperature; drawn from 2700..7500 K by the seed when not given.
         temperature [k]: Option<f64> = None, 1500.0..=12000.0;
         /// Brightness; 1 exposes well.

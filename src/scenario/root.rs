@@ -9,7 +9,7 @@ use super::section::section;
 
 section! {
     /// The keys of a whole scenario, without its lists.
-    Root {
+    pub(crate) Root {
         /// What to do.
         task: Task = Task::Solve;
         /// Who makes the set values of the arms.

@@ -1,8 +1,9 @@
 //! Sections of keys: one line declares a key's name, unit, type, default, range and meaning.
 //!
-//! A section is written once, with `section!`; from that come a struct in SI units, its default, the
-//! reader with its faults, and the list that `rubik-robot keys` prints. The key is the field's name with
-//! the unit behind it: `edge [mm]: f64 = 57.0` is the key `edge_mm` and the field `edge` in metres.
+//! A section is written once, with `section!`; from that come a struct in SI units, its default,
+//! the reader with its faults, and the list that `rubik-robot keys` prints. The key is the field's
+//! name with the unit behind it: `edge [mm]: f64 = 57.0` is the key `edge_mm` and the field `edge`
+//! in metres.
 
 use super::fault::{Faults, Place, nearest};
 use super::tree::{Entry, Node, Value};
@@ -11,60 +12,60 @@ use std::ops::RangeInclusive;
 
 /// Factors from the units of keys to SI, named as in the keys.
 #[allow(non_upper_case_globals, reason = "a constant has the name that the unit has in keys")]
-pub mod units {
+pub(crate) mod units {
     /// Millimetres.
-    pub const mm: f64 = 1e-3;
+    pub(crate) const mm: f64 = 1e-3;
     /// Radians.
-    pub const rad: f64 = 1.0;
+    pub(crate) const rad: f64 = 1.0;
     /// Degrees.
-    pub const deg: f64 = std::f64::consts::PI / 180.0;
+    pub(crate) const deg: f64 = std::f64::consts::PI / 180.0;
     /// Milliseconds.
-    pub const ms: f64 = 1e-3;
+    pub(crate) const ms: f64 = 1e-3;
     /// Microseconds.
-    pub const us: f64 = 1e-6;
+    pub(crate) const us: f64 = 1e-6;
     /// Seconds.
-    pub const s: f64 = 1.0;
+    pub(crate) const s: f64 = 1.0;
     /// Newtons.
-    pub const n: f64 = 1.0;
+    pub(crate) const n: f64 = 1.0;
     /// Newton metres.
-    pub const nm: f64 = 1.0;
+    pub(crate) const nm: f64 = 1.0;
     /// Amperes.
-    pub const a: f64 = 1.0;
+    pub(crate) const a: f64 = 1.0;
     /// Milliamperes per newton.
-    pub const ma_n: f64 = 1e-3;
+    pub(crate) const ma_n: f64 = 1e-3;
     /// Grams.
-    pub const g: f64 = 1e-3;
+    pub(crate) const g: f64 = 1e-3;
     /// Kilograms.
-    pub const kg: f64 = 1.0;
+    pub(crate) const kg: f64 = 1.0;
     /// Kilograms times square metres.
-    pub const kgm2: f64 = 1.0;
+    pub(crate) const kgm2: f64 = 1.0;
     /// Pixels.
-    pub const px: f64 = 1.0;
+    pub(crate) const px: f64 = 1.0;
     /// Kelvins.
-    pub const k: f64 = 1.0;
+    pub(crate) const k: f64 = 1.0;
     /// Hundredths.
-    pub const percent: f64 = 0.01;
+    pub(crate) const percent: f64 = 0.01;
     /// Millimetres per second.
-    pub const mm_s: f64 = 1e-3;
+    pub(crate) const mm_s: f64 = 1e-3;
     /// Millimetres per square second.
-    pub const mm_s2: f64 = 1e-3;
+    pub(crate) const mm_s2: f64 = 1e-3;
     /// Degrees per second.
-    pub const deg_s: f64 = deg;
+    pub(crate) const deg_s: f64 = deg;
     /// Degrees per square second.
-    pub const deg_s2: f64 = deg;
+    pub(crate) const deg_s2: f64 = deg;
     /// Millimetres per newton second: reciprocal damping.
-    pub const mm_sn: f64 = 1e-3;
+    pub(crate) const mm_sn: f64 = 1e-3;
     /// Radians per newton metre second: reciprocal damping.
-    pub const rad_snm: f64 = 1.0;
+    pub(crate) const rad_snm: f64 = 1.0;
     /// Newtons per metre.
-    pub const n_m: f64 = 1.0;
+    pub(crate) const n_m: f64 = 1.0;
     /// Newton seconds per metre.
-    pub const ns_m: f64 = 1.0;
+    pub(crate) const ns_m: f64 = 1.0;
 }
 
 /// A key, as listed for the operator.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Key {
+pub(crate) struct Key {
     /// Dotted name: `cube.edge_mm`.
     pub path: String,
     /// Type: "number", "3 numbers", "\"a\" | \"b\"".
@@ -79,7 +80,7 @@ pub struct Key {
 
 /// The declaration of a key, as far as it concerns numbers.
 #[derive(Debug, Clone)]
-pub struct Declared {
+pub(crate) struct Declared {
     /// From the key's unit to SI.
     pub factor: f64,
     /// Least and largest value, in the key's unit.
@@ -88,7 +89,7 @@ pub struct Declared {
 
 /// Collects faults and remembers where each key was given.
 #[derive(Debug, Default)]
-pub struct Reader {
+pub(crate) struct Reader {
     /// What is wrong so far.
     pub faults: Faults,
     /// Place of the value of each key that was given, by dotted name.
@@ -97,7 +98,13 @@ pub struct Reader {
 
 impl Reader {
     /// Reads one key of the section `path` into `target`.
-    pub fn item<T: Item>(&mut self, target: &mut T, declared: Declared, entry: &Entry, path: &str) {
+    pub(crate) fn item<T: Item>(
+        &mut self,
+        target: &mut T,
+        declared: Declared,
+        entry: &Entry,
+        path: &str,
+    ) {
         let path = join(path, &entry.key);
         self.places.insert(path.clone(), entry.node.place.clone());
         let value = match T::read(&entry.node) {
@@ -128,7 +135,7 @@ impl Reader {
     }
 
     /// The entries of a table, or a fault.
-    pub fn table<'n>(&mut self, node: &'n Node, path: &str) -> &'n [Entry] {
+    pub(crate) fn table<'n>(&mut self, node: &'n Node, path: &str) -> &'n [Entry] {
         if let Value::Table(entries) = &node.value {
             return entries;
         }
@@ -142,7 +149,7 @@ impl Reader {
     }
 
     /// A key that does not exist.
-    pub fn unknown(&mut self, entry: &Entry, path: &str, known: &[&str]) {
+    pub(crate) fn unknown(&mut self, entry: &Entry, path: &str, known: &[&str]) {
         let section = if path.is_empty() { String::new() } else { format!(" in [{path}]") };
         let reason = format!("unknown key `{}`{section}", entry.key);
         let help = match nearest(&entry.key, known) {
@@ -155,18 +162,18 @@ impl Reader {
 
     /// Checks whether a key, section or element was given.
     #[must_use]
-    pub fn is_given(&self, path: &str) -> bool {
+    pub(crate) fn is_given(&self, path: &str) -> bool {
         self.places.contains_key(path)
     }
 
     /// Adds a fault at a key, or at the nearest section above it that was given.
-    pub fn fault(&mut self, path: &str, reason: impl Into<String>) {
+    pub(crate) fn fault(&mut self, path: &str, reason: impl Into<String>) {
         let place = self.nearest_place(path);
         self.faults.add(place.as_ref(), reason);
     }
 
     /// Adds a fault with advice at a key, or at the nearest section above it that was given.
-    pub fn fault_with_help(
+    pub(crate) fn fault_with_help(
         &mut self,
         path: &str,
         reason: impl Into<String>,
@@ -189,13 +196,13 @@ impl Reader {
 
 /// `path.key`, without the dot at the top.
 #[must_use]
-pub fn join(path: &str, key: &str) -> String {
+pub(crate) fn join(path: &str, key: &str) -> String {
     if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
 }
 
 /// Why a value cannot be taken.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Wrong {
+pub(crate) struct Wrong {
     /// Where, when it is a part of the value.
     pub place: Option<Place>,
     /// Why.
@@ -215,7 +222,7 @@ impl Wrong {
 }
 
 /// What a key can hold.
-pub trait Item: Sized {
+pub(crate) trait Item: Sized {
     /// Type in words.
     fn kind() -> String;
     /// From a node.
@@ -364,31 +371,31 @@ impl<T: Item> Item for Option<T> {
 }
 
 /// A group of keys.
-pub trait Section: Default {
+pub(crate) trait Section: Default {
     /// Takes over the keys that are given in `node`; the others keep their values.
     fn overlay(&mut self, node: &Node, path: &str, reader: &mut Reader);
     /// Its keys, with the present values as defaults.
     fn keys(&self, path: &str, into: &mut Vec<Key>);
 }
 
-/// An enumeration whose words stand in the scenario.
+/// An enumeration whose words stand in the scenario, with the visibility before its name.
 macro_rules! words {
-    ($(#[doc = $doc:literal])* $name:ident {
+    ($(#[doc = $doc:literal])* $vis:vis $name:ident {
         $( $(#[doc = $vdoc:literal])* $variant:ident = $word:literal ),* $(,)?
     }) => {
         $(#[doc = $doc])*
         #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-        pub enum $name {
+        $vis enum $name {
             $( $(#[doc = $vdoc])* #[serde(rename = $word)] $variant, )*
         }
 
         impl $name {
             /// Every word that stands for a variant.
-            pub const WORDS: &'static [&'static str] = &[$($word),*];
+            $vis const WORDS: &'static [&'static str] = &[$($word),*];
 
             /// Its word in a scenario.
             #[must_use]
-            pub fn word(self) -> &'static str {
+            $vis fn word(self) -> &'static str {
                 match self { $( Self::$variant => $word, )* }
             }
         }
@@ -444,13 +451,13 @@ pub(super) use key_name;
 /// `field [unit]: type = default, range;` for keys, and behind them `with { field: Section, ... }`;
 /// `field as base [unit]` where two keys differ in the unit only.
 macro_rules! section {
-    ($(#[doc = $doc:literal])* $name:ident {
+    ($(#[doc = $doc:literal])* $vis:vis $name:ident {
         $( $(#[doc = $kdoc:literal])* $key:ident $(as $base:ident)? $([$unit:ident])? : $ty:ty = $default:expr
            $(, $range:expr)? ; )*
     } $(with { $( $(#[doc = $sdoc:literal])* $sub:ident : $sty:ty ),* $(,)? })?) => {
         $(#[doc = $doc])*
         #[derive(Debug, Clone, PartialEq)]
-        pub struct $name {
+        $vis struct $name {
             $( $(#[doc = $kdoc])* pub $key: $ty, )*
             $($( $(#[doc = $sdoc])* pub $sub: $sty, )*)?
         }

@@ -10,7 +10,7 @@ use toml::de::{DeTable, DeValue};
 
 /// A value and where it stands.
 #[derive(Debug, Clone)]
-pub struct Node {
+pub(crate) struct Node {
     /// Where.
     pub place: Place,
     /// What.
@@ -19,7 +19,7 @@ pub struct Node {
 
 /// What a node holds.
 #[derive(Debug, Clone)]
-pub enum Value {
+pub(crate) enum Value {
     /// `true`, `false`.
     Bool(bool),
     /// A whole number.
@@ -38,7 +38,7 @@ pub enum Value {
 
 /// A key with its value.
 #[derive(Debug, Clone)]
-pub struct Entry {
+pub(crate) struct Entry {
     /// The key.
     pub key: String,
     /// Where the key stands.
@@ -50,7 +50,7 @@ pub struct Entry {
 impl Node {
     /// What the user would call it.
     #[must_use]
-    pub fn describe(&self) -> String {
+    pub(crate) fn describe(&self) -> String {
         match &self.value {
             Value::Bool(b) => format!("`{b}`"),
             Value::Integer(i) => format!("`{i}`"),
@@ -64,7 +64,7 @@ impl Node {
 
     /// The value of a key of a table.
     #[must_use]
-    pub fn get(&self, key: &str) -> Option<&Self> {
+    pub(crate) fn get(&self, key: &str) -> Option<&Self> {
         match &self.value {
             Value::Table(entries) => entries.iter().find(|e| e.key == key).map(|e| &e.node),
             _ => None,
@@ -74,7 +74,7 @@ impl Node {
 
 /// Parses a document; faults of syntax go to `faults`, and what could be read is returned.
 #[must_use]
-pub fn parse(source: &Rc<Source>, faults: &mut Faults) -> Node {
+pub(crate) fn parse(source: &Rc<Source>, faults: &mut Faults) -> Node {
     let (table, errors) = DeTable::parse_recoverable(&source.text);
     for error in errors {
         let place = Place { source: Rc::clone(source), span: error.span().unwrap_or(0..0) };
@@ -86,7 +86,7 @@ pub fn parse(source: &Rc<Source>, faults: &mut Faults) -> Node {
 
 /// Parses one value as in TOML; what is none of TOML's values is taken as a string.
 #[must_use]
-pub fn parse_value(source: &Rc<Source>) -> Node {
+pub(crate) fn parse_value(source: &Rc<Source>) -> Node {
     match DeValue::parse(&source.text) {
         Ok(value) => node(&value, source),
         Err(_) => Node {
@@ -126,7 +126,7 @@ fn node(value: &Spanned<DeValue<'_>>, source: &Rc<Source>) -> Node {
 /// `name` or their index. Existing elements only: an option cannot add an effector.
 ///
 /// Returns `false` after a fault.
-pub fn set(root: &mut Node, key: &str, value: Node, faults: &mut Faults) -> bool {
+pub(crate) fn set(root: &mut Node, key: &str, value: Node, faults: &mut Faults) -> bool {
     let place = value.place.clone();
     let parts: Vec<&str> = key.split('.').map(str::trim).collect();
     if parts.iter().any(|p| p.is_empty()) {
@@ -179,7 +179,7 @@ fn element(items: &[Node], part: &str) -> Option<usize> {
 
 /// The `name` of an element of a list of tables.
 #[must_use]
-pub fn name_of(node: &Node) -> Option<String> {
+pub(crate) fn name_of(node: &Node) -> Option<String> {
     match node.get("name").map(|n| &n.value) {
         Some(Value::Text(name)) => Some(name.clone()),
         _ => None,

@@ -1,14 +1,15 @@
 //! Where pruning tables are kept: made once, found again by every later run.
 //!
 //! - in: [`TableSpec`]s, a folder, [`Threads`] to build with
-//! - out: the bytes of a table, memory-mapped from its file or copied into large pages, or as they were built where no
-//!   file can be kept
+//! - out: the bytes of a table, memory-mapped from its file or copied into large pages, or as they
+//!   were built where no file can be kept
 //!
-//! A file is written beside its place and renamed into it, so it is there whole or not at all; a lock keeps two
-//! processes from building the same one. Its head says what it is and has checksums. Reading 1.4 GiB at each start to
-//! check them would cost half a second, so the whole is summed only when the file is not the one that was found
-//! sound before: same inode, size and times of change, noted beside it. Whoever writes into the file changes its
-//! time and is found out; what rots on the disk under it is left to [`Store::verify`].
+//! A file is written beside its place and renamed into it, so it is there whole or not at all; a
+//! lock keeps two processes from building the same one. Its head says what it is and has checksums.
+//! Reading 1.4 GiB at each start to check them would cost half a second, so the whole is summed
+//! only when the file is not the one that was found sound before: same inode, size and times of
+//! change, noted beside it. Whoever writes into the file changes its time and is found out; what
+//! rots on the disk under it is left to [`Store::verify`].
 
 mod file;
 #[cfg(test)]
@@ -43,6 +44,15 @@ pub enum News<'a> {
     NotKept(io::Error),
 }
 
+/// The functions that are told how the building of a table goes.
+#[derive(Clone, Copy)]
+pub struct Observer<'a> {
+    /// Gets what happens.
+    pub listener: Listener<'a>,
+    /// Gets the share that is done.
+    pub progress: Progress<'a>,
+}
+
 /// Who is told.
 pub type Listener<'a> = &'a dyn Fn(&TableSpec, News<'_>);
 
@@ -59,8 +69,8 @@ impl Store {
         Self { residence, ..self }
     }
 
-    /// The user's folder: `RUBIK_ROBOT_TABLES`, else `rubik-robot` in `XDG_CACHE_HOME`, else in `~/.cache`, else in
-    /// the system's folder for temporary files.
+    /// The user's folder: `RUBIK_ROBOT_TABLES`, else `rubik-robot` in `XDG_CACHE_HOME`, else in
+    /// `~/.cache`, else in the system's folder for temporary files.
     #[must_use]
     pub fn of_user() -> Self {
         let set = |name: &str| {
@@ -95,20 +105,20 @@ impl Store {
         file::open(&self.path(spec), spec, self.residence, workers)
     }
 
-    /// Maps a table, builds it first where there is none of use, and keeps it where that is possible.
-    pub fn obtain(
+    /// Maps a table, builds it first where there is none of use, and keeps it where that is
+    /// possible.
+    pub(crate) fn obtain(
         &self,
         spec: &TableSpec,
         workers: &dyn Workers,
-        listener: Listener<'_>,
-        progress: Progress<'_>,
+        observer: Observer<'_>,
     ) -> Bytes {
         match self.open(spec, workers) {
             Ok(bytes) => bytes,
-            Err(reason) => match self.build(spec, workers, &reason, listener, progress) {
+            Err(reason) => match self.build(spec, workers, &reason, observer) {
                 Ok(bytes) => bytes,
                 Err((bytes, error)) => {
-                    listener(spec, News::NotKept(error));
+                    (observer.listener)(spec, News::NotKept(error));
                     bytes
                 }
             },
@@ -124,9 +134,9 @@ impl Store {
         spec: &TableSpec,
         workers: &dyn Workers,
         reason: &Unusable,
-        listener: Listener<'_>,
-        progress: Progress<'_>,
+        observer: Observer<'_>,
     ) -> Result<Bytes, (Bytes, io::Error)> {
+        let Observer { listener, progress } = observer;
         let in_memory = || {
             listener(spec, News::Building(reason));
             Arc::new((spec.build)(workers, progress))
@@ -165,7 +175,8 @@ impl Store {
         if !self.folder.is_dir() {
             return Ok(false);
         }
-        // Never under the hands of whoever builds; the lock itself stays, or two could hold one each.
+        // Never under the hands of whoever builds; the lock itself stays, or two could hold one
+        // each.
         let _lock = self.lock(spec, &|_, _| ())?;
         file::forget(&path);
         file::remove_rests(&path);
@@ -227,7 +238,8 @@ mod tests {
     }
 
     fn obtain(store: &Store, spec: &TableSpec) -> Bytes {
-        store.obtain(spec, &InTurn, &|_, _| (), &|_| ())
+        let observer = Observer { listener: &|_, _| (), progress: &|_| () };
+        store.obtain(spec, &InTurn, observer)
     }
 
     fn right(bytes: &Bytes) -> bool {
@@ -334,16 +346,13 @@ mod tests {
         fs::write(store.folder(), "").unwrap();
         let told = AtomicUsize::new(0);
 
-        let bytes = store.obtain(
-            &SPEC,
-            &InTurn,
-            &|_, news| {
-                if matches!(news, News::NotKept(_)) {
-                    told.fetch_add(1, Ordering::SeqCst);
-                }
-            },
-            &|_| (),
-        );
+        let listener = |_: &TableSpec, news: News<'_>| {
+            if matches!(news, News::NotKept(_)) {
+                told.fetch_add(1, Ordering::SeqCst);
+            }
+        };
+        let observer = Observer { listener: &listener, progress: &|_| () };
+        let bytes = store.obtain(&SPEC, &InTurn, observer);
 
         assert!(right(&bytes));
         assert_eq!(told.into_inner(), 1);

@@ -8,7 +8,7 @@ use crate::hw::devices::{
     Devices, EffectorDevices, ForceDevice, NAME_DEVICES, NoDevice, ask_parallel, ask_ports,
 };
 use crate::scenario::keys::BridgeKind;
-use crate::scenario::{CameraSource, Scenario};
+use crate::scenario::{CameraSource, ControllerConfig, Scenario};
 use rustix::io::Errno;
 use std::fs;
 use std::os::unix::fs::FileTypeExt;
@@ -50,7 +50,7 @@ pub(super) fn robot(scenario: &Scenario) -> Vec<Finding> {
     }
     let path = scenario.bridge.devices_at(&scenario.path);
     let refusals = match Devices::load(&path) {
-        Ok(devices) => refusals(scenario, &devices),
+        Ok(devices) => refusals(&scenario.controller, scenario.bridge.kind, &devices),
         Err(why) => vec![Refusal { fix: Some(NAME_DEVICES.to_owned()), ..why.into() }],
     };
     let name = "bridge.devices";
@@ -74,9 +74,8 @@ pub(super) fn robot(scenario: &Scenario) -> Vec<Finding> {
 
 /// Returns why a run would refuse the scenario's devices: by the run's own rules, and without
 /// opening any.
-fn refusals(scenario: &Scenario, devices: &Devices) -> Vec<Refusal> {
-    let config = &scenario.controller;
-    let cards = scenario.bridge.kind == BridgeKind::Isa;
+fn refusals(config: &ControllerConfig, bridge: BridgeKind, devices: &Devices) -> Vec<Refusal> {
+    let cards = bridge == BridgeKind::Isa;
     let mut refusals = Vec::new();
     for arm in &config.cell.arms {
         let own = match devices.of_effector(&arm.name) {

@@ -1,5 +1,6 @@
 //! The figures of a run beside those of the 2007 paper (pp. 370-375).
 
+use super::classes::{classes, quantile};
 use super::story::Story;
 use crate::record::calibration;
 use nalgebra::{Point3, Vector3};
@@ -19,96 +20,128 @@ pub(super) struct Figure {
     pub remark: String,
 }
 
-/// All of them.
+/// Returns the figures that the recording tells, in the order of the table.
 pub(super) fn figures(story: &Story) -> Vec<Figure> {
+    [
+        Some(servo_period(story)),
+        visual_servo_period(story),
+        localised(story),
+        reading(story),
+        planning(story),
+        turning(story),
+        whole_run(story),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// Checks whether the run was paced by the wall clock.
+fn is_real_time(story: &Story) -> bool {
+    story.label.fact("pace") == "real-time"
+}
+
+fn servo_period(story: &Story) -> Figure {
     let label = &story.label;
-    let real_time = label.fact("pace") == "real-time";
     let period_ms = number(label.fact("period_ns")) * 1e-6;
-    let mut all = vec![Figure {
-        what: "servo period",
-        paper: "2 ms",
-        here: format!("{period_ms} ms"),
-        remark: if real_time {
-            let jitter = quantile(&super::page::classes(label.of("timing", "jitter_ns")), 0.99);
-            format!(
-                "by the wall clock; 99 % of periods within {:.0} us of it, {} missed",
-                jitter as f64 * 1e-3,
-                or(label.of("timing", "missed"), "?")
-            )
-        } else {
-            "virtual clock: exact by construction".to_owned()
-        },
-    }];
+    let remark = if is_real_time(story) {
+        let jitter = quantile(&classes(label.of("timing", "jitter_ns")), 0.99);
+        format!(
+            "by the wall clock; 99 % of periods within {:.0} us of it, {} missed",
+            jitter as f64 * 1e-3,
+            or(label.of("timing", "missed"), "?")
+        )
+    } else {
+        "virtual clock: exact by construction".to_owned()
+    };
+    Figure { what: "servo period", paper: "2 ms", here: format!("{period_ms} ms"), remark }
+}
+
+fn visual_servo_period(story: &Story) -> Option<Figure> {
     let mut steps: Vec<u64> = story.looks.windows(2).map(|w| w[1].saturating_sub(w[0])).collect();
     steps.sort_unstable();
-    if let Some(step) = steps.get(steps.len() / 2) {
-        all.push(Figure {
-            what: "visual servo period",
-            paper: "40 ms",
-            here: format!("{} ms", step.saturating_mul(2)),
-            remark: format!("median of {} looks of the stand-alone camera", story.looks.len()),
-        });
+    let step = steps.get(steps.len() / 2)?;
+    Some(Figure {
+        what: "visual servo period",
+        paper: "40 ms",
+        here: format!("{} ms", step.saturating_mul(2)),
+        remark: format!("median of {} looks of the stand-alone camera", story.looks.len()),
+    })
+}
+
+fn localised(story: &Story) -> Option<Figure> {
+    let (count, across, along) = localisation(story)?;
+    Some(Figure {
+        what: "localisation, across and along the camera's axis",
+        paper: "\u{b1}1 mm, \u{b1}5 mm",
+        here: format!("\u{b1}{across:.1} mm, \u{b1}{along:.1} mm"),
+        remark: format!(
+            "95 % of {count} looks at the cube at rest, against the plant's, about their mean; the \
+             paper at 100x100 px"
+        ),
+    })
+}
+
+fn reading(story: &Story) -> Option<Figure> {
+    let read = story.faces.iter().filter(|(_, _, why)| why.is_none()).count();
+    if read == 0 {
+        return None;
     }
-    if let Some((count, across, along)) = localisation(story) {
-        all.push(Figure {
-            what: "localisation, across and along the camera's axis",
-            paper: "\u{b1}1 mm, \u{b1}5 mm",
-            here: format!("\u{b1}{across:.1} mm, \u{b1}{along:.1} mm"),
-            remark: format!("95 % of {count} looks at the cube at rest, against the plant's, about their mean; the paper at 100x100 px"),
-        });
-    }
-    if story.faces.iter().any(|(_, _, why)| why.is_none()) {
-        let read = story.faces.iter().filter(|(_, _, why)| why.is_none()).count();
-        let looks = format!("{read} of {} looks read a face", story.faces.len());
-        let measured = number(label.of("vision", "face_median_s")) * 1e3;
-        let how = match (measured.is_nan(), real_time) {
-            (true, _) => "not measured in this run".to_owned(),
-            (false, true) => "the median, by the wall clock".to_owned(),
-            (false, false) => format!(
-                "the median, by the wall clock; on the run's own, virtual one {} ms were declared",
-                number(label.fact("declared_face_s")) * 1e3
-            ),
-        };
-        all.push(Figure {
-            what: "reading one face",
-            paper: "10 ms",
-            here: if measured.is_nan() { "-".to_owned() } else { format!("{measured:.2} ms") },
-            remark: format!("{looks}; {how}"),
-        });
-    }
-    let Some(summary) = &story.summary else { return all };
-    if let Some(plan) = summary.phases.iter().find(|p| p.name.starts_with("plan")) {
-        all.push(Figure {
-            what: "solution and plan",
-            paper: "solution 0.1-10 s, planning < 20 s",
-            here: format!("{:.2} s", if real_time { plan.sim_time_s } else { plan.wall_time_s }),
-            remark: "both together, on this machine, by the wall clock".to_owned(),
-        });
-    }
-    if summary.turns > 0 {
-        let manipulating: f64 = summary
-            .phases
-            .iter()
-            .filter(|p| ["grasp", "solve", "turn", "release"].contains(&p.name.as_str()))
-            .map(|p| p.sim_time_s)
-            .sum();
-        all.push(Figure {
-            what: "grasping and turning one face",
-            paper: "about 120 s",
-            here: format!("{:.1} s", manipulating / f64::from(summary.turns)),
-            remark: format!(
-                "{manipulating:.0} s for {} turns with {} grasps; in the paper in slow motion, for safety",
-                summary.turns, summary.grasps
-            ),
-        });
-    }
-    all.push(Figure {
+    let label = &story.label;
+    let looks = format!("{read} of {} looks read a face", story.faces.len());
+    let measured = number(label.of("vision", "face_median_s")) * 1e3;
+    let how = match (measured.is_nan(), is_real_time(story)) {
+        (true, _) => "not measured in this run".to_owned(),
+        (false, true) => "the median, by the wall clock".to_owned(),
+        (false, false) => format!(
+            "the median, by the wall clock; on the run's own, virtual one {} ms were declared",
+            number(label.fact("declared_face_s")) * 1e3
+        ),
+    };
+    Some(Figure {
+        what: "reading one face",
+        paper: "10 ms",
+        here: if measured.is_nan() { "-".to_owned() } else { format!("{measured:.2} ms") },
+        remark: format!("{looks}; {how}"),
+    })
+}
+
+fn planning(story: &Story) -> Option<Figure> {
+    let phases = &story.summary.as_ref()?.phases;
+    let plan = phases.iter().find(|p| p.name.starts_with("plan"))?;
+    let time = if is_real_time(story) { plan.sim_time_s } else { plan.wall_time_s };
+    Some(Figure {
+        what: "solution and plan",
+        paper: "solution 0.1-10 s, planning < 20 s",
+        here: format!("{time:.2} s"),
+        remark: "both together, on this machine, by the wall clock".to_owned(),
+    })
+}
+
+fn turning(story: &Story) -> Option<Figure> {
+    let summary = story.summary.as_ref().filter(|summary| summary.turns > 0)?;
+    let manipulates = |name: &str| ["grasp", "solve", "turn", "release"].contains(&name);
+    let phases = summary.phases.iter().filter(|p| manipulates(&p.name));
+    let time: f64 = phases.map(|p| p.sim_time_s).sum();
+    Some(Figure {
+        what: "grasping and turning one face",
+        paper: "about 120 s",
+        here: format!("{:.1} s", time / f64::from(summary.turns)),
+        remark: format!(
+            "{time:.0} s for {} turns with {} grasps; in the paper in slow motion, for safety",
+            summary.turns, summary.grasps
+        ),
+    })
+}
+
+fn whole_run(story: &Story) -> Option<Figure> {
+    let summary = story.summary.as_ref()?;
+    Some(Figure {
         what: "whole run",
         paper: "-",
         here: format!("{:.1} s", summary.sim_time_s),
         remark: format!("{:.1} times real time", summary.real_time_factor()),
-    });
-    all
+    })
 }
 
 fn or<'a>(text: &'a str, otherwise: &'a str) -> &'a str {
@@ -119,20 +152,8 @@ fn number(text: &str) -> f64 {
     text.parse().unwrap_or(f64::NAN)
 }
 
-/// The time that a share of all counts does not exceed [ns].
-pub(super) fn quantile(classes: &[(u64, u64)], share: f64) -> u64 {
-    let total = super::page::count(classes);
-    let mut seen: u64 = 0;
-    for (nanos, count) in classes {
-        seen = seen.saturating_add(*count);
-        if seen as f64 >= share * total as f64 {
-            return *nanos;
-        }
-    }
-    0
-}
-
-/// Number of looks, and the errors across and along the camera's axis that 95 % of them do not exceed [mm].
+/// Number of looks, and the errors across and along the camera's axis that 95 % of them do not
+/// exceed [mm].
 fn localisation(story: &Story) -> Option<(usize, f64, f64)> {
     // Where the controller believed it: by its calibration, if there was one.
     let found = story.label.of(calibration::NAME, "standalone_xyz");

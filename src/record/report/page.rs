@@ -1,17 +1,14 @@
 //! The page of a report.
 
-use super::figures::{figures, quantile};
+use super::classes::{classes, count, quantile};
+use super::figures::figures;
+use super::html::{HEAD, STYLE, escaped};
 use super::story::{ArmStory, BIN, Shot, Story};
 use super::svg::{self, Curve, Row};
 use crate::operator::Class;
 use crate::record::reading::End;
+use crate::record::summary::{Outcome, Summary};
 use std::fmt::Write;
-
-/// The look, for light, dark and paper.
-pub(crate) const STYLE: &str = include_str!("style.css");
-/// What a page begins with, up to its title. It says of itself that it runs no scripts and loads nothing: what a recording
-/// says may be anybody's.
-pub(crate) const HEAD: &str = "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta http-equiv=Content-Security-Policy content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'\"><meta name=viewport content=\"width=device-width, initial-scale=1\">\n";
 
 /// Writes it.
 pub(super) fn page(story: &Story) -> String {
@@ -43,23 +40,11 @@ fn title(story: &Story) -> String {
 }
 
 fn head(html: &mut String, story: &Story, title: &str) {
-    let (class, word, reason) = if let Some(summary) = &story.summary {
-        let word = match (summary.exit_code(), summary.task.as_str()) {
-            (0, "solve") => "Solved",
-            (0, _) => "Done",
-            _ if summary.outcome == crate::record::summary::Outcome::Failed => "Failed",
-            _ => "Aborted",
-        };
-        let class = if summary.exit_code() == 0 { "good" } else { "bad" };
-        (class, word, summary.reason.clone())
-    } else {
-        let damaged = matches!(story.file_end, Some(End::Damaged(_)));
-        let word = if damaged { "Damaged" } else { "Cut off" };
-        ("bad", word, "the recording ends before the run does".to_owned())
-    };
+    let (class, word, reason) = verdict(story);
     let _ = write!(
         html,
-        "<header><p class=over>rubik-robot &middot; report of a run</p><h1>{}</h1>\n<p class=\"verdict {class}\"><b>{word}</b> {}</p>",
+        "<header><p class=over>rubik-robot &middot; report of a run</p><h1>{}</h1>\n\
+         <p class=\"verdict {class}\"><b>{word}</b> {}</p>",
         escaped(title),
         escaped(&capital(&reason))
     );
@@ -74,6 +59,32 @@ fn head(html: &mut String, story: &Story, title: &str) {
     for why in incomplete(story) {
         let _ = write!(html, "<p class=warn>{}</p>", escaped(&why));
     }
+    cubes(html, story);
+    if let Some(summary) = &story.summary {
+        facts(html, summary);
+    }
+    html.push_str("</header>\n");
+}
+
+/// Returns the class of the verdict, its word, and the reason.
+fn verdict(story: &Story) -> (&'static str, &'static str, String) {
+    let Some(summary) = &story.summary else {
+        let damaged = matches!(story.file_end, Some(End::Damaged(_)));
+        let word = if damaged { "Damaged" } else { "Cut off" };
+        return ("bad", word, "the recording ends before the run does".to_owned());
+    };
+    let word = match (summary.exit_code(), summary.task.as_str()) {
+        (0, "solve") => "Solved",
+        (0, _) => "Done",
+        _ if summary.outcome == Outcome::Failed => "Failed",
+        _ => "Aborted",
+    };
+    let class = if summary.exit_code() == 0 { "good" } else { "bad" };
+    (class, word, summary.reason.clone())
+}
+
+/// Draws the nets of the cube at the start, as read and at the end, those that are known.
+fn cubes(html: &mut String, story: &Story) {
     html.push_str("<div class=cubes>");
     let start = story.label.fact("cube_start");
     let [read, believed, truth] = &story.letters;
@@ -92,35 +103,34 @@ fn head(html: &mut String, story: &Story, title: &str) {
         }
     }
     html.push_str("</div>");
-    if let Some(summary) = &story.summary {
-        html.push_str("<dl class=facts>");
-        let mut fact = |name: &str, value: String| {
-            let _ = write!(html, "<div><dt>{name}</dt><dd>{}</dd></div>", escaped(&value));
-        };
-        fact("time", format!("{:.1} s", summary.sim_time_s));
-        if summary.turns > 0 {
-            fact("turns", summary.turns.to_string());
-            fact("grasps", summary.grasps.to_string());
-        }
-        if let (Some(force), Some(torque)) = (summary.peak_force_n, summary.peak_torque_nm) {
-            fact("peak while both hold", format!("{force:.1} N, {torque:.2} Nm"));
-        }
-        if let (Some(jams), Some(slips), Some(drops)) = (summary.jams, summary.slips, summary.drops)
-        {
-            fact("jams, slips, drops", format!("{jams}, {slips}, {drops}"));
-        }
-        if summary.recoveries > 0 {
-            fact("read and planned anew", summary.recoveries.to_string());
-        }
-        if let Some(angle) = summary.turned_deg {
-            fact("layer turned by", format!("{angle:.1}\u{b0}"));
-        }
-        html.push_str("</dl>");
-    }
-    html.push_str("</header>\n");
 }
 
-/// What is not in the recording.
+fn facts(html: &mut String, summary: &Summary) {
+    html.push_str("<dl class=facts>");
+    let mut fact = |name: &str, value: String| {
+        let _ = write!(html, "<div><dt>{name}</dt><dd>{}</dd></div>", escaped(&value));
+    };
+    fact("time", format!("{:.1} s", summary.sim_time_s));
+    if summary.turns > 0 {
+        fact("turns", summary.turns.to_string());
+        fact("grasps", summary.grasps.to_string());
+    }
+    if let (Some(force), Some(torque)) = (summary.peak_force_n, summary.peak_torque_nm) {
+        fact("peak while both hold", format!("{force:.1} N, {torque:.2} Nm"));
+    }
+    if let (Some(jams), Some(slips), Some(drops)) = (summary.jams, summary.slips, summary.drops) {
+        fact("jams, slips, drops", format!("{jams}, {slips}, {drops}"));
+    }
+    if summary.recoveries > 0 {
+        fact("read and planned anew", summary.recoveries.to_string());
+    }
+    if let Some(angle) = summary.turned_deg {
+        fact("layer turned by", format!("{angle:.1}\u{b0}"));
+    }
+    html.push_str("</dl>");
+}
+
+/// Returns what the recording lacks.
 fn incomplete(story: &Story) -> Vec<String> {
     let mut whys = Vec::new();
     let lost = story.label.of("recording", "lost");
@@ -158,67 +168,16 @@ fn phases(story: &Story) -> Vec<(f64, String)> {
 }
 
 fn timeline(html: &mut String, story: &Story) {
-    let phases = phases(story);
-    let end = story.end;
-    let until = |index: usize| phases.get(index + 1).map_or(end, |p| p.0);
-    let mut rows = vec![Row {
-        name: "phase".to_owned(),
-        pieces: phases
-            .iter()
-            .enumerate()
-            .map(|(i, (begin, name))| (*begin, until(i), escaped(name), format!("p{}", i % 8)))
-            .collect(),
-    }];
-    let held = |index: usize| story.holders.get(index + 1).map_or(end, |h| h.0);
-    if story.holders.iter().any(|(_, holders)| !holders.is_empty()) {
-        let mut lanes: Vec<String> = story.arms.iter().map(|arm| arm.name.clone()).collect();
-        lanes.push("neither hand".to_owned());
-        for (lane, name) in lanes.iter().enumerate() {
-            let holds = |holders: &Vec<String>| {
-                holders.contains(name) || (holders.is_empty() && lane + 1 == lanes.len())
-            };
-            let mut pieces: Vec<(f64, f64, String, String)> = Vec::new();
-            for (i, (begin, holders)) in story.holders.iter().enumerate() {
-                if !holds(holders) {
-                    continue;
-                }
-                match pieces.last_mut() {
-                    Some(last) if (last.1 - begin).abs() < 1e-9 => last.1 = held(i),
-                    _ => pieces.push((*begin, held(i), escaped(name), format!("h{lane}"))),
-                }
-            }
-            let words = if lane + 1 == lanes.len() {
-                "held by neither hand, as the controller believed".to_owned()
-            } else {
-                format!("held by {name}, as the controller believed")
-            };
-            rows.push(Row { name: escaped(&words), pieces });
-        }
-    }
+    let mut rows = vec![phase_row(story)];
+    rows.extend(holder_rows(story));
     if !story.operator.is_empty() {
         let pieces =
             story.operator.iter().map(|(t, word)| (*t, *t, escaped(word), "op".to_owned()));
         rows.push(Row { name: "operator".to_owned(), pieces: pieces.collect() });
     }
-    let rank = |class: Class, who: &str| match (who, class) {
-        ("plant", _) => "injected faults: the truth, which no part of the controller heard",
-        (_, Class::Info | Class::Warning) => "warnings",
-        (_, Class::NonFatal | Class::Fatal | Class::System) => "errors",
-    };
-    let truth = rank(Class::Info, "plant");
-    for name in [truth, "warnings", "errors"] {
-        let told = story.messages.iter().filter(|(_, class, who, _)| rank(*class, who) == name);
-        let pieces: Vec<_> = told
-            .map(|(t, _, who, what)| {
-                let class = if name == "warnings" { "wa" } else { "er" };
-                (*t, *t, escaped(&format!("{who}: {what}")), class.to_owned())
-            })
-            .collect();
-        if !pieces.is_empty() {
-            rows.push(Row { name: name.to_owned(), pieces });
-        }
-    }
-    let _ = write!(html, "<section><h2>What happened when</h2>{}", svg::timeline(&rows, end));
+    rows.extend(message_rows(story));
+    let drawn = svg::timeline(&rows, story.end);
+    let _ = write!(html, "<section><h2>What happened when</h2>{drawn}");
     if let Some(summary) = story.summary.as_ref().filter(|s| !s.phases.is_empty()) {
         html.push_str("<ol class=legend>");
         for (i, phase) in summary.phases.iter().enumerate() {
@@ -233,6 +192,65 @@ fn timeline(html: &mut String, story: &Story) {
         html.push_str("</ol>");
     }
     html.push_str("</section>\n");
+}
+
+fn phase_row(story: &Story) -> Row {
+    let phases = phases(story);
+    let until = |index: usize| phases.get(index + 1).map_or(story.end, |p| p.0);
+    let piece = |(i, (begin, name)): (usize, &(f64, String))| {
+        (*begin, until(i), escaped(name), format!("p{}", i % 8))
+    };
+    Row { name: "phase".to_owned(), pieces: phases.iter().enumerate().map(piece).collect() }
+}
+
+/// Returns a row for each hand, and one for neither hand; none if no hand ever held the cube.
+fn holder_rows(story: &Story) -> Vec<Row> {
+    if story.holders.iter().all(|(_, holders)| holders.is_empty()) {
+        return Vec::new();
+    }
+    let mut lanes: Vec<String> = story.arms.iter().map(|arm| arm.name.clone()).collect();
+    lanes.push("neither hand".to_owned());
+    let last = lanes.len() - 1;
+    let until = |index: usize| story.holders.get(index + 1).map_or(story.end, |h| h.0);
+    let row = |(lane, name): (usize, &String)| {
+        let mut pieces: Vec<(f64, f64, String, String)> = Vec::new();
+        for (i, (begin, holders)) in story.holders.iter().enumerate() {
+            if !holders.contains(name) && !(holders.is_empty() && lane == last) {
+                continue;
+            }
+            match pieces.last_mut() {
+                Some(before) if (before.1 - begin).abs() < 1e-9 => before.1 = until(i),
+                _ => pieces.push((*begin, until(i), escaped(name), format!("h{lane}"))),
+            }
+        }
+        let words = if lane == last {
+            "held by neither hand, as the controller believed".to_owned()
+        } else {
+            format!("held by {name}, as the controller believed")
+        };
+        Row { name: escaped(&words), pieces }
+    };
+    lanes.iter().enumerate().map(row).collect()
+}
+
+/// Returns a row for each rank of messages that the run has: injected faults, warnings, errors.
+fn message_rows(story: &Story) -> Vec<Row> {
+    const TRUTH: &str = "injected faults: the truth, which no part of the controller heard";
+    let rank = |class: Class, who: &str| match (who, class) {
+        ("plant", _) => TRUTH,
+        (_, Class::Info | Class::Warning) => "warnings",
+        (_, Class::NonFatal | Class::Fatal | Class::System) => "errors",
+    };
+    let row = |name: &'static str| {
+        let told = story.messages.iter().filter(|(_, class, who, _)| rank(*class, who) == name);
+        let class = if name == "warnings" { "wa" } else { "er" };
+        let piece = |(t, _, who, what): &(f64, Class, String, String)| {
+            (*t, *t, escaped(&format!("{who}: {what}")), class.to_owned())
+        };
+        let pieces: Vec<_> = told.map(piece).collect();
+        (!pieces.is_empty()).then(|| Row { name: name.to_owned(), pieces })
+    };
+    [TRUTH, "warnings", "errors"].into_iter().filter_map(row).collect()
 }
 
 fn forces(html: &mut String, story: &Story) {
@@ -265,20 +283,6 @@ fn forces(html: &mut String, story: &Story) {
         );
     }
     html.push_str("<p class=note>The limits break a step with contact off; free motion, where inertia is felt, has none.</p></section>\n");
-}
-
-/// `nanoseconds:count` in rising order.
-pub(super) fn classes(text: &str) -> Vec<(u64, u64)> {
-    let pair = |word: &str| {
-        let (nanos, count) = word.split_once(':')?;
-        Some((nanos.parse().ok()?, count.parse().ok()?))
-    };
-    text.split_whitespace().filter_map(pair).collect()
-}
-
-/// How many are in all classes.
-pub(super) fn count(classes: &[(u64, u64)]) -> u64 {
-    classes.iter().fold(0, |sum, (_, count)| sum.saturating_add(*count))
 }
 
 fn timing(html: &mut String, story: &Story) {
@@ -325,9 +329,10 @@ fn timing(html: &mut String, story: &Story) {
     html.push_str("</section>\n");
 }
 
-/// Pictures that tell the run: the stand-alone camera's when it found the cube and its last one before the grasp; faces
-/// that were read, most of them when the cube was new and the last ones of the run; each with the phase it is of. The
-/// cameras look only when they are asked to, which they are not while a layer is turned.
+/// Pictures that tell the run: the stand-alone camera's when it found the cube and its last one
+/// before the grasp; faces that were read, most of them when the cube was new and the last ones of
+/// the run; each with the phase it is of. The cameras look only when they are asked to, which they
+/// are not while a layer is turned.
 fn chosen(story: &Story) -> Vec<(&Shot, String)> {
     /// Faces from the beginning and from the end.
     const FACES: (usize, usize) = (6, 3);
@@ -508,7 +513,8 @@ fn origin(html: &mut String, story: &Story) {
     html.push_str("</pre></section>\n");
 }
 
-/// Seconds since 1970 as a date; by days since 0000-03-01, a calendar that begins its years after the leap day.
+/// Seconds since 1970 as a date; by days since 0000-03-01, a calendar that begins its years after
+/// the leap day.
 fn utc(seconds: u64) -> String {
     let (days, rest) = (seconds / 86_400 + 719_468, seconds % 86_400);
     let (era, day_of_era) = (days / 146_097, days % 146_097);
@@ -524,11 +530,6 @@ fn utc(seconds: u64) -> String {
 fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
-}
-
-/// For text and attributes.
-pub(crate) fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 fn base64(bytes: &[u8]) -> String {

@@ -1,5 +1,7 @@
-//! Pictures of a report: curves, bars, a timeline, the net of a cube, as SVG that takes its colours from the page.
+//! Pictures of a report: curves, bars, a timeline, the net of a cube, as SVG that takes its colours
+//! from the page.
 
+use super::html::escaped;
 use std::fmt::Write;
 
 /// Width of every picture [px].
@@ -222,12 +224,20 @@ pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
         let y = top + panel - height(count);
         let _ = write!(
             svg,
-            "<line class=grid x1={LEFT} x2={:.0} y1={y:.1} y2={y:.1} /><text class=tick x={:.0} y={:.1} text-anchor=end>{count}</text>",
+            "<line class=grid x1={LEFT} x2={:.0} y1={y:.1} y2={y:.1} />\
+             <text class=tick x={:.0} y={:.1} text-anchor=end>{count}</text>",
             WIDTH - RIGHT,
             LEFT - 6.0,
             y + 4.0
         );
     }
+    decades(&mut svg, (low, high), top + panel);
+    svg.push_str("</svg>");
+    svg
+}
+
+/// Draws the axis at `bottom`, with a time for each power of ten.
+fn decades(svg: &mut String, (low, high): (f64, f64), bottom: f64) {
     let mut decade = low;
     while decade <= high {
         let at = LEFT + (WIDTH - LEFT - RIGHT) * (decade - low) / (high - low);
@@ -240,7 +250,7 @@ pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
         let _ = write!(
             svg,
             "<text class=tick x={at:.1} y={:.1} text-anchor=middle>{words}</text>",
-            top + panel + 17.0
+            bottom + 17.0
         );
         decade += 1.0;
     }
@@ -248,11 +258,9 @@ pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
         svg,
         "<line class=axis x1={LEFT} x2={:.0} y1={:.1} y2={:.1} />",
         WIDTH - RIGHT,
-        top + panel,
-        top + panel
+        bottom,
+        bottom
     );
-    svg.push_str("</svg>");
-    svg
 }
 
 /// The net of a cube from 54 letters URFDLB; others are grey.
@@ -264,7 +272,7 @@ pub(super) fn net(letters: &str) -> String {
         "<svg class=net viewBox=\"0 0 {:.0} {:.0}\" role=img aria-label=\"cube {}\">",
         12.0 * size + 10.0,
         9.0 * size + 8.0,
-        super::escaped(letters)
+        escaped(letters)
     );
     for (index, letter) in letters.chars().take(54).enumerate() {
         let (column, row) = places[index / 9];

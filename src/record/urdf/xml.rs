@@ -1,14 +1,16 @@
 //! A [`Model`] as URDF text.
 //!
-//! - source: the URDF specification of ROS (link, joint, visual, collision, limit); lengths in m, angles in rad
+//! - source: the URDF specification of ROS (link, joint, visual, collision, limit); lengths in m,
+//!   angles in rad
 
-use super::{JointKind, Link, Model, Shape};
+use super::model::{JointKind, Link, Model, Shape};
 use crate::spatial::Pose;
 use std::fmt::{self, Write};
 
 /// Efforts are not known; the format wants a number [N or Nm].
 const EFFORT: f64 = 100.0;
-/// The fastest that a set value may be asked to go is a motor's speed; as joints about 1.5 rad/s [rad/s or m/s].
+/// The fastest that a set value may be asked to go is a motor's speed; as joints about 1.5 rad/s
+/// [rad/s or m/s].
 const SPEED: f64 = 1.5;
 
 /// Writes the model.

@@ -1,0 +1,416 @@
+//! The cell as links and joints, from the table that the kinematics use: for URDF and for
+//! transforms.
+//!
+//! - in: a [`Cell`] (arms with their lengths, limits, tools, sensors, cameras), joint positions,
+//!   jaw openings
+//! - out: a [`Model`]: its joints give [`Model::moving`] and [`Model::fixed`] transforms, `xml`
+//!   writes it as URDF
+//! - source: the axes of [`crate::kinematics`]: in the pose in which all variables are zero the
+//!   lower arm points along the base's x, the upper arm hangs down, the wrist below it
+//!
+//! Frames: `world`, per arm `NAME_base`, `NAME_link0` (the carriage, on a track), `NAME_link1..6`,
+//! `NAME_flange`, `NAME_sensor`, `NAME_tool`, `NAME_finger_left/right`; per camera `NAME_optical`;
+//! `cube`.
+
+use crate::cell::{Arm, Cell, Mount};
+use crate::motion::JointPositions;
+use crate::spatial::{Pose, pose_from_axes};
+use nalgebra::{Point3, Translation3, Unit, UnitQuaternion, Vector3};
+
+/// Bodies and joints of a cell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    /// Name of the whole.
+    pub name: String,
+    /// Links, the root first.
+    pub links: Vec<Link>,
+    /// Joints, parents before children.
+    pub joints: Vec<Joint>,
+}
+
+/// A body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Link {
+    /// Name, which is that of its frame.
+    pub name: String,
+    /// What it is made of.
+    pub solids: Vec<Solid>,
+}
+
+/// A primitive body in its link's frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solid {
+    /// Where its centre is.
+    pub link_from_solid: Pose,
+    /// Its shape.
+    pub shape: Shape,
+    /// Red, green, blue, 0..=1.
+    pub colour: [f64; 3],
+}
+
+/// A primitive shape, its centre in the origin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shape {
+    /// Lengths of the edges [m].
+    Box([f64; 3]),
+    /// About z: radius and length [m].
+    Cylinder(f64, f64),
+}
+
+/// A joint between two links.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joint {
+    /// Name.
+    pub name: String,
+    /// Frame that it stands in.
+    pub parent: String,
+    /// Frame that it moves.
+    pub child: String,
+    /// `parent_from_child` when the variable is zero.
+    pub origin: Pose,
+    /// How it moves.
+    pub kind: JointKind,
+}
+
+/// How a joint moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum JointKind {
+    /// Not at all.
+    Fixed,
+    /// Any way: the cube.
+    Floating,
+    /// About an axis of the child's frame [rad].
+    Turns(Drive),
+    /// Along an axis [m].
+    Slides(Drive),
+}
+
+/// What moves a joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Drive {
+    /// Unit vector in the child's frame.
+    pub axis: [f64; 3],
+    /// Least and largest value.
+    pub limits: (f64, f64),
+    /// Index of the arm in the cell, and what moves it.
+    pub by: (usize, Variable),
+}
+
+/// A variable of an arm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Variable {
+    /// Entry of [`JointPositions`].
+    Joint(usize),
+    /// Half the opening of the jaws.
+    HalfOpening,
+}
+
+const PAINT: [f64; 3] = [0.93, 0.55, 0.14];
+const STEEL: [f64; 3] = [0.62, 0.65, 0.68];
+const DARK: [f64; 3] = [0.18, 0.19, 0.21];
+const TABLE: [f64; 3] = [0.80, 0.77, 0.70];
+/// White, red, green, yellow, orange, blue: faces U R F D L B.
+const STICKERS: [[f64; 3]; 6] = [
+    [0.95, 0.95, 0.95],
+    [0.80, 0.08, 0.10],
+    [0.05, 0.60, 0.25],
+    [0.98, 0.82, 0.05],
+    [0.98, 0.45, 0.05],
+    [0.05, 0.25, 0.70],
+];
+
+impl Model {
+    /// The whole cell, or one of its arms on its own base; with the cube when `cube`.
+    #[must_use]
+    pub fn of(cell: &Cell, arm: Option<usize>, cube: bool) -> Self {
+        let mut model = Self { name: "rubik_robot".to_owned(), links: vec![], joints: vec![] };
+        if let Some((index, arm)) = arm.and_then(|i| Some((i, cell.arms.get(i)?))) {
+            model.name.clone_from(&arm.name);
+            model.arm(index, arm);
+        } else {
+            model.link("world", vec![]);
+            model.table(cell);
+            for (index, arm) in cell.arms.iter().enumerate() {
+                model.arm(index, arm);
+                let base = format!("{}_base", arm.name);
+                model.fix("world", &base, arm.world_from_base);
+            }
+        }
+        for camera in &cell.cameras {
+            let name = format!("{}_optical", camera.name);
+            let (parent, place) = match camera.mount {
+                Mount::World { world_from_camera } if arm.is_none() => {
+                    ("world".to_owned(), world_from_camera)
+                }
+                Mount::Flange { arm: on, flange_from_camera }
+                    if arm.is_none_or(|only| only == on) && on < cell.arms.len() =>
+                {
+                    (format!("{}_flange", cell.arms[on].name), flange_from_camera)
+                }
+                Mount::World { .. } | Mount::Flange { .. } => continue,
+            };
+            let body = solid([0.0, 0.0, -0.015], Shape::Box([0.03, 0.03, 0.03]), DARK);
+            let lens = solid([0.0, 0.0, 0.004], Shape::Cylinder(0.009, 0.008), STEEL);
+            model.link(&name, vec![body, lens]);
+            model.fix(&parent, &name, place);
+        }
+        if cube && arm.is_none() {
+            model.cube(cell.cube.edge);
+        }
+        model
+    }
+
+    /// `parent_from_child` of every joint that does not move: parent, child, pose.
+    pub fn fixed(&self) -> impl Iterator<Item = (&str, &str, Pose)> {
+        let fixed = self.joints.iter().filter(|j| j.kind == JointKind::Fixed);
+        fixed.map(|j| (j.parent.as_str(), j.child.as_str(), j.origin))
+    }
+
+    /// The same of every joint that a drive moves. `joints` and `openings` [m] have an entry for
+    /// each arm of the cell.
+    pub fn moving<'a>(
+        &'a self,
+        joints: &'a [JointPositions],
+        openings: &'a [f64],
+    ) -> impl Iterator<Item = (&'a str, &'a str, Pose)> {
+        self.joints.iter().filter_map(move |joint| {
+            let pose = joint.origin * joint.kind.displacement(joints, openings)?;
+            Some((joint.parent.as_str(), joint.child.as_str(), pose))
+        })
+    }
+
+    fn link(&mut self, name: &str, solids: Vec<Solid>) {
+        self.links.push(Link { name: name.to_owned(), solids });
+    }
+
+    fn fix(&mut self, parent: &str, child: &str, origin: Pose) {
+        self.joint(parent, child, origin, JointKind::Fixed);
+    }
+
+    fn joint(&mut self, parent: &str, child: &str, origin: Pose, kind: JointKind) {
+        self.joints.push(Joint {
+            name: format!("{child}_joint"),
+            parent: parent.to_owned(),
+            child: child.to_owned(),
+            origin,
+            kind,
+        });
+    }
+
+    fn table(&mut self, cell: &Cell) {
+        let centre = cell.hand.world_from_cube.translation.vector;
+        let top = 0.03;
+        let place = [centre.x - 0.15, centre.y + 0.6, cell.table_height - 0.5 * top];
+        self.link("table", vec![solid([0.0; 3], Shape::Box([0.6, 0.6, top]), TABLE)]);
+        self.fix("world", "table", Pose::translation(place[0], place[1], place[2]));
+    }
+
+    fn cube(&mut self, edge: f64) {
+        let mut solids = vec![solid([0.0; 3], Shape::Box([edge; 3]), DARK)];
+        // Normals of U R F D L B in the cube's frame: R +x, B +y, U +z.
+        let normals: [[f64; 3]; 6] = [
+            [0.0, 0.0, 1.0],
+            [1.0, 0.0, 0.0],
+            [0.0, -1.0, 0.0],
+            [0.0, 0.0, -1.0],
+            [-1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+        ];
+        for (normal, colour) in normals.iter().zip(STICKERS) {
+            let plate = normal.map(|n: f64| if n == 0.0 { 0.92 * edge } else { 0.0006 });
+            solids.push(solid(normal.map(|n| 0.5 * edge * n), Shape::Box(plate), colour));
+        }
+        self.link("cube", solids);
+        self.joint("world", "cube", Pose::identity(), JointKind::Floating);
+    }
+
+    fn arm(&mut self, index: usize, arm: &Arm) {
+        let [a2, a3, d5] = arm.model.links;
+        let h = arm.model.shoulder_height;
+        let limits = &arm.model.joint_limits;
+        let name = |part: &str| format!("{}_{part}", arm.name);
+        let turns = |axis: [f64; 3], variable: usize| {
+            let by = (index, Variable::Joint(variable));
+            JointKind::Turns(Drive { axis, limits: limits[variable], by })
+        };
+        let up = |length: f64, z: f64| solid([0.0, 0.0, z], Shape::Cylinder(0.07, length), PAINT);
+        let along_x = |length: f64, x: f64, size: f64| {
+            solid([x, 0.0, 0.0], Shape::Box([length, size, size]), PAINT)
+        };
+        let hub = |radius: f64, length: f64| Solid {
+            link_from_solid: Pose::rotation(Vector3::new(std::f64::consts::FRAC_PI_2, 0.0, 0.0)),
+            shape: Shape::Cylinder(radius, length),
+            colour: STEEL,
+        };
+
+        let (mut below, foot) = (name("base"), 0.25);
+        let stand = solid([0.0, 0.0, 0.5 * foot], Shape::Box([0.34, 0.34, foot]), DARK);
+        if arm.model.has_track {
+            let (low, high) = limits[0];
+            let rail = Shape::Box([0.30, high - low + 0.4, 0.06]);
+            self.link(&below, vec![solid([0.0, 0.5 * (low + high), 0.03], rail, STEEL)]);
+            let carriage = name("link0");
+            self.link(&carriage, vec![stand]);
+            let by = (index, Variable::Joint(0));
+            let slides = Drive { axis: [0.0, 1.0, 0.0], limits: limits[0], by };
+            self.joint(&below, &carriage, Pose::identity(), JointKind::Slides(slides));
+            below = carriage;
+        } else {
+            self.link(&below, vec![stand]);
+        }
+        let column = h - foot;
+        self.link(&name("link1"), vec![up(column, foot + 0.5 * column)]);
+        self.joint(&below, &name("link1"), Pose::identity(), turns([0.0, 0.0, 1.0], 1));
+        self.link(&name("link2"), vec![hub(0.085, 0.24), along_x(a2, 0.5 * a2, 0.10)]);
+        let shoulder = Pose::translation(0.0, 0.0, h);
+        self.joint(&name("link1"), &name("link2"), shoulder, turns([0.0, 1.0, 0.0], 2));
+        let upper = solid([0.0, 0.0, -0.5 * a3], Shape::Box([0.09, 0.09, a3]), PAINT);
+        self.link(&name("link3"), vec![hub(0.07, 0.18), upper]);
+        let elbow = Pose::translation(a2, 0.0, 0.0);
+        self.joint(&name("link2"), &name("link3"), elbow, turns([0.0, 1.0, 0.0], 3));
+        self.link(&name("link4"), vec![hub(0.05, 0.13)]);
+        let wrist = Pose::translation(0.0, 0.0, -a3);
+        self.joint(&name("link3"), &name("link4"), wrist, turns([0.0, 1.0, 0.0], 4));
+        let hand = solid([0.0, 0.0, -0.5 * d5], Shape::Cylinder(0.045, d5), PAINT);
+        self.link(&name("link5"), vec![hand]);
+        self.joint(&name("link4"), &name("link5"), Pose::identity(), turns([0.0, 0.0, -1.0], 5));
+        self.link(&name("link6"), vec![]);
+        let roll = Pose::translation(0.0, 0.0, -d5);
+        self.joint(&name("link5"), &name("link6"), roll, turns([0.0, 1.0, 0.0], 6));
+
+        // In the zero pose the flange's x points along the base's x, its y down, its z along the
+        // base's y.
+        let flange = pose_from_axes(Vector3::x(), -Vector3::z(), Vector3::y(), Point3::origin());
+        let plate = solid([0.0, 0.0, 0.01], Shape::Cylinder(0.04, 0.02), STEEL);
+        self.link(&name("flange"), vec![plate]);
+        self.fix(&name("link6"), &name("flange"), flange);
+        self.gripper(index, arm);
+    }
+
+    fn gripper(&mut self, index: usize, arm: &Arm) {
+        let name = |part: &str| format!("{}_{part}", arm.name);
+        let sensor = arm.sensor.flange_from_sensor;
+        let disc = solid([0.0; 3], Shape::Cylinder(0.035, 0.035), STEEL);
+        self.link(&name("sensor"), vec![disc]);
+        self.fix(&name("flange"), &name("sensor"), sensor);
+        let g = &arm.gripper;
+        let palm_at = -(g.palm + 0.01);
+        let reach = arm.flange_from_tool.translation.vector.z;
+        let plate = Shape::Box([2.0 * g.palm_half_width, 2.0 * g.palm_half_width, 0.02]);
+        let neck = (reach - g.palm - 0.02).max(0.02);
+        let tool = vec![
+            solid([0.0, 0.0, palm_at], plate, DARK),
+            solid([0.0, 0.0, palm_at - 0.5 * neck], Shape::Box([0.05, 0.05, neck]), DARK),
+        ];
+        self.link(&name("tool"), tool);
+        self.fix(&name("flange"), &name("tool"), arm.flange_from_tool);
+        let length = g.palm + g.finger_tip;
+        let limits = (0.5 * g.opening.0, 0.5 * g.opening.1);
+        for (side, sign) in [("left", 1.0), ("right", -1.0)] {
+            let child = name(&format!("finger_{side}"));
+            let centre = [0.0, sign * 0.5 * g.finger_thickness, 0.5 * (g.finger_tip - g.palm)];
+            let shape = Shape::Box([g.finger_width, g.finger_thickness, length]);
+            self.link(&child, vec![solid(centre, shape, STEEL)]);
+            let by = (index, Variable::HalfOpening);
+            let slides = JointKind::Slides(Drive { axis: [0.0, sign, 0.0], limits, by });
+            self.joint(&name("tool"), &child, Pose::identity(), slides);
+        }
+    }
+}
+
+impl Joint {
+    /// `parent_from_child` where the arms stand so. `joints` and `openings` [m] have an entry for
+    /// each arm of the cell.
+    #[must_use]
+    pub fn place(&self, joints: &[JointPositions], openings: &[f64]) -> Pose {
+        self.kind.displacement(joints, openings).map_or(self.origin, |moved| self.origin * moved)
+    }
+}
+
+impl JointKind {
+    /// What moves the joint, if anything does.
+    #[must_use]
+    pub fn drive(&self) -> Option<&Drive> {
+        match self {
+            Self::Turns(drive) | Self::Slides(drive) => Some(drive),
+            Self::Fixed | Self::Floating => None,
+        }
+    }
+
+    fn displacement(&self, joints: &[JointPositions], openings: &[f64]) -> Option<Pose> {
+        let drive = self.drive()?;
+        let (arm, variable) = drive.by;
+        let value = match variable {
+            Variable::Joint(index) => joints.get(arm)?.0[index],
+            Variable::HalfOpening => 0.5 * openings.get(arm)?,
+        };
+        let axis = Vector3::from(drive.axis);
+        Some(match self {
+            Self::Slides(_) => {
+                Pose::from_parts(Translation3::from(value * axis), UnitQuaternion::identity())
+            }
+            _ => Pose::from_parts(
+                Translation3::identity(),
+                UnitQuaternion::from_axis_angle(&Unit::new_unchecked(axis), value),
+            ),
+        })
+    }
+}
+
+fn solid(centre: [f64; 3], shape: Shape, colour: [f64; 3]) -> Solid {
+    Solid { link_from_solid: Pose::translation(centre[0], centre[1], centre[2]), shape, colour }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario;
+    use std::collections::BTreeMap;
+
+    fn cell() -> Cell {
+        scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap().controller.cell
+    }
+
+    #[test]
+    fn the_frames_are_where_the_kinematics_put_them() {
+        let cell = cell();
+        let model = Model::of(&cell, None, true);
+        let joints: Vec<_> = cell.arms.iter().map(|arm| arm.start).collect();
+        let openings = [0.06, 0.08];
+
+        let mut placed = BTreeMap::from([("world".to_owned(), Pose::identity())]);
+        let all = model.fixed().chain(model.moving(&joints, &openings));
+        let mut waiting: Vec<_> = all.collect();
+        while !waiting.is_empty() {
+            let before = waiting.len();
+            waiting.retain(|(parent, child, pose)| {
+                let Some(world_from_parent) = placed.get(*parent) else { return true };
+                placed.insert((*child).to_owned(), world_from_parent * pose);
+                false
+            });
+            assert!(waiting.len() < before, "{waiting:?}");
+        }
+
+        for (arm, q) in cell.arms.iter().zip(&joints) {
+            let flange = arm.world_from_base * arm.model.base_from_flange(q);
+            let tool = placed[&format!("{}_tool", arm.name)];
+            let apart = (flange * arm.flange_from_tool).inverse() * tool;
+            assert!(apart.translation.vector.norm() < 1e-12 && apart.rotation.angle() < 1e-7);
+        }
+        let fingers = [&placed["track_finger_left"], &placed["track_finger_right"]];
+        let gap = (fingers[0].translation.vector - fingers[1].translation.vector).norm();
+        assert!((gap - 0.06).abs() < 1e-12);
+    }
+
+    #[test]
+    fn every_joint_has_its_links_and_every_link_one_joint_but_the_root() {
+        let cell = cell();
+        for (arm, cube) in [(None, true), (None, false), (Some(0), false), (Some(1), true)] {
+            let model = Model::of(&cell, arm, cube);
+
+            let known = |name: &str| model.links.iter().any(|l| l.name == name);
+            assert!(model.joints.iter().all(|j| known(&j.parent) && known(&j.child)));
+            assert_eq!(model.joints.len() + 1, model.links.len(), "{arm:?}");
+        }
+    }
+}
