@@ -144,18 +144,7 @@ impl Patch {
             {
                 let (better, shown) = self.mended(&lattices[i], &tiles, edges, *threshold);
                 if let Some(better) = better {
-                    let rivals = (0..lattices.len()).filter(|&j| j != i).map(|j| &lattices[j]);
-                    let met: Vec<&Lattice> =
-                        rivals.filter(|other| better.meets(other, &tiles)).collect();
-                    let larger = met.iter().any(|other| other.is_larger());
-                    if larger || met.iter().all(|other| other.score() < lattices[i].score()) {
-                        lattices[i] = better;
-                        lattice::look_beyond(&tiles, &mut lattices, i);
-                    }
-                    // What shares cells with a larger lattice is a part of it.
-                    if larger {
-                        lattices[i].onward = Onward::Larger;
-                    }
+                    replace(&mut lattices, i, better, &tiles);
                 }
                 seen = Some(shown);
             }
@@ -163,29 +152,20 @@ impl Patch {
                 faces.push(self.sighting(&lattices[i], &tiles, seen));
             }
         }
-        let larger: Vec<&Lattice> = lattices.iter().filter(|l| l.is_larger()).collect();
-        faces.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
-        // Two lattices of one face are fitted to the same sides.
-        let mut kept: Vec<FaceSighting> = Vec::with_capacity(faces.len());
-        for face in faces {
-            let centre = face.centres[4];
-            if !kept.iter().any(|k| lattice::encloses(&k.corners, centre)) {
-                kept.push(face);
-            }
-        }
-        let mut faces = kept;
+        let mut faces = distinct(faces);
         let best = faces.first().map(|f| f.confidence);
         faces.retain(|f| f.confidence >= settings.least_confidence);
         if !faces.is_empty() {
             return Ok(faces);
         }
         let (brightest, clipped) = self.exposure_of(&tiles);
+        let beyond = lattices.iter().filter(|l| l.is_larger()).map(|l| l.beyond).max();
         Err(if brightest < 30 {
             Refusal::TooDark { brightest }
         } else if clipped > 0.35 {
             Refusal::Overexposed { share: clipped }
-        } else if !larger.is_empty() {
-            Refusal::LargerLattice { beyond: larger.iter().map(|l| l.beyond).max().unwrap_or(0) }
+        } else if let Some(beyond) = beyond {
+            Refusal::LargerLattice { beyond }
         } else if let Some(confidence) = best {
             Refusal::Doubtful { confidence }
         } else if let Some(width_px) = edges.and_then(|(edges, _)| self.small(&edges)) {
@@ -313,6 +293,35 @@ impl Patch {
             },
         }
     }
+}
+
+/// Puts the mended lattice in place of the one at `i`, if no other lattice that it meets is better.
+fn replace(lattices: &mut [Lattice], i: usize, better: Lattice, tiles: &[Tile]) {
+    let rivals = (0..lattices.len()).filter(|&j| j != i).map(|j| &lattices[j]);
+    let met: Vec<&Lattice> = rivals.filter(|other| better.meets(other, tiles)).collect();
+    let larger = met.iter().any(|other| other.is_larger());
+    if larger || met.iter().all(|other| other.score() < lattices[i].score()) {
+        lattices[i] = better;
+        lattice::look_beyond(tiles, lattices, i);
+    }
+    // A lattice that shares cells with a larger one is a part of it.
+    if larger {
+        lattices[i].onward = Onward::Larger;
+    }
+}
+
+/// Returns the surest sighting of each face, the surest face first: two lattices of one face are
+/// fitted to the same sides.
+fn distinct(mut faces: Vec<FaceSighting>) -> Vec<FaceSighting> {
+    faces.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+    let mut kept: Vec<FaceSighting> = Vec::with_capacity(faces.len());
+    for face in faces {
+        let centre = face.centres[4];
+        if !kept.iter().any(|k| lattice::encloses(&k.corners, centre)) {
+            kept.push(face);
+        }
+    }
+    kept
 }
 
 /// What a lattice's cells show of the sides of tiles.

@@ -216,7 +216,8 @@ pub(crate) fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
         if taken[seed] || proposals > MOST_PROPOSALS {
             continue;
         }
-        let best = propose(tiles, &near, seed, &taken, least, &mut proposals);
+        let search = Search { tiles, near: &near, taken: &taken, least };
+        let best = search.propose(seed, &mut proposals);
         let Some(best) = best else { continue };
         // A full and regular face is certain: its tiles need not propose any more.
         if best.score() > CERTAIN {
@@ -449,117 +450,124 @@ fn alike(a: &Tile, b: &Tile) -> bool {
     trace / (2.0 * ratio) < 1.7
 }
 
-/// The best lattice that a seed and pairs of its neighbours propose.
-fn propose(
-    tiles: &Places,
-    near: &[Vec<Neighbour>],
-    seed: usize,
-    taken: &[bool],
+/// What a search for lattices goes by.
+struct Search<'a> {
+    tiles: &'a Places<'a>,
+    /// Neighbours of each tile.
+    near: &'a [Vec<Neighbour>],
+    /// Tiles that belong to a lattice already.
+    taken: &'a [bool],
+    /// The fewest tiles of a lattice.
     least: usize,
-    proposals: &mut usize,
-) -> Option<Lattice> {
-    let mut best: Option<Lattice> = None;
-    let mine = &near[seed];
-    for (k, a) in mine.iter().enumerate() {
-        if taken[a.tile] {
-            continue;
-        }
-        for b in &mine[k + 1..] {
-            if taken[b.tile] {
-                continue;
-            }
-            let (p, q) = (a.whitened, b.whitened);
-            let (lp, lq) = (p.0.hypot(p.1), q.0.hypot(q.1));
-            let cos = (p.0 * q.0 + p.1 * q.1) / (lp * lq);
-            if cos.abs() > 0.4 || lq > 1.5 * lp {
-                continue;
-            }
-            *proposals += 1;
-            let right_handed = p.0 * q.1 - p.1 * q.0 > 0.0;
-            let (x, y) = if right_handed { (a.tile, b.tile) } else { (b.tile, a.tile) };
-            let Some(lattice) = grow(tiles, near, seed, x, y, taken, least) else { continue };
-            if best.as_ref().is_none_or(|best| lattice.score() > best.score()) {
-                let certain = lattice.score() > CERTAIN;
-                best = Some(lattice);
-                if certain {
-                    return best;
-                }
-            }
-        }
-    }
-    best
 }
 
-/// Grows a lattice over 5x5 cells around `seed` with `x` and `y` as its neighbours, and picks the best 3x3.
-fn grow(
-    tiles: &Places,
-    near: &[Vec<Neighbour>],
-    seed: usize,
-    x: usize,
-    y: usize,
-    taken: &[bool],
-    least: usize,
-) -> Option<Lattice> {
-    let at = |i: usize| tiles[i].centre;
-    let mut cells: [[Option<usize>; 5]; 5] = [[None; 5]; 5];
-    cells[2][2] = Some(seed);
-    cells[2][3] = Some(x);
-    cells[3][2] = Some(y);
-    let step = |from: usize, to: usize| (at(to).0 - at(from).0, at(to).1 - at(from).1);
-    let (basis_x, basis_y) = (step(seed, x), step(seed, y));
-
-    // Two rounds reach every cell of the window that is reachable over held cells.
-    for _ in 0..3 {
-        let before = cells;
-        for row in 0..5 {
-            for column in 0..5 {
-                if cells[row][column].is_some() {
-                    continue;
-                }
-                let Some((anchor, place, pitch)) =
-                    predict(&before, tiles, (row, column), basis_x, basis_y)
-                else {
-                    continue;
-                };
-                let held = |t: usize| cells.iter().flatten().any(|&c| c == Some(t));
-                let chosen = near[anchor]
-                    .iter()
-                    .map(|n| n.tile)
-                    .filter(|&t| !taken[t])
-                    .map(|t| (t, distance(at(t), place)))
-                    .filter(|&(_, d)| d < GROWING * pitch)
-                    .min_by(|a, b| a.1.total_cmp(&b.1));
-                if let Some((tile, _)) = chosen
-                    && !held(tile)
-                {
-                    cells[row][column] = Some(tile);
-                }
-            }
-        }
-        if cells == before {
-            break;
-        }
-    }
-
-    let mut best: Option<Lattice> = None;
-    for top in 0..3 {
-        for left in 0..3 {
-            let mut held = [None; 9];
-            for (i, cell) in held.iter_mut().enumerate() {
-                *cell = cells[top + i / 3][left + i % 3];
-            }
-            let count = held.iter().flatten().count();
-            if count < least || best.as_ref().is_some_and(|b| (count as f64) < b.score()) {
+impl Search<'_> {
+    /// Returns the best lattice that a seed and pairs of its neighbours propose.
+    fn propose(&self, seed: usize, proposals: &mut usize) -> Option<Lattice> {
+        let Self { near, taken, .. } = *self;
+        let mut best: Option<Lattice> = None;
+        let mine = &near[seed];
+        for (k, a) in mine.iter().enumerate() {
+            if taken[a.tile] {
                 continue;
             }
-            if let Some(lattice) = settle(tiles, held, least, taken)
-                && best.as_ref().is_none_or(|b| lattice.score() > b.score())
-            {
-                best = Some(lattice);
+            for b in &mine[k + 1..] {
+                if taken[b.tile] {
+                    continue;
+                }
+                let (p, q) = (a.whitened, b.whitened);
+                let (lp, lq) = (p.0.hypot(p.1), q.0.hypot(q.1));
+                let cos = (p.0 * q.0 + p.1 * q.1) / (lp * lq);
+                if cos.abs() > 0.4 || lq > 1.5 * lp {
+                    continue;
+                }
+                *proposals += 1;
+                let right_handed = p.0 * q.1 - p.1 * q.0 > 0.0;
+                let (x, y) = if right_handed { (a.tile, b.tile) } else { (b.tile, a.tile) };
+                let Some(lattice) = self.grow(seed, x, y) else { continue };
+                if best.as_ref().is_none_or(|best| lattice.score() > best.score()) {
+                    let certain = lattice.score() > CERTAIN;
+                    best = Some(lattice);
+                    if certain {
+                        return best;
+                    }
+                }
             }
         }
+        best
     }
-    best
+
+    /// Grows a lattice over 5x5 cells around `seed` with `x` and `y` as its neighbours, and returns the
+    /// best 3x3 of it.
+    fn grow(&self, seed: usize, x: usize, y: usize) -> Option<Lattice> {
+        let cells = self.fill(seed, x, y);
+        let mut best: Option<Lattice> = None;
+        for top in 0..3 {
+            for left in 0..3 {
+                let mut held = [None; 9];
+                for (i, cell) in held.iter_mut().enumerate() {
+                    *cell = cells[top + i / 3][left + i % 3];
+                }
+                let count = held.iter().flatten().count();
+                if count < self.least || best.as_ref().is_some_and(|b| (count as f64) < b.score()) {
+                    continue;
+                }
+                if let Some(lattice) = settle(self.tiles, held, self.least, self.taken)
+                    && best.as_ref().is_none_or(|b| lattice.score() > b.score())
+                {
+                    best = Some(lattice);
+                }
+            }
+        }
+        best
+    }
+
+    /// Returns the tiles of 5x5 cells, `seed` in the middle one, that lie where their neighbours say.
+    fn fill(&self, seed: usize, x: usize, y: usize) -> [[Option<usize>; 5]; 5] {
+        let Self { tiles, near, taken, .. } = *self;
+        let at = |i: usize| tiles[i].centre;
+        let mut cells: [[Option<usize>; 5]; 5] = [[None; 5]; 5];
+        cells[2][2] = Some(seed);
+        cells[2][3] = Some(x);
+        cells[3][2] = Some(y);
+        let step = |from: usize, to: usize| (at(to).0 - at(from).0, at(to).1 - at(from).1);
+        let (basis_x, basis_y) = (step(seed, x), step(seed, y));
+
+        // Two rounds reach every cell of the window that is reachable over held cells.
+        for _ in 0..3 {
+            let before = cells;
+            for row in 0..5 {
+                for column in 0..5 {
+                    if cells[row][column].is_some() {
+                        continue;
+                    }
+                    let Some((anchor, place, pitch)) =
+                        predict(&before, tiles, (row, column), basis_x, basis_y)
+                    else {
+                        continue;
+                    };
+                    let held = |t: usize| cells.iter().flatten().any(|&c| c == Some(t));
+                    let chosen = near[anchor]
+                        .iter()
+                        .map(|n| n.tile)
+                        .filter(|&t| !taken[t])
+                        .map(|t| (t, distance(at(t), place)))
+                        .filter(|&(_, d)| d < GROWING * pitch)
+                        .min_by(|a, b| a.1.total_cmp(&b.1));
+                    if let Some((tile, _)) = chosen
+                        && !held(tile)
+                    {
+                        cells[row][column] = Some(tile);
+                    }
+                }
+            }
+            if cells == before {
+                break;
+            }
+        }
+
+        cells
+    }
 }
 
 /// Where a cell should be, judged from a held cell beside it: that tile, the place, the pitch there.
@@ -656,7 +664,8 @@ fn odd_one(tiles: &Places, lattice: &Lattice) -> Option<usize> {
     shapes.iter().max_by(|x, y| oddness(&x.1, x.2).total_cmp(&oddness(&y.1, y.2))).map(|(i, ..)| *i)
 }
 
-/// Fits the homography, drops what does not lie on it, fills free cells with tiles that do, but for those `without`.
+/// Fits the homography, drops tiles that do not lie on it, and fills free cells with tiles that do, but
+/// for those `without`.
 fn settle_without(
     tiles: &Places,
     mut held: [Option<usize>; 9],
@@ -665,6 +674,37 @@ fn settle_without(
     without: &[usize],
 ) -> Option<Lattice> {
     for round in 0..3 {
+        let cells = Cells::of(tiles, &held)?;
+        if round < 2 {
+            let mut changed = cells.drop_misfits(tiles, &mut held);
+            let free = |t: usize| !taken[t] && !without.contains(&t);
+            changed |= cells.fill(tiles, &mut held, free);
+            if held.iter().flatten().count() < least {
+                return None;
+            }
+            if changed {
+                continue;
+            }
+        }
+        let lattice = Lattice::of(tiles, cells.h, held)?;
+        return (lattice.residual <= 0.14).then_some(lattice);
+    }
+    None
+}
+
+/// The nine cells of a face in the picture, as the tiles held in them say.
+struct Cells {
+    /// Grid -> picture.
+    h: Matrix3<f64>,
+    centres: [Point; 9],
+    /// The smallest distance between neighbours.
+    pitch: f64,
+    areas: [f64; 9],
+}
+
+impl Cells {
+    /// Fits the cells to the centres of the tiles; `None` where they are no face before the camera.
+    fn of(tiles: &Places, held: &[Option<usize>; 9]) -> Option<Self> {
         let pairs: Vec<(Point, Point)> = held
             .iter()
             .enumerate()
@@ -684,53 +724,60 @@ fn settle_without(
         if area <= 0.0 || !convex(&corners) {
             return None;
         }
-        // Tiles are judged against the local pitch: the root of the cell's area.
-        let cell: [f64; 9] = std::array::from_fn(|i| cell_area(&h, GRID[i]));
-        let error = |i: usize, t: usize| {
-            distance(tiles[t].centre, centres[i]) / cell[i].abs().sqrt().min(2.0 * pitch)
-        };
-        if round < 2 {
-            let mut changed = false;
-            for (i, slot) in held.iter_mut().enumerate() {
-                if let Some(tile) = *slot {
-                    let share = tiles[tile].area / cell[i];
-                    if error(i, tile) > 0.2 || !(0.12..1.15).contains(&share) {
-                        *slot = None;
-                        changed = true;
-                    }
-                }
-            }
-            for i in 0..9 {
-                if held[i].is_some() {
-                    continue;
-                }
-                let fill = tiles
-                    .near(centres[i], 0.3 * pitch)
-                    .filter(|&t| {
-                        !taken[t]
-                            && !without.contains(&t)
-                            && (0.2..1.1).contains(&(tiles[t].area / cell[i]))
-                            && error(i, t) < 0.15
-                    })
-                    .min_by(|&a, &b| error(i, a).total_cmp(&error(i, b)));
-                if let Some(tile) = fill
-                    && !held.contains(&Some(tile))
-                {
-                    held[i] = Some(tile);
+        Some(Self { h, centres, pitch, areas: std::array::from_fn(|i| cell_area(&h, GRID[i])) })
+    }
+
+    /// Returns how far a tile is off the cell's centre against the local pitch: the root of the cell's
+    /// area.
+    fn error(&self, i: usize, tile: &Tile) -> f64 {
+        distance(tile.centre, self.centres[i]) / self.areas[i].abs().sqrt().min(2.0 * self.pitch)
+    }
+
+    /// Takes tiles out that lie beside their cells or have not their size; returns whether any did.
+    fn drop_misfits(&self, tiles: &Places, held: &mut [Option<usize>; 9]) -> bool {
+        let mut changed = false;
+        for (i, slot) in held.iter_mut().enumerate() {
+            if let Some(tile) = *slot {
+                let share = tiles[tile].area / self.areas[i];
+                if self.error(i, &tiles[tile]) > 0.2 || !(0.12..1.15).contains(&share) {
+                    *slot = None;
                     changed = true;
                 }
             }
-            if held.iter().flatten().count() < least {
-                return None;
-            }
-            if changed {
+        }
+        changed
+    }
+
+    /// Puts the nearest free tile that fits into each empty cell; returns whether there was one.
+    fn fill(
+        &self,
+        tiles: &Places,
+        held: &mut [Option<usize>; 9],
+        free: impl Fn(usize) -> bool,
+    ) -> bool {
+        let mut changed = false;
+        for i in 0..9 {
+            if held[i].is_some() {
                 continue;
             }
+            let error = |t: usize| self.error(i, &tiles[t]);
+            let fill = tiles
+                .near(self.centres[i], 0.3 * self.pitch)
+                .filter(|&t| {
+                    free(t)
+                        && (0.2..1.1).contains(&(tiles[t].area / self.areas[i]))
+                        && error(t) < 0.15
+                })
+                .min_by(|&a, &b| error(a).total_cmp(&error(b)));
+            if let Some(tile) = fill
+                && !held.contains(&Some(tile))
+            {
+                held[i] = Some(tile);
+                changed = true;
+            }
         }
-        let lattice = Lattice::of(tiles, h, held)?;
-        return (lattice.residual <= 0.14).then_some(lattice);
+        changed
     }
-    None
 }
 
 /// A tile's sides along the cell's columns and rows as shares of the pitch, and its skew.

@@ -98,54 +98,9 @@ pub fn locate_cube(
 
     let mut best: Option<(f64, CubeLocation)> = None;
     let dominant = locate(first, camera, edge);
-    for (start, _) in [(dominant.camera_from_face, 0), (dominant.other.0, 1)] {
+    for start in [dominant.camera_from_face, dominant.other.0] {
         let camera_from_cube = start * Translation3::new(0.0, 0.0, edge / 2.0);
-        // Each further face is a quarter turn of the dominant one about an axis of the cube, if it is one.
-        let mut members: Vec<(usize, Pose)> =
-            vec![(0, cube_from_face(&Rotation3::identity(), edge))];
-        for (i, face) in faces.iter().enumerate().skip(1).take(4) {
-            let seen = locate(face, camera, edge);
-            let nearest = [seen.camera_from_face, seen.other.0]
-                .into_iter()
-                .filter_map(|pose| {
-                    let relative = camera_from_cube.rotation.inverse() * pose.rotation;
-                    let snapped = nearest_of_24(&relative);
-                    let angle = (snapped.inverse() * relative).angle();
-                    let cube_from_face = cube_from_face(&snapped.to_rotation_matrix(), edge);
-                    let centre = pose * Point3::new(0.0, 0.0, edge / 2.0);
-                    let apart =
-                        (centre - Point3::from(camera_from_cube.translation.vector)).norm() / edge;
-                    (angle < 0.45 && apart < 0.35).then_some((angle + apart, cube_from_face))
-                })
-                .min_by(|a, b| a.0.total_cmp(&b.0));
-            if let Some((_, pose)) = nearest
-                && members.iter().all(|(_, m)| {
-                    (m.translation.vector - pose.translation.vector).norm() > 0.1 * edge
-                })
-            {
-                members.push((i, pose));
-            }
-        }
-        let fit = refine(&camera_from_cube, |pose, out| {
-            for (i, cube_from_face) in &members {
-                residuals(&faces[*i], &(pose * cube_from_face), camera, edge, out);
-            }
-        });
-        // More faces beat a smaller residual; a hint beats the residual of a single face.
-        let mut cost = fit.rms - 10.0 * members.len() as f64;
-        if let (Some(hint), 1) = (hint, members.len()) {
-            let relative = fit.pose.rotation.inverse() * hint.rotation;
-            cost += 3.0 * (nearest_of_24(&relative).inverse() * relative).angle();
-        }
-        let location = CubeLocation {
-            camera_from_cube: fit.pose,
-            covariance: fit.covariance,
-            residual_px: fit.rms,
-            faces: members.iter().map(|(i, _)| faces[*i].clone()).collect(),
-            other: None,
-            used: members.iter().map(|(_, cube_from_face)| *cube_from_face).collect(),
-            sightings: (0..members.len()).collect(),
-        };
+        let (cost, location) = locate_around(&camera_from_cube, &faces, camera, edge, hint);
         match &mut best {
             Some((least, kept)) if *least <= cost => kept.other = Some(location.camera_from_cube),
             Some((least, kept)) => {
@@ -161,6 +116,67 @@ pub fn locate_cube(
         location.other = None;
     }
     location.residual_px.is_finite().then_some(location)
+}
+
+/// Fits the cube to all faces that belong to it if it is about at `camera_from_cube`, where the first
+/// of them is; returns the location and its cost against that of another start.
+fn locate_around(
+    camera_from_cube: &Pose,
+    faces: &[FaceSighting],
+    camera: &Lens,
+    edge: f64,
+    hint: Option<&Pose>,
+) -> (f64, CubeLocation) {
+    let mut members: Vec<(usize, Pose)> = vec![(0, cube_from_face(&Rotation3::identity(), edge))];
+    for (i, face) in faces.iter().enumerate().skip(1).take(4) {
+        let place = place_on_cube(camera_from_cube, &locate(face, camera, edge), edge);
+        if let Some(pose) = place
+            && members
+                .iter()
+                .all(|(_, m)| (m.translation.vector - pose.translation.vector).norm() > 0.1 * edge)
+        {
+            members.push((i, pose));
+        }
+    }
+    let fit = refine(camera_from_cube, |pose, out| {
+        for (i, cube_from_face) in &members {
+            residuals(&faces[*i], &(pose * cube_from_face), camera, edge, out);
+        }
+    });
+    // More faces beat a smaller residual; a hint beats the residual of a single face.
+    let mut cost = fit.rms - 10.0 * members.len() as f64;
+    if let (Some(hint), 1) = (hint, members.len()) {
+        let relative = fit.pose.rotation.inverse() * hint.rotation;
+        cost += 3.0 * (nearest_of_24(&relative).inverse() * relative).angle();
+    }
+    let location = CubeLocation {
+        camera_from_cube: fit.pose,
+        covariance: fit.covariance,
+        residual_px: fit.rms,
+        faces: members.iter().map(|(i, _)| faces[*i].clone()).collect(),
+        other: None,
+        used: members.iter().map(|(_, cube_from_face)| *cube_from_face).collect(),
+        sightings: (0..members.len()).collect(),
+    };
+    (cost, location)
+}
+
+/// Returns which face of the cube a sighting shows, as `cube_from_face`: a quarter turn of the dominant
+/// face about an axis of the cube. `None` where neither of its poses is near to one.
+fn place_on_cube(camera_from_cube: &Pose, seen: &CubeSighting, edge: f64) -> Option<Pose> {
+    let nearest = [seen.camera_from_face, seen.other.0]
+        .into_iter()
+        .filter_map(|pose| {
+            let relative = camera_from_cube.rotation.inverse() * pose.rotation;
+            let snapped = nearest_of_24(&relative);
+            let angle = (snapped.inverse() * relative).angle();
+            let cube_from_face = cube_from_face(&snapped.to_rotation_matrix(), edge);
+            let centre = pose * Point3::new(0.0, 0.0, edge / 2.0);
+            let apart = (centre - Point3::from(camera_from_cube.translation.vector)).norm() / edge;
+            (angle < 0.45 && apart < 0.35).then_some((angle + apart, cube_from_face))
+        })
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    nearest.map(|(_, pose)| pose)
 }
 
 /// Pose of a face in the cube frame: the face whose frame is turned by `rotation` against the cube's.
