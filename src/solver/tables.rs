@@ -84,7 +84,7 @@ impl Tables {
         Self { frames, faces, orders, phase1, phase2, eight }
     }
 
-    /// Memory of all tables [bytes].
+    /// Memory of all tables (bytes).
     #[must_use]
     pub fn size(&self) -> usize {
         let phase1 = match &self.phase1 {

@@ -24,9 +24,9 @@ pub struct Groove {
     pub point: Point3<f64>,
     /// Unit normal of its image.
     pub normal: (f64, f64),
-    /// Where it lies along the normal [px].
+    /// Where it lies along the normal (px).
     pub measured: f64,
-    /// Standard deviation of that [px].
+    /// Standard deviation of that (px).
     pub sigma: f64,
 }
 
@@ -58,7 +58,7 @@ pub struct Setup {
     pub camera: Pose,
     /// `tool_from_cube`, or `base_from_cube`.
     pub cube: Pose,
-    /// Edge of the cube [m].
+    /// Edge of the cube (m).
     pub edge: f64,
 }
 
@@ -67,19 +67,19 @@ pub struct Setup {
 pub struct Spreads {
     /// Focal lengths, relative.
     pub focal: f64,
-    /// Principal point [px].
+    /// Principal point (px).
     pub centre: f64,
     /// k1 and k2.
     pub distortion: f64,
-    /// Place [m] and orientation [rad] of the camera.
+    /// Place (m) and orientation (rad) of the camera.
     pub camera: (f64, f64),
-    /// Place [m] and orientation [rad] of the cube.
+    /// Place (m) and orientation (rad) of the cube.
     pub cube: (f64, f64),
-    /// Edge of the cube [m].
+    /// Edge of the cube (m).
     pub edge: f64,
-    /// What each pose of the arm is off: place [m] and orientation [rad].
+    /// What each pose of the arm is off: place (m) and orientation (rad).
     pub arm: (f64, f64),
-    /// What all poses of the arm are off alike, each axis: place in the middle of them [m] and orientation [rad]. Arms
+    /// What all poses of the arm are off alike, each axis: place in the middle of them (m) and orientation (rad). Arms
     /// sag, and their bases stand elsewhere than believed; the views cannot tell that from the camera's or the cube's
     /// own place.
     pub common: (f64, f64),
@@ -105,15 +105,15 @@ impl Default for Spreads {
 pub struct Calibrated {
     /// What was found.
     pub setup: Setup,
-    /// Standard deviations: fx, fy, cx, cy [px], k1, k2, the camera's place [m] and orientation [rad] each axis, the
-    /// cube's place and orientation, the edge [m]. Places are relative to what the arm's encoders say.
+    /// Standard deviations: fx, fy, cx, cy (px), k1, k2, the camera's place (m) and orientation (rad) each axis, the
+    /// cube's place and orientation, the edge (m). Places are relative to what the arm's encoders say.
     pub deviations: [f64; GLOBALS],
-    /// Standard deviations of the camera's place [m] and orientation [rad], each axis, in the world (or on the flange)
+    /// Standard deviations of the camera's place (m) and orientation (rad), each axis, in the world (or on the flange)
     /// as it is: with what all poses of the arm may be off alike.
     pub in_truth: [f64; 6],
-    /// Root mean square of the residuals [px].
+    /// Root mean square of the residuals (px).
     pub residual_px: f64,
-    /// Root mean square of what the arm's poses were off [m], and [rad].
+    /// Root mean square of what the arm's poses were off (m), and (rad).
     pub arm: (f64, f64),
     /// Grooves that were used.
     pub grooves: usize,
@@ -134,7 +134,7 @@ pub enum NotCalibrated {
     /// The model does not describe what was seen.
     #[error("the residual is {residual_px:.1} px: the views contradict each other")]
     Contradiction {
-        /// Root mean square [px].
+        /// Root mean square (px).
         residual_px: f64,
     },
 }
@@ -145,9 +145,9 @@ pub const GLOBALS: usize = 19;
 const LOCALS: usize = 6;
 /// Views that are enough to be told from chance.
 pub const LEAST_VIEWS: usize = 6;
-/// What the model of a groove leaves unsaid [px].
+/// What the model of a groove leaves unsaid (px).
 const FLOOR: f64 = 0.06;
-/// A calibration with a larger residual is none [px].
+/// A calibration with a larger residual is none (px).
 const WORST: f64 = 2.0;
 /// Steps of the numerical derivatives.
 const STEPS: [f64; GLOBALS] = [

@@ -16,7 +16,7 @@ pub use super::whole::{Decision, Undecided, decide_cube};
 /// Letters of the colours 0..=5.
 pub const LETTERS: [char; 6] = ['W', 'R', 'G', 'Y', 'O', 'B'];
 
-/// What a person calls by each name: hue and its spread [deg], brightness of the strongest channel (80, 42, 32,
+/// What a person calls by each name: hue and its spread (deg), brightness of the strongest channel (80, 42, 32,
 /// 75, 62 and 36 % of a perfect white, as logarithms). The hue is that of [`Shade`]; white has none.
 const PROTOTYPES: [Prototype; 6] = [
     Prototype { hue: None, log_value: -0.223 },
@@ -198,11 +198,11 @@ pub fn is_colourless(rgb: &[[f64; 3]]) -> bool {
     rgb.iter().all(grey)
 }
 
-/// Hue of each colour on the cube at hand, and its spread [deg]: makers' reds differ more than two reds of a cube do.
+/// Hue of each colour on the cube at hand, and its spread (deg): makers' reds differ more than two reds of a cube do.
 #[derive(Debug, Clone, Copy)]
 struct Shades([(f64, f64); 6]);
 
-/// Spread of the hue within one cube [deg].
+/// Spread of the hue within one cube (deg).
 const WITHIN: f64 = 5.0;
 
 impl Shades {
@@ -336,7 +336,7 @@ impl Shade {
         Self { hue, saturation: (high - low) / high.max(1e-6), value: high }
     }
 
-    /// Uncertainty of the hue [deg]: the paler a tile, the more an error of the light turns it.
+    /// Uncertainty of the hue (deg): the paler a tile, the more an error of the light turns it.
     fn blur(&self) -> f64 {
         12.0 * (1.0 / self.saturation.max(0.05) - 1.0)
     }

@@ -30,7 +30,7 @@ pub enum Method {
 pub struct DetectorSettings {
     /// How tile candidates are made.
     pub method: Method,
-    /// Faces whose longest side is below this are not reported [px].
+    /// Faces whose longest side is below this are not reported (px).
     pub least_width_px: f64,
     /// Faces below this confidence are not reported, 0..=1.
     pub least_confidence: f64,
@@ -193,7 +193,7 @@ impl Patch {
         (levels[levels.len() * 9 / 10][0], clipped as f64 / levels.len() as f64)
     }
 
-    /// Width of a face in the picture whose tiles are too small to be read [px].
+    /// Width of a face in the picture whose tiles are too small to be read (px).
     fn small(&self, edges: &Edges) -> Option<f64> {
         let mut tiles = Vec::new();
         for threshold in [12, 20, 32, 50, 80] {

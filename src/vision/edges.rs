@@ -6,7 +6,7 @@
 //! groove may be wide, a dark line or only the step between two colours.
 //!
 //! - in: RGB pixels, lens, `camera_from_face`, share of the pitch that is sticker
-//! - out: [`Crossing`]s: places along image normals [px], with their standard deviations
+//! - out: [`Crossing`]s: places along image normals (px), with their standard deviations
 //! - source: own work; normal search as in Harris, "Tracking with rigid models" (1992)
 
 use super::homography::Point;
@@ -42,9 +42,9 @@ pub(super) struct Crossing {
     pub(super) across: Point,
     /// Unit normal of the side's image, the same way.
     pub(super) normal: Point,
-    /// What was measured along the normal [px].
+    /// What was measured along the normal (px).
     pub(super) measured: f64,
-    /// Standard deviation of that, of the noise alone [px].
+    /// Standard deviation of that, of the noise alone (px).
     pub(super) sigma: f64,
     /// Pixels a pitch along the normal.
     pub(super) scale: f64,
@@ -55,9 +55,9 @@ pub(super) struct Crossing {
 pub(super) struct Stickers {
     /// Side as a share of the pitch.
     pub(super) share: f64,
-    /// What blur and tone add to a sticker on each side [px].
+    /// What blur and tone add to a sticker on each side (px).
     pub(super) bloom: f64,
-    /// What the narrow rim beside them adds to outer edges [px].
+    /// What the narrow rim beside them adds to outer edges (px).
     pub(super) outer: f64,
 }
 
@@ -100,10 +100,10 @@ const DEPTH: (f64, f64) = (0.29, 0.14);
 const TAPS: usize = 96;
 /// Least contrast of an edge, of 255 (Euclidean in RGB), beside five times the noise.
 const CONTRAST: f32 = 14.0;
-/// A gap shows its own colour from this width on [px].
+/// A gap shows its own colour from this width on (px).
 const WIDE_GAP: f64 = 3.0;
 /// What a groove as narrow as the blur adds to the standard deviation of its place, and a rim of unknown colour to that
-/// of an outer edge [px].
+/// of an outer edge (px).
 const NARROW: f64 = 0.07;
 const RIM: f64 = 0.2;
 /// A side seen at fewer pixels a pitch is not measured.
@@ -130,7 +130,7 @@ fn length(a: Rgb) -> f32 {
 struct Profile {
     taps: [Rgb; TAPS],
     count: usize,
-    /// Place of the first tap and distance of two [px]; 0 is the side's middle.
+    /// Place of the first tap and distance of two (px); 0 is the side's middle.
     start: f64,
     step: f64,
 }
@@ -371,7 +371,7 @@ struct Across {
     normal: Point,
     /// Pixels a pitch along the normal.
     scale: f64,
-    /// Place of the side's middle along the normal [px].
+    /// Place of the side's middle along the normal (px).
     origin: f64,
 }
 
@@ -410,7 +410,7 @@ impl Across {
         Some(Groove { first, second, middle, detour, reach, inner })
     }
 
-    /// Width of a groove at half its depth [px].
+    /// Width of a groove at half its depth (px).
     fn width(&self, groove: &Groove) -> Option<f64> {
         let here = self.profile.taps[groove.middle];
         let half_way = |plateau, way, last| {

@@ -81,7 +81,7 @@ pub fn distance(a: Point, b: Point) -> f64 {
     (a.0 - b.0).hypot(a.1 - b.1)
 }
 
-/// Shortest distance between the images of neighbouring tile centres [px].
+/// Shortest distance between the images of neighbouring tile centres (px).
 #[must_use]
 pub fn smallest_pitch(centres: &[Point; 9]) -> f64 {
     let mut pitch = f64::INFINITY;

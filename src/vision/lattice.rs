@@ -803,7 +803,7 @@ fn convex(corners: &[Point; 4]) -> bool {
     })
 }
 
-/// Area of the image of a cell [px^2].
+/// Area of the image of a cell (px^2).
 fn cell_area(h: &Matrix3<f64>, g: Point) -> f64 {
     let corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
         .map(|(x, y)| apply(h, (g.0 + x, g.1 + y)));

@@ -2,16 +2,16 @@
 //!
 //! | step | module | in -> out |
 //! |---|---|---|
-//! | segmentation | [`segment`] (edges), [`paper`] (colour tables, run lengths) | image -> tile candidates |
-//! | lattice | [`lattice`] | candidates -> 3x3 lattices |
+//! | segmentation | `segment` (edges), [`paper`] (colour tables, run lengths) | image -> tile candidates |
+//! | lattice | `lattice` | candidates -> 3x3 lattices |
 //! | detection | [`mod@detect`] | image -> [`FaceSighting`]s or a [`Refusal`] that says why |
-//! | lens | [`undistort`] | five coefficients: point -> pixel, pixel -> direction |
+//! | lens | `undistort` | five coefficients: point -> pixel, pixel -> direction |
 //! | pose | [`pose`] | sighting, lens -> [`CubeSighting`], [`pose::CubeLocation`] |
-//! | refinement | [`refine`] | image, first pose -> pose on sub-pixel edges of all faces, covariance |
+//! | refinement | `refine` | image, first pose -> pose on sub-pixel edges of all faces, covariance |
 //! | calibration | [`calibration`] | views at known arm poses -> optics, place of the camera |
-//! | time | [`tracker`] | poses -> position, velocity, window, age |
+//! | time | `tracker` | poses -> position, velocity, window, age |
 //! | colours | [`colours`] | nine mean colours -> names, with a confidence each |
-//! | whole cubes | [`whole`], [`likeliest`], [`table`] | 54 mean colours -> a cube that can exist, with margins, or why not |
+//! | whole cubes | `whole`, `likeliest`, [`table`] | 54 mean colours -> a cube that can exist, with margins, or why not |
 //! | guided reading | [`sensor`] | image, predicted pose -> nine colours, measured pose |
 //!
 //! Pixels: the centre of the first pixel is (0, 0), x to the right, y down.
@@ -127,7 +127,7 @@ pub enum Refusal {
     /// A face that is too small for the arm's work.
     #[error("outside the work-space: the face is only {width_px:.0} px wide")]
     TooSmall {
-        /// Length of the face's longest side [px].
+        /// Length of the face's longest side (px).
         width_px: f64,
     },
     /// The face is not where it was expected.
@@ -141,10 +141,10 @@ pub enum Refusal {
 /// A face of a cube found in an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaceSighting {
-    /// Corners of the face's outline [px], in the image: top-left, top-right, bottom-right, bottom-left of
+    /// Corners of the face's outline (px), in the image: top-left, top-right, bottom-right, bottom-left of
     /// the reading order used for the tiles.
     pub corners: [(f64, f64); 4],
-    /// Centres of the nine tiles in reading order [px]: measured centroids where `seen`, else the lattice's.
+    /// Centres of the nine tiles in reading order (px): measured centroids where `seen`, else the lattice's.
     pub centres: [(f64, f64); 9],
     /// Which tiles were found as regions of their own; the others are filled in by the lattice.
     pub seen: [bool; 9],
@@ -161,7 +161,7 @@ pub struct FaceSighting {
 }
 
 impl FaceSighting {
-    /// Length of the longest side of the outline [px].
+    /// Length of the longest side of the outline (px).
     #[must_use]
     pub fn width_px(&self) -> f64 {
         (0..4)
@@ -203,11 +203,11 @@ pub struct CubeSighting {
     /// Frame of the dominant face: origin in the face's centre, x along increasing column, y along increasing
     /// row of its reading order, z into the cube (away from the camera when frontal).
     pub camera_from_face: Pose,
-    /// The other solution of the planar pose and its root mean square error [px].
+    /// The other solution of the planar pose and its root mean square error (px).
     pub other: (Pose, f64),
-    /// Edge of the face in the image [px].
+    /// Edge of the face in the image (px).
     pub width_px: f64,
-    /// Root mean square of the reprojection error [px].
+    /// Root mean square of the reprojection error (px).
     pub residual_px: f64,
     /// The face itself.
     pub face: FaceSighting,

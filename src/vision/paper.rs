@@ -12,7 +12,7 @@
 //! the four points of the pose.
 //!
 //! - in: RGB pixels
-//! - out: the regions that each stage left (the paper's figure 4), [`Tile`]s, a [`Square`] or a [`Refusal`]
+//! - out: the regions that each stage left (the paper's figure 4), `Tile`s, a [`Square`] or a [`Refusal`]
 //! - source: Zieliński et al. (2007), p. 373; Bruce, Balch, Veloso (2000)
 
 use super::detect::square_to;
@@ -145,11 +145,11 @@ pub struct Region {
     pub runs: Vec<(usize, usize, usize)>,
     /// Number of pixels.
     pub area: f64,
-    /// Length of its boundary along the pixels' sides [px].
+    /// Length of its boundary along the pixels' sides (px).
     pub boundary: f64,
-    /// Centroid [px].
+    /// Centroid (px).
     pub centre: Point,
-    /// Second central moments xx, xy, yy [px^2].
+    /// Second central moments xx, xy, yy (px^2).
     pub moments: [f64; 3],
 }
 
@@ -200,7 +200,7 @@ impl Region {
         Tile { centre: self.centre, moments: self.moments, area: self.area, fullness }
     }
 
-    /// Side of a square of the same area [px].
+    /// Side of a square of the same area (px).
     fn side(&self) -> f64 {
         self.area.sqrt()
     }
@@ -281,7 +281,7 @@ fn quadrilateral(hull: &[Point]) -> f64 {
 /// Limits of the filters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Filters {
-    /// Least area [px] and greatest share of the picture.
+    /// Least area (px) and greatest share of the picture.
     pub area: (f64, f64),
     /// Greatest boundary, over that of a square of the same area.
     pub boundary: f64,
@@ -498,13 +498,13 @@ impl Metric {
     }
 }
 
-/// A cube whose face is narrower is outside the work-space (Zieliński et al. 2007, p. 373) [px].
+/// A cube whose face is narrower is outside the work-space (Zieliński et al. 2007, p. 373) (px).
 const LEAST_WIDTH: f64 = 100.0;
 
 /// A face by the paper's heuristics.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Square {
-    /// Centroids of the corner tiles in the picture, clockwise on the screen from the top left [px].
+    /// Centroids of the corner tiles in the picture, clockwise on the screen from the top left (px).
     pub corners: [Point; 4],
     /// Its nine regions, the centre last.
     pub tiles: Vec<usize>,

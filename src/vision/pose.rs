@@ -5,7 +5,7 @@
 //! lens distortion included, because it is not the projection of the sticker's centre (0.1 to 0.25 px off
 //! at 15 to 45 deg).
 //!
-//! - in: [`FaceSighting`]s, [`Intrinsics`], the cube's edge [m]
+//! - in: [`FaceSighting`]s, [`Intrinsics`](crate::cell::Intrinsics), the cube's edge (m)
 //! - out: [`CubeSighting`] of a face, [`CubeLocation`] of the cube
 //! - source: Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV 109 (2014)
 
@@ -24,10 +24,10 @@ pub struct CubeLocation {
     /// Origin in the cube's centre; axes parallel to the dominant face's frame (x along its columns, y along
     /// its rows, z from it into the cube): right up to the 24 rotations of a cube.
     pub camera_from_cube: Pose,
-    /// Covariance of a small motion of the cube, expressed in the camera frame: translation [m], rotation
-    /// about the cube's centre [rad]; from the residual, so it knows nothing of calibration errors.
+    /// Covariance of a small motion of the cube, expressed in the camera frame: translation (m), rotation
+    /// about the cube's centre (rad); from the residual, so it knows nothing of calibration errors.
     pub covariance: Matrix6<f64>,
-    /// Root mean square of the reprojection error [px].
+    /// Root mean square of the reprojection error (px).
     pub residual_px: f64,
     /// The faces that were used, dominant one first.
     pub faces: Vec<FaceSighting>,
@@ -278,7 +278,7 @@ pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> 
         .collect()
 }
 
-/// Appends measured minus predicted centroid of each seen tile [px].
+/// Appends measured minus predicted centroid of each seen tile (px).
 pub(super) fn residuals(
     face: &FaceSighting,
     camera_from_face: &Pose,
@@ -309,7 +309,7 @@ pub(super) fn residuals(
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Fit {
     pub(super) pose: Pose,
-    /// Root mean square distance [px]: of two residuals, one point.
+    /// Root mean square distance (px): of two residuals, one point.
     pub(super) rms: f64,
     /// In the camera frame: translation, rotation about the frame's origin.
     pub(super) covariance: Matrix6<f64>,

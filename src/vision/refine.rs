@@ -4,7 +4,7 @@
 //! what blur adds to them are estimated along with the pose. Faces that the detector missed take part as soon as
 //! edges are where the pose says, which also decides between the two poses that one face leaves.
 //!
-//! - in: image, [`Lens`], the cube's edge [m], first poses from centroids
+//! - in: image, [`Lens`], the cube's edge (m), first poses from centroids
 //! - out: [`CubeLocation`] with its covariance
 //! - source: own work; robust weights after Cauchy
 
@@ -17,13 +17,13 @@ use crate::spatial::Pose;
 use image::RgbImage;
 use nalgebra::{Matrix6, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
-/// What the model leaves unsaid, as a standard deviation of each kind of crossing [px], and as a share of a pitch:
+/// What the model leaves unsaid, as a standard deviation of each kind of crossing (px), and as a share of a pitch:
 /// uneven stickers, shade, interpolation, the mosaic.
 const FLOOR_MIDDLE: f64 = 0.05;
 const FLOOR_EDGE: f64 = 0.10;
 const FLOOR_GAP: f64 = 0.25;
 const FLOOR_SHARE: f64 = 0.002;
-/// Spread of what blur adds to all edges of stickers, and of what it adds to outer ones beyond that [px].
+/// Spread of what blur adds to all edges of stickers, and of what it adds to outer ones beyond that (px).
 const BLOOM: f64 = 0.4;
 const OUTER: f64 = 0.1;
 /// Tolerances of the passes, in pitches.
@@ -34,13 +34,13 @@ const LEAST_CROSSINGS: usize = 9;
 const TRACKED: usize = 13;
 /// A crossing fits within so many standard deviations.
 const FITS: f64 = 3.5;
-/// Two poses whose rotations differ by less are one [rad].
+/// Two poses whose rotations differ by less are one (rad).
 const SAME: f64 = 0.03;
 /// A second pose is kept when its support is at least this share of the first one's.
 const RIVAL: f64 = 0.9;
 /// So many more edges on faces seen nearly edge-on decide between two poses.
 const TELLING: usize = 3;
-/// A pass that moved the edges by less is the last one [px].
+/// A pass that moved the edges by less is the last one (px).
 const SETTLED: f64 = 0.04;
 /// Least cosine between the sight and a face's normal.
 const LEAST_FACING: f64 = 0.22;
@@ -270,7 +270,7 @@ fn counts(crossings: &[Crossing], solved: &Solved) -> [usize; 6] {
     counts
 }
 
-/// Standard deviation of a crossing: noise and what the model leaves unsaid [px].
+/// Standard deviation of a crossing: noise and what the model leaves unsaid (px).
 fn deviation(crossing: &Crossing) -> f64 {
     let floor = match crossing.kind {
         Kind::Middle => FLOOR_MIDDLE,
@@ -298,7 +298,7 @@ struct Solved {
     /// By how much these exceed what was expected, at least 1.
     spread: f64,
     covariance: Matrix6<f64>,
-    /// Root mean square of what the step moves [px].
+    /// Root mean square of what the step moves (px).
     shift: f64,
 }
 

@@ -1,6 +1,6 @@
 //! Segmentation that does not lean on absolute colours: regions that edges enclose.
 //!
-//! The picture is smoothed ([1 2 1] both ways), the range of each channel over a plus of five pixels is the
+//! The picture is smoothed (1 2 1 both ways), the range of each channel over a plus of five pixels is the
 //! edge strength, and the connected regions below each of several thresholds are the candidates for tiles.
 //! Weak grooves need a low threshold, glare and shadow on a tile a high one, so all of them vote.
 //!
@@ -15,9 +15,9 @@ use nalgebra::Matrix3;
 /// A region that may be a tile of the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tile {
-    /// Centroid [px].
+    /// Centroid (px).
     pub centre: (f64, f64),
-    /// Second central moments xx, xy, yy [px^2].
+    /// Second central moments xx, xy, yy (px^2).
     pub moments: [f64; 3],
     /// Number of pixels.
     pub area: f64,
@@ -28,7 +28,7 @@ pub struct Tile {
 /// Limits on regions; all are ratios or pixels, none is a colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct TileLimits {
-    /// Smallest and largest area [px].
+    /// Smallest and largest area (px).
     pub area: (f64, f64),
     /// Least and greatest fullness (see [`Tile::fullness`]).
     pub fullness: (f64, f64),
@@ -175,7 +175,7 @@ fn runs_below(line: &[u8], threshold: u8, mut run: impl FnMut(usize, usize)) {
     }
 }
 
-/// [1 2 1] / 4 along both directions; borders are repeated.
+/// 1 2 1 over 4 along both directions; borders are repeated.
 pub(super) fn smooth(rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
     let row = 3 * width;
     let mut out = vec![0u8; rgb.len()];

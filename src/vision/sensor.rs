@@ -3,7 +3,7 @@
 //! The prediction says which face is where, so the reading order comes from the task, never from the
 //! picture. Tiles under a finger are named, never guessed.
 //!
-//! - in: RGB pixels, intrinsics, the cube's edge [m], the predicted `camera_from_face`
+//! - in: RGB pixels, intrinsics, the cube's edge (m), the predicted `camera_from_face`
 //! - out: [`FaceReading`]: colours in the predicted face's reading order, the measured pose
 //! - source: own work
 
@@ -30,7 +30,7 @@ pub struct FaceReading {
     /// Measured pose in the predicted frame's axes: origin in the face's centre, x along its columns, y along
     /// its rows, z into the cube.
     pub camera_from_face: Pose,
-    /// Root mean square of the reprojection error [px].
+    /// Root mean square of the reprojection error (px).
     pub residual_px: f64,
     /// Confidence that this is the predicted face at the measured pose, 0..=1.
     pub confidence: f64,

@@ -21,17 +21,17 @@ use nalgebra::{
 /// What the tracker believes about the motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackerSettings {
-    /// Spectral density of the acceleration noise [m^2/s^3]: a hand that starts and stops at 0.2 m/s within
+    /// Spectral density of the acceleration noise (m^2/s^3): a hand that starts and stops at 0.2 m/s within
     /// 0.3 s has about 0.1.
     pub acceleration: f64,
-    /// Spectral density of the turning as a random walk [rad^2/s]: a hand turns the cube by 0.1 rad within a second
+    /// Spectral density of the turning as a random walk (rad^2/s): a hand turns the cube by 0.1 rad within a second
     /// without meaning to.
     pub turning: f64,
     /// A measurement whose centre or orientation is farther away than this many standard deviations is not believed.
     pub gate: f64,
     /// After so many measurements in a row that were not believed the track starts anew.
     pub patience: u32,
-    /// A track whose last believed measurement is older than this is lost [s].
+    /// A track whose last believed measurement is older than this is lost (s).
     pub lost_after: f64,
 }
 
@@ -59,18 +59,18 @@ pub enum Update {
 pub struct Prediction {
     /// `frame_from_cube`; the orientation is that of the last measurements.
     pub pose: Pose,
-    /// Velocity of the centre [m/s].
+    /// Velocity of the centre (m/s).
     pub velocity: Vector3<f64>,
-    /// Covariance of the centre [m^2].
+    /// Covariance of the centre (m^2).
     pub covariance: Matrix3<f64>,
-    /// Covariance of the velocity [m^2/s^2].
+    /// Covariance of the velocity (m^2/s^2).
     pub velocity_covariance: Matrix3<f64>,
-    /// Time since the last believed measurement [s].
+    /// Time since the last believed measurement (s).
     pub age: f64,
 }
 
 impl Prediction {
-    /// Speed of the centre [m/s].
+    /// Speed of the centre (m/s).
     #[must_use]
     pub fn speed(&self) -> f64 {
         self.velocity.norm()
@@ -83,7 +83,7 @@ pub struct Tracker {
     settings: TrackerSettings,
     track: Option<Track>,
     refused: u32,
-    /// Time of the newest measurement, believed or not [s].
+    /// Time of the newest measurement, believed or not (s).
     newest: f64,
 }
 
@@ -99,7 +99,7 @@ struct Track {
     turn_covariance: Matrix3<f64>,
 }
 
-/// Spread of the unknown velocity of a new track [m/s].
+/// Spread of the unknown velocity of a new track (m/s).
 const STARTING_SPEED: f64 = 0.3;
 
 impl Tracker {
@@ -114,8 +114,8 @@ impl Tracker {
         *self = Self::new(self.settings);
     }
 
-    /// Takes a measured `frame_from_cube` of time `time` [s]; `spread` is the covariance of a small error of it in the
-    /// frame's axes: place of the centre [m], rotation about it [rad].
+    /// Takes a measured `frame_from_cube` of time `time` (s); `spread` is the covariance of a small error of it in the
+    /// frame's axes: place of the centre (m), rotation about it (rad).
     pub fn update(&mut self, time: f64, measured: &Pose, spread: &Matrix6<f64>) -> Update {
         if time <= self.newest {
             return Update::Old;
@@ -209,7 +209,7 @@ impl Tracker {
         })
     }
 
-    /// Time since the last believed measurement [s]; infinite without one.
+    /// Time since the last believed measurement (s); infinite without one.
     #[must_use]
     pub fn age(&self, time: f64) -> f64 {
         self.track.as_ref().map_or(f64::INFINITY, |t| (time - t.measured).max(0.0))

@@ -10,9 +10,9 @@ use nalgebra::{Matrix2, Point3, Vector2};
 /// A lens with five coefficients; the first pixel's centre is (0, 0).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
-    /// Focal length along x and y [px].
+    /// Focal length along x and y (px).
     pub focal: (f64, f64),
-    /// Principal point [px].
+    /// Principal point (px).
     pub centre: (f64, f64),
     /// Radial coefficients k1, k2, k3 of r^2, r^4, r^6 in normalised coordinates.
     pub radial: [f64; 3],

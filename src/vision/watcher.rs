@@ -21,7 +21,7 @@ use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 pub struct Watched {
     /// `world_from_cube`; axes along the edges.
     pub world_from_cube: Pose,
-    /// Speed of the centre [m/s].
+    /// Speed of the centre (m/s).
     pub speed: f64,
 }
 
@@ -35,19 +35,19 @@ pub struct CubeWatcher {
     tracker: Tracker,
 }
 
-/// Least standard deviation of a measured place along each axis [m]: what the residual does not know of
+/// Least standard deviation of a measured place along each axis (m): what the residual does not know of
 /// (calibration, blur).
 const FLOOR: f64 = 0.0005;
-/// The same of the orientation about each axis [rad].
+/// The same of the orientation about each axis (rad).
 const FLOOR_ANGLE: f64 = 0.005;
-/// A face whose edge is shorter than this is outside the work-space (Zieliński et al. 2007, p. 373) [px]. The
+/// A face whose edge is shorter than this is outside the work-space (Zieliński et al. 2007, p. 373) (px). The
 /// paper's figure is 100 px; a face seen at 45 deg has a mean edge of 85 % of its full one.
 const LEAST_EDGE: f64 = 60.0;
-/// Largest residual of a pose that is believed [px].
+/// Largest residual of a pose that is believed (px).
 const RESIDUAL: f64 = 2.0;
 /// The same of a pose that only edges bear out.
 const FOLLOWED: f64 = 0.6;
-/// A prediction older than this is searched for, not followed [s].
+/// A prediction older than this is searched for, not followed (s).
 const FRESH: f64 = 0.2;
 
 impl CubeWatcher {
@@ -68,8 +68,8 @@ impl CubeWatcher {
         }
     }
 
-    /// Takes a frame exposed at `time` [s]; one that is not newer than the last changes nothing. Searched first is the window that the track predicts, or else the
-    /// surroundings of `near` (centre in the world and reach [m]); `elsewhere` says whether the whole picture is
+    /// Takes a frame exposed at `time` (s); one that is not newer than the last changes nothing. Searched first is the window that the track predicts, or else the
+    /// surroundings of `near` (centre in the world and reach (m)); `elsewhere` says whether the whole picture is
     /// searched when nothing is there.
     ///
     /// # Errors
@@ -149,7 +149,7 @@ impl CubeWatcher {
             .ok_or(Refusal::NotExpected { matched: 0 })
     }
 
-    /// The part of the picture that shows a cube whose centre is within `reach` of a place [m].
+    /// The part of the picture that shows a cube whose centre is within `reach` of a place (m).
     fn around(&self, centre: &Vector3<f64>, reach: f64) -> Option<Rect> {
         let seen = self.world_from_camera.inverse() * Point3::from(*centre);
         if seen.z < 0.1 {

@@ -3,7 +3,7 @@
 //! Nothing is known of the six colours beforehand but that the centres are six different ones. Six classes are
 //! sorted around the centres, and then three things take turns until they agree: the classes' means and their
 //! common spread, what the light does to each face (a reflection shifts all nine of its facelets), and the
-//! [likeliest](super::likeliest) cube that can exist. The colours' names come last and change nothing.
+//! likeliest cube that can exist. The colours' names come last and change nothing.
 //!
 //! A cube that was put together wrongly is not read as the nearest legal one: when its facelets one by one are
 //! too clear for that, it is refused with what is wrong with it.

@@ -18,7 +18,7 @@ pub struct Cell {
     pub cameras: Vec<Camera>,
     /// The cube.
     pub cube: CubeSpec,
-    /// Height of the table top, with the tray, above the floor [m].
+    /// Height of the table top, with the tray, above the floor (m).
     pub table_height: f64,
     /// Where the cube is given and taken back: by the operator's hand, or lying on the table.
     pub hand: HandZone,
@@ -63,21 +63,21 @@ pub struct Arm {
 /// An electric two-finger gripper whose palm stands off the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gripper {
-    /// Extent of a finger along the tool's x [m].
+    /// Extent of a finger along the tool's x (m).
     pub finger_width: f64,
-    /// Extent of a finger along the tool's y, outwards from the pad [m].
+    /// Extent of a finger along the tool's y, outwards from the pad (m).
     pub finger_thickness: f64,
-    /// How far the finger tips reach beyond the tool point along z [m].
+    /// How far the finger tips reach beyond the tool point along z (m).
     pub finger_tip: f64,
-    /// Distance of the palm plate behind the tool point along -z [m].
+    /// Distance of the palm plate behind the tool point along -z (m).
     pub palm: f64,
-    /// Half the side of the square palm plate [m].
+    /// Half the side of the square palm plate (m).
     pub palm_half_width: f64,
-    /// Smallest and largest distance between the pads [m].
+    /// Smallest and largest distance between the pads (m).
     pub opening: (f64, f64),
-    /// Opening s [m] = c0 + c1 m + c2 m^2 of the jaw motor's angle m [rad].
+    /// Opening s (m) = c0 + c1 m + c2 m^2 of the jaw motor's angle m (rad).
     pub opening_of_motor: [f64; 3],
-    /// Zero error of the jaw: added to the opening [m] (0 in the belief).
+    /// Zero error of the jaw: added to the opening (m) (0 in the belief).
     pub opening_offset: f64,
     /// Encoder increments per revolution of the jaw motor.
     pub increments: f64,
@@ -86,9 +86,9 @@ pub struct Gripper {
 }
 
 impl Gripper {
-    /// Distance of a cube's palm-side face behind the tool point when the stops are at one layer [m].
+    /// Distance of a cube's palm-side face behind the tool point when the stops are at one layer (m).
     pub const FACE_BEHIND_TOOL_ONE: f64 = 0.0095;
-    /// The same with the stops at two layers [m].
+    /// The same with the stops at two layers (m).
     pub const FACE_BEHIND_TOOL_TWO: f64 = 0.0285;
 }
 
@@ -97,11 +97,11 @@ impl Gripper {
 pub struct ForceSensor {
     /// Where the sensor measures.
     pub flange_from_sensor: Pose,
-    /// Weight of all that hangs beyond the sensor [N].
+    /// Weight of all that hangs beyond the sensor (N).
     pub weight: f64,
-    /// Its centre of mass in the flange frame [m].
+    /// Its centre of mass in the flange frame (m).
     pub centre_in_flange: Point3<f64>,
-    /// Largest force along x, y, z and torque about x, y, z [N, Nm].
+    /// Largest force along x, y, z and torque about x, y, z (N, Nm).
     pub range: [f64; 6],
 }
 
@@ -129,9 +129,9 @@ pub struct Intrinsics {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Focal length along x and y [px].
+    /// Focal length along x and y (px).
     pub focal: (f64, f64),
-    /// Principal point [px].
+    /// Principal point (px).
     pub centre: (f64, f64),
     /// Radial distortion k1, k2: `x_d = x (1 + k1 r^2 + k2 r^4)` in normalised coordinates.
     pub distortion: (f64, f64),
@@ -178,9 +178,9 @@ pub struct Camera {
 /// The cube as an object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CubeSpec {
-    /// Length of an edge of the whole cube [m].
+    /// Length of an edge of the whole cube (m).
     pub edge: f64,
-    /// Mass [kg].
+    /// Mass (kg).
     pub mass: f64,
 }
 
@@ -189,18 +189,18 @@ pub struct CubeSpec {
 pub struct HandZone {
     /// Pose of the cube when it is held still, or lies there: cube axes x right (R), y away (B), z up (U).
     pub world_from_cube: Pose,
-    /// Half extents of the box in which it may be [m].
+    /// Half extents of the box in which it may be (m).
     pub half_extent: Vector3<f64>,
 }
 
 impl HandZone {
-    /// How far a point in the box's frame is off the box; 0 in it [m].
+    /// How far a point in the box's frame is off the box; 0 in it (m).
     #[must_use]
     pub fn off(&self, at: &Point3<f64>) -> f64 {
         (at.coords.abs() - self.half_extent).map(|x| x.max(0.0)).norm()
     }
 
-    /// The same of the nearest point between two [m].
+    /// The same of the nearest point between two (m).
     #[must_use]
     pub fn off_segment(&self, a: &Point3<f64>, b: &Point3<f64>) -> f64 {
         // The box is convex: along a line the distance falls, then rises.

@@ -15,11 +15,11 @@ pub const PERIOD: f64 = 0.002;
 /// The postument arm has no axis 0; its entry is 0.
 pub const AXES: usize = 7;
 
-/// Joint variables: `[0]` the track d0 [m], `[1..=6]` q1..q6 [rad] (q3, q4 relative, as in the URDF).
+/// Joint variables: `[0]` the track d0 (m), `[1..=6]` q1..q6 (rad) (q3, q4 relative, as in the URDF).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct JointPositions(pub [f64; AXES]);
 
-/// Motor shaft angles [rad] in the same order.
+/// Motor shaft angles (rad) in the same order.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct MotorPositions(pub [f64; AXES]);
 
@@ -34,18 +34,18 @@ pub enum Frame {
 
 /// What one direction of the task frame does: linear directions in m, N; angular ones in rad, Nm.
 ///
-/// `admittance` is the original's reciprocal damping B [m/(s N) or rad/(s Nm)], `inertia` its M
-/// [kg or kg m2]; inertia 0 is the paper's plain scaling of the force error.
+/// `admittance` is the original's reciprocal damping B (m/(s N) or rad/(s Nm)), `inertia` its M
+/// (kg or kg m2); inertia 0 is the paper's plain scaling of the force error.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Direction {
     /// Follows a velocity whatever the force.
     Unguarded {
-        /// Set velocity [m/s or rad/s].
+        /// Set velocity (m/s or rad/s).
         velocity: f64,
     },
     /// Follows a velocity and yields to any force.
     Guarded {
-        /// Velocity in free motion [m/s or rad/s].
+        /// Velocity in free motion (m/s or rad/s).
         velocity: f64,
         /// B.
         admittance: f64,
@@ -54,7 +54,7 @@ pub enum Direction {
     },
     /// Seeks a force that the tool exerts on its surroundings.
     Contact {
-        /// Set force or torque [N or Nm].
+        /// Set force or torque (N or Nm).
         wanted: f64,
         /// B.
         admittance: f64,
@@ -102,9 +102,9 @@ pub enum Depth {
 /// Set values of a gripper's jaw.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct JawCommand {
-    /// Distance between the finger pads that is reached at the end of the command, linearly [m].
+    /// Distance between the finger pads that is reached at the end of the command, linearly (m).
     pub opening: f64,
-    /// Grip force at which the jaw motor's current is limited [N].
+    /// Grip force at which the jaw motor's current is limited (N).
     pub force_limit: f64,
     /// Which position the palm's two-position stops take (a digital output of the parallel interface).
     pub stops: Depth,
@@ -167,7 +167,7 @@ pub enum ArmFault {
     SwitchExpected {
         /// As above.
         axis: usize,
-        /// How far it went [rad].
+        /// How far it went (rad).
         travelled: f64,
     },
     /// Homing did not come off the synchronisation switch: it hangs, or the axis does not move.
@@ -177,7 +177,7 @@ pub enum ArmFault {
     SwitchHeld {
         /// As above.
         axis: usize,
-        /// How far it went [rad].
+        /// How far it went (rad).
         travelled: f64,
     },
     /// Homing left the switch and no encoder zero came.
@@ -185,7 +185,7 @@ pub enum ArmFault {
     ZeroExpected {
         /// As above.
         axis: usize,
-        /// How far it went [rad].
+        /// How far it went (rad).
         travelled: f64,
     },
     /// A controller forgot where it is: it was reset.
@@ -222,7 +222,7 @@ pub enum ArmFault {
     EncoderFrozen {
         /// As above.
         axis: usize,
-        /// How far the set value has gone since the counter last changed [rad].
+        /// How far the set value has gone since the counter last changed (rad).
         wanted: f64,
     },
     /// A counter went further in a period than any motor can.
@@ -230,7 +230,7 @@ pub enum ArmFault {
     EncoderJump {
         /// As above.
         axis: usize,
-        /// By how much [rad].
+        /// By how much (rad).
         by: f64,
     },
 }
@@ -277,7 +277,7 @@ pub enum MoveRefused {
     JointLimit {
         /// 0 the track, 1..=6.
         axis: usize,
-        /// Wanted [m or rad].
+        /// Wanted (m or rad).
         value: f64,
         /// Limit.
         low: f64,
@@ -289,7 +289,7 @@ pub enum MoveRefused {
     MotorLimit {
         /// 0 the track, 1..=6.
         axis: usize,
-        /// Wanted [rad].
+        /// Wanted (rad).
         value: f64,
         /// Limit.
         low: f64,
@@ -301,9 +301,9 @@ pub enum MoveRefused {
     TooFast {
         /// 0 the track, 1..=6.
         axis: usize,
-        /// Asked [rad/s].
+        /// Asked (rad/s).
         rate: f64,
-        /// Allowed [rad/s].
+        /// Allowed (rad/s).
         limit: f64,
     },
     /// The arm does not know where it is.
@@ -343,11 +343,11 @@ pub struct ArmState {
     pub desired_base_from_tool: Pose,
     /// What the tool exerts on its surroundings, at the tool point, in tool axes; weight and bias removed.
     pub wrench_in_tool: Wrench,
-    /// Measured distance between the pads [m], by the controller's belief of the jaw.
+    /// Measured distance between the pads (m), by the controller's belief of the jaw.
     pub jaw_opening: f64,
-    /// Its set value of this period [m].
+    /// Its set value of this period (m).
     pub desired_jaw_opening: f64,
-    /// Force that the jaw's motor current stands for [N].
+    /// Force that the jaw's motor current stands for (N).
     pub jaw_force: f64,
     /// Last period of the command being executed; not after `period` when idle.
     pub command_end: u64,

@@ -6,7 +6,7 @@
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A rigid transform `to_from`: it takes coordinates in `from` to coordinates in `to` [m].
+/// A rigid transform `to_from`: it takes coordinates in `from` to coordinates in `to` (m).
 pub type Pose = Isometry3<f64>;
 
 /// Returns whether a pose is made of numbers, with a rotation of unit length: for `debug_assert!`
@@ -17,7 +17,7 @@ pub fn is_rigid(pose: &Pose) -> bool {
         && (pose.rotation.coords.norm() - 1.0).abs() < 1e-6
 }
 
-/// A velocity, or a small displacement: linear [m/s or m], angular [rad/s or rad].
+/// A velocity, or a small displacement: linear (m/s or m), angular (rad/s or rad).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Twist {
     /// Along the axes of the frame that the twist is expressed in.
@@ -64,12 +64,12 @@ impl Twist {
     }
 }
 
-/// A force [N] and a torque [Nm] about the origin of the frame that they are expressed in.
+/// A force (N) and a torque (Nm) about the origin of the frame that they are expressed in.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Wrench {
-    /// Force along the axes [N].
+    /// Force along the axes (N).
     pub force: Vector3<f64>,
-    /// Torque about the axes through the origin [Nm].
+    /// Torque about the axes through the origin (Nm).
     pub torque: Vector3<f64>,
 }
 

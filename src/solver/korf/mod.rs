@@ -9,7 +9,7 @@
 //! for a cube is the greatest of the three, and depth-first searches to more and more turns go on until one succeeds.
 //! It is kept as it was, as the baseline; [`super::optimal`] is what to use.
 //!
-//! `pattern` numbers the pieces' states, [`fill`] makes the databases.
+//! `pattern` numbers the pieces' states, `fill` makes the databases.
 
 mod fill;
 mod pattern;

@@ -72,7 +72,7 @@ impl FaceletPlace {
         [0, 1, 2].map(|k| cubie[k].round() as i8)
     }
 
-    /// Its centre in the cube frame of a cube with this edge [m].
+    /// Its centre in the cube frame of a cube with this edge (m).
     #[must_use]
     pub fn centre(self, edge: f64) -> Point3<f64> {
         let (col_axis, row_axis) = self.face.reading_axes();

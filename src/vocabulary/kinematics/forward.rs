@@ -61,15 +61,15 @@ impl ArmModel {
         Pose::from_parts(Translation3::new(c1 * r, s1 * r + self.track(joints), z), rotation)
     }
 
-    /// Origins in the base frame [m]: on the floor below the shoulder, shoulder, elbow, wrist pitch centre,
+    /// Origins in the base frame (m): on the floor below the shoulder, shoulder, elbow, wrist pitch centre,
     /// flange.
     #[must_use]
     pub fn points(&self, joints: &JointPositions) -> [Point3<f64>; 5] {
         self.points_at(joints, &Angles::of(joints))
     }
 
-    /// Jacobian of the tool point: linear [m/s] then angular [rad/s] velocity in base axes, per d0 [m/s] and
-    /// q1..q6 [rad/s]. The first column of an arm without a track is zero.
+    /// Jacobian of the tool point: linear (m/s) then angular (rad/s) velocity in base axes, per d0 (m/s) and
+    /// q1..q6 (rad/s). The first column of an arm without a track is zero.
     #[must_use]
     pub fn jacobian(&self, joints: &JointPositions, flange_from_tool: &Pose) -> Matrix6x7 {
         let angles = Angles::of(joints);
@@ -110,7 +110,7 @@ impl ArmModel {
         self.jacobian(joints, flange_from_tool).fixed_columns::<6>(AXES - 6).into_owned()
     }
 
-    /// d0 [m], 0 without a track.
+    /// d0 (m), 0 without a track.
     pub(super) fn track(&self, joints: &JointPositions) -> f64 {
         if self.has_track { joints.0[0] } else { 0.0 }
     }

@@ -15,7 +15,7 @@ use nalgebra::{Rotation3, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Below this |sin q5| the wrist's pitch cannot be told from the pose; the error of the approach axis that
-/// comes from keeping the old pitch is not larger than this [rad].
+/// comes from keeping the old pitch is not larger than this (rad).
 const SINGULAR: f64 = 1e-11;
 
 /// All joint positions of a pose inside the joint limits.
@@ -49,7 +49,7 @@ struct Plane {
     n: Vector3<f64>,
     o: Vector3<f64>,
     a: Vector3<f64>,
-    /// Flange along the arm and upwards from the shoulder [m].
+    /// Flange along the arm and upwards from the shoulder (m).
     reach: f64,
     height: f64,
 }

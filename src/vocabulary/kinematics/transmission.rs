@@ -8,7 +8,7 @@ use crate::motion::{JointPositions, MotorPositions, MoveRefused};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 impl ArmModel {
-    /// Motor positions [rad] of joint positions. Limits are not checked.
+    /// Motor positions (rad) of joint positions. Limits are not checked.
     #[must_use]
     pub fn motors(&self, joints: &JointPositions) -> MotorPositions {
         let (q, g, sync, th) = (&joints.0, &self.gears, &self.sync, &self.offsets);
@@ -62,13 +62,13 @@ impl ArmModel {
     }
 }
 
-/// Extension of a ball screw beyond l0 [mm] at a link angle [rad]: the cosine rule over its two anchors.
+/// Extension of a ball screw beyond l0 (mm) at a link angle (rad): the cosine rule over its two anchors.
 fn screw_length(&[sl, mi, ni, l0]: &[f64; 4], angle: f64) -> f64 {
     let (s, c) = libm::sincos(angle);
     (sl + mi * c - ni * s).sqrt() - l0
 }
 
-/// Link angle [rad] of a ball screw's extension beyond l0 [mm], in -pi..pi.
+/// Link angle (rad) of a ball screw's extension beyond l0 (mm), in -pi..pi.
 fn screw_angle(&[sl, mi, ni, l0]: &[f64; 4], extension: f64) -> f64 {
     let length = extension + l0;
     let c = length * length - sl;
