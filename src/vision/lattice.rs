@@ -497,8 +497,8 @@ impl Search<'_> {
         best
     }
 
-    /// Grows a lattice over 5x5 cells around `seed` with `x` and `y` as its neighbours, and returns the
-    /// best 3x3 of it.
+    /// Grows a lattice over 5x5 cells around `seed` with `x` and `y` as its neighbours, and returns
+    /// the best 3x3 of it.
     fn grow(&self, seed: usize, x: usize, y: usize) -> Option<Lattice> {
         let cells = self.fill(seed, x, y);
         let mut best: Option<Lattice> = None;
@@ -522,7 +522,8 @@ impl Search<'_> {
         best
     }
 
-    /// Returns the tiles of 5x5 cells, `seed` in the middle one, that lie where their neighbours say.
+    /// Returns the tiles of 5x5 cells, `seed` in the middle one, that lie where their neighbours
+    /// say.
     fn fill(&self, seed: usize, x: usize, y: usize) -> [[Option<usize>; 5]; 5] {
         let Self { tiles, near, taken, .. } = *self;
         let at = |i: usize| tiles[i].centre;
@@ -664,8 +665,8 @@ fn odd_one(tiles: &Places, lattice: &Lattice) -> Option<usize> {
     shapes.iter().max_by(|x, y| oddness(&x.1, x.2).total_cmp(&oddness(&y.1, y.2))).map(|(i, ..)| *i)
 }
 
-/// Fits the homography, drops tiles that do not lie on it, and fills free cells with tiles that do, but
-/// for those `without`.
+/// Fits the homography, drops tiles that do not lie on it, and fills free cells with tiles that do,
+/// but for those `without`.
 fn settle_without(
     tiles: &Places,
     mut held: [Option<usize>; 9],
@@ -727,8 +728,8 @@ impl Cells {
         Some(Self { h, centres, pitch, areas: std::array::from_fn(|i| cell_area(&h, GRID[i])) })
     }
 
-    /// Returns how far a tile is off the cell's centre against the local pitch: the root of the cell's
-    /// area.
+    /// Returns how far a tile is off the cell's centre against the local pitch: the root of the
+    /// cell's area.
     fn error(&self, i: usize, tile: &Tile) -> f64 {
         distance(tile.centre, self.centres[i]) / self.areas[i].abs().sqrt().min(2.0 * self.pitch)
     }

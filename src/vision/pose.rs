@@ -118,8 +118,8 @@ pub fn locate_cube(
     location.residual_px.is_finite().then_some(location)
 }
 
-/// Fits the cube to all faces that belong to it if it is about at `camera_from_cube`, where the first
-/// of them is; returns the location and its cost against that of another start.
+/// Fits the cube to all faces that belong to it if it is about at `camera_from_cube`, where the
+/// first of them is; returns the location and its cost against that of another start.
 fn locate_around(
     camera_from_cube: &Pose,
     faces: &[FaceSighting],
@@ -161,8 +161,8 @@ fn locate_around(
     (cost, location)
 }
 
-/// Returns which face of the cube a sighting shows, as `cube_from_face`: a quarter turn of the dominant
-/// face about an axis of the cube. `None` where neither of its poses is near to one.
+/// Returns which face of the cube a sighting shows, as `cube_from_face`: a quarter turn of the
+/// dominant face about an axis of the cube. `None` where neither of its poses is near to one.
 fn place_on_cube(camera_from_cube: &Pose, seen: &CubeSighting, edge: f64) -> Option<Pose> {
     let nearest = [seen.camera_from_face, seen.other.0]
         .into_iter()
