@@ -135,12 +135,13 @@ impl Composition<'_> {
         let assignment = Assignment { goal, plan, logbook, to_task, turning };
         let by_hand = assignment.is_by_hand();
         let resumes = assignment.logbook.is_broken_off();
-        let staff = self
+        let mut staff = self
             .staff(&mut servos, cameras, &services, (by_hand, resumes))
             .await
             .inspect_err(|_| servos.switches.stop.store(true, Ordering::Release))?;
         let config = &self.scenario.controller;
-        let mut performed = run_task(config, staff, assignment, &services, &self.faults).await?;
+        let mut performed =
+            run_task(config, &mut staff, assignment, &services, &self.faults).await?;
         // An actor that panicked at work stays at it: the watch ends with the task.
         drop(outside);
         let verdict = self.wind_down(servos, &mut performed.ending, goal).await?;

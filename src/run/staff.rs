@@ -93,8 +93,9 @@ pub(super) struct Drivers {
     apart: Apart,
 }
 
-/// The actors below MP.
+/// The actors below MP. EDPs and VSPs end with this: they live until the run has wound down.
 pub(super) struct Staff {
+    _edps: Vec<EdpHandle>,
     pub(super) ecps: Vec<ecp::EcpHandle>,
     pub(super) sensors: Sensors,
     pub(super) manners: Vec<Manner>,
@@ -230,7 +231,7 @@ pub(super) async fn start_actors(
             done = ecps[i].behave(start) => done,
         }?;
     }
-    Ok(Staff { ecps, sensors, manners, guard, apart })
+    Ok(Staff { _edps: edps, ecps, sensors, manners, guard, apart })
 }
 
 /// The VSPs by owner.

@@ -119,7 +119,7 @@ pub(super) struct Performed {
 /// If the cell has too few effectors for the task.
 pub(super) async fn run_task(
     config: &ControllerConfig,
-    staff: Staff,
+    staff: &mut Staff,
     assignment: Assignment,
     services: &Services,
     faults: &InjectedFaults,
@@ -141,22 +141,22 @@ pub(super) async fn run_task(
             Kernel::Cube(Box::new(cube_kernel(config, meetings, order)?))
         }
     };
-    let Staff { ecps, mut sensors, manners, guard, apart } = staff;
+    let Staff { ecps, sensors, manners, guard, apart, .. } = staff;
     let mp = Mp::new(mp::Parts {
         turning,
         forces: sensors.forces.take(),
-        ecps,
+        ecps: std::mem::take(ecps),
         tracker: sensors.tracker_of(Owner::Mp),
         hand_cameras: std::array::from_fn(|arm| sensors.hand_camera_of(Owner::Mp, arm)),
         coordination: match config.coordination {
             keys::Coordination::Continuous => Coordination::Continuous,
             keys::Coordination::Sporadic => Coordination::Sporadic,
         },
-        manners,
+        manners: manners.clone(),
         operator: to_task,
         journal: logbook.journal,
-        guard: Some(guard),
-        apart,
+        guard: Some(guard.clone()),
+        apart: apart.clone(),
         services: services.under(Some(&faults.mp)),
     });
     let ending = match &mut kernel {
