@@ -128,8 +128,12 @@ impl<T: Unpin, C, S> Future for Request<T, C, S> {
                 Poll::Pending
             }
             RequestState::Posted(id) => {
-                let answer = port.lock().awaited.get_mut(id).and_then(Option::take);
-                answer.map_or(Poll::Pending, Poll::Ready)
+                let mut shared = port.lock();
+                if shared.awaited.get(id).is_none_or(Option::is_none) {
+                    return Poll::Pending;
+                }
+                // An answer that was taken is awaited no more.
+                shared.awaited.remove(id).flatten().map_or(Poll::Pending, Poll::Ready)
             }
         }
     }
@@ -304,6 +308,17 @@ mod tests {
         let mut procedure = run(|_| std::future::pending());
 
         assert!(matches!(procedure.next(Event::Start), Action::Defect(_)));
+    }
+
+    #[test]
+    fn answered_request_is_awaited_no_more() {
+        let mut procedure = run(|port| async move {
+            both(port.request(Action::Phase("a")), std::future::pending::<()>()).await;
+            done()
+        });
+
+        assert_eq!(procedure.next(Event::Start), Action::Phase("a"));
+        assert!(matches!(procedure.next(Event::Done), Action::Defect(_)));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The motions of the mission: one method each.
+//! The motions of the mission: one method each, and the orders that they send.
 //!
 //! - in: where a hand is to go, or what it is to grasp
 //! - out: its outcome, or the failure that it came to
@@ -228,7 +228,7 @@ impl Robot {
     }
 
     /// Orders the jaws to close on a cube.
-    pub(super) fn grasp(&self, stops: Depth) -> Behaviour {
+    pub(super) fn jaws_close(&self, stops: Depth) -> Behaviour {
         let s = &self.settings;
         Behaviour::Grasp {
             force: s.grip,
@@ -245,8 +245,10 @@ impl Robot {
         hold: Hold,
         closing: Closing,
     ) -> Result<(), Failure> {
+        self.check_hold()?;
         self.stops[hand.index()] = hold.depth;
-        let outcomes = self.behave_alone(hand, self.grasp(hold.depth), Doing::ClosingJaws).await?;
+        let order = self.jaws_close(hold.depth);
+        let outcomes = self.behave_alone(hand, order, Doing::ClosingJaws).await?;
         if let Some(met) = alarm(&outcomes, Doing::ClosingJaws) {
             return Err(Failure::NotGrasped { hand, why: met.why });
         }
@@ -281,6 +283,7 @@ impl Robot {
             selector: s.grasp_selector(),
             stops: hold.depth,
         };
+        self.check_hold()?;
         self.stops[hand.index()] = hold.depth;
         let outcomes = self.behave_alone(hand, order, Doing::Securing).await?;
         if let Some(met) = alarm(&outcomes, Doing::Securing) {
@@ -310,6 +313,7 @@ impl Robot {
     ) -> Result<(), Failure> {
         // Opening relieves what strains the jaws: they try again after giving way for a while.
         for tries in 0.. {
+            self.check_hold()?;
             let order = self.jaws_open(hand, stops, theirs);
             self.stops[hand.index()] = stops;
             let outcomes = self.behave_alone(hand, order, Doing::OpeningJaws).await?;

@@ -1,7 +1,7 @@
 //! Why a procedure of the mission could not go on.
 //!
 //! A failure travels by `?` to the place that can mend it: [`super::realign`] catches what fails while
-//! a layer is brought back into line, [`super::mend`] everything else.
+//! a layer is brought back into line, [`super::read`] a hidden face, [`super::mend`] everything else.
 
 use super::shared::Doing;
 use crate::cube::Face;
@@ -58,6 +58,7 @@ impl Failure {
     }
 }
 
+/// A reason alone ends the mission where it stands: what `?` makes of a text.
 impl From<String> for Failure {
     fn from(why: String) -> Self {
         Self::Final(why)

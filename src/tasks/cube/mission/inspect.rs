@@ -202,7 +202,6 @@ mod tests {
     use crate::motion::Depth;
     use crate::operator::Answer;
     use crate::tasks::cube::hold::{Hold, Step};
-    use crate::tasks::cube::settings::CubeSettings;
     use crate::tasks::{Action, Event};
 
     const SOLVED: &str = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
@@ -426,7 +425,7 @@ mod tests {
 
     #[test]
     fn inspection_shows_three_sides() {
-        let mut stage = Stage::holding(CubeSettings { ..settings() });
+        let mut stage = Stage::holding(settings());
         stage.robot.palette = Some(PALETTE);
         stage.robot.shown.facelets = SOLVED.parse().ok();
         let port = stage.port.clone();

@@ -10,31 +10,28 @@
 //! | a grasp failed | the partner, who holds the cube, has it read anew |
 //! | a turn failed | the layer is brought back into line, then the cube is read anew |
 //! | [`MOST_RECOVERIES`] were not enough | the cube goes back as it is |
-//! | nobody lets go, or nobody has it | the cube is left to the operator, and the mission ends |
+//! | the operator does not let go | the cube is left to the operator, and the mission ends |
+//! | somebody has a cube that an earlier run held out | it is left to that person, and looked for |
 //!
 //! So little is believed after a failure that a mission which was broken off anywhere goes on in the
 //! same way: see [`super::resume`].
 
 use super::assignment::Goal;
 use super::failure::Failure;
-use super::robot::Robot;
-use super::sight::Sight;
+use super::robot::{MOST_RECOVERIES, Robot};
 use super::station::Station;
 use super::take::draw_back;
 use super::turn_in_progress::TurnInProgress;
 use super::{give_back, realign, regrasp, resume};
 use crate::cube::Keeper;
 use crate::motion::{Depth, JointPositions};
-use crate::operator::Net;
 use crate::tasks::cube::hold::Hand;
-
-/// How often the cube is read anew before the mission gives up.
-pub(super) const MOST_RECOVERIES: u32 = 3;
 
 /// Mends a failure, or replaces it by another one.
 pub(super) async fn mend(robot: &mut Robot, failure: Failure) -> Result<Station, Failure> {
-    // A hand that has lost the cube meanwhile matters more, unless the mission ends anyhow.
-    if !matches!(failure, Failure::Final(_) | Failure::Lost(_)) {
+    // A hand that has lost the cube meanwhile matters more, unless the mission ends anyhow. A turner
+    // that has lost its layer in a turn that failed takes it anew: the realignment checks for that.
+    if !matches!(failure, Failure::Final(_) | Failure::Lost(_) | Failure::TurnFailed { .. }) {
         robot.check_hold()?;
     }
     match failure {
@@ -159,31 +156,6 @@ fn returned_by_partner(robot: &mut Robot, hand: Hand, why: String) -> Failure {
 }
 
 impl Robot {
-    /// Whether there is a plan that can be made anew.
-    pub(super) fn may_recover(&self) -> bool {
-        self.goal == Goal::Solve && self.recoveries < MOST_RECOVERIES
-    }
-
-    /// Forgets all that was read and planned.
-    pub(super) fn forget_cube(&mut self) {
-        self.recoveries += 1;
-        self.log.recoveries += 1;
-        self.sight = Sight::default();
-        (self.given, self.given_back) = (None, false);
-        self.maybe_offered = None;
-        self.rounds = 1;
-        // What goes back unsolved may yet be solved.
-        self.failure = None;
-        self.stalled = None;
-        (self.turning, self.straight, self.turn_in_progress) = (None, None, None);
-        self.shown.net = Net::default();
-    }
-
-    /// Forgets where the cube was taken.
-    pub(super) fn forget_hand_over(&mut self) {
-        (self.hand_over, self.taken_at, self.retract_shortfall) = (None, None, 0.0);
-    }
-
     /// Returns why the cube goes back with a layer that may be misaligned.
     fn reason_to_give_up(&mut self) -> String {
         let turn = self.turn_in_progress.take().and_then(TurnInProgress::into_why);

@@ -20,8 +20,8 @@
 //! | `shared`, `sight`, `questions`, `failure` | what is shown and noted, seen, asked, and what can fail |
 //! | `assignment`, `station`, `turn_in_progress` | what is to be done, and how far it is |
 //!
-//! A file uses those below it only: `mod`, `mend`, `resume`, `realign`, `give_back`, `read`, `steps`,
-//! then the parts of a step, `actions`, `robot`, and the types.
+//! A file uses those after it only: `mod`, `mend`, `resume`, `realign`, `give_back`, `read`, `steps`,
+//! the parts of a step with `take` and `questions`, `actions`, `robot`, the types.
 
 mod actions;
 mod assignment;
@@ -89,12 +89,17 @@ impl Mission {
 
 /// Carries out the assignment, station by station, and mends what fails where that is possible.
 async fn mission(mut robot: Robot) -> Finish {
-    robot.begin();
+    robot.read_arms();
     let mut next = begin(&mut robot).await;
     loop {
         next = match next {
+            Ok(Station::Take) => take(&mut robot).await,
+            Ok(Station::Read { phase }) => read_and_solve(&mut robot, phase).await,
+            Ok(Station::Return) => give_back::solved(&mut robot).await.map(Station::Over),
+            Ok(Station::Unsolved(why)) => {
+                give_back::unsolved(&mut robot, why).await.map(Station::Over)
+            }
             Ok(Station::Over(finish)) => return finish,
-            Ok(station) => go_on(&mut robot, station).await,
             Err(failure) => mend::mend(&mut robot, failure).await,
         };
     }
@@ -109,47 +114,21 @@ async fn begin(robot: &mut Robot) -> Result<Station, Failure> {
     }
 }
 
-/// Goes on from a station to the next.
-async fn go_on(robot: &mut Robot, station: Station) -> Result<Station, Failure> {
-    match station {
-        Station::Take => {
-            take::acquire(robot).await?;
-            let solves = robot.goal == Goal::Solve;
-            Ok(if solves { Station::Read { phase: "identify" } } else { Station::Return })
-        }
-        Station::Read { phase } => {
-            robot.phase(phase).await?;
-            solve(robot).await?;
-            Ok(Station::Return)
-        }
-        Station::Return => give_back::solved(robot).await.map(Station::Over),
-        Station::Unsolved(why) => give_back::unsolved(robot, why).await.map(Station::Over),
-        Station::Over(finish) => Ok(Station::Over(finish)),
-    }
+/// Takes the cube, to solve it or to give it back at once.
+async fn take(robot: &mut Robot) -> Result<Station, Failure> {
+    take::acquire(robot).await?;
+    let solves = robot.goal == Goal::Solve;
+    Ok(if solves { Station::Read { phase: "identify" } } else { Station::Return })
 }
 
 /// Reads the cube, carries the plan out, and checks what became of the cube.
-async fn solve(robot: &mut Robot) -> Result<(), Failure> {
+async fn read_and_solve(robot: &mut Robot, phase: &'static str) -> Result<Station, Failure> {
+    robot.phase(phase).await?;
     let steps = read::read_and_plan(robot).await?;
     robot.phase("solve").await?;
     steps::carry_out(robot, &steps).await?;
-    inspect::inspect(robot, false).await
-}
-
-impl Robot {
-    /// Ends the mission where it stands. A person who comes to help must know where the cube is.
-    fn failed(&mut self, why: String) -> Finish {
-        self.publish(Doing::Nothing);
-        // Why it all began.
-        let mut reason = match &self.failure {
-            Some(failure) => format!("{failure}; {why}"),
-            None => why,
-        };
-        if self.drop_site.is_some() || self.belief.held.iter().any(Option::is_some) {
-            reason = format!("{reason}; {}", self.whereabouts());
-        }
-        Finish { achieved: false, reason }
-    }
+    inspect::inspect(robot, false).await?;
+    Ok(Station::Return)
 }
 
 impl Task for Mission {

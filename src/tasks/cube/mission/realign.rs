@@ -14,7 +14,7 @@
 //! |---|---|
 //! | before each try | both hands give way, since what strains a layer may pass |
 //! | the forces of both hands contradict each other ([`CONTRADICTION`]) | both hands stand once ([`STAND`]); then the sensors are doubted and the layer is taken anew |
-//! | in line within [`IN_LINE`] | the hand with the worse grip lets go |
+//! | in line within [`IN_LINE`] | the partner lets go if it holds badly, else the turner |
 //! | misaligned | the hand turns back, gently ([`GENTLE`]) |
 //! | still misaligned after [`BEFORE_ANEW`] tries, or lost | the hand lets go, zeroes its force in free air, and closes at the roll at which the layer stands |
 //! | still misaligned after [`MOST_TRIES`] tries | the layer stays as it is, and the cube goes back with the reason |
@@ -364,6 +364,7 @@ impl Robot {
 #[cfg(test)]
 mod tests {
     use super::super::assignment::Goal;
+    use super::super::robot::MOST_RECOVERIES;
     use super::super::testing::{Stage, goes_well, order, settings, words};
     use super::super::{mend, turn};
     use super::*;
@@ -631,7 +632,7 @@ mod tests {
 
     #[test]
     fn realigned_cube_is_read_anew_while_recoveries_last() {
-        for (recoveries, anew) in [(0, true), (mend::MOST_RECOVERIES, false)] {
+        for (recoveries, anew) in [(0, true), (MOST_RECOVERIES, false)] {
             let mut stage = failed(0.0);
             stage.robot.recoveries = recoveries;
             let failure = Failure::TurnFailed { turner: Hand::Track };
@@ -647,6 +648,27 @@ mod tests {
                 if anew { Failure::ReadAnew { release } } else { Failure::GiveUp { release } };
             assert_eq!(end, Err(expected));
         }
+    }
+
+    #[test]
+    fn layer_lost_in_the_failed_turn_is_taken_anew() {
+        let mut stage = failed(-0.5);
+        stage.robot.arms[0].jaw_opening = WIDTH - 0.01;
+        let failure = Failure::TurnFailed { turner: Hand::Track };
+        let mends = async |robot: &mut Robot| mend::mend(robot, failure).await;
+
+        let (_, actions) = stage.play(mends, &mut |action, arms| match order(action) {
+            Some(Behaviour::Present { .. }) => Event::Behaved([None, None]),
+            Some(Behaviour::Grasp { .. }) => {
+                arms[0].jaw_opening = WIDTH;
+                Event::Behaved([Some(Outcome::Grasped(WIDTH)), None])
+            }
+            _ => goes_well(action, arms),
+        });
+
+        let anew = ["open", "line", "zero", "line", "line", "approach", "close"];
+        assert_eq!(words(&actions)[..7], anew);
+        assert!(stage.notes().iter().any(|note| note.ends_with("the layer is taken anew")));
     }
 
     #[test]

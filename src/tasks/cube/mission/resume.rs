@@ -520,9 +520,13 @@ mod tests {
     #[test]
     fn holder_of_an_offered_cube_keeps_it() {
         use super::super::take::RELEASE_TRIES;
+        // Opened after they had closed, and before the cube is looked for.
         let opened = |words: &[&str]| {
-            let stock = position(words, "close").unwrap();
-            words[stock..].contains(&"open")
+            let closed = position(words, "close").unwrap();
+            let sought = position(words, "acquire").unwrap_or(words.len());
+            let hands = words[closed..sought].iter().filter(|word| **word == "open").count();
+            // The empty postument hand opens, too, once the cube is known to be held.
+            hands > usize::from(words[closed..sought].contains(&"pull"))
         };
 
         // Jaws that were opening, and close on nothing.
@@ -672,7 +676,7 @@ mod tests {
             });
             // The jaws straighten a layer that is off by little.
             match turn {
-                Some(angle) => assert!((angle + by).abs() < 1e-9, "{angle} {by}"),
+                Some(angle) => assert!(by.abs() > STRAIGHT && (angle + by).abs() < 1e-9, "{angle}"),
                 None => assert!(by.abs() < STRAIGHT, "{by}"),
             }
             assert!(stage.robot.belief.held[0].is_none(), "the turner lets go");

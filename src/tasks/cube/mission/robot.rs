@@ -20,14 +20,14 @@ use super::turn_in_progress::TurnInProgress;
 use crate::cube::{Face, Facelets, Keeper, Turn};
 use crate::generators::Behaviour;
 use crate::motion::{ArmState, Depth, JointPositions};
-use crate::operator::{Answer, Question};
+use crate::operator::{Answer, Net, Question};
 use crate::reach::Meeting;
 use crate::tasks::cube::belief::Belief;
 use crate::tasks::cube::hold::{Grip, Hand};
 use crate::tasks::cube::settings::CubeSettings;
 use crate::tasks::cube::think::{Conclusion, Thought};
 use crate::tasks::procedure::Port;
-use crate::tasks::{Action, Entry, Event, Picture, Turning, Until, View};
+use crate::tasks::{Action, Entry, Event, Finish, Picture, Turning, Until, View};
 use crate::vision::sensor::FaceReading;
 use nalgebra::UnitQuaternion;
 use std::sync::Arc;
@@ -35,6 +35,8 @@ use std::sync::Arc;
 /// The port of the mission's procedure.
 pub(super) type MissionPort = Port<Thought, Conclusion, Shared>;
 
+/// How often the cube is read anew before the mission gives up.
+pub(super) const MOST_RECOVERIES: u32 = 3;
 /// Letters of a reason that the journal keeps.
 const MOST_NOTED: usize = 500;
 /// Least width of a cube between the jaws, as a share of its edge.
@@ -177,8 +179,8 @@ impl Robot {
         }
     }
 
-    /// Takes over the states that the shell delivered with the first event.
-    pub(super) fn begin(&mut self) {
+    /// Takes over the states that the shell delivered with the last event.
+    pub(super) fn read_arms(&mut self) {
         self.arms = self.port.state(|shared| shared.arms);
     }
 
@@ -247,7 +249,7 @@ impl Robot {
         self.check_hold()?;
         self.publish(doing);
         let event = self.port.request(action).await;
-        self.begin();
+        self.read_arms();
         match event {
             Event::Trouble(reason) => Err(Failure::Final(reason)),
             event => Ok(event),
@@ -266,6 +268,7 @@ impl Robot {
 
     /// Zeroes force sensors. Zeroing both ends a doubt about them.
     pub(super) async fn zero_forces(&mut self, which: [bool; 2]) -> Result<(), Failure> {
+        self.check_hold()?;
         if which == [true; 2] {
             self.trust = Trust::Believed;
         }
@@ -330,6 +333,45 @@ impl Robot {
         doing: Doing,
     ) -> Result<Outcomes, Failure> {
         self.behave(alone(hand, behaviour), Until::Effector(hand.index()), doing).await
+    }
+
+    /// Whether there is a plan that can be made anew.
+    pub(super) fn may_recover(&self) -> bool {
+        self.goal == Goal::Solve && self.recoveries < MOST_RECOVERIES
+    }
+
+    /// Forgets all that was read and planned.
+    pub(super) fn forget_cube(&mut self) {
+        self.recoveries += 1;
+        self.log.recoveries += 1;
+        self.sight = Sight::default();
+        (self.given, self.given_back) = (None, false);
+        self.maybe_offered = None;
+        self.rounds = 1;
+        // What goes back unsolved may yet be solved.
+        self.failure = None;
+        self.stalled = None;
+        (self.turning, self.straight, self.turn_in_progress) = (None, None, None);
+        self.shown.net = Net::default();
+    }
+
+    /// Forgets where the cube was taken.
+    pub(super) fn forget_hand_over(&mut self) {
+        (self.hand_over, self.taken_at, self.retract_shortfall) = (None, None, 0.0);
+    }
+
+    /// Ends the mission where it stands. A person who comes to help must know where the cube is.
+    pub(super) fn failed(&mut self, why: String) -> Finish {
+        self.publish(Doing::Nothing);
+        // Why it all began.
+        let mut reason = match &self.failure {
+            Some(failure) => format!("{failure}; {why}"),
+            None => why,
+        };
+        if self.drop_site.is_some() || self.belief.held.iter().any(Option::is_some) {
+            reason = format!("{reason}; {}", self.whereabouts());
+        }
+        Finish { achieved: false, reason }
     }
 
     /// Returns how the turner's tool stands to the cube while its layer is in line.

@@ -33,10 +33,13 @@ pub(super) async fn carry_out_step(
         && let Some(turn) = robot.stalled.take()
     {
         robot.note(format!("turn {turn} stood still in between: the cube is inspected"));
-        regrasp::let_go(robot, hand).await?;
-        inspect(robot, turns_remain).await?;
-        if let Step::Leave { .. } = step {
+        let leaves = matches!(step, Step::Leave { .. });
+        if leaves {
             robot.shown.begin_step();
+        }
+        regrasp::let_go(robot, hand).await?;
+        inspect(robot, true).await?;
+        if leaves {
             return Ok(());
         }
     }

@@ -1,7 +1,8 @@
 //! One layer is turned, while the partner's arm gives way.
 //!
 //! - in: a turn of the plan, or an angle
-//! - out: the layer turned; a [`Failure::TurnFailed`] where it jammed or slipped
+//! - out: the layer turned; a [`Failure::TurnFailed`] where it jammed or slipped in a mission that
+//!   solves, a [`Failure::Final`] in the task `face_turn`
 //! - source: Zieliński et al. (2007), p. 373
 //!
 //! | limit | value | reason |
@@ -156,4 +157,77 @@ pub(super) async fn turn_face(robot: &mut Robot, angle: f64) -> Result<Finish, F
         achieved,
         reason: format!("the face was turned by {:.1} deg", turned.to_degrees()),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::assignment::Assignment;
+    use super::super::testing::{Stage, count, goes_well, order, settings, taken, words};
+    use super::*;
+    use crate::generators::Behaviour;
+    use crate::tasks::Event;
+
+    /// Both hands hold the cube, and the track turns by a quarter; each go ends as told, in turn.
+    fn turns(ends: &[Outcome]) -> (Result<f64, Failure>, Vec<f64>) {
+        let mut stage = Stage::holding(settings());
+        stage.robot.hold(Hand::Postument);
+        let (mut ends, mut angles) = (ends.iter(), Vec::new());
+        let turns = async |robot: &mut Robot| turn_through(robot, Hand::Track, FRAC_PI_2).await;
+        let (end, _) = stage.play(turns, &mut |action, arms| match order(action) {
+            Some(Behaviour::Turn { angle, .. }) => {
+                angles.push(*angle);
+                let outcome = ends.next().copied().unwrap_or(Outcome::Turned(*angle));
+                Event::Behaved([Some(outcome), Some(Outcome::Ended)])
+            }
+            _ => goes_well(action, arms),
+        });
+        (end, angles)
+    }
+
+    #[test]
+    fn stalled_turn_is_eased_back_and_finished() {
+        let (end, angles) = turns(&[Outcome::Stalled(1.0, 2.0)]);
+
+        assert!((end.unwrap() - FRAC_PI_2).abs() < 1e-12);
+        assert_eq!(angles.len(), 3);
+        assert!((angles[1] + EASE_BACK).abs() < 1e-12, "{angles:?}");
+        assert!((angles[2] - (FRAC_PI_2 - 1.0 + EASE_BACK)).abs() < 1e-12, "{angles:?}");
+    }
+
+    #[test]
+    fn layer_that_stalls_thrice_is_jammed() {
+        let stall = Outcome::Stalled(0.5, 2.0);
+
+        let (end, angles) = turns(&[stall, Outcome::Turned(-0.09), stall, stall]);
+
+        let Err(Failure::Final(why)) = end else { panic!("{end:?}") };
+        assert!(why.starts_with("jam: the face stands still"), "{why}");
+        assert_eq!(angles.len(), 4, "{angles:?}");
+    }
+
+    #[test]
+    fn half_turn_goes_where_the_wrist_has_room() {
+        assert_eq!((half_turn((-1.0, 3.5)), half_turn((-3.5, 1.0))), (PI, -PI));
+    }
+
+    #[test]
+    fn face_is_turned_and_let_go() {
+        for (turned, achieved) in [(FRAC_PI_2, true), (1.0, false)] {
+            let goal = Goal::FaceTurn(FRAC_PI_2);
+            let held = Some((Hand::Postument, taken(), false));
+            let mut stage = Stage::with(settings(), Assignment { held, ..Assignment::new(goal) });
+
+            let turns = async |robot: &mut Robot| turn_face(robot, FRAC_PI_2).await;
+            let (end, actions) = stage.play(turns, &mut |action, arms| match order(action) {
+                Some(Behaviour::Turn { .. }) => {
+                    Event::Behaved([Some(Outcome::Turned(turned)), Some(Outcome::Ended)])
+                }
+                _ => goes_well(action, arms),
+            });
+
+            assert_eq!(end.unwrap().achieved, achieved, "{turned}");
+            assert_eq!(count(&actions, "turn"), 2, "the phase, and the motion");
+            assert_eq!(words(&actions).last(), Some(&"line"), "the track has let go");
+        }
+    }
 }
