@@ -64,21 +64,19 @@ fn headless(text: &str) -> Vec<(usize, String)> {
     // One more line, so that the last block ends, too.
     for (number, line) in text.lines().chain([""]).enumerate() {
         let comment = line.trim_start().strip_prefix("//");
-        match comment.map(|c| c.trim_start_matches(['/', '!']).trim()).filter(|c| !c.is_empty()) {
-            Some(more) => {
-                // An item of a list and a heading begin a sentence of their own.
-                let apart = if more.starts_with(['-', '#', '|']) { ". " } else { " " };
-                block.push_str(apart);
-                block.push_str(more.trim_start_matches(['-', '#', '|', ' ']));
-            }
-            None => {
-                let headless = sentences(&block).into_iter().filter(|s| {
-                    let first = s.split(|c: char| !c.is_alphabetic()).next();
-                    first.is_some_and(|word| HEADLESS.contains(&word))
-                });
-                found.extend(headless.map(|s| (number.saturating_sub(1), s.to_owned())));
-                block.clear();
-            }
+        let more = comment.map(|c| c.trim_start_matches(['/', '!']).trim());
+        if let Some(more) = more.filter(|c| !c.is_empty()) {
+            // An item of a list and a heading begin a sentence of their own.
+            let apart = if more.starts_with(['-', '#', '|']) { ". " } else { " " };
+            block.push_str(apart);
+            block.push_str(more.trim_start_matches(['-', '#', '|', ' ']));
+        } else {
+            let headless = sentences(&block).into_iter().filter(|s| {
+                let first = s.split(|c: char| !c.is_alphabetic()).next();
+                first.is_some_and(|word| HEADLESS.contains(&word))
+            });
+            found.extend(headless.map(|s| (number.saturating_sub(1), s.to_owned())));
+            block.clear();
         }
     }
     found

@@ -56,7 +56,7 @@ pub(crate) fn from_root((file, text): File) -> File {
     for piece in pieces {
         let word = piece.split(|c: char| !c.is_alphanumeric() && c != '_').next().unwrap();
         let below = if WORDS.contains(&word) { "" } else { &format!("{folder}::") };
-        whole.push_str(&format!("crate::{below}{piece}"));
+        whole.extend(["crate::", below, piece]);
     }
     (format!("{folder}/{}", if rest == "lib.rs" { "mod.rs" } else { rest }), whole)
 }
