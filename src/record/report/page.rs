@@ -215,7 +215,7 @@ fn holder_rows(story: &Story) -> Vec<Row> {
     let row = |(lane, name): (usize, &String)| {
         let mut pieces: Vec<(f64, f64, String, String)> = Vec::new();
         for (i, (begin, holders)) in story.holders.iter().enumerate() {
-            if !holders.contains(name) && !(holders.is_empty() && lane == last) {
+            if !(holders.contains(name) || holders.is_empty() && lane == last) {
                 continue;
             }
             match pieces.last_mut() {
