@@ -232,9 +232,9 @@ fn run(sin: Sin) -> [u64; 3] {
     for (step, command) in commands().into_iter().enumerate() {
         // A stop amid a motion, and both arms take up work again.
         if step == STOPPED {
-            button.press()
+            button.press();
         } else {
-            stop.release()
+            stop.release();
         }
         for link in &mut links {
             link.send(command).unwrap();

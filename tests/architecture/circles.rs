@@ -228,7 +228,7 @@ fn absolute(here: &[String], module: &Module, path: &[String]) -> Option<Path> {
         }
         name if module.declared.contains(name) => {}
         name => {
-            base = module.imported.get(name)?.clone();
+            base.clone_from(module.imported.get(name)?);
             rest = &path[1..];
         }
     }
