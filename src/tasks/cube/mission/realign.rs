@@ -651,7 +651,7 @@ mod tests {
     }
 
     #[test]
-    fn layer_lost_in_the_failed_turn_is_taken_anew() {
+    fn layer_lost_in_failed_turn_is_taken_anew() {
         let mut stage = failed(-0.5);
         stage.robot.arms[0].jaw_opening = WIDTH - 0.01;
         let failure = Failure::TurnFailed { turner: Hand::Track };
