@@ -95,6 +95,7 @@ mod tests {
     use super::super::image_file::decode;
     use super::super::image_file::tests::{Written, bytes};
     use super::*;
+    use image::imageops::FilterType;
     use image::{DynamicImage, ImageFormat, Rgb, RgbImage};
 
     #[test]
@@ -119,7 +120,9 @@ mod tests {
     #[test]
     fn face_of_a_grey_picture_reports_no_colour() {
         let tiles = include_bytes!("../../tests/corpus/image/nine-tiles.png");
-        let coloured = DynamicImage::from(decode(tiles).unwrap());
+        // At its own size, without colours, the face would be too small for the work-space.
+        let tiles = DynamicImage::from(decode(tiles).unwrap());
+        let coloured = tiles.resize_exact(160, 160, FilterType::Nearest);
         let grey = DynamicImage::from(coloured.to_luma8());
         let line = |name: &str, picture: &DynamicImage| {
             let file = Written::new(name, &bytes(picture, ImageFormat::Png));
