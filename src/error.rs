@@ -92,7 +92,7 @@ pub enum NonFatal {
     ZeroMoved {
         /// Name of the effector.
         effector: String,
-        /// By how much [N, Nm].
+        /// By how much (N, Nm).
         by: f64,
         /// Along x, y, z of the tool, or about them.
         direction: usize,

@@ -13,7 +13,7 @@ use tokio::time::Instant;
 #[derive(Debug, Clone)]
 pub struct Clock {
     origin: Instant,
-    /// By so much later the servo began [ns].
+    /// By so much later the servo began (ns).
     late: Arc<AtomicU64>,
     switches: Arc<Switches>,
 }

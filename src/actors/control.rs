@@ -76,7 +76,7 @@ pub enum Attended {
     Asked,
 }
 
-/// The slowest that simulated time may go [times of real time].
+/// The slowest that simulated time may go (times of real time).
 pub const SLOWEST: f64 = 0.01;
 
 /// Whether simulated time may go so fast: 0 for as fast as it computes.
@@ -95,7 +95,7 @@ struct TempoState {
     limit: AtomicU64,
     /// The operator is being waited for; [`Attended`] as a number.
     attended: AtomicU8,
-    /// For so long the run was held back on purpose [ns].
+    /// For so long the run was held back on purpose (ns).
     held_back: AtomicU64,
 }
 
@@ -141,7 +141,7 @@ pub struct Pacer {
 }
 
 impl Pacer {
-    /// What is ahead by less than this waits until it is worth a sleep [s].
+    /// What is ahead by less than this waits until it is worth a sleep (s).
     const AHEAD: f64 = 0.002;
 
     /// Listens to the operator.

@@ -9,7 +9,7 @@ pub(crate) struct ActorFault {
     pub(crate) panics: AtomicBool,
     pub(crate) hangs: AtomicBool,
     pub(crate) spins: AtomicBool,
-    /// [ms]
+    /// (ms)
     pub(crate) late: AtomicU64,
     pub(crate) lost: AtomicBool,
     pub(crate) twice: AtomicU32,

@@ -37,7 +37,7 @@ pub struct Latest {
     pub sights: Vec<Option<Sight>>,
     /// The cell as a calibration found it, until the UI has taken it.
     pub calibrated: Option<Box<Cell>>,
-    /// Of a real-time run: how punctual the servo is, and the length of its period [s].
+    /// Of a real-time run: how punctual the servo is, and the length of its period (s).
     pub punctual: Option<(Arc<Switches>, f64)>,
 }
 
@@ -53,11 +53,11 @@ pub struct ArmLatest {
 /// The largest values of an effector over some periods.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Peaks {
-    /// Norm of the force at the tool [N].
+    /// Norm of the force at the tool (N).
     pub force: f64,
-    /// Norm of the torque at the tool [Nm].
+    /// Norm of the torque at the tool (Nm).
     pub torque: f64,
-    /// Distance of the tool from its set place [m].
+    /// Distance of the tool from its set place (m).
     pub following: f64,
 }
 
@@ -94,7 +94,7 @@ pub struct Sight {
 /// What vision found.
 #[derive(Debug, Clone)]
 pub enum Found {
-    /// The cube: `world_from_cube`, speed of its centre [m/s].
+    /// The cube: `world_from_cube`, speed of its centre (m/s).
     Cube(Pose, f64),
     /// A face.
     Face(Box<FaceReading>),

@@ -22,13 +22,13 @@ pub struct MoveInstruction {
     pace: u32,
     /// What is heeded near the operator's hand; nothing by what gives way there, or lets go.
     hand: Option<NearHand>,
-    /// Of a motion through free space: by how much the force may change on the way [N].
+    /// Of a motion through free space: by how much the force may change on the way (N).
     free: Option<f64>,
     /// Where it leads, and the force at first.
     begun: (Behaviour, Option<Vector3<f64>>),
 }
 
-/// Time in which a pause brings a motion to rest, and a resume to its full pace [s]. From the full speed of axis 6 the
+/// Time in which a pause brings a motion to rest, and a resume to its full pace (s). From the full speed of axis 6 the
 /// regulators lag by 4 rad of the motor in 0.4 s, which is a following error.
 const REST: f64 = 0.6;
 
@@ -74,17 +74,17 @@ pub fn example_manner() -> Manner {
 /// Where an operator's hand may be, as one arm sees it.
 #[derive(Debug, Clone, Copy)]
 pub struct NearHand {
-    /// `base_from_zone`, and half the size of the box there [m].
+    /// `base_from_zone`, and half the size of the box there (m).
     pub zone: (Pose, Vector3<f64>),
-    /// Force at which any motion is broken off there [N].
+    /// Force at which any motion is broken off there (N).
     pub force: f64,
 }
 
 impl NearHand {
-    /// So near is a tool whose fingers, cube or palm may touch a hand in the zone, and the speed of a braking arm [m].
+    /// So near is a tool whose fingers, cube or palm may touch a hand in the zone, and the speed of a braking arm (m).
     const NEAR: f64 = 0.15;
 
-    /// Whether an arm that is there feels more force than it may [N].
+    /// Whether an arm that is there feels more force than it may (N).
     fn excess(&self, arm: &ArmState, force: &Vector3<f64>) -> Option<Outcome> {
         let (base_from_zone, half) = &self.zone;
         let tool = Point3::from(arm.desired_base_from_tool.translation.vector);
@@ -95,7 +95,7 @@ impl NearHand {
 }
 
 impl Manner {
-    /// How long a motion along a known way takes [s]; 0 of what is no such motion.
+    /// How long a motion along a known way takes (s); 0 of what is no such motion.
     #[must_use]
     pub fn seconds(&self, order: &Behaviour, arm: &ArmState) -> f64 {
         match *order {
@@ -110,7 +110,7 @@ impl Manner {
         }
     }
 
-    /// Gives such a motion so much time [s].
+    /// Gives such a motion so much time (s).
     pub fn last(&self, order: &mut Behaviour, arm: &ArmState, lasts: f64) {
         match order {
             Behaviour::Joints { seconds, .. } => *seconds = lasts,
@@ -129,7 +129,7 @@ fn stays(order: &Behaviour, arm: &ArmState) -> bool {
     target.0.iter().zip(arm.desired_joints.0).all(|(to, from)| (to - from).abs() < 1e-4)
 }
 
-/// Distance [m] and angle [rad] from an arm's tool to `base_from_tool`.
+/// Distance (m) and angle (rad) from an arm's tool to `base_from_tool`.
 fn off(arm: &ArmState, target: &Pose) -> (f64, f64) {
     let from = &arm.desired_base_from_tool;
     let way = (target.translation.vector - from.translation.vector).norm();
@@ -233,7 +233,7 @@ mod tests {
         Manner { speeds, hand, ..example_manner() }
     }
 
-    /// The outcome of the last step of a behaviour that felt these forces [N], at x [m].
+    /// The outcome of the last step of a behaviour that felt these forces (N), at x (m).
     fn ends<const N: usize>(behaviour: &Behaviour, x: f64, forces: [f64; N]) -> Option<Outcome> {
         let mut motion = MoveInstruction::begin(behaviour, &manner());
         let mut ended = None;

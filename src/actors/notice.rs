@@ -8,7 +8,7 @@ use crate::record::recorder::{Entry, Recorder};
 /// A message of an actor to the operator.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Notice {
-    /// A phase of the task begins at this simulated or real time [s].
+    /// A phase of the task begins at this simulated or real time (s).
     Phase(f64, String),
     /// Something worth knowing.
     Note(f64, String),

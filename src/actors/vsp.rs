@@ -31,7 +31,7 @@ use tracing::Instrument as _;
 /// While tracking, a picture is kept each 0.2 s.
 const KEPT_PERIODS: u64 = 100;
 
-/// A picture older than this is not what the camera sees now [s].
+/// A picture older than this is not what the camera sees now (s).
 const STALE: f64 = 0.1;
 /// Mean of a picture below which nothing was exposed, of 255.
 const BLACK: f64 = 6.0;
@@ -99,7 +99,7 @@ pub struct Parts {
     pub intrinsics: Intrinsics,
     /// Believed place of a stand-alone camera; `None` for a camera in a hand.
     pub world_from_camera: Option<Pose>,
-    /// Edge of the cube [m].
+    /// Edge of the cube (m).
     pub edge: f64,
     /// How the cube is found by the stand-alone camera.
     pub method: Method,

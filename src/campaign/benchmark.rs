@@ -104,13 +104,13 @@ pub struct Score {
     pub trials: u64,
     /// The longest row of consecutive passed trials.
     pub longest_row: u64,
-    /// Simulated time of a trial that passed, from the start to the hand-back [s].
+    /// Simulated time of a trial that passed, from the start to the hand-back (s).
     pub trial_s: Spread,
-    /// Simulated time for each face turn of a trial that passed [s].
+    /// Simulated time for each face turn of a trial that passed (s).
     pub turn_s: Spread,
 }
 
-/// Scores trials; one that takes longer than `limit` [s] of simulated time has not passed.
+/// Scores trials; one that takes longer than `limit` (s) of simulated time has not passed.
 #[must_use]
 pub fn score(tally: &Tally, limit: f64) -> Score {
     let passed = |run: &RunResult| {
@@ -137,7 +137,7 @@ pub fn score(tally: &Tally, limit: f64) -> Score {
     }
 }
 
-/// Distance of the nearest tool from the cube when each trial began, in the plant, by seed [mm].
+/// Distance of the nearest tool from the cube when each trial began, in the plant, by seed (mm).
 pub fn clearances(tally: &Tally) -> impl Iterator<Item = (u64, f64)> {
     tally.results.iter().filter_map(|r| Some((r.seed, r.figures.as_ref()?.clearance_mm?)))
 }

@@ -12,7 +12,7 @@ use std::fmt::Write;
 
 /// The look beyond that of a run's report.
 const MORE: &str = include_str!("style.css");
-/// Width of every picture [px].
+/// Width of every picture (px).
 const WIDTH: f64 = 960.0;
 /// Room at both sides.
 const SIDE: f64 = 40.0;

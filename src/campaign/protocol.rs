@@ -17,21 +17,21 @@ pub(crate) struct Setup {
     /// What is measured.
     pub kind: Kind,
     /// Effectors: name, kind, distance of the tool point at the start from the nearest place where
-    /// the cube's centre may be [m].
+    /// the cube's centre may be (m).
     pub effectors: Vec<(String, String, f64)>,
-    /// The clearance that was demanded [m].
+    /// The clearance that was demanded (m).
     pub clearance: f64,
     /// Cameras: name and where it is.
     pub cameras: Vec<(String, String)>,
-    /// Edge of the cube [m], its mass [kg].
+    /// Edge of the cube (m), its mass (kg).
     pub cube: (f64, f64),
     /// Who or what has the cube at the start, and gets it in the end.
     pub keeper: Keeper,
-    /// The middle of the place where that is, and its half extents [m].
+    /// The middle of the place where that is, and its half extents (m).
     pub place: [[f64; 3]; 2],
-    /// Height of the table [m].
+    /// Height of the table (m).
     pub table: f64,
-    /// Longest simulated time of a trial that passes [s].
+    /// Longest simulated time of a trial that passes (s).
     pub limit: f64,
     /// The command that repeats it all.
     pub command: String,

@@ -8,7 +8,7 @@ use crate::cube::Facelets;
 use crate::record::summary::{EndedBy, Outcome, Summary};
 use serde::{Deserialize, Serialize};
 
-/// The longest reason that is kept [characters].
+/// The longest reason that is kept (characters).
 const REASON: usize = 400;
 
 /// How a run came out.
@@ -57,7 +57,7 @@ pub struct RunResult {
     pub set: Vec<String>,
     /// Its figures; `None` of a run without a summary, or that never began.
     pub figures: Option<Figures>,
-    /// Time by the wall clock [s].
+    /// Time by the wall clock (s).
     pub wall_time_s: f64,
 }
 
@@ -65,28 +65,28 @@ pub struct RunResult {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Figures {
-    /// Largest force of the contact while both arms hold the cube [N].
+    /// Largest force of the contact while both arms hold the cube (N).
     pub peak_force_n: f64,
-    /// Largest torque of the same [Nm].
+    /// Largest torque of the same (Nm).
     pub peak_torque_nm: f64,
-    /// Largest force of the contact at any tool over the whole run [N]. State files of earlier
+    /// Largest force of the contact at any tool over the whole run (N). State files of earlier
     /// builds have neither this nor the three that follow.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peak_contact_n: Option<f64>,
-    /// What the scenario allows, `control.force_limit_n` [N].
+    /// What the scenario allows, `control.force_limit_n` (N).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_limit_n: Option<f64>,
     /// How often the controller told that the cube had fallen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drops_noticed: Option<u32>,
-    /// Distance of the nearest tool from the cube's centre in the plant when the run began [mm].
+    /// Distance of the nearest tool from the cube's centre in the plant when the run began (mm).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clearance_mm: Option<f64>,
     /// Jaw closings.
     pub grasps: u32,
     /// Face turns.
     pub turns: u32,
-    /// Simulated time [s].
+    /// Simulated time (s).
     pub sim_time_s: f64,
     /// What went wrong in the plant, whether or not it was mended.
     pub mishaps: Mishaps,
@@ -170,7 +170,7 @@ pub(crate) enum Ended {
     Code(i32),
     /// By this signal.
     Signal(i32),
-    /// It was killed after its time [s].
+    /// It was killed after its time (s).
     TimedOut(f64),
 }
 

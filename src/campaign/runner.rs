@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 /// Time between two looks at a process.
 const LOOK: Duration = Duration::from_millis(10);
-/// What is kept of the end of a process's output [bytes].
+/// What is kept of the end of a process's output (bytes).
 const KEPT: usize = 1 << 20;
 
 /// A run to be performed.

@@ -20,24 +20,24 @@ use std::time::Instant;
 pub(crate) const PARTS: usize = 10;
 /// Memory may grow by this share after the second tenth, or by [`GROWTH_MIB`] where that is more.
 const GROWTH: f64 = 0.05;
-/// See [`GROWTH`] [MiB].
+/// See [`GROWTH`] (MiB).
 const GROWTH_MIB: f64 = 8.0;
 
 /// A tenth.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Tenth {
-    /// Simulated time since the beginning [h].
+    /// Simulated time since the beginning (h).
     pub hours: f64,
     /// Missions since the beginning.
     pub missions: u64,
-    /// Resident memory of the process [MiB]; `None` where the system does not tell.
+    /// Resident memory of the process (MiB); `None` where the system does not tell.
     pub resident_mib: Option<f64>,
     /// Simulated over wall-clock time in this tenth.
     pub times_real_time: f64,
-    /// Mean simulated time of a mission in this tenth [s].
+    /// Mean simulated time of a mission in this tenth (s).
     pub mission_s: f64,
     /// The largest difference of a mission's simulated time from that of the same seed before, in
-    /// this tenth [s].
+    /// this tenth (s).
     pub drift_s: f64,
 }
 
@@ -53,7 +53,7 @@ pub(crate) struct Soak {
 }
 
 impl Soak {
-    /// By how much the memory grew between the second and the last tenth [MiB].
+    /// By how much the memory grew between the second and the last tenth (MiB).
     #[must_use]
     pub(crate) fn growth_mib(&self) -> Option<f64> {
         Some(self.tenths.last()?.resident_mib? - self.tenths.get(1)?.resident_mib?)
@@ -211,7 +211,7 @@ fn perform(scenario: &Scenario) -> Option<RunResult> {
     }
 }
 
-/// Resident memory of this process [MiB].
+/// Resident memory of this process (MiB).
 fn resident_mib() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;

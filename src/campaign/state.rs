@@ -43,7 +43,7 @@ pub struct Header {
     pub runs: u64,
     /// Which part of it: number, from 1, and of how many.
     pub shard: Shard,
-    /// Time that a run may take by the wall clock [s].
+    /// Time that a run may take by the wall clock (s).
     pub limit_s: u64,
 }
 

@@ -28,7 +28,7 @@ const WORDS: [&str; 4] = ["uniform", "whole", "normal", "one_of"];
 const TRIES: usize = 1000;
 /// Keys that a file may vary.
 const MOST: usize = 1000;
-/// Longer lists of values are told by their number [characters].
+/// Longer lists of values are told by their number (characters).
 const LISTED: usize = 120;
 
 /// All that is drawn.

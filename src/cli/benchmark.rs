@@ -45,13 +45,13 @@ pub(super) struct BenchmarkArgs {
     /// Processes at a time; as many as there are cores when not given
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
-    /// Distance that each tool must have at the start from wherever the cube may be [mm]
+    /// Distance that each tool must have at the start from wherever the cube may be (mm)
     #[arg(long, value_name = "MM", default_value_t = 80.0, value_parser = not_negative)]
     clearance_mm: f64,
-    /// Simulated time within which a trial must be done [s]
+    /// Simulated time within which a trial must be done (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 1800.0, value_parser = not_negative)]
     within_s: f64,
-    /// Time that a trial may take by the wall clock [s]
+    /// Time that a trial may take by the wall clock (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 900,
           value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     limit_s: u64,
@@ -205,7 +205,7 @@ fn setup(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs, scenario: &Scena
 }
 
 /// Name, kind and distance of the tool at the start from the nearest place where the cube's centre
-/// may be [m].
+/// may be (m).
 fn effectors(cell: &Cell) -> Vec<(String, String, f64)> {
     let zone = &cell.hand;
     let of = |arm: &crate::cell::Arm| {

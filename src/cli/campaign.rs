@@ -80,7 +80,7 @@ pub(super) struct CampaignArgs {
     /// Keep results in this file, and go on where it ends when it is there; --runs may have become more
     #[arg(long, visible_alias = "resume", value_name = "FILE")]
     state: Option<PathBuf>,
-    /// Time that a run may take by the wall clock [s]
+    /// Time that a run may take by the wall clock (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 900,
           value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     limit_s: u64,

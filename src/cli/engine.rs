@@ -315,7 +315,7 @@ fn for_ever(bytes: Bytes) -> &'static [u8] {
     (**bytes).as_ref()
 }
 
-/// Memory that may be had [bytes]; 0 where the system does not say.
+/// Memory that may be had (bytes); 0 where the system does not say.
 fn memory() -> usize {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"));

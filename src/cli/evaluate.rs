@@ -68,7 +68,7 @@ struct Evaluation {
     wrong: usize,
     /// Of these, those with [`CONFIDENT`] or more.
     wrong_confident: usize,
-    /// Time of each picture without reading its file, sorted [ms].
+    /// Time of each picture without reading its file, sorted (ms).
     times: Vec<f64>,
     misses: Vec<String>,
 }
@@ -173,7 +173,7 @@ impl Evaluation {
         })
     }
 
-    /// Time below which the share `p` of the pictures lies [ms].
+    /// Time below which the share `p` of the pictures lies (ms).
     fn time(&self, p: f64) -> f64 {
         let last = self.times.len().saturating_sub(1);
         self.times.get((last as f64 * p).round() as usize).copied().unwrap_or(0.0)

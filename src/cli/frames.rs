@@ -53,10 +53,10 @@ pub(super) struct RenderArgs {
     /// Which camera of the scenario
     #[arg(long, default_value = "standalone")]
     camera: String,
-    /// Length of the dominant face's edge when seen frontally [px]
+    /// Length of the dominant face's edge when seen frontally (px)
     #[arg(long, default_value_t = 100.0, value_parser = positive)]
     width_px: f64,
-    /// Largest tilt of the dominant face off the sight [deg]
+    /// Largest tilt of the dominant face off the sight (deg)
     #[arg(long, default_value_t = 40.0)]
     tilt_deg: f64,
     /// Standard deviation of the noise, of 255; the scenario's plant.noise.image when not given
@@ -283,7 +283,7 @@ fn draw_pose(
 struct Shot<'a> {
     camera: &'a Camera,
     camera_from_cube: Pose,
-    /// Length of the cube's edge [m].
+    /// Length of the cube's edge (m).
     edge: f64,
     facelets: [u8; 54],
 }

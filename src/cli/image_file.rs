@@ -10,7 +10,7 @@ use std::path::Path;
 /// Largest picture that is taken [px]: more than a still camera has, less than fills a small machine's memory.
 const MOST_PIXELS: u64 = 50_000_000;
 
-/// Largest file that is read [bytes].
+/// Largest file that is read (bytes).
 const MOST_BYTES: u64 = 256 << 20;
 
 /// A picture file as RGB; the format is judged by its bytes, not by its name. Sixteen bits become eight, grey becomes

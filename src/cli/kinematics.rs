@@ -82,7 +82,7 @@ struct Motors<'a> {
     limits: Vec<String>,
 }
 
-/// No row of numbers is longer [bytes].
+/// No row of numbers is longer (bytes).
 const LONGEST: usize = 1 << 16;
 
 #[derive(Serialize)]

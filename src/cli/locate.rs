@@ -42,7 +42,7 @@ pub(super) struct LocateArgs {
     images: Vec<PathBuf>,
     #[command(flatten)]
     optics: OpticsArgs,
-    /// Length of the cube's edge [mm]
+    /// Length of the cube's edge (mm)
     #[arg(long, default_value_t = 57.0, value_parser = positive)]
     cube_mm: f64,
     /// One line of JSON a picture
@@ -53,16 +53,16 @@ pub(super) struct LocateArgs {
 /// Optics on the command line, as calibration tools print them.
 #[derive(Debug, Args)]
 struct OpticsArgs {
-    /// Focal length along x [px]
+    /// Focal length along x (px)
     #[arg(long, value_parser = positive)]
     fx: f64,
-    /// Focal length along y [px]; that along x when not given
+    /// Focal length along y (px); that along x when not given
     #[arg(long, value_parser = positive)]
     fy: Option<f64>,
-    /// Principal point, x [px], the first pixel's centre is 0; the picture's middle when not given
+    /// Principal point, x (px), the first pixel's centre is 0; the picture's middle when not given
     #[arg(long, allow_hyphen_values = true)]
     cx: Option<f64>,
-    /// Principal point, y [px]
+    /// Principal point, y (px)
     #[arg(long, allow_hyphen_values = true)]
     cy: Option<f64>,
     /// Radial distortion of r^2
@@ -96,7 +96,7 @@ impl OpticsArgs {
 
 /// A pose of a face that is less certain is none: its rows may be another thing's.
 const LEAST_CONFIDENCE: f64 = 0.45;
-/// Edges of a cube that are farther from their places than this on average are not its edges [px].
+/// Edges of a cube that are farther from their places than this on average are not its edges (px).
 const RESIDUAL: f64 = 2.0;
 
 /// The cube in one picture, or why not.
@@ -213,7 +213,7 @@ pub(super) struct AccuracyArgs {
     json: bool,
 }
 
-/// Errors of a point over many frames [m].
+/// Errors of a point over many frames (m).
 #[derive(Debug, Default)]
 struct Errors {
     lateral: Vec<f64>,
@@ -257,7 +257,7 @@ fn quantile(values: &[f64], share: f64) -> f64 {
     sorted.get(at.min(values.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
 }
 
-/// A dominant face farther from the truth than this is a wrong report [m].
+/// A dominant face farther from the truth than this is a wrong report (m).
 const ASTRAY: f64 = 0.015;
 
 /// Measures all frames; returns the table, and whether every frame gave a pose.
@@ -288,9 +288,9 @@ struct Measured {
     several: Errors,
     single: Errors,
     nees: Vec<f64>,
-    /// Times of localisation [ms].
+    /// Times of localisation (ms).
     times: Vec<f64>,
-    /// Errors of rotation [rad].
+    /// Errors of rotation (rad).
     turns: Vec<f64>,
     misses: Vec<String>,
 }
@@ -336,7 +336,7 @@ impl Measured {
         self.nees.iter().sum::<f64>() / self.nees.len().max(1) as f64
     }
 
-    /// Returns the error of rotation, r.m.s. [rad].
+    /// Returns the error of rotation, r.m.s. (rad).
     fn turn(&self) -> f64 {
         let squares = self.turns.iter().map(|t| t * t).sum::<f64>();
         (squares / self.turns.len().max(1) as f64).sqrt()

@@ -50,7 +50,7 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
 
 /// Steps of the plan that are drawn.
 const DRAWINGS: usize = 9;
-/// Size of a drawing [px], and quality of its file, of 100.
+/// Size of a drawing (px), and quality of its file, of 100.
 const SIZE: (u32, u32) = (480, 360);
 const QUALITY: u8 = 75;
 

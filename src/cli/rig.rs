@@ -1,7 +1,7 @@
 //! `rubik-robot vision rig` and `vision learn`: whole cubes in a rig whose cameras never move.
 //!
 //! A boxes file has one line a facelet (order URFDLB, reading order), each with one or more boxes
-//! `x y width height` [px] in which that facelet shows. Boxes of one facelet are pooled.
+//! `x y width height` (px) in which that facelet shows. Boxes of one facelet are pooled.
 
 use super::cubes::{Refused, report};
 use super::image_file::load;

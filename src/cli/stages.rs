@@ -34,16 +34,16 @@ pub(super) struct StagesArgs {
     /// Focal length along x [px]: with it the pose of the square's four corner tiles is told
     #[arg(long, value_parser = positive)]
     fx: Option<f64>,
-    /// Focal length along y [px]; that along x when not given
+    /// Focal length along y (px); that along x when not given
     #[arg(long, value_parser = positive, requires = "fx")]
     fy: Option<f64>,
-    /// Principal point, x [px], the first pixel's centre is 0; the picture's middle when not given
+    /// Principal point, x (px), the first pixel's centre is 0; the picture's middle when not given
     #[arg(long, allow_hyphen_values = true, requires = "fx")]
     cx: Option<f64>,
-    /// Principal point, y [px]
+    /// Principal point, y (px)
     #[arg(long, allow_hyphen_values = true, requires = "fx")]
     cy: Option<f64>,
-    /// Length of the cube's edge [mm]
+    /// Length of the cube's edge (mm)
     #[arg(long, default_value_t = 57.0, value_parser = positive)]
     cube_mm: f64,
     /// One line of JSON a picture
@@ -121,7 +121,7 @@ struct Found {
     files: Vec<String>,
 }
 
-/// Three rows of four [m].
+/// Three rows of four (m).
 fn rows(pose: &Pose) -> Value {
     let matrix = pose.to_homogeneous();
     (0..3).map(|r| json!((0..4).map(|c| matrix[(r, c)]).collect::<Vec<f64>>())).collect()

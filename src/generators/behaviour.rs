@@ -34,7 +34,7 @@ pub enum Behaviour {
     Jaw {
         /// Set values at the end.
         jaw: JawCommand,
-        /// Least duration [s]; longer where the jaws' speed asks for it.
+        /// Least duration (s); longer where the jaws' speed asks for it.
         seconds: f64,
         /// Directions that yield meanwhile.
         selector: Selector,
@@ -43,31 +43,31 @@ pub enum Behaviour {
     },
     /// Approaches along the tool's z until the palm's stops touch.
     Approach {
-        /// Speed in free motion [m/s].
+        /// Speed in free motion (m/s).
         speed: f64,
-        /// Give up after this way [m].
+        /// Give up after this way (m).
         distance: f64,
-        /// Contact force that ends the approach [N].
+        /// Contact force that ends the approach (N).
         force: f64,
         /// Directions that yield besides z.
         selector: Selector,
     },
     /// Draws back along the tool's z, unless somebody holds on.
     Withdraw {
-        /// Speed in free motion [m/s].
+        /// Speed in free motion (m/s).
         speed: f64,
-        /// How far [m].
+        /// How far (m).
         distance: f64,
-        /// Force at which it gives up [N].
+        /// Force at which it gives up (N).
         force: f64,
         /// Directions that yield besides z.
         selector: Selector,
     },
     /// Closes the jaws while the arm accommodates.
     Grasp {
-        /// Grip force [N].
+        /// Grip force (N).
         force: f64,
-        /// Width below which the jaws hold nothing [m].
+        /// Width below which the jaws hold nothing (m).
         least_width: f64,
         /// Directions that yield.
         selector: Selector,
@@ -76,9 +76,9 @@ pub enum Behaviour {
     },
     /// Presses the cube against the stops of the palm, then clenches.
     Secure {
-        /// Pressing force [N].
+        /// Pressing force (N).
         press: f64,
-        /// Grip force [N].
+        /// Grip force (N).
         force: f64,
         /// Directions that yield besides z.
         selector: Selector,
@@ -87,13 +87,13 @@ pub enum Behaviour {
     },
     /// Turns the grasped face about the tool's z.
     Turn {
-        /// How far, about the tool's z [rad].
+        /// How far, about the tool's z (rad).
         angle: f64,
-        /// Speed in free motion [rad/s].
+        /// Speed in free motion (rad/s).
         speed: f64,
-        /// Torque at which the turn stands still [Nm].
+        /// Torque at which the turn stands still (Nm).
         torque: f64,
-        /// Least mean torque that a turning face must show [Nm].
+        /// Least mean torque that a turning face must show (Nm).
         least_torque: f64,
         /// Directions that yield besides the turn's own.
         selector: Selector,
@@ -108,11 +108,11 @@ pub enum Behaviour {
     },
     /// Holds the cube out until the operator pulls at it.
     Present {
-        /// Force that counts as a pull [N].
+        /// Force that counts as a pull (N).
         pull: f64,
         /// Directions that yield.
         selector: Selector,
-        /// Patience [s].
+        /// Patience (s).
         seconds: f64,
     },
     /// Leads the gripper to the cube that the stand-alone camera sees.

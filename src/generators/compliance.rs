@@ -9,23 +9,23 @@ use serde::{Deserialize, Serialize};
 /// an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Compliance {
-    /// B of the linear directions [m/(s N)].
+    /// B of the linear directions (m/(s N)).
     pub linear_admittance: f64,
-    /// M of the linear directions [kg].
+    /// M of the linear directions (kg).
     pub linear_inertia: f64,
-    /// B of the angular directions [rad/(s Nm)].
+    /// B of the angular directions (rad/(s Nm)).
     pub angular_admittance: f64,
-    /// M of the angular directions [kg m2].
+    /// M of the angular directions (kg m2).
     pub angular_inertia: f64,
     /// Periods of a macrostep.
     pub macrostep: u32,
-    /// Speed of closing jaws, distance of the pads [m/s].
+    /// Speed of closing jaws, distance of the pads (m/s).
     pub jaw_close_speed: f64,
-    /// Largest speed of opening jaws [m/s].
+    /// Largest speed of opening jaws (m/s).
     pub jaw_open_speed: f64,
-    /// Force at which a behaviour gives up [N].
+    /// Force at which a behaviour gives up (N).
     pub force_limit: f64,
-    /// Torque at which a behaviour gives up [Nm].
+    /// Torque at which a behaviour gives up (Nm).
     pub torque_limit: f64,
 }
 
@@ -44,7 +44,7 @@ impl Compliance {
         std::array::from_fn(|i| if selector[i] { self.contact(i, 0.0) } else { Direction::HOLD })
     }
 
-    /// A direction that seeks a force [N] or torque [Nm].
+    /// A direction that seeks a force (N) or torque (Nm).
     #[must_use]
     pub fn contact(&self, direction: usize, wanted: f64) -> Direction {
         let (admittance, inertia) = if direction < 3 {
@@ -65,7 +65,7 @@ impl Compliance {
         }
     }
 
-    /// Returns whether jaws that were no farther apart [m] since a turn began are forced apart by
+    /// Returns whether jaws that were no farther apart (m) since a turn began are forced apart by
     /// the cube that they hold. A cube that stood askew between them when the turn began comes
     /// upright before it forces them apart the other way.
     pub(super) fn forced_apart(jaws: &mut Option<f64>, arm: &ArmState) -> Option<Outcome> {

@@ -8,9 +8,9 @@ use super::inputs::Inputs;
 use super::outcome::{Next, Outcome};
 use crate::motion::PERIOD;
 
-/// Time that a pull must last [s].
+/// Time that a pull must last (s).
 const PULL_SECONDS: f64 = 0.3;
-/// An arm that yields relieves what strains it: only a force beyond the limits for so long is one it cannot yield to [s].
+/// An arm that yields relieves what strains it: only a force beyond the limits for so long is one it cannot yield to (s).
 /// More than a pull lasts: a hard one is a pull, too.
 const STRAIN_SECONDS: f64 = 0.5;
 
@@ -23,7 +23,7 @@ pub struct Comply {
     steps: u32,
     pulled: u32,
     strained: u32,
-    /// How far apart the jaws were at least [m].
+    /// How far apart the jaws were at least (m).
     jaws: Option<f64>,
 }
 
@@ -34,7 +34,7 @@ impl Comply {
         Self { pull: None, selector, compliance, steps: 0, pulled: 0, strained: 0, jaws: None }
     }
 
-    /// Until a force above `pull` [N] has lasted, at most `seconds`.
+    /// Until a force above `pull` (N) has lasted, at most `seconds`.
     #[must_use]
     pub fn until_pulled(
         pull: f64,
@@ -85,7 +85,7 @@ mod tests {
     use crate::motion::ArmState;
     use crate::spatial::Wrench;
 
-    /// Feels the forces along z [N], each for so long [s], and tells when and how it ended.
+    /// Feels the forces along z (N), each for so long (s), and tells when and how it ended.
     fn felt(mut comply: Comply, forces: &[(f64, f64)]) -> Option<(f64, Outcome)> {
         let step = f64::from(compliance().macrostep) * PERIOD;
         let mut now = 0.0;

@@ -9,11 +9,11 @@ use super::inputs::Inputs;
 use super::outcome::{Next, Outcome};
 use crate::motion::{ArmState, Depth, JawCommand, PERIOD};
 
-/// How far below the width that is held the jaw's set value goes, so that the grip rules [m].
+/// How far below the width that is held the jaw's set value goes, so that the grip rules (m).
 pub(super) const SQUEEZE: f64 = 0.002;
-/// How far below the least width it goes at the lowest: the jaws' stroke ends there [m].
+/// How far below the least width it goes at the lowest: the jaws' stroke ends there (m).
 const BELOW: f64 = 0.001;
-/// The jaws count as standing when they move less than this in [`STILL`] seconds [m].
+/// The jaws count as standing when they move less than this in [`STILL`] seconds (m).
 const STAND: f64 = 0.0001;
 const STILL: f64 = 0.25;
 
@@ -151,7 +151,7 @@ mod tests {
 
     const LEAST: f64 = 0.055;
 
-    /// Closes jaws that follow their set value down to `stop` [m]; the outcome and the lowest set value.
+    /// Closes jaws that follow their set value down to `stop` (m); the outcome and the lowest set value.
     fn close(stop: f64) -> (Outcome, f64) {
         let mut grasp = Grasp::new(30.0, LEAST, [true; 6], Depth::One, compliance());
         let mut arm = ArmState { jaw_opening: 0.07, ..ArmState::default() };

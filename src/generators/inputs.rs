@@ -24,7 +24,7 @@ pub struct Inputs<'a> {
 pub struct Target {
     /// `world_from_cube`; its axes are along the edges, up to the cube's own symmetry.
     pub world_from_cube: Pose,
-    /// Speed of the centre [m/s].
+    /// Speed of the centre (m/s).
     pub speed: f64,
     /// Servo period of the exposure.
     pub period: u64,
@@ -48,9 +48,9 @@ pub enum Window {
     Whole,
     /// Where the sensor's own track expects the cube, or else around this place.
     Around {
-        /// Centre of the cube in the world [m].
+        /// Centre of the cube in the world (m).
         centre: Vector3<f64>,
-        /// How far from there it may be [m].
+        /// How far from there it may be (m).
         reach: f64,
     },
 }

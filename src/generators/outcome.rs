@@ -17,26 +17,26 @@ pub enum Next {
 pub enum Outcome {
     /// The target is reached.
     Reached,
-    /// The palm's stops touch the cube, this far along the way [m].
+    /// The palm's stops touch the cube, this far along the way (m).
     Touched(f64),
     /// Nothing was touched on the whole way.
     NotTouched,
-    /// The jaws hold something of this width [m].
+    /// The jaws hold something of this width (m).
     Grasped(f64),
     /// The jaws closed on nothing.
     Empty(f64),
     /// The cube is seated and clenched.
     Secured,
-    /// The face has been turned by this angle [rad].
+    /// The face has been turned by this angle (rad).
     Turned(f64),
-    /// The hand has turned by this angle [rad] against so little torque [Nm] that no face can have
+    /// The hand has turned by this angle (rad) against so little torque (Nm) that no face can have
     /// followed: a grip slips.
     Slipped(f64, f64),
-    /// The wrench swings in this direction with this amplitude [N], [Nm] at this frequency [Hz].
+    /// The wrench swings in this direction with this amplitude (N), (Nm) at this frequency (Hz).
     Oscillates(usize, f64, f64),
-    /// The turn stopped at this angle [rad] under this torque [Nm].
+    /// The turn stopped at this angle (rad) under this torque (Nm).
     Stalled(f64, f64),
-    /// A force [N] or torque [Nm] beyond the set limit, in this direction.
+    /// A force (N) or torque (Nm) beyond the set limit, in this direction.
     OverForce(usize, f64),
     /// What the jaws hold has forced them apart by this since the behaviour began [m]: it turns
     /// between them.
@@ -45,13 +45,13 @@ pub enum Outcome {
     Ended,
     /// The operator pulls at the cube.
     Pulled,
-    /// The visual sensor has lost the cube for this long [s].
+    /// The visual sensor has lost the cube for this long (s).
     LostSight(f64),
-    /// The cube stayed outside the place of hand-over for this long [s].
+    /// The cube stayed outside the place of hand-over for this long (s).
     OutOfZone(f64),
     /// The arm cannot get to where the cube is held, for this reason.
     OutOfReach(MoveRefused),
-    /// It took longer than allowed [s].
+    /// It took longer than allowed (s).
     TimedOut(f64),
 }
 

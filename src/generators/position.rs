@@ -14,17 +14,17 @@ use serde::{Deserialize, Serialize};
 /// Full speeds of position control.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Speeds {
-    /// Of each joint [m/s or rad/s].
+    /// Of each joint (m/s or rad/s).
     pub joint: [f64; AXES],
-    /// [m/s2 or rad/s2].
+    /// (m/s2 or rad/s2).
     pub joint_acceleration: [f64; AXES],
-    /// Of the tool point [m/s].
+    /// Of the tool point (m/s).
     pub linear: f64,
-    /// [m/s2].
+    /// (m/s2).
     pub linear_acceleration: f64,
-    /// Of the tool's rotation [rad/s].
+    /// Of the tool's rotation (rad/s).
     pub angular: f64,
-    /// [rad/s2].
+    /// (rad/s2).
     pub angular_acceleration: f64,
 }
 
@@ -39,7 +39,7 @@ fn seconds(way: f64, speed: f64, acceleration: f64, fraction: f64) -> f64 {
 }
 
 impl Speeds {
-    /// How long a motion between joint positions takes at a fraction of the full speeds [s].
+    /// How long a motion between joint positions takes at a fraction of the full speeds (s).
     #[must_use]
     pub fn joints_seconds(&self, from: &JointPositions, to: &JointPositions, fraction: f64) -> f64 {
         let way = |i: usize| to.0[i] - from.0[i];
@@ -48,7 +48,7 @@ impl Speeds {
             .fold(0.0, f64::max)
     }
 
-    /// How long a straight way of the tool [m] with a rotation [rad] takes at a fraction of the full speeds [s].
+    /// How long a straight way of the tool (m) with a rotation (rad) takes at a fraction of the full speeds (s).
     #[must_use]
     pub fn line_seconds(&self, way: f64, turn: f64, fraction: f64) -> f64 {
         seconds(way, self.linear, self.linear_acceleration, fraction).max(seconds(
@@ -86,7 +86,7 @@ pub struct Position {
     goal: Goal,
     speeds: Speeds,
     fraction: f64,
-    /// Least duration [s].
+    /// Least duration (s).
     least: f64,
     macrostep: u32,
     /// Macrosteps in all at full pace; known after the first call.

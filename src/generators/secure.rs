@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 
 /// Readings in a row that must show contact: a single noisy sample is none.
 const CONFIRM: u32 = 2;
-/// Time to press [s], and to clench [s].
+/// Time to press (s), and to clench (s).
 const PRESS: f64 = 0.5;
 const CLENCH: f64 = 0.5;
 

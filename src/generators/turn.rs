@@ -12,45 +12,45 @@ use super::inputs::Inputs;
 use super::outcome::{Next, Outcome};
 use crate::motion::{ArmState, Direction, PERIOD};
 
-/// A stall: less than this [rad] in [`STALL_SECONDS`].
+/// A stall: less than this (rad) in [`STALL_SECONDS`].
 const STALL_ANGLE: f64 = 0.0175;
 const STALL_SECONDS: f64 = 3.0;
-/// The turn ends this close [rad].
+/// The turn ends this close (rad).
 const TOLERANCE: f64 = 0.003;
-/// Slowing down: speed per remaining angle [1/s].
+/// Slowing down: speed per remaining angle (1/s).
 const SLOWING: f64 = 4.0;
-/// Slowest speed [rad/s].
+/// Slowest speed (rad/s).
 const CREEP: f64 = 0.02;
 /// Acceleration at the beginning [rad/s2]: the roll's gear of 289 makes 0.5 rad/s 144 rad/s of its motor.
 const ACCELERATION: f64 = 1.0;
 /// The layer lags behind the wrist by the twist of both grips: rubber pads of 120 Nm/rad in series, the cube and the
-/// arms; the wrist goes on by what the measured torque says [Nm/rad], at most by [`MOST_TWIST`] [rad].
+/// arms; the wrist goes on by what the measured torque says (Nm/rad), at most by [`MOST_TWIST`] (rad).
 const TWIST_STIFFNESS: f64 = 42.0;
 const MOST_TWIST: f64 = 0.035;
 /// Share of the turn, at its beginning and at its end, whose torque tells nothing of the face: backlash of the grips,
 /// speeding up, the neighbour's detent.
 const ENDS: f64 = 0.2;
-/// A turn shorter than this says too little of the torque [rad].
+/// A turn shorter than this says too little of the torque (rad).
 const LEAST_SAID: f64 = 0.5;
 /// A layer that wants more torque than this for so long stands still, before the grips give way: pads of rubber under
-/// 40 N carry 1.8 Nm about the palm's axis, 1.1 Nm about the jaws' [Nm, s].
+/// 40 N carry 1.8 Nm about the palm's axis, 1.1 Nm about the jaws' (Nm, s).
 const MOST_TORQUE: f64 = 1.25;
 const TOO_LONG: f64 = 0.2;
-/// How a turn that must not go on comes to rest: stopped dead, the roll's motor would trip [rad/s2].
+/// How a turn that must not go on comes to rest: stopped dead, the roll's motor would trip (rad/s2).
 const BRAKING: f64 = 4.0;
-/// Time to come to rest at the end [s].
+/// Time to come to rest at the end (s).
 const SETTLE: f64 = 0.15;
 
 /// What is to be turned, and how.
 #[derive(Debug, Clone, Copy)]
 pub struct Order {
-    /// How far, about the tool's z [rad].
+    /// How far, about the tool's z (rad).
     pub angle: f64,
-    /// Speed in free motion [rad/s].
+    /// Speed in free motion (rad/s).
     pub speed: f64,
-    /// Torque at which the turn stands still [Nm].
+    /// Torque at which the turn stands still (Nm).
     pub torque: f64,
-    /// Least mean torque that a turning face must show [Nm].
+    /// Least mean torque that a turning face must show (Nm).
     pub least_torque: f64,
     /// Directions that yield besides the turn's own.
     pub selector: Selector,
@@ -63,19 +63,19 @@ pub struct Order {
 pub struct Turn {
     order: Order,
     compliance: Compliance,
-    /// Sum and number of the torques in the middle of the turn [Nm].
+    /// Sum and number of the torques in the middle of the turn (Nm).
     felt: (f64, u32),
-    /// Roll of the last joint at the beginning [rad].
+    /// Roll of the last joint at the beginning (rad).
     start: Option<f64>,
-    /// How far apart the jaws were at least [m].
+    /// How far apart the jaws were at least (m).
     jaws: Option<f64>,
     steps: u32,
-    /// The last step with progress, and the angle then [rad].
+    /// The last step with progress, and the angle then (rad).
     progress_at: u32,
     progress: f64,
     /// The step in which the angle was reached.
     arrived: Option<u32>,
-    /// Speed that was ordered last [rad/s].
+    /// Speed that was ordered last (rad/s).
     ordered: f64,
     /// For how many steps the torque has been too high.
     strained: u32,
@@ -85,13 +85,13 @@ pub struct Turn {
 
 /// How far a turn is in one step; angles in its own sense.
 struct Progress {
-    /// How far the wrist has turned [rad].
+    /// How far the wrist has turned (rad).
     turned: f64,
-    /// How far the layer lags behind the wrist [rad].
+    /// How far the layer lags behind the wrist (rad).
     twist: f64,
-    /// How far the wrist still has to turn [rad].
+    /// How far the wrist still has to turn (rad).
     left: f64,
-    /// Torque about the tool's z, in the tool's sense [Nm].
+    /// Torque about the tool's z, in the tool's sense (Nm).
     torque: f64,
 }
 
@@ -141,7 +141,7 @@ impl Turn {
         self.go(velocity)
     }
 
-    /// Length of a macrostep [s].
+    /// Length of a macrostep (s).
     fn seconds(&self) -> f64 {
         f64::from(self.compliance.macrostep) * PERIOD
     }
@@ -242,7 +242,7 @@ mod tests {
     use crate::motion::Motion;
     use std::f64::consts::FRAC_PI_2;
 
-    /// Turns a layer that follows without resistance; the outcome and the greatest speed ordered [rad/s].
+    /// Turns a layer that follows without resistance; the outcome and the greatest speed ordered (rad/s).
     fn turned(angle: f64, speed: f64, stiff: bool) -> (Outcome, f64) {
         let selector = [true; 6];
         let order = Order { angle, speed, torque: 2.5, least_torque: 0.0, selector, stiff };

@@ -25,33 +25,33 @@ pub struct Order {
     pub approach: Vector3<f64>,
     /// Wanted direction of the jaws in the world; the cube's nearest axis across the approach is taken.
     pub jaws: Vector3<f64>,
-    /// From the cube's centre back to the tool point, along the tool's z, when the cube is seated [m].
+    /// From the cube's centre back to the tool point, along the tool's z, when the cube is seated (m).
     pub seat: f64,
-    /// Distance short of the seat at which the gripper waits and follows [m].
+    /// Distance short of the seat at which the gripper waits and follows (m).
     pub vicinity: f64,
-    /// Distance short of the seat below which the last pose is frozen: the gripper hides the cube [m].
+    /// Distance short of the seat below which the last pose is frozen: the gripper hides the cube (m).
     pub frozen: f64,
-    /// A cube that is seen within this distance of one place counts as standing [m] ...
+    /// A cube that is seen within this distance of one place counts as standing (m) ...
     pub still: f64,
-    /// ... for this long [s].
+    /// ... for this long (s).
     pub still_seconds: f64,
-    /// A move of the cube that breaks off the approach [m]; close to it, where it is hidden, 0.05 m at least.
+    /// A move of the cube that breaks off the approach (m); close to it, where it is hidden, 0.05 m at least.
     pub retreat: f64,
-    /// Largest speed of the tool [m/s] and of its rotation [rad/s].
+    /// Largest speed of the tool (m/s) and of its rotation (rad/s).
     pub speed: (f64, f64),
-    /// Largest acceleration of the tool [m/s2].
+    /// Largest acceleration of the tool (m/s2).
     pub acceleration: f64,
-    /// Speed of the approach [m/s].
+    /// Speed of the approach (m/s).
     pub approach_speed: f64,
-    /// Contact force that ends the approach [N].
+    /// Contact force that ends the approach (N).
     pub touch: f64,
-    /// Way beyond the seat at which the approach is given up [m].
+    /// Way beyond the seat at which the approach is given up (m).
     pub overrun: f64,
-    /// Age beyond which a target is not followed [s].
+    /// Age beyond which a target is not followed (s).
     pub stale: f64,
-    /// Time without any target after which the servo gives up [s].
+    /// Time without any target after which the servo gives up (s).
     pub patience: f64,
-    /// Where cubes are handed over: `world_from_zone` and the half extents of a box in its axes [m]. A cube outside is
+    /// Where cubes are handed over: `world_from_zone` and the half extents of a box in its axes (m). A cube outside is
     /// watched from the zone's edge, since the arm may not reach it.
     pub zone: (Pose, Vector3<f64>),
 }
@@ -91,7 +91,7 @@ pub struct VisualServo {
     cube: Option<Vector3<f64>>,
     /// Last period in which it was seen inside the zone.
     inside: Option<u64>,
-    /// Where it waits short of the seat: [`Order::vicinity`], or as far as the arm folds [m].
+    /// Where it waits short of the seat: [`Order::vicinity`], or as far as the arm folds (m).
     vicinity: f64,
     /// Since when the arm has been refused its way, and never come to where it is to wait.
     refused: Option<u64>,
@@ -104,12 +104,12 @@ pub struct VisualServo {
 
 /// Share of a new goal in the filtered one.
 const FILTER: f64 = 0.4;
-/// Follow: speed per distance [1/s].
+/// Follow: speed per distance (1/s).
 const FOLLOW_GAIN: f64 = 2.5;
-/// The gripper is in the vicinity when it is this close to the waiting pose [m], [rad].
+/// The gripper is in the vicinity when it is this close to the waiting pose (m), (rad).
 const THERE: (f64, f64) = (0.006, 0.03);
 
-/// An arm that does not fold far enough to wait in the vicinity waits nearer by this at each refusal [m], at most so
+/// An arm that does not fold far enough to wait in the vicinity waits nearer by this at each refusal (m), at most so
 /// near as this part of the vicinity: the fingers must not reach the cube yet.
 const NEARER: f64 = 0.005;
 const NEAREST: f64 = 2.0 / 3.0;
@@ -452,7 +452,7 @@ impl VisualServo {
     }
 }
 
-/// What is left to a pose [m], [rad].
+/// What is left to a pose (m), (rad).
 fn way_and_turn(from: &Pose, to: &Pose) -> (Vector3<f64>, Vector3<f64>) {
     let way = to.translation.vector - from.translation.vector;
     (way, from.rotation.rotation_to(&to.rotation).scaled_axis())

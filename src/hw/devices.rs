@@ -34,7 +34,7 @@ fn place(own: Option<OsString>, temporary: PathBuf) -> PathBuf {
 /// What helps where a file of devices cannot be used.
 pub const NAME_DEVICES: &str = "start `rubik-robot emulate`, or name your devices there";
 
-/// No file of devices is larger [bytes].
+/// No file of devices is larger (bytes).
 const LARGEST: u64 = 1 << 20;
 
 /// All devices.
@@ -63,17 +63,17 @@ pub struct EffectorDevices {
     pub axes: Vec<String>,
     /// `net_ft:ADDRESS:PORT`, `ft_controller:DEVICE`, or "none".
     pub force: String,
-    /// Scale of a Net F/T box, from its configuration page [1/N].
+    /// Scale of a Net F/T box, from its configuration page (1/N).
     #[serde(deserialize_with = "scale")]
     pub counts_per_newton: f64,
-    /// As above [1/Nm].
+    /// As above (1/Nm).
     #[serde(deserialize_with = "scale")]
     pub counts_per_newton_metre: f64,
     /// First I/O port of the parallel interface (PCI-1751) by which an `ft_controller` tells its readings, as `lspci -v`
     /// has it; without one they come by the line.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ft_parallel: Option<u16>,
-    /// Motor currents of axes 0..=6 and the jaw at which their controllers stop [A]; the first may be 0 where there is no
+    /// Motor currents of axes 0..=6 and the jaw at which their controllers stop (A); the first may be 0 where there is no
     /// track. Where they are left out they are the original's: its serial controllers' or its ISA cards'.
     #[serde(deserialize_with = "currents")]
     pub max_currents: Vec<f64>,
@@ -128,7 +128,7 @@ impl Default for IsaDevice {
 struct Original {
     first_pointer: u8,
     divisor: u8,
-    /// Limits of the currents [units], the jaw's last.
+    /// Limits of the currents (units), the jaw's last.
     max_currents: [u8; AXES + 1],
     /// The jaw's units per ampere: 25.3 and 34.7 per 100 mA.
     jaw_units: f64,
@@ -295,7 +295,7 @@ impl Devices {
         found.ok_or_else(|| NoDevice(format!("the devices have no [[effector]] \"{name}\"")))
     }
 
-    /// Checks that the jaws can grip with so much force [N] without their controllers' stopping.
+    /// Checks that the jaws can grip with so much force (N) without their controllers' stopping.
     ///
     /// # Errors
     /// The arm whose controller would.
@@ -483,7 +483,7 @@ const NO_PORTS: &str =
     "this program was built without port instructions: cargo build --release --features isa";
 
 impl EffectorDevices {
-    /// Motor currents at which serial controllers stop [A], the jaw's last.
+    /// Motor currents at which serial controllers stop (A), the jaw's last.
     ///
     /// # Errors
     /// There is none for the track.
@@ -542,7 +542,7 @@ impl EffectorDevices {
         }
     }
 
-    /// Opens the force sensor, whose readings are to lie in `range` [N, Nm].
+    /// Opens the force sensor, whose readings are to lie in `range` (N, Nm).
     ///
     /// # Errors
     /// It is not there.

@@ -42,7 +42,7 @@ pub enum What {
     OverRange {
         /// 0..=5.
         direction: usize,
-        /// [N or Nm]
+        /// (N or Nm)
         reading: f64,
     },
     /// The force sensor has fallen silent.

@@ -40,7 +40,7 @@ pub trait Port: Send {
 pub struct HeldUp {
     /// Grid points that passed meanwhile; the world went on in them under the last drives.
     pub periods: u64,
-    /// By how much the clock jumped ahead [s]; the world knows nothing of it.
+    /// By how much the clock jumped ahead (s); the world knows nothing of it.
     pub jump: f64,
 }
 

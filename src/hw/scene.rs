@@ -26,14 +26,14 @@ pub struct Scene {
 pub struct SceneCube {
     /// `world_from_cube` of the middle layer.
     pub world_from_cube: Pose,
-    /// Velocity of the centre [m/s] and of rotation [rad/s], in the world: motion blur.
+    /// Velocity of the centre (m/s) and of rotation (rad/s), in the world: motion blur.
     pub velocity: crate::spatial::Twist,
-    /// Edge [m].
+    /// Edge (m).
     pub edge: f64,
     /// Colours of the 54 stickers in the order URFDLB (0..=5 in the same order of colours).
     pub facelets: [u8; 54],
     /// Axis whose layers are turned, with the angles of its negative and positive outer layer against the
-    /// middle layer [rad], right-handed about the axis.
+    /// middle layer (rad), right-handed about the axis.
     pub turned: (Axis, f64, f64),
 }
 
@@ -46,6 +46,6 @@ pub struct SceneArm {
     pub world_from_tool: Pose,
     /// `world_from_flange`, true: cameras in hand hang on it.
     pub world_from_flange: Pose,
-    /// Distance between the pads [m].
+    /// Distance between the pads (m).
     pub opening: f64,
 }

@@ -20,7 +20,7 @@ pub const REQUEST: usize = 16;
 pub const HEADER: usize = 24;
 /// No camera takes longer for a frame.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// No frame is larger [bytes].
+/// No frame is larger (bytes).
 const LARGEST: usize = 64 << 20;
 
 /// A request.

@@ -9,9 +9,9 @@ use std::io::{self, ErrorKind, Read as _};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 
-/// No scenario, nor what stands beside one, is larger [bytes].
+/// No scenario, nor what stands beside one, is larger (bytes).
 pub const SCENARIO: u64 = 1 << 20;
-/// No list of many pictures or cubes is larger [bytes].
+/// No list of many pictures or cubes is larger (bytes).
 pub const LIST: u64 = 64 << 20;
 
 /// Opens a regular file.

@@ -45,7 +45,7 @@ pub enum Input {
     },
     /// Leaves the UI of a run that is over, or of a replay.
     Quit,
-    /// In a replay: goes to this time [s].
+    /// In a replay: goes to this time (s).
     Seek {
         /// Seconds since the beginning.
         time: f64,
@@ -102,13 +102,13 @@ impl Input {
 pub enum Manual {
     /// Finds the synchronisation position, axis by axis.
     Synchronise,
-    /// Moves one motor by an angle [rad]; the one motion of an arm that is not synchronised.
+    /// Moves one motor by an angle (rad); the one motion of an arm that is not synchronised.
     Motor(Step),
-    /// Moves one joint: axis 0 by a length [m], 1..=6 by an angle [rad].
+    /// Moves one joint: axis 0 by a length (m), 1..=6 by an angle (rad).
     Joint(Step),
-    /// Moves along (0, 1, 2) or about (3, 4, 5) an axis of the tool [m, rad].
+    /// Moves along (0, 1, 2) or about (3, 4, 5) an axis of the tool (m, rad).
     Tool(Step),
-    /// Brings the pads to this distance [m].
+    /// Brings the pads to this distance (m).
     Jaw {
         /// Distance between the pads.
         opening: f64,
@@ -149,7 +149,7 @@ impl Manual {
 pub struct Step {
     /// Index of the axis.
     pub axis: usize,
-    /// Length [m] or angle [rad].
+    /// Length (m) or angle (rad).
     pub by: f64,
 }
 

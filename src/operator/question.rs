@@ -12,9 +12,9 @@ pub struct Question {
     pub text: String,
     /// What the task does without an answer.
     pub otherwise: String,
-    /// Time for an answer [s].
+    /// Time for an answer (s).
     pub seconds: f64,
-    /// Time of the run at which the question closes [s]; set by MP when it asks, 0 before.
+    /// Time of the run at which the question closes (s); set by MP when it asks, 0 before.
     #[serde(default)]
     pub until: f64,
     /// Kind of answer that is expected.

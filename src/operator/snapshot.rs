@@ -12,7 +12,7 @@ use std::sync::Arc;
 pub struct Snapshot {
     /// Grows by one with each.
     pub number: u64,
-    /// Simulated or real time since the start [s].
+    /// Simulated or real time since the start (s).
     pub time: f64,
     /// How fast time goes, in times of real time.
     pub factor: f64,
@@ -22,7 +22,7 @@ pub struct Snapshot {
     pub control: ControlView,
     /// Phase of the task.
     pub phase: String,
-    /// All phases so far, each with the time at which it began [s].
+    /// All phases so far, each with the time at which it began (s).
     pub phases: Vec<(String, f64)>,
     /// Every actor.
     pub actors: Vec<ActorView>,
@@ -124,22 +124,22 @@ pub struct ActorView {
 pub struct ArmView {
     /// Name in the scenario.
     pub name: String,
-    /// Measured joints: the track d0 [m], q1..q6 [rad].
+    /// Measured joints: the track d0 (m), q1..q6 (rad).
     pub joints: [f64; AXES],
-    /// Measured motor angles [rad].
+    /// Measured motor angles (rad).
     pub motors: [f64; AXES],
     /// Frames in the world, in the order of [`FRAMES`](super::FRAMES): what [`Stage::solids`](super::Stage::solids)
     /// hang on. The controller's belief of where the base stands included.
     pub frames: Vec<Pose>,
-    /// Measured distance between the pads [m].
+    /// Measured distance between the pads (m).
     pub opening: f64,
-    /// Force that the jaw's current stands for [N].
+    /// Force that the jaw's current stands for (N).
     pub grip: f64,
-    /// What the tool exerts on its surroundings, at the tool in tool axes: force [N], torque [Nm].
+    /// What the tool exerts on its surroundings, at the tool in tool axes: force (N), torque (Nm).
     pub wrench: [f64; 6],
-    /// Largest norms of force [N] and torque [Nm] since the last snapshot: what falls between snapshots is not lost.
+    /// Largest norms of force (N) and torque (Nm) since the last snapshot: what falls between snapshots is not lost.
     pub peak: (f64, f64),
-    /// Distance between set and measured place of the tool [m], the largest since the last snapshot.
+    /// Distance between set and measured place of the tool (m), the largest since the last snapshot.
     pub following: f64,
     /// Whether its axes know where they are.
     pub synchronised: bool,
@@ -169,7 +169,7 @@ pub struct CubeView {
 pub struct LayerTurn {
     /// Its face, 0..=5 = URFDLB.
     pub face: usize,
-    /// How far it is turned from where [`CubeView::facelets`] has it, clockwise seen from outside [rad].
+    /// How far it is turned from where [`CubeView::facelets`] has it, clockwise seen from outside (rad).
     pub angle: f64,
 }
 
@@ -178,9 +178,9 @@ pub struct LayerTurn {
 pub struct HandView {
     /// Pose of the cube.
     pub world_from_cube: Pose,
-    /// Speed of its centre [m/s].
+    /// Speed of its centre (m/s).
     pub speed: f64,
-    /// Time since the exposure [s].
+    /// Time since the exposure (s).
     pub age: f64,
 }
 
@@ -191,7 +191,7 @@ pub struct CameraView {
     pub name: String,
     /// Number of the picture, from 1; 0 before the first.
     pub frame: u64,
-    /// Time of the exposure [s].
+    /// Time of the exposure (s).
     pub time: f64,
     /// Columns and rows.
     pub size: (u32, u32),
@@ -208,7 +208,7 @@ pub struct CameraView {
 /// A tile in a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Mark {
-    /// Its centre [px].
+    /// Its centre (px).
     pub at: (f64, f64),
     /// Its colour, 0..=5 = white, red, green, yellow, orange, blue; `None` where something covers it.
     pub colour: Option<u8>,
@@ -241,18 +241,18 @@ pub struct PlanLine {
     pub what: String,
     /// Why.
     pub why: String,
-    /// Planned time [s].
+    /// Planned time (s).
     pub seconds: f64,
 }
 
 /// How punctual the servo's thread has been since the last snapshot.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct ServoTiming {
-    /// Length of a period [s].
+    /// Length of a period (s).
     pub period: f64,
-    /// Largest lateness of a period's beginning [s].
+    /// Largest lateness of a period's beginning (s).
     pub late: f64,
-    /// Largest work of a period [s].
+    /// Largest work of a period (s).
     pub work: f64,
     /// Grid points missed since the start.
     pub missed: u64,
@@ -265,7 +265,7 @@ pub struct Services {
     pub manual: bool,
     /// Time can be slowed down: it is simulated.
     pub speed: bool,
-    /// Time can be sought: it is a replay. Its length [ms].
+    /// Time can be sought: it is a replay. Its length (ms).
     pub seek_ms: Option<u64>,
 }
 
@@ -290,7 +290,7 @@ pub enum Class {
 pub struct Message {
     /// From 1, without gaps.
     pub number: u64,
-    /// When [s].
+    /// When (s).
     pub time: f64,
     /// How grave.
     pub class: Class,
@@ -309,7 +309,7 @@ pub struct OutcomeView {
     pub good: bool,
     /// Why, in a sentence.
     pub reason: String,
-    /// When the work was over [s], where that is known: the arms hold on after it.
+    /// When the work was over (s), where that is known: the arms hold on after it.
     pub time: Option<f64>,
     /// Figures: name and value.
     pub figures: Vec<(String, String)>,

@@ -18,12 +18,12 @@ pub const FRAMES: [&str; 8] =
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "shape", rename_all = "snake_case")]
 pub enum Shape {
-    /// Extents along x, y, z [m].
+    /// Extents along x, y, z (m).
     Box {
         /// Full lengths.
         size: [f64; 3],
     },
-    /// About z, from z = 0 upwards [m].
+    /// About z, from z = 0 upwards (m).
     Cylinder {
         /// Radius.
         radius: f64,

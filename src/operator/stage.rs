@@ -28,7 +28,7 @@ pub struct Stage {
     pub cameras: Vec<CameraStage>,
     /// What the arms are drawn with.
     pub solids: Vec<Solid>,
-    /// Edge of the cube [m].
+    /// Edge of the cube (m).
     pub edge: f64,
     /// Where the hand is expected.
     pub hand_zone: Option<Pose>,
@@ -43,11 +43,11 @@ pub struct ArmStage {
     pub name: String,
     /// Whether it has an axis 0.
     pub has_track: bool,
-    /// Joint limits, low and high [m or rad].
+    /// Joint limits, low and high (m or rad).
     pub joint_limits: [(f64, f64); AXES],
-    /// Motor limits [rad].
+    /// Motor limits (rad).
     pub motor_limits: [(f64, f64); AXES],
-    /// Smallest and largest distance between the pads [m].
+    /// Smallest and largest distance between the pads (m).
     pub opening: (f64, f64),
     /// Names of poses that it can be sent to by hand.
     pub poses: Vec<String>,
@@ -69,10 +69,10 @@ pub struct CameraStage {
 /// Limits of the behaviours.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Limits {
-    /// Force at which a behaviour gives up [N].
+    /// Force at which a behaviour gives up (N).
     pub force: f64,
-    /// Torque at which a behaviour gives up [Nm].
+    /// Torque at which a behaviour gives up (Nm).
     pub torque: f64,
-    /// Length of a servo period [s].
+    /// Length of a servo period (s).
     pub period: f64,
 }

@@ -8,7 +8,7 @@ use crate::cell::{Arm, Cell, Gripper, HandZone};
 use crate::motion::JointPositions;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-/// A segment with a radius [m].
+/// A segment with a radius (m).
 #[derive(Debug, Clone, Copy)]
 struct Capsule {
     ends: [Point3<f64>; 2],
@@ -28,7 +28,7 @@ impl Capsule {
         Self { ends: self.ends.map(|p| p + by), middle: self.middle + by, ..*self }
     }
 
-    /// Its lowest point, as of a cylinder: no part of an arm ends in a ball [m].
+    /// Its lowest point, as of a cylinder: no part of an arm ends in a ball (m).
     fn lowest(&self) -> f64 {
         let along = (self.ends[1] - self.ends[0]).try_normalize(1e-9).map_or(0.0, |axis| axis.z);
         let low = self.ends[0].z.min(self.ends[1].z);
@@ -38,15 +38,15 @@ impl Capsule {
 
 /// Radii of column, lower arm, upper arm, wrist [m]: assumed, since no drawing of the arm is public.
 const LINK_RADII: [f64; 4] = [0.12, 0.09, 0.08, 0.07];
-/// Radius that the gripper's body sweeps, with the camera beside it (0.055 m off the axis) [m].
+/// Radius that the gripper's body sweeps, with the camera beside it (0.055 m off the axis) (m).
 const GRIPPER_RADIUS: f64 = 0.075;
-/// Half the thickness of the palm plate [m].
+/// Half the thickness of the palm plate (m).
 const PLATE: f64 = 0.006;
-/// Least gap between the grippers' parts in the nominal grasps: corrections are smaller [m].
+/// Least gap between the grippers' parts in the nominal grasps: corrections are smaller (m).
 const FINGER_GAP: f64 = 0.003;
-/// Half of what counts of a cube that may stand on a table [m].
+/// Half of what counts of a cube that may stand on a table (m).
 const STANDS: f64 = 0.015;
-/// Radius that the closed fingers sweep [m].
+/// Radius that the closed fingers sweep (m).
 const FINGERS_RADIUS: f64 = 0.040;
 
 /// One arm in one place.
@@ -94,7 +94,7 @@ impl Bodies {
         }
     }
 
-    /// Places on wrist, gripper, fingers and cube, and how far what they stand for reaches from there [m].
+    /// Places on wrist, gripper, fingers and cube, and how far what they stand for reaches from there (m).
     pub(super) fn hand(&self) -> [(Point3<f64>, f64); 7] {
         let [.., wrist, gripper] = &self.links;
         let ends = |c: &Capsule| c.ends.map(|end| (end, c.radius));
@@ -102,7 +102,7 @@ impl Bodies {
         [a, b, c, d, e, f, (self.cube.middle, self.cube.radius)]
     }
 
-    /// Lowest place on the axes of wrist and gripper, and of the cube's centre, above the floor [m].
+    /// Lowest place on the axes of wrist and gripper, and of the cube's centre, above the floor (m).
     pub(super) fn lowest_axis(&self) -> f64 {
         let ends = self.links[3..].iter().flat_map(|c| c.ends).chain(self.cube.ends);
         ends.map(|p| p.z).fold(f64::INFINITY, f64::min)
@@ -116,7 +116,7 @@ impl Bodies {
         self.cube.ends.iter().map(|end| end.z - STANDS).fold(lowest, f64::min)
     }
 
-    /// Distance from a box: of column and both arms, or of everything [m].
+    /// Distance from a box: of column and both arms, or of everything (m).
     pub(super) fn off(&self, zone: &HandZone, whole: bool) -> f64 {
         let zone_from_world = zone.world_from_cube.inverse();
         let parts = if whole { &self.links[..] } else { &self.links[..3] };
@@ -132,7 +132,7 @@ impl Bodies {
         })
     }
 
-    /// Distance of gripper and cube from the arm's own links [m].
+    /// Distance of gripper and cube from the arm's own links (m).
     pub(super) fn own(&self) -> f64 {
         let mut nearest = Nearest::default();
         nearest.of(&[self.links[4], self.cube], &self.links[..3]);
@@ -172,7 +172,7 @@ pub(super) fn hands_fit(cell: &Cell, rotation: &UnitQuaternion<f64>) -> bool {
     })
 }
 
-/// Least distance while both hands are on one cube [m].
+/// Least distance while both hands are on one cube (m).
 pub(super) fn at_the_cube(a: &Bodies, b: &Bodies) -> f64 {
     let mut nearest = Nearest::default();
     nearest.arms(a, b);
@@ -182,7 +182,7 @@ pub(super) fn at_the_cube(a: &Bodies, b: &Bodies) -> f64 {
 }
 
 /// Least distance of what is left out of [`at_the_cube`]: fingers, and the cube of a hand that may hold one, from each other and
-/// from the other hand [m].
+/// from the other hand (m).
 pub(super) fn hands(a: &Bodies, b: &Bodies, hold: [bool; 2]) -> f64 {
     let mut nearest = Nearest::default();
     let parts = |body: &Bodies, holds: bool| {
@@ -199,7 +199,7 @@ pub(super) fn hands(a: &Bodies, b: &Bodies, hold: [bool; 2]) -> f64 {
     nearest.0
 }
 
-/// Least distance between a hand with the cube and another, empty one that is away from it [m].
+/// Least distance between a hand with the cube and another, empty one that is away from it (m).
 pub(super) fn apart(holder: &Bodies, other: &Bodies) -> f64 {
     let mut nearest = Nearest::default();
     nearest.arms(holder, other);
@@ -212,10 +212,10 @@ pub(super) fn apart(holder: &Bodies, other: &Bodies) -> f64 {
     nearest.0
 }
 
-/// Distances above this are not told apart: that saves most of the work [m].
+/// Distances above this are not told apart: that saves most of the work (m).
 const FAR: f64 = 0.10;
 
-/// The least distance so far, or [`FAR`] [m].
+/// The least distance so far, or [`FAR`] (m).
 struct Nearest(f64);
 
 impl Default for Nearest {

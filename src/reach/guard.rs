@@ -15,11 +15,11 @@ use crate::spatial::Pose;
 use nalgebra::Point3;
 use std::sync::Arc;
 
-/// Least distance between the arms, and of a hand from its own arm [m].
+/// Least distance between the arms, and of a hand from its own arm (m).
 const LEAST: f64 = 0.005;
-/// Least height of upper arm, wrist, hand and cube above the table [m].
+/// Least height of upper arm, wrist, hand and cube above the table (m).
 const ABOVE_TABLE: f64 = 0.005;
-/// Least distance from the box in which the operator's hand may be of what has no business there [m].
+/// Least distance from the box in which the operator's hand may be of what has no business there (m).
 const OFF_ZONE: f64 = 0.005;
 /// The arm that takes the cube out of the operator's hand, and gives it back.
 const TAKER: usize = 0;
@@ -29,7 +29,7 @@ const AS_A_CUBE: f64 = 0.006;
 const STEPS: u32 = 24;
 /// Moments at which the speed of a way is looked at.
 const MOMENTS: u32 = 60;
-/// So near to where the operator's hand may be, an arm is slow [m].
+/// So near to where the operator's hand may be, an arm is slow (m).
 const NEAR: f64 = 0.10;
 /// What is too near may come nearer by so much on a way that is asked for, and on one that is watched [m]: a hand that is turned
 /// out of a corner may dip first.
@@ -41,7 +41,7 @@ const WATCHED: f64 = 2e-3;
 pub struct Guard {
     /// Shared by its copies: one is made for each order.
     cell: Arc<Cell>,
-    /// Largest speed near the operator's hand [m/s]; nobody's hand is at a table.
+    /// Largest speed near the operator's hand (m/s); nobody's hand is at a table.
     hand_speed: Option<f64>,
     /// The hands have no cube at which they are to meet.
     never_meet: bool,
@@ -49,7 +49,7 @@ pub struct Guard {
     hold: [bool; 2],
 }
 
-/// How far everything that is guarded is off what it must not meet [m]; nothing of an arm that is not there, or of which nobody
+/// How far everything that is guarded is off what it must not meet (m); nothing of an arm that is not there, or of which nobody
 /// knows how it stands.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Room {
@@ -110,7 +110,7 @@ pub enum Near {
     Zone {
         /// Its name.
         arm: String,
-        /// [m]
+        /// (m)
         distance: f64,
     },
     /// A hand to its own arm.
@@ -118,7 +118,7 @@ pub enum Near {
     Own {
         /// Its name.
         arm: String,
-        /// [m]
+        /// (m)
         distance: f64,
     },
     /// A hand to the table.
@@ -126,7 +126,7 @@ pub enum Near {
     Table {
         /// Its name.
         arm: String,
-        /// [m]
+        /// (m)
         height: f64,
     },
     /// A hand is too fast where the operator's may be.
@@ -134,7 +134,7 @@ pub enum Near {
     Hasty {
         /// Its name.
         arm: String,
-        /// [m/s]
+        /// (m/s)
         speed: f64,
     },
 }
@@ -151,7 +151,7 @@ pub enum PlannedMotion {
 }
 
 impl Guard {
-    /// Of a cell, and the largest speed near the operator's hand [m/s].
+    /// Of a cell, and the largest speed near the operator's hand (m/s).
     #[must_use]
     pub fn of(cell: &Cell, hand_speed: f64) -> Self {
         let hand_speed = (cell.keeper == Keeper::Person).then_some(hand_speed);
@@ -164,7 +164,7 @@ impl Guard {
         Self { never_meet: true, ..self }
     }
 
-    /// Looks from now on after cubes in hands whose jaws are open as wide as one, and where nobody knows how wide they are [m].
+    /// Looks from now on after cubes in hands whose jaws are open as wide as one, and where nobody knows how wide they are (m).
     pub fn holding(&mut self, openings: [Option<f64>; 2]) {
         let is_wide = |opening: f64| (opening - self.cell.cube.edge).abs() < AS_A_CUBE;
         self.hold = openings.map(|opening| opening.is_none_or(is_wide));
@@ -320,7 +320,7 @@ impl Guard {
         }
     }
 
-    /// The longest way of a part of a hand, if one is near to where the operator's may be [m].
+    /// The longest way of a part of a hand, if one is near to where the operator's may be (m).
     fn near_hand(&self, from: &Bodies, to: &Bodies) -> Option<f64> {
         let zone = &self.cell.hand;
         let zone_from_world = zone.world_from_cube.inverse();

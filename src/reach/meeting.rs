@@ -17,12 +17,12 @@ pub struct Meeting {
     pub track_back: JointPositions,
     /// The postument arm drawn back along its own tool axis.
     pub postument_back: JointPositions,
-    /// Interval within which the track's last joint can roll from here, relative [rad], contains 0.
+    /// Interval within which the track's last joint can roll from here, relative (rad), contains 0.
     pub track_roll: (f64, f64),
-    /// The same of the postument arm [rad].
+    /// The same of the postument arm (rad).
     pub postument_roll: (f64, f64),
     /// Least distance between the arms' capsules, here and while either draws back and the track
-    /// separates, at most 0.1 [m].
+    /// separates, at most 0.1 (m).
     pub clearance: f64,
 }
 
@@ -38,24 +38,24 @@ pub struct MeetingTable {
     /// `side` is the face's outward normal in the holder's tool frame: 0 is +z (opposite the palm),
     /// 1 is +x, 2 is -x.
     pub views: [[Option<Meeting>; 3]; 2],
-    /// How far the track draws back along -y between meetings, so that both arms move freely [m].
+    /// How far the track draws back along -y between meetings, so that both arms move freely (m).
     pub separation: f64,
 }
 
 /// What a meeting must offer, and how hard it is searched for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReachSettings {
-    /// How far the track draws back along -y between meetings [m].
+    /// How far the track draws back along -y between meetings (m).
     pub separation: f64,
-    /// How far each arm can draw back along its own tool axis [m].
+    /// How far each arm can draw back along its own tool axis (m).
     pub back: f64,
-    /// Distance from a hand's camera to the face that it looks at [m].
+    /// Distance from a hand's camera to the face that it looks at (m).
     pub view_distance: f64,
-    /// By how much the tools can be shifted along each axis, for other depths and corrections [m].
+    /// By how much the tools can be shifted along each axis, for other depths and corrections (m).
     pub shift: f64,
-    /// Least distance between the capsules of the arms [m].
+    /// Least distance between the capsules of the arms (m).
     pub clearance: f64,
-    /// Height above the table that wrists and tools keep [m].
+    /// Height above the table that wrists and tools keep (m).
     pub above_table: f64,
     /// Random poses that are tried for each meeting, near to and far from those that are already
     /// known.

@@ -20,9 +20,9 @@ use std::f64::consts::PI;
 
 /// Where cubes are tried [m]: x, y, z of the world, between the arms.
 const BOX: [(f64, f64); 3] = [(-0.3, 0.9), (0.8, 1.7), (1.0, 1.8)];
-/// Room that the track keeps behind the separation, and at its far end [m].
+/// Room that the track keeps behind the separation, and at its far end (m).
 const TRACK_ROOM: f64 = 0.02;
-/// Clearance below which a candidate is fined [m].
+/// Clearance below which a candidate is fined (m).
 const GOOD_CLEARANCE: f64 = 0.06;
 
 /// What is wanted of a pair of stances.
@@ -39,7 +39,7 @@ struct Candidate {
     /// Tool of the holder, or of the track when both hold.
     world_from_tool: Pose,
     track: f64,
-    /// Roll of the looking camera [rad].
+    /// Roll of the looking camera (rad).
     roll: f64,
 }
 

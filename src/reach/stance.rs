@@ -9,15 +9,15 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Least |sin q5|: nearer to the wrist's singularity small corrections need large motions.
 const WRIST: f64 = 0.25;
-/// Distance to the limits at the meeting itself [m or rad].
+/// Distance to the limits at the meeting itself (m or rad).
 const MARGIN: f64 = 0.04;
-/// Distance to the limits after a shift or a drawing back [m or rad].
+/// Distance to the limits after a shift or a drawing back (m or rad).
 const SMALL_MARGIN: f64 = 0.01;
 /// Distance of the motors to their limits, as a part of their range.
 const MOTOR_MARGIN: f64 = 0.01;
-/// What a roll of 90 or 180 deg must leave to the limit [rad].
+/// What a roll of 90 or 180 deg must leave to the limit (rad).
 const ROLL_MARGIN: f64 = 0.15;
-/// Farthest that one joint goes while the arm draws back [rad].
+/// Farthest that one joint goes while the arm draws back (rad).
 const BACK_MOST: f64 = 0.9;
 /// Joint speeds by which ways are weighed [m/s or rad/s]: half of what the original's drives allow.
 const SPEEDS: [f64; 7] = [0.08, 0.8, 0.8, 0.8, 1.0, 1.6, 0.43];
@@ -30,7 +30,7 @@ pub(super) struct Stance {
     pub(super) half_back: JointPositions,
     /// Drawn back along the tool's own axis.
     pub(super) back: JointPositions,
-    /// Room of the last joint, relative [rad].
+    /// Room of the last joint, relative (rad).
     pub(super) roll: (f64, f64),
     /// Seconds: the way from the reference, and fines for narrow margins.
     pub(super) cost: f64,
@@ -47,12 +47,12 @@ pub(super) enum Roll {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Demand<'a> {
     pub(super) arm: &'a Arm,
-    /// d0 [m].
+    /// d0 (m).
     pub(super) track: f64,
     pub(super) roll: Roll,
     /// The place from which ways are counted.
     pub(super) reference: &'a JointPositions,
-    /// The stance must cost less than this [s].
+    /// The stance must cost less than this (s).
     pub(super) limit: f64,
     pub(super) settings: &'a ReachSettings,
 }
@@ -142,14 +142,14 @@ fn fine(have: f64, good: f64) -> f64 {
     2.0 * (1.0 - have / good).max(0.0)
 }
 
-/// Time from one place to another at [`SPEEDS`], the slowest joint's, and a little of all others' [s].
+/// Time from one place to another at [`SPEEDS`], the slowest joint's, and a little of all others' (s).
 pub(super) fn way(a: &JointPositions, b: &JointPositions) -> f64 {
     let times = std::array::from_fn::<f64, 7, _>(|i| (a.0[i] - b.0[i]).abs() / SPEEDS[i]);
     let slowest = times.iter().copied().fold(0.0, f64::max);
     slowest + 0.1 * times.iter().sum::<f64>()
 }
 
-/// Distance to the nearest limit of a joint but the last [m or rad]; negative outside the limits of any
+/// Distance to the nearest limit of a joint but the last (m or rad); negative outside the limits of any
 /// joint, or nearer to a motor's limit than its margin.
 fn margin(arm: &Arm, joints: &JointPositions) -> f64 {
     let model = &arm.model;
@@ -172,7 +172,7 @@ fn margin(arm: &Arm, joints: &JointPositions) -> f64 {
     least
 }
 
-/// How far the last joint can roll either way inside the limits of joint and motor [rad].
+/// How far the last joint can roll either way inside the limits of joint and motor (rad).
 fn rolls(arm: &Arm, joints: &JointPositions) -> (f64, f64) {
     let model = &arm.model;
     let (low, high) = model.joint_limits[6];

@@ -64,7 +64,7 @@ pub(crate) fn apply(label: &Label, cell: &mut Cell) {
     }
 }
 
-/// Where the camera that stands in the cell is believed to be [m].
+/// Where the camera that stands in the cell is believed to be (m).
 #[must_use]
 pub(crate) fn standalone(cell: &Cell) -> String {
     let place = cell.cameras.iter().find_map(|camera| match camera.mount {

@@ -295,7 +295,7 @@ impl<'a> Reader<'a> {
         Ok(values)
     }
 
-    /// `builtin_interfaces/Time` [ns].
+    /// `builtin_interfaces/Time` (ns).
     ///
     /// # Errors
     /// [`Malformed`].

@@ -17,7 +17,7 @@ pub enum Entry {
     Sensed(Sensed),
     /// A camera's picture.
     Picture(usize, RgbImage),
-    /// The time that reading a face took by the wall clock [s].
+    /// The time that reading a face took by the wall clock (s).
     FaceTook(f64),
     /// The scene that the plant shows.
     Scene(Box<Scene>),

@@ -54,7 +54,7 @@ impl<W: Write + Seek> File<W> {
         Ok(Self { writer, schemas: BTreeMap::new(), channels: BTreeMap::new() })
     }
 
-    /// Writes a message at `time` [ns].
+    /// Writes a message at `time` (ns).
     ///
     /// # Errors
     /// What the device says.

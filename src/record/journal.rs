@@ -78,12 +78,12 @@ pub enum Unreadable {
     GivenUp,
 }
 
-/// No entry is longer, its line's end left out [bytes].
+/// No entry is longer, its line's end left out (bytes).
 const LONGEST: u64 = 4096;
 
-/// No joint is farther from its zero, and no cube from an arm's base [rad, m].
+/// No joint is farther from its zero, and no cube from an arm's base (rad, m).
 const FARTHEST: f64 = 20.0;
-/// No arm draws back by more than this [m].
+/// No arm draws back by more than this (m).
 const MOST_SHORT: f64 = 1.0;
 
 /// How an entry begins.

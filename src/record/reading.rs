@@ -22,7 +22,7 @@ use std::sync::Arc;
 /// The longest record, and the longest chunk before and after compression [bytes]: a length in the file is not believed
 /// beyond it, so that no file takes unbounded memory.
 const LONGEST: usize = 64 << 20;
-/// What waits for the check of its chunk at most [bytes]; a chunk of our own has a tenth of it.
+/// What waits for the check of its chunk at most (bytes); a chunk of our own has a tenth of it.
 const HELD: usize = 8 << 20;
 /// The most bytes of all schemas and channels, which are kept to the end; our own files have some ten thousand.
 const DESCRIBED: usize = 16 << 20;
@@ -60,7 +60,7 @@ pub struct Channel {
 pub struct Message {
     /// Where it stands.
     pub channel: Arc<Channel>,
-    /// Its time [ns].
+    /// Its time (ns).
     pub time: u64,
     /// Its bytes.
     pub data: Vec<u8>,
@@ -136,7 +136,7 @@ impl End {
         Some(self).filter(|end| **end != Self::Whole)
     }
 
-    /// With the time [s] at which it is: "cut off after 1.5 s: unexpected end".
+    /// With the time (s) at which it is: "cut off after 1.5 s: unexpected end".
     #[must_use]
     pub fn after(&self, seconds: f64) -> EndAfter<'_> {
         EndAfter { end: self, seconds }
@@ -346,7 +346,7 @@ impl<R: Read> Reading<R> {
 
 /// What holds messages, compressed, with a check.
 const CHUNK: u8 = 0x06;
-/// Opcode and length of a record [bytes].
+/// Opcode and length of a record (bytes).
 const PLAIN: usize = 9;
 
 /// Where in a file its records begin and end, chunks as a whole: what a damaged chunk seems to hold says nothing of that.

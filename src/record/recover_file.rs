@@ -16,7 +16,7 @@ use std::sync::Arc;
 pub struct Saved {
     /// Messages.
     pub messages: u64,
-    /// From the first message's time to the last one's [ns].
+    /// From the first message's time to the last one's (ns).
     pub span: u64,
     /// How the original ended.
     pub end: End,

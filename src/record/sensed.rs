@@ -29,7 +29,7 @@ pub enum Found {
     Cube {
         /// Where it is.
         world_from_cube: Pose,
-        /// Speed of its centre [m/s].
+        /// Speed of its centre (m/s).
         speed: f64,
         /// Servo period of the picture's light.
         exposed: u64,
@@ -42,7 +42,7 @@ const CUBE: u8 = 0;
 const FACE: u8 = 1;
 
 impl Sensed {
-    /// Writes the message at `stamp` [ns].
+    /// Writes the message at `stamp` (ns).
     pub fn write(&self, stamp: u64, to: &mut Writer) {
         to.time(stamp);
         to.u64(self.period);

@@ -72,7 +72,7 @@ pub struct Sheet {
     belief: Option<Picture>,
     truth: String,
     cube: belief::CubeKnown,
-    /// How long it took to read faces [s].
+    /// How long it took to read faces (s).
     faces: Vec<f64>,
     /// Memory that is used again: positions of joints, a picture's file.
     positions: Vec<f64>,

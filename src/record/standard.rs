@@ -1,6 +1,6 @@
 //! Standard messages of ROS 2, written from our own types.
 //!
-//! - in: poses, wrenches, joint values, pictures, texts, and their stamps [ns]
+//! - in: poses, wrenches, joint values, pictures, texts, and their stamps (ns)
 //! - out: fields in a [`Writer`], in the order of [`super::schema`]
 
 use super::cdr::{Malformed, Reader, Writer};

@@ -43,9 +43,9 @@ pub enum EndedBy {
 pub struct Phase {
     /// Name.
     pub name: String,
-    /// Simulated time that it took [s].
+    /// Simulated time that it took (s).
     pub sim_time_s: f64,
-    /// Time by the wall clock [s], counted as [`Summary::wall_time_s`].
+    /// Time by the wall clock (s), counted as [`Summary::wall_time_s`].
     pub wall_time_s: f64,
 }
 
@@ -55,20 +55,20 @@ pub struct Phase {
 pub struct SensorPeak {
     /// Name of the effector.
     pub effector: String,
-    /// Norm of the force [N].
+    /// Norm of the force (N).
     pub force_n: Option<f64>,
-    /// Norm of the torque [Nm].
+    /// Norm of the torque (Nm).
     pub torque_nm: Option<f64>,
-    /// Norm of the felt force [N].
+    /// Norm of the felt force (N).
     pub felt_force_n: f64,
-    /// Norm of the felt torque [Nm].
+    /// Norm of the felt torque (Nm).
     pub felt_torque_nm: f64,
 }
 
 /// Something in the plant that should not have happened.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Accident {
-    /// When, in simulated time [s].
+    /// When, in simulated time (s).
     pub time_s: f64,
     /// What, in words.
     pub what: String,
@@ -105,15 +105,15 @@ pub struct Summary {
     /// How often the cube was read and planned anew after something had gone wrong.
     #[serde(default)]
     pub recoveries: u32,
-    /// Simulated time [s].
+    /// Simulated time (s).
     pub sim_time_s: f64,
-    /// Time by the wall clock [s], without the wait for the start and what time was held back on
+    /// Time by the wall clock (s), without the wait for the start and what time was held back on
     /// purpose: by a limit of its speed, pauses, questions and moves by hand.
     pub wall_time_s: f64,
     /// Largest force of the plant's contact at the tools while both arms hold the cube, without the
-    /// squeeze of the grips [N]; 0 when they never did.
+    /// squeeze of the grips (N); 0 when they never did.
     pub peak_force_n: Option<f64>,
-    /// Largest torque of the same [Nm].
+    /// Largest torque of the same (Nm).
     pub peak_torque_nm: Option<f64>,
     /// Largest contact at each tool.
     pub sensors: Vec<SensorPeak>,
@@ -131,10 +131,10 @@ pub struct Summary {
     /// the plant.
     #[serde(default)]
     pub returned: Option<bool>,
-    /// Force at which the controller breaks a free motion off, `control.force_limit_n` [N].
+    /// Force at which the controller breaks a free motion off, `control.force_limit_n` (N).
     #[serde(default)]
     pub force_limit_n: Option<f64>,
-    /// Distance of the nearest tool from the cube's centre in the plant when the run begins [mm].
+    /// Distance of the nearest tool from the cube's centre in the plant when the run begins (mm).
     #[serde(default)]
     pub clearance_mm: Option<f64>,
     /// Times that the cube popped: tilt above 3 Nm or a pull above 50 N.
@@ -148,7 +148,7 @@ pub struct Summary {
     /// leaves out the last.
     #[serde(default)]
     pub accidents: Option<Vec<Accident>>,
-    /// Task "`face_turn`": the layer's angle in the plant, positive in the asked sense [deg].
+    /// Task "`face_turn`": the layer's angle in the plant, positive in the asked sense (deg).
     pub turned_deg: Option<f64>,
     /// Phases in their order.
     pub phases: Vec<Phase>,

@@ -27,15 +27,15 @@ pub struct Tick {
     pub command: String,
     /// What the drives were told.
     pub drive: ArmDrive,
-    /// Measured joints [m or rad].
+    /// Measured joints (m or rad).
     pub joints: [f64; 7],
-    /// Set joints [m or rad].
+    /// Set joints (m or rad).
     pub desired_joints: [f64; 7],
     /// What the tool exerts, in its own axes.
     pub wrench_in_tool: Wrench,
-    /// Distance between the pads [m].
+    /// Distance between the pads (m).
     pub jaw_opening: f64,
-    /// Force of the jaws [N].
+    /// Force of the jaws (N).
     pub jaw_force: f64,
     /// Why the last command was refused; empty when it was not.
     pub refused: String,
@@ -56,7 +56,7 @@ pub struct Difference {
     pub now: String,
 }
 
-/// Writes a record as a message at `stamp` [ns].
+/// Writes a record as a message at `stamp` (ns).
 pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
     let ServoRecord { reading, drive, state, .. } = record;
     to.time(stamp);

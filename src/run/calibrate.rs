@@ -45,15 +45,15 @@ pub struct Report {
     pub found: Result<Calibrated, NotCalibrated>,
     /// Poses of the arm, and those whose frame could be used.
     pub views: (usize, usize),
-    /// Simulated time that it took [s].
+    /// Simulated time that it took (s).
     pub time: f64,
     /// Against the plant's truth: the scenario's own values, and what was found.
     pub errors: (Errors, Option<Errors>),
     /// By how much the hand that moved was elsewhere than its encoders said, on the average: it sags. Each axis of the
-    /// world [m].
+    /// world (m).
     pub sag: [f64; 3],
     /// How far a point of the hand is from where camera and encoders together expect it, r.m.s. over all poses, by the
-    /// scenario's own values and by what was found: across the sight, along it [m].
+    /// scenario's own values and by what was found: across the sight, along it (m).
     pub hand: ([f64; 2], Option<[f64; 2]>),
 }
 
@@ -62,19 +62,19 @@ pub struct Report {
 pub struct Errors {
     /// Focal length, relative.
     pub focal: f64,
-    /// Principal point [px].
+    /// Principal point (px).
     pub centre: f64,
-    /// Place of the camera [m].
+    /// Place of the camera (m).
     pub place: f64,
-    /// Its orientation [rad].
+    /// Its orientation (rad).
     pub tilt: f64,
-    /// What all of it comes to for a cube in the middle of the picture at working distance: across the sight [m].
+    /// What all of it comes to for a cube in the middle of the picture at working distance: across the sight (m).
     pub lateral: f64,
-    /// The same along the sight [m].
+    /// The same along the sight (m).
     pub depth: f64,
 }
 
-/// Time that an arm is given to come to rest before a frame is taken [s].
+/// Time that an arm is given to come to rest before a frame is taken (s).
 const REST: f64 = 0.5;
 /// Exposures that are tried.
 const EXPOSURES: [f64; 3] = [1.0, 1.8, 0.55];

@@ -17,7 +17,7 @@ use rand_pcg::Pcg64;
 
 /// Poses are drawn this often for each that is wanted.
 const TRIES: usize = 4000;
-/// Distance between a camera in a hand and the cube at which it works [m].
+/// Distance between a camera in a hand and the cube at which it works (m).
 const HAND_DISTANCE: f64 = 0.2;
 /// Motors keep this share of their range from their limits.
 const MARGIN: f64 = 0.02;
@@ -68,12 +68,12 @@ fn reach(
     fitting.min_by(|a, b| apart(a).total_cmp(&apart(b))).copied()
 }
 
-/// Every second view is so near to where the hand brings the cube [m], and to how it is taken there [rad], each axis: an
+/// Every second view is so near to where the hand brings the cube (m), and to how it is taken there (rad), each axis: an
 /// arm sags otherwise elsewhere, and it is there that camera and arm must agree.
 const NEAR: f64 = 0.06;
 const TURNED: f64 = 0.35;
 
-/// Least height of the cube above the table while it is shown [m].
+/// Least height of the cube above the table while it is shown (m).
 const ABOVE_TABLE: f64 = 0.15;
 
 /// How the hand stands when it takes a cube.

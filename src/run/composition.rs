@@ -39,9 +39,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// Time after a hand-back in which the operator's hand withdraws [s].
+/// Time after a hand-back in which the operator's hand withdraws (s).
 const WITHDRAWAL: f64 = 4.0;
-/// Time after an error in which arms come to a stand, before the drives go off [s].
+/// Time after an error in which arms come to a stand, before the drives go off (s).
 const STAND: f64 = 0.6;
 
 /// What a run is composed of, beside its world and its task.
@@ -84,7 +84,7 @@ impl Beginning {
     }
 }
 
-/// Returns the distance of the nearest tool from the cube's centre [m].
+/// Returns the distance of the nearest tool from the cube's centre (m).
 fn clearance(scene: &Scene) -> f64 {
     let cube = scene.cube.world_from_cube.translation.vector;
     let arms = scene.arms.iter().take(scene.arm_count);

@@ -74,7 +74,7 @@ impl Disturbance {
 pub(super) struct Blinkers {
     dark: AtomicBool,
     silent: AtomicBool,
-    /// [ms]
+    /// (ms)
     late: AtomicU64,
 }
 
@@ -87,7 +87,7 @@ impl Blinkers {
         self.silent.load(Ordering::Acquire)
     }
 
-    /// By how much pictures are late [s].
+    /// By how much pictures are late (s).
     pub(super) fn late(&self) -> f64 {
         self.late.load(Ordering::Acquire) as f64 * 1e-3
     }

@@ -35,11 +35,11 @@ pub struct Emulated {
     pub end: Facelets,
     /// What happened.
     pub verdict: Verdict,
-    /// The same in its order: time [s], whether it is an accident, and in words.
+    /// The same in its order: time (s), whether it is an accident, and in words.
     pub told: Vec<(f64, bool, String)>,
     /// How it went.
     pub course: Course,
-    /// Its time [s].
+    /// Its time (s).
     pub time: f64,
 }
 

@@ -17,7 +17,7 @@ use std::time::Instant;
 
 /// A force on the cube above this is excessive [N]: a verdict, not a limit of anything.
 const EXCESSIVE: f64 = 20.0;
-/// A layer is turned as asked within this [deg].
+/// A layer is turned as asked within this (deg).
 const TURNED_WITHIN: f64 = 5.0;
 /// Why a run ended that its operator ended.
 pub(super) const BY_OPERATOR: &str = "terminated by the operator";
@@ -42,7 +42,7 @@ pub(super) struct Done {
 pub(super) struct Truth {
     /// The cube at the beginning.
     pub(super) start: Facelets,
-    /// Distance of the nearest tool from the cube's centre at the beginning [m].
+    /// Distance of the nearest tool from the cube's centre at the beginning (m).
     pub(super) clearance: f64,
     /// What happened to the cube.
     pub(super) verdict: Verdict,
@@ -72,7 +72,7 @@ pub fn not_begun(scenario: &Scenario, error: &Error) -> Summary {
     Summary::not_started(task, scenario.seed, cube.as_deref(), &reason, ended_by)
 }
 
-/// Sums a run up; `period` is the length of a servo period [s].
+/// Sums a run up; `period` is the length of a servo period (s).
 pub(super) fn summary(
     config: &ControllerConfig,
     seed: u64,
@@ -218,7 +218,7 @@ fn verdict_of(
     }
 }
 
-/// Returns whether a face turn by `angle` [rad] was right, and what the plant says of it.
+/// Returns whether a face turn by `angle` (rad) was right, and what the plant says of it.
 fn turn_verdict(angle: f64, turned_deg: f64, truth: &Truth) -> (bool, String) {
     let asked = angle.abs().to_degrees();
     let gentle = truth.verdict.peak_force < EXCESSIVE;

@@ -15,7 +15,7 @@ pub(super) struct Plan {
     pub(super) meetings: Option<MeetingTable>,
     /// The start of a face turn; `None` for other tasks.
     pub(super) face_turn: Option<FaceTurnStart>,
-    /// Angle of the face turn [rad].
+    /// Angle of the face turn (rad).
     pub(super) angle: f64,
 }
 

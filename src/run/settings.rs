@@ -25,9 +25,9 @@ use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
-/// How fast the visual servo may go and turn [m/s, rad/s], so that no part of a hand is too fast where the operator's may be.
+/// How fast the visual servo may go and turn (m/s, rad/s), so that no part of a hand is too fast where the operator's may be.
 fn following(config: &ControllerConfig) -> (f64, f64) {
-    /// How far parts of a hand and its cube are off the tool that turns [m].
+    /// How far parts of a hand and its cube are off the tool that turns (m).
     const REACH: f64 = 0.15;
     let v = &config.visual_servo;
     let fastest = v.linear_speed + REACH * v.angular_speed;
@@ -223,7 +223,7 @@ pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
         .ok_or_else(|| "a plan is for two effectors".to_owned())
 }
 
-/// For so long a cube that lies there must have been seen at rest [s].
+/// For so long a cube that lies there must have been seen at rest (s).
 const LYING: f64 = 0.24;
 /// What a hand may be beside its zone [m]: sway, and the camera's error.
 const ZONE: f64 = 0.03;
@@ -273,7 +273,7 @@ pub(super) fn panel(config: &ControllerConfig) -> Panel {
     Panel::new(config.cell.arms.iter().map(bench).collect())
 }
 
-/// What the cube's kernel is to do; `None` when the task is another one. A face turn by `angle` [rad] is positive
+/// What the cube's kernel is to do; `None` when the task is another one. A face turn by `angle` (rad) is positive
 /// clockwise seen from outside, which is positive about the tool's z.
 pub(super) fn goal(config: &ControllerConfig, angle: f64) -> Option<Goal> {
     Some(match config.task {
@@ -294,7 +294,7 @@ pub(super) struct FaceTurnStart {
     pub(super) meeting: Meeting,
 }
 
-/// Where the wrist's room ends before its limits [rad].
+/// Where the wrist's room ends before its limits (rad).
 const ROLL_MARGIN: f64 = 0.12;
 
 /// How a face turn begins whose `angle` the track's wrist has room for, about its tool's z; a half turn may go either

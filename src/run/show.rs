@@ -39,7 +39,7 @@ const FASTEST: f64 = 200.0;
 /// Memory that a shown recording may take, about [bytes]: enough for three hours of a cell. A small
 /// file may unfold into more.
 const MOST: usize = 1 << 30;
-/// No words are shown that are longer [bytes].
+/// No words are shown that are longer (bytes).
 const WORDS: usize = 4096;
 
 /// A recording in memory, in the order of time.
@@ -47,7 +47,7 @@ pub struct Show {
     scenario: Scenario,
     title: String,
     events: Vec<(f64, What)>,
-    /// Memory that they take, about [bytes].
+    /// Memory that they take, about (bytes).
     held: usize,
     end: f64,
     /// How it ended.
@@ -484,7 +484,7 @@ impl<'a> Stand<'a> {
 }
 
 impl Show {
-    /// Moments in the middle of the plan's steps, so many at most, spread from the first step to the last: time [s], the
+    /// Moments in the middle of the plan's steps, so many at most, spread from the first step to the last: time (s), the
     /// step in words, and what the operator saw.
     #[must_use]
     pub fn moments(&self, most: usize) -> Vec<(f64, String, Arc<Snapshot>)> {
@@ -502,7 +502,7 @@ impl Show {
             .collect()
     }
 
-    /// The middle of each step of the plans [s], and the step in words.
+    /// The middle of each step of the plans (s), and the step in words.
     fn steps(&self) -> Vec<(f64, String)> {
         let (mut steps, mut now, mut begun) = (Vec::new(), None, None);
         let mut ends = |begun: &mut Option<(f64, String)>, time: f64| {
@@ -528,7 +528,7 @@ impl Show {
         steps
     }
 
-    /// Phases and messages, each with its time [s], for whoever has no face.
+    /// Phases and messages, each with its time (s), for whoever has no face.
     pub fn told(&self) -> impl Iterator<Item = (f64, String)> {
         self.events.iter().filter_map(|(time, what)| match what {
             What::Phase(name) => Some((*time, name.clone())),

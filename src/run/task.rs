@@ -29,7 +29,7 @@ use std::time::Instant;
 use tokio::sync::mpsc;
 use tracing::Instrument as _;
 
-/// Time that the operator has for an answer [s].
+/// Time that the operator has for an answer (s).
 const PATIENCE: f64 = 120.0;
 
 /// A run's journal, and the last entry of the run that was broken off.

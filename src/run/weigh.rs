@@ -24,20 +24,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::watch;
 
-/// Time in which an arm comes to a stand after missed periods, and has its fault [s].
+/// Time in which an arm comes to a stand after missed periods, and has its fault (s).
 const BRAKES: f64 = 0.5;
-/// Mean speed of the fastest joint [rad/s].
+/// Mean speed of the fastest joint (rad/s).
 const SPEED: f64 = 0.3;
 /// Periods of a step on the way.
 const STEP: u32 = 20;
-/// Time that the arm stands before it is listened to, and is listened to [s].
+/// Time that the arm stands before it is listened to, and is listened to (s).
 const SETTLES: f64 = 0.8;
 const LISTENS: f64 = 0.6;
 /// The sensor may take so many times as long.
 const PATIENCE: u32 = 5;
-/// Joints stay this far from their limits [rad].
+/// Joints stay this far from their limits (rad).
 const MARGIN: f64 = 0.05;
-/// Where the wrist goes from the start: offsets of pitch q4, roll q5, tool's roll q6 [deg].
+/// Where the wrist goes from the start: offsets of pitch q4, roll q5, tool's roll q6 (deg).
 const OFFSETS: [[f64; 3]; 12] = [
     [0.0, 0.0, 0.0],
     [0.0, 0.0, 80.0],

@@ -8,9 +8,9 @@ use crate::actors::mp::Turning;
 use crate::motion::PERIOD;
 use tokio::sync::watch;
 
-/// A layer that moves less than this [rad] ...
+/// A layer that moves less than this (rad) ...
 const STILL: f64 = 1.0 / 180.0 * std::f64::consts::PI;
-/// ... in this time [s], while a turn is commanded, is jammed.
+/// ... in this time (s), while a turn is commanded, is jammed.
 const TIME: f64 = 3.0;
 
 /// Counts jams.
@@ -33,7 +33,7 @@ impl Witness {
         Self { turning, control, moved: None, reported: false, jams: 0 }
     }
 
-    /// Looks at a period; `angle` is the turning layer's [rad].
+    /// Looks at a period; `angle` is the turning layer's (rad).
     pub(super) fn look(&mut self, period: u64, angle: f64) {
         let commanded = self.turning.is_commanded() && *self.control.borrow() == Control::Running;
         if !commanded {

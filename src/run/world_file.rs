@@ -19,7 +19,7 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A plant keeps its state so often [servo periods].
+/// A plant keeps its state so often (servo periods).
 ///
 /// A kill of the process loses nothing of what was kept. Under virtual time a state is on the disk before it takes the
 /// file's name: a mission of 6600 of them took 12.9 s, unsynced 11.9 s. The name of the first one is durable before the

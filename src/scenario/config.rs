@@ -120,7 +120,7 @@ pub struct VspConfig {
     pub camera: Option<usize>,
     /// Who gets its readings.
     pub owner: Owner,
-    /// Time between two readings [s].
+    /// Time between two readings (s).
     pub period: f64,
 }
 

@@ -13,9 +13,9 @@ words! {
     pub FaultKind {
         /// The counter of an axis stands still.
         EncoderFreeze = "encoder_freeze",
-        /// The counter of an axis is off by magnitude [rad of the motor].
+        /// The counter of an axis is off by magnitude (rad of the motor).
         EncoderJump = "encoder_jump",
-        /// A power stage reports over-current, and magnitude as its current [A].
+        /// A power stage reports over-current, and magnitude as its current (A).
         OverCurrent = "over_current",
         /// A limit switch is pressed.
         LimitSwitch = "limit_switch",
@@ -25,7 +25,7 @@ words! {
         ForceNan = "force_nan",
         /// One direction of a force sensor is at the end of its range.
         ForceSaturation = "force_saturation",
-        /// One direction of a force sensor is off by magnitude [N, Nm].
+        /// One direction of a force sensor is off by magnitude (N, Nm).
         ForceBias = "force_bias",
         /// The servo misses as many periods in a row as magnitude says.
         MissedPeriods = "missed_periods",
@@ -33,18 +33,18 @@ words! {
         CameraBlackout = "camera_blackout",
         /// A camera delivers no picture.
         CameraSilent = "camera_silent",
-        /// A camera's pictures come late by magnitude [ms].
+        /// A camera's pictures come late by magnitude (ms).
         LateFrames = "late_frames",
-        /// A hand has only magnitude of its friction [share].
+        /// A hand has only magnitude of its friction (share).
         Slip = "slip",
         /// A hand lets the cube drop.
         Drop = "drop",
-        /// Each layer needs magnitude more torque [Nm].
+        /// Each layer needs magnitude more torque (Nm).
         Jam = "jam",
-        /// The layer that has been turned slips back under the jaws, a quarter in magnitude [s],
+        /// The layer that has been turned slips back under the jaws, a quarter in magnitude (s),
         /// until that turn is over.
         TurnUndone = "turn_undone",
-        /// Somebody pushes an arm's hand along a direction of the world with magnitude [N].
+        /// Somebody pushes an arm's hand along a direction of the world with magnitude (N).
         Push = "push",
         /// The operator draws the cube back once more.
         Withdraw = "withdraw",
@@ -54,11 +54,11 @@ words! {
         UnderConstrained = "under_constrained",
         /// The fingers of an arm reach a layer farther than believed.
         OverConstrained = "over_constrained",
-        /// The jaws of an arm stand wider than believed by magnitude [mm].
+        /// The jaws of an arm stand wider than believed by magnitude (mm).
         JawCalibration = "jaw_calibration",
-        /// The base of an arm is off along a direction of the world by magnitude [mm].
+        /// The base of an arm is off along a direction of the world by magnitude (mm).
         BaseCalibration = "base_calibration",
-        /// A message to an arm's EDP, or to `actor`, comes late by magnitude [ms].
+        /// A message to an arm's EDP, or to `actor`, comes late by magnitude (ms).
         LateMessage = "late_message",
         /// A message to an arm's EDP, or to `actor`, is lost, and with it the way back.
         LostMessage = "lost_message",
@@ -74,7 +74,7 @@ words! {
         HeartBeatLoss = "heart_beat_loss",
         /// The recorder's device is full.
         DiskFull = "disk_full",
-        /// The clock jumps ahead by magnitude [ms].
+        /// The clock jumps ahead by magnitude (ms).
         ClockJump = "clock_jump",
         /// The emergency stop is pressed.
         EmergencyStop = "emergency_stop",

@@ -23,7 +23,7 @@ pub struct ArmServo {
     config: ServoConfig,
     flange_from_tool: Pose,
     set: SetValues,
-    /// How far the set motors went in the last period [rad].
+    /// How far the set motors went in the last period (rad).
     steps: [f64; AXES],
     regulators: [Regulator; AXES],
     step_filters: [StepFilter; AXES],
@@ -43,7 +43,7 @@ pub struct ArmServo {
     homing: Option<Homing>,
     /// What homing does in this period.
     homing_step: Option<HomingStep>,
-    /// Steps of the motors that are given up little by little [rad].
+    /// Steps of the motors that are given up little by little (rad).
     braking: Option<[f64; AXES]>,
     /// What is left of them after a period.
     fade: f64,
@@ -83,7 +83,7 @@ impl ArmServo {
     const YIELDS: u64 = 500_000_000;
     /// Speed from which a motor is not stopped dead [rad/s]: motions that reach their goal end slower.
     const SUDDEN: f64 = 20.0;
-    /// A step of a motor that counts as none [rad].
+    /// A step of a motor that counts as none (rad).
     const STANDS: f64 = 1e-5;
 
     /// Stands where the first reading says.

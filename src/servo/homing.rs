@@ -24,12 +24,12 @@ const STANDS: (u32, u32) = (250, 25);
 const DEBOUNCE: u32 = 2;
 /// From the switch's edge there must be a zero within this [rad]: a revolution and what the ramp takes.
 const TO_ZERO: f64 = 1.25 * TAU;
-/// No cam is longer than an axis goes in this time at its fine speed [s].
+/// No cam is longer than an axis goes in this time at its fine speed (s).
 const CAM: f64 = 20.0;
-/// No axis has a longer way than this; it ends at its limit switch long before [rad].
+/// No axis has a longer way than this; it ends at its limit switch long before (rad).
 const LONGEST: f64 = 5000.0;
 
-/// Coarse and fine speed of an axis [rad/s of the motor].
+/// Coarse and fine speed of an axis (rad/s of the motor).
 fn speeds(axis: usize) -> (f64, f64) {
     match axis {
         JAW => (-250.0, 100.0),
@@ -60,13 +60,13 @@ pub struct Homing {
     next: usize,
     has_track: bool,
     phase: Phase,
-    /// Speed of the set value [rad/s].
+    /// Speed of the set value (rad/s).
     speed: f64,
-    /// Way of the set value in this phase [rad].
+    /// Way of the set value in this phase (rad).
     travelled: f64,
     /// Periods in which the switch was read the same, and as what.
     switch: (bool, u32),
-    /// Length of a period [s]; periods of a ramp and of the stands.
+    /// Length of a period (s); periods of a ramp and of the stands.
     seconds: f64,
     ramp: f64,
     stands: (u32, u32),
@@ -77,7 +77,7 @@ pub struct Homing {
 pub struct HomingStep {
     /// The axis whose turn it is; [`JAW`] is the jaw.
     pub axis: usize,
-    /// Its set value's step [rad of the motor].
+    /// Its set value's step (rad of the motor).
     pub step: f64,
     /// Bits of [`super::io::ArmDrive::synchronise`].
     pub synchronise: u8,
@@ -259,7 +259,7 @@ mod tests {
     /// An axis that follows its set value exactly, with a switch and an encoder.
     struct Axis {
         at: f64,
-        /// Pressed between these [rad].
+        /// Pressed between these (rad).
         cam: (f64, f64),
         has_zero: bool,
         synchronised: u8,

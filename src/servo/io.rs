@@ -51,7 +51,7 @@ pub struct ArmReading {
     pub counts: [i64; AXES],
     /// Encoder counter of the jaw motor.
     pub jaw_count: i64,
-    /// Motor currents, the jaw's last [A]; positive where a positive pulse width drives them.
+    /// Motor currents, the jaw's last (A); positive where a positive pulse width drives them.
     pub currents: [f64; AXES + 1],
     /// Bit i, here and below, is that of axis i; the jaw's is [`JAW`]: the limit switch of axis i is hit at the end
     /// to which its counter grows.

@@ -14,15 +14,15 @@ use std::f64::consts::TAU;
 /// Speed of the set value that is still taken [rad/s of the motor]: the original's limit, 20 rad in 2 ms.
 const FASTEST: f64 = 1e4;
 
-/// What stands at an end of its stroke is seen a little beyond it, and a motion begins where it is seen [m]. It is led back.
+/// What stands at an end of its stroke is seen a little beyond it, and a motion begins where it is seen (m). It is led back.
 const BEYOND: f64 = 1e-3;
-/// How much faster than told a jaw may seem, and by how much time two readings may be further apart [s].
+/// How much faster than told a jaw may seem, and by how much time two readings may be further apart (s).
 const FASTER: f64 = 1.3;
 const LATE: f64 = 0.002;
-/// Pulse width under which any jaw opens, and how long its encoder may show nothing of it [s].
+/// Pulse width under which any jaw opens, and how long its encoder may show nothing of it (s).
 const OPENS: f64 = 60.0;
 const FROZEN: f64 = 0.05;
-/// An error that is left alone: friction would make it swing [rad of the motor].
+/// An error that is left alone: friction would make it swing (rad of the motor).
 const PLAY: f64 = 2.0;
 /// Share of a period's speed in the smoothed one.
 const SMOOTH: f64 = 0.5;
@@ -35,9 +35,9 @@ pub struct Jaw {
     /// Largest pulse width, and its most change in a period.
     limit: f64,
     slew: f64,
-    /// Length of a period [s].
+    /// Length of a period (s).
     seconds: f64,
-    /// Opening at the start and at the end of the course [m], and its first and last period.
+    /// Opening at the start and at the end of the course (m), and its first and last period.
     from: f64,
     to: f64,
     begin: u64,
@@ -50,7 +50,7 @@ pub struct Jaw {
     periods: u64,
     /// Time since it was read.
     interval: Interval,
-    /// Measured speed, smoothed [rad/s of the motor].
+    /// Measured speed, smoothed (rad/s of the motor).
     speed: f64,
     /// Periods in a row in which it should have opened and did not.
     still: u32,
@@ -94,7 +94,7 @@ impl Jaw {
         jaw
     }
 
-    /// Distance between the pads at an encoder count [m].
+    /// Distance between the pads at an encoder count (m).
     #[must_use]
     pub fn opening_at(&self, count: i64) -> f64 {
         let [c0, c1, c2] = self.gripper.opening_of_motor;
@@ -102,13 +102,13 @@ impl Jaw {
         c0 + motor * (c1 + motor * c2) + self.gripper.opening_offset
     }
 
-    /// Set value of this period [m].
+    /// Set value of this period (m).
     #[must_use]
     pub fn set_value(&self) -> f64 {
         self.opening
     }
 
-    /// Force that a motor current stands for [N].
+    /// Force that a motor current stands for (N).
     #[must_use]
     pub fn force_at(&self, amperes: f64) -> f64 {
         amperes / self.gripper.amperes_per_newton
@@ -331,7 +331,7 @@ mod tests {
 
     /// A jaw's motor: first order, with the current that a wall at an opening of 57 mm makes it draw.
     struct Motor {
-        /// Angle [rad] and speed [rad/s].
+        /// Angle (rad) and speed (rad/s).
         angle: f64,
         speed: f64,
         wall: f64,

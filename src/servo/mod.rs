@@ -84,9 +84,9 @@ pub enum ServoCommand {
     Bias,
     /// A load in the gripper, besides what the sensor's own configuration knows; weight 0 takes it away.
     Payload {
-        /// [N].
+        /// (N).
         weight: f64,
-        /// Centre of mass in the flange frame [m].
+        /// Centre of mass in the flange frame (m).
         centre: Point3<f64>,
     },
     /// Spoils the force law, to show what happens then; the reported wrench stays right.
@@ -107,7 +107,7 @@ pub struct ForceSettings {
 }
 
 impl ForceSettings {
-    /// The longest delay that can be asked for [periods].
+    /// The longest delay that can be asked for (periods).
     pub const LONGEST_DELAY: u32 = 63;
 }
 

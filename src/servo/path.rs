@@ -158,7 +158,7 @@ impl Path {
         matches!(self.kind, Kind::Motors { .. } | Kind::Joints { .. } | Kind::Pose { .. })
     }
 
-    /// Returns the set values of a period, given as its number and its length [s]; the last ones
+    /// Returns the set values of a period, given as its number and its length (s); the last ones
     /// are `last`.
     ///
     /// # Errors

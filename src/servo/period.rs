@@ -30,14 +30,14 @@ impl Length {
         Self { nanos: ((seconds * 1e9).round() as u64).clamp(500_000, 20_000_000) }
     }
 
-    /// [s]
+    /// (s)
     #[must_use]
     pub fn seconds(self) -> f64 {
         // 2 ms is the literal: the default results do not depend on a conversion's rounding.
         if self.nanos == TICK { PERIOD } else { self.nanos as f64 * 1e-9 }
     }
 
-    /// [ns]
+    /// (ns)
     #[must_use]
     pub fn nanos(self) -> u64 {
         self.nanos

@@ -4,7 +4,7 @@
 //! both in encoder increments, become a change of the pulse width. The steps' error is summed inside, so a
 //! lasting position error is worked off by the small difference of k1 and k2.
 //!
-//! - in: wanted and measured step of one period [encoder increments]; the motor's current
+//! - in: wanted and measured step of one period (encoder increments); the motor's current
 //! - out: pulse width, within the clamp; the nearer the current comes to what trips the power stage the more slowly it goes
 //!   on, whatever the steps ask for: news that came late ask for a lot
 //! - source: regulator algorithm 0 of the original's servo; its gains are data (`irp6_servo.toml`)
@@ -20,9 +20,9 @@ use serde::{Deserialize, Serialize};
 pub struct RegulatorGains {
     /// Pole of the smoothing filter.
     pub a: f64,
-    /// Weight of the error now [pulse width per increment].
+    /// Weight of the error now (pulse width per increment).
     pub b0: f64,
-    /// Weight of the last error [pulse width per increment].
+    /// Weight of the last error (pulse width per increment).
     pub b1: f64,
     /// Factor of both: ratio of the supply voltages for which they were found.
     pub ratio: f64,
@@ -58,13 +58,13 @@ impl RegulatorGains {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JawGains {
-    /// Weight of the position error [pulse width per rad of the motor].
+    /// Weight of the position error (pulse width per rad of the motor).
     pub position: f64,
-    /// Weight of the position error's sum over time, while nothing limits the pulse width [per rad s of the motor].
+    /// Weight of the position error's sum over time, while nothing limits the pulse width (per rad s of the motor).
     pub integral: f64,
-    /// Weight of the measured speed, which brakes [pulse width per rad/s of the motor].
+    /// Weight of the measured speed, which brakes (pulse width per rad/s of the motor).
     pub speed: f64,
-    /// By how much the pulse width gives way to a current that is too large [pulse width per A]; a third of the motor's
+    /// By how much the pulse width gives way to a current that is too large (pulse width per A); a third of the motor's
     /// own figure at rest settles in some periods and bears readings that are three of them late.
     pub current: f64,
     /// Most change of the pulse width in 2 ms: so fast a grip builds up.
@@ -83,11 +83,11 @@ pub struct ServoGains {
     pub pwm_limit: f64,
     /// Most change of an arm motor's pulse width in 2 ms, of 255.
     pub pwm_slew: f64,
-    /// Allowed difference of set and measured motor position at rest [rad].
+    /// Allowed difference of set and measured motor position at rest (rad).
     pub following_error: f64,
-    /// Further allowance per speed of the set value [s].
+    /// Further allowance per speed of the set value (s).
     pub following_lag: f64,
-    /// Grip force that a jaw exerts at most until a command says otherwise [N].
+    /// Grip force that a jaw exerts at most until a command says otherwise (N).
     pub idle_grip: f64,
 }
 
@@ -120,9 +120,9 @@ pub struct Regulator {
     gains: RegulatorGains,
     limit: f64,
     slew: f64,
-    /// Error of the last step [increments].
+    /// Error of the last step (increments).
     last_error: f64,
-    /// Summed error of the last step [increments].
+    /// Summed error of the last step (increments).
     last_sum: f64,
     /// Pulse widths of the last two steps.
     last_output: f64,
@@ -150,7 +150,7 @@ impl Regulator {
         Self { slew, ..self }
     }
 
-    /// By how much the pulse width may go on in the direction in which this current flows [A].
+    /// By how much the pulse width may go on in the direction in which this current flows (A).
     fn room(&self, current: f64) -> f64 {
         if self.gains.trip_current.is_infinite() {
             return self.slew;
@@ -159,7 +159,7 @@ impl Regulator {
         (EASES * left).max(-BACK).min(self.slew)
     }
 
-    /// Pulse width for a period, from the wanted and the measured step [increments] and the motor's current [A]; where
+    /// Pulse width for a period, from the wanted and the measured step (increments) and the motor's current (A); where
     /// nothing was heard of the axis there is none, and the pulse width stays: its stage may have taken no newer one, and
     /// must not find a reversal in the next.
     pub fn step(&mut self, wanted: f64, measured: f64, current: Option<f64>) -> i16 {
@@ -239,7 +239,7 @@ mod tests {
         ServoGains::parse(IRP6).unwrap()
     }
 
-    /// Runs a set value through an axis; returns the largest error on the way and the error at its end [rad].
+    /// Runs a set value through an axis; returns the largest error on the way and the error at its end (rad).
     fn follow(
         gains: RegulatorGains,
         increments: f64,

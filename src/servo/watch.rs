@@ -33,19 +33,19 @@ pub struct Watch {
 /// What is the same for all axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Rules {
-    /// Allowed difference of set and measured motor position at rest [rad], and more of it per
-    /// speed [s].
+    /// Allowed difference of set and measured motor position at rest (rad), and more of it per
+    /// speed (s).
     following_error: f64,
     following_lag: f64,
-    /// Length of a period [s].
+    /// Length of a period (s).
     seconds: f64,
     /// Share of the remembered speed that is left after a period.
     fade: f64,
-    /// What no motor gains between two readings over the speed that it was told [rad].
+    /// What no motor gains between two readings over the speed that it was told (rad).
     jump: f64,
 }
 
-/// What an axis was told, as far as it is judged by it [rad of the motor].
+/// What an axis was told, as far as it is judged by it (rad of the motor).
 #[derive(Debug, Clone, Copy)]
 pub struct Wanted<'a> {
     /// Set values of the last period.
@@ -59,12 +59,12 @@ pub struct Wanted<'a> {
 impl Watch {
     /// Share of the remembered speed that is left after 2 ms: about 40 ms in all.
     const FADE: f64 = 0.95;
-    /// What no motor gains between two readings over the speed that it was told [rad].
+    /// What no motor gains between two readings over the speed that it was told (rad).
     const JUMP: f64 = 1.0;
     /// For how much longer than not an axis may be strained [s]: its regulator lets no current rise
     /// to what trips, so that an axis that presses on something would do so for ever.
     const BEARS: f64 = 0.3;
-    /// A step of a set value that is rounding [rad of the motor].
+    /// A step of a set value that is rounding (rad of the motor).
     const STANDS: f64 = 1e-5;
     /// Periods after a reset in which switches come to be known: lines tell of them after they have read them twice.
     const SETTLES: u32 = 5;
@@ -179,10 +179,10 @@ struct AxisWatch {
     holds: u32,
     /// Periods in a row in which the axis should have moved and its counter did not.
     frozen: u32,
-    /// How far the set value has gone since the counter last changed [rad].
+    /// How far the set value has gone since the counter last changed (rad).
     wanted: f64,
     last_count: i64,
-    /// Current that its power stage stops at [A], and for how many periods more than not the axis
+    /// Current that its power stage stops at (A), and for how many periods more than not the axis
     /// was strained.
     trip: f64,
     strained: u32,
@@ -192,7 +192,7 @@ struct AxisWatch {
     allowance: Allowance,
 }
 
-/// What is judged of one axis in one period; lengths in [rad of the motor].
+/// What is judged of one axis in one period; lengths in (rad of the motor).
 struct Seen {
     count: i64,
     /// Increments of the encoder in a revolution of the motor.
@@ -206,11 +206,11 @@ struct Seen {
 }
 
 impl AxisWatch {
-    /// A set value faster than this must show in the encoder [rad/s].
+    /// A set value faster than this must show in the encoder (rad/s).
     const MUST_MOVE: f64 = 15.0;
     /// Periods after which a counter that does not move is taken for frozen.
     const FROZEN: u32 = 8;
-    /// The same of a slow axis: the set value has gone this far meanwhile [rad]; regulators and
+    /// The same of a slow axis: the set value has gone this far meanwhile (rad); regulators and
     /// friction explain less.
     const WANTED: f64 = 1.0;
     /// Share of the remembered speed from which on an axis is as fast as before.
@@ -219,7 +219,7 @@ impl AxisWatch {
     /// stopped from the speed of a turn, goes 3.4 rad of its motor beyond its set value.
     const STANDING: f64 = 0.6;
     /// How much faster than told a motor may be, and by how much time two readings may be further
-    /// apart than told [s].
+    /// apart than told (s).
     const FASTER: f64 = 1.3;
     const OFF: f64 = 0.002;
     /// Share of the current that trips a power stage from which on an axis is strained.

@@ -51,13 +51,13 @@ impl Mean {
 /// What hangs on the sensor, and its zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weighed {
-    /// [N].
+    /// (N).
     pub weight: f64,
-    /// Centre of mass in the flange frame [m].
+    /// Centre of mass in the flange frame (m).
     pub centre_in_flange: Point3<f64>,
     /// What the sensor reads of nothing.
     pub bias: Wrench,
-    /// Root mean square of what is left of each component of the force [N] and of the torque [Nm].
+    /// Root mean square of what is left of each component of the force (N) and of the torque (Nm).
     pub residual: (f64, f64),
     /// The largest of the same.
     pub largest_residual: (f64, f64),

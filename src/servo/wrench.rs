@@ -13,7 +13,7 @@ use nalgebra::{Point3, Vector3};
 #[derive(Debug, Clone, PartialEq)]
 pub struct WristForce {
     sensor: ForceSensor,
-    /// Load in the gripper: weight [N] and centre in the flange frame [m].
+    /// Load in the gripper: weight (N) and centre in the flange frame (m).
     payload: (f64, Point3<f64>),
     /// Zero of the sensor, in its frame.
     bias: Wrench,
@@ -90,7 +90,7 @@ impl WristForce {
         self.biasing.map_or(0, |(_, count)| Self::BIAS_SAMPLES - count)
     }
 
-    /// What hangs in the gripper: weight [N] and centre in the flange frame [m].
+    /// What hangs in the gripper: weight (N) and centre in the flange frame (m).
     pub fn set_payload(&mut self, weight: f64, centre: Point3<f64>) {
         self.payload = (weight, centre);
         // The last samples were taken with the old belief.

@@ -61,9 +61,9 @@ pub struct Entry {
     pub held: [Option<Depth>; 2],
     /// Where the track stood when it had taken the cube from the operator, or from the table.
     pub hand_over: Option<JointPositions>,
-    /// Where the track's tool closed on the cube as it was given, in its base [m].
+    /// Where the track's tool closed on the cube as it was given, in its base (m).
     pub taken_at: Option<[f64; 3]>,
-    /// By how much less than usual the track drew back from there, since the arm folds no farther [m].
+    /// By how much less than usual the track drew back from there, since the arm folds no farther (m).
     #[serde(default)]
     pub short: f64,
     /// Where the stops of each palm were put last: how deep a hand reaches whose hold is not believed yet.
@@ -97,13 +97,13 @@ pub struct Forces {
 /// What one wrist feels, as norms at the tool.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Felt {
-    /// Force now [N].
+    /// Force now (N).
     pub force: f64,
-    /// Torque now [Nm].
+    /// Torque now (Nm).
     pub torque: f64,
-    /// Largest force since the start [N].
+    /// Largest force since the start (N).
     pub peak_force: f64,
-    /// Largest torque since the start [Nm].
+    /// Largest torque since the start (Nm).
     pub peak_torque: f64,
 }
 
@@ -148,7 +148,7 @@ pub struct View {
     pub exposure: f64,
 }
 
-/// How much work a thought was, for the virtual clock [s]; declared by the kernel, never measured.
+/// How much work a thought was, for the virtual clock (s); declared by the kernel, never measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort(pub f64);
 

@@ -20,9 +20,9 @@ pub struct Bench {
     pub has_track: bool,
     /// Poses that it can be sent to.
     pub poses: Vec<(String, JointPositions)>,
-    /// Smallest and largest distance between the pads [m].
+    /// Smallest and largest distance between the pads (m).
     pub opening: (f64, f64),
-    /// Force with which its jaws close [N].
+    /// Force with which its jaws close (N).
     pub grip: f64,
 }
 
@@ -49,9 +49,9 @@ struct Shared {
 
 /// Share of the full speed by hand.
 const SPEED: f64 = 0.25;
-/// Least time of a motion of the jaws [s].
+/// Least time of a motion of the jaws (s).
 const JAW_SECONDS: f64 = 0.6;
-/// The farthest that one order goes: an axis 0 or a tool [m], an angle [rad], a motor [rad].
+/// The farthest that one order goes: an axis 0 or a tool (m), an angle (rad), a motor (rad).
 const FARTHEST: (f64, f64, f64) = (0.2, 0.6, 60.0);
 
 impl Panel {

@@ -9,7 +9,7 @@ use crate::operator::{
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use std::sync::Arc;
 
-/// How far an arrow key goes in a replay [s]; the page keys go six times as far.
+/// How far an arrow key goes in a replay (s); the page keys go six times as far.
 const SEEK: f64 = 10.0;
 
 /// How an arm is moved by hand.
@@ -40,7 +40,7 @@ pub(super) struct App {
     pub(super) answer: Option<(u64, Vec<Option<Face>>, usize)>,
 }
 
-/// Steps by hand: lengths [m], angles [rad], motor angles [rad].
+/// Steps by hand: lengths (m), angles (rad), motor angles (rad).
 pub(super) const STEPS: [(f64, f64, f64); 3] =
     [(0.0005, 0.003_5, 0.5), (0.002, 0.0175, 2.0), (0.01, 0.0873, 20.0)];
 

@@ -101,7 +101,7 @@ impl Mp {
         }
     }
 
-    /// Turns one motor by an angle [rad], from rest to rest; a pause brings it to rest in between.
+    /// Turns one motor by an angle (rad), from rest to rest; a pause brings it to rest in between.
     pub(super) async fn turn_motor(
         &mut self,
         effector: usize,

@@ -5,17 +5,17 @@
 
 use crate::motion::{AXES, Motion, MotorPositions, MoveCommand, PERIOD};
 
-/// Largest speed of the motor [rad/s].
+/// Largest speed of the motor (rad/s).
 const FASTEST: f64 = 25.0;
-/// The least time that a turn takes [s].
+/// The least time that a turn takes (s).
 const LEAST: f64 = 0.4;
-/// Time from full pace to rest [s].
+/// Time from full pace to rest (s).
 const REST: f64 = 0.4;
 
 /// A motor that is turned.
 pub(super) struct Jog {
     axis: usize,
-    /// Angle of the whole turn [rad].
+    /// Angle of the whole turn (rad).
     by: f64,
     macrostep: u32,
     /// Share of the turn that is done.

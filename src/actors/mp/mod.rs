@@ -121,9 +121,9 @@ pub struct Ending {
     pub finish: Option<Finish>,
     /// The error that ended it.
     pub error: Option<Error>,
-    /// Phases, each with the time at which it began [s], and when that was by [`Tempo::worked`].
+    /// Phases, each with the time at which it began (s), and when that was by [`Tempo::worked`].
     pub phases: Vec<(&'static str, f64, Instant)>,
-    /// When it ended [s].
+    /// When it ended (s).
     pub end: f64,
     /// What the wrists felt, as their VSP told last.
     pub felt: Forces,
@@ -555,7 +555,7 @@ mod tests {
         Behaviour::Joints { target, speed: 1.0, seconds: 0.0 }
     }
 
-    /// The first meeting of the hands, and the track's stand so far along from there [m].
+    /// The first meeting of the hands, and the track's stand so far along from there (m).
     fn meeting() -> (Meeting, impl Fn(f64) -> JointPositions) {
         let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
         let meeting = table.grasps.into_iter().flatten().next().unwrap();

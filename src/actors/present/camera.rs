@@ -32,7 +32,7 @@ fn project(camera: &Camera, point: Point3<f64>) -> Option<(f64, f64)> {
     (point.z > 0.01).then(|| camera.intrinsics.project(&point))
 }
 
-/// Outlines the sides of a cube of this edge [m] that the camera sees.
+/// Outlines the sides of a cube of this edge (m) that the camera sees.
 fn draw_cube(view: &mut CameraView, camera: &Camera, edge: f64, camera_from_cube: &Pose) {
     let half = 0.5 * edge;
     for face in Face::ALL {
@@ -50,7 +50,7 @@ fn draw_cube(view: &mut CameraView, camera: &Camera, edge: f64, camera_from_cube
     }
 }
 
-/// Outlines a face of a cube of this edge [m], and marks its tiles.
+/// Outlines a face of a cube of this edge (m), and marks its tiles.
 fn draw_face(view: &mut CameraView, camera: &Camera, edge: f64, reading: &FaceReading) {
     let half = 0.5 * edge;
     let at = |x: f64, y: f64| project(camera, reading.camera_from_face * Point3::new(x, y, 0.0));

@@ -32,7 +32,7 @@ use std::time::{Duration, Instant};
 
 /// Messages that are kept for whoever opens a page late.
 const MESSAGES: usize = 400;
-/// A cube that the stand-alone camera has not seen for this long is not shown [s].
+/// A cube that the stand-alone camera has not seen for this long is not shown (s).
 const STALE: f64 = 1.0;
 /// The speed of time is measured over this.
 const FACTOR: Duration = Duration::from_millis(500);
@@ -167,7 +167,7 @@ impl Presenter {
         self.time_of(&self.latest.lock())
     }
 
-    /// Time of the run [s].
+    /// Time of the run (s).
     fn time_of(&self, latest: &Latest) -> f64 {
         let periods = latest.arms.iter().map(|arm| arm.state.period).max().unwrap_or(0);
         periods as f64 * self.length.seconds()

@@ -6,7 +6,7 @@ use crate::tasks::Picture;
 
 /// The latest values at one moment.
 pub(super) struct Moment {
-    /// Time of the run [s].
+    /// Time of the run (s).
     pub(super) time: f64,
     /// Each arm's state, with its peaks since the moment before.
     pub(super) arms: Vec<ArmLatest>,

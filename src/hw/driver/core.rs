@@ -52,24 +52,24 @@ pub struct Punctual {
 }
 
 impl Punctual {
-    /// A period began this late and worked this long [ns].
+    /// A period began this late and worked this long (ns).
     pub(super) fn note(&self, late: u64, work: u64) {
         self.late.fetch_max(late, Ordering::Relaxed);
         self.work.fetch_max(work, Ordering::Relaxed);
     }
 
-    /// Grid points passed without a period of this length [ns].
+    /// Grid points passed without a period of this length (ns).
     pub(crate) fn miss(&self, points: u64, length: u64) {
         self.missed.fetch_add(points, Ordering::Relaxed);
         self.missed_nanos.fetch_add(points * length, Ordering::Relaxed);
     }
 
-    /// By how much the servo's periods lag behind the clock for all that was missed [ns].
+    /// By how much the servo's periods lag behind the clock for all that was missed (ns).
     pub fn missed_nanos(&self) -> u64 {
         self.missed_nanos.load(Ordering::Relaxed)
     }
 
-    /// The largest lateness and work since the last call [ns], and all missed grid points.
+    /// The largest lateness and work since the last call (ns), and all missed grid points.
     pub fn take(&self) -> (u64, u64, u64) {
         (
             self.late.swap(0, Ordering::Relaxed),
@@ -99,7 +99,7 @@ pub struct Core {
 }
 
 impl Core {
-    /// From a controlled stop's beginning to its end [ns].
+    /// From a controlled stop's beginning to its end (ns).
     const STAND: u64 = 200_000_000;
     /// Time without a heart beat after which they stop.
     const DEAD: Duration = Duration::from_secs(1);

@@ -26,5 +26,5 @@ pub use virtual_time::run_virtual;
 pub(crate) use wall::pass;
 pub use wall::{Wall, WallEnd, WallOptions, spawn_wall};
 
-/// Length of a servo period [ns], unless another is asked for.
+/// Length of a servo period (ns), unless another is asked for.
 pub const PERIOD_NANOS: u64 = 2_000_000;

@@ -19,7 +19,7 @@ impl Histogram {
     const FINE: u64 = 32;
     const CLASSES: usize = 27 * Self::FINE as usize;
 
-    /// Counts one time [ns].
+    /// Counts one time (ns).
     pub fn record(&mut self, nanos: u64) {
         let class = Self::class(nanos).min(Self::CLASSES - 1);
         self.counts[class] += 1;
@@ -39,19 +39,19 @@ impl Histogram {
         self.total == 0
     }
 
-    /// Each class that is not empty: its largest time [ns], and how many times it counted.
+    /// Each class that is not empty: its largest time (ns), and how many times it counted.
     pub fn classes(&self) -> impl Iterator<Item = (u64, u64)> {
         let classes = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
         classes.map(|(class, count)| (Self::upper(class).min(self.max), *count))
     }
 
-    /// The longest time [ns].
+    /// The longest time (ns).
     #[must_use]
     pub fn max(&self) -> u64 {
         self.max
     }
 
-    /// The time that a share `q` of all times does not exceed [ns], to 3 % upwards; 0 when empty.
+    /// The time that a share `q` of all times does not exceed (ns), to 3 % upwards; 0 when empty.
     #[must_use]
     pub fn quantile(&self, q: f64) -> u64 {
         let rank = ((q * self.total as f64).ceil() as u64).clamp(1, self.total.max(1));
@@ -87,11 +87,11 @@ impl Histogram {
 /// What a wall driver measured of itself.
 #[derive(Debug, Clone, Default)]
 pub struct Timing {
-    /// From the time set to the time at which the period began [ns].
+    /// From the time set to the time at which the period began (ns).
     pub wake_up: Histogram,
-    /// How far the time between two beginnings is from a period, missed ones left out [ns].
+    /// How far the time between two beginnings is from a period, missed ones left out (ns).
     pub jitter: Histogram,
-    /// Work of a period [ns].
+    /// Work of a period (ns).
     pub work: Histogram,
     /// Grid points that passed without a period.
     pub missed: u64,

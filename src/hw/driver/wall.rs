@@ -22,7 +22,7 @@ use std::thread::JoinHandle;
 /// How the wall driver runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WallOptions {
-    /// Length of the last part of each wait that is spun away [ns]; 0 to sleep all of it.
+    /// Length of the last part of each wait that is spun away (ns); 0 to sleep all of it.
     pub spin: u64,
     /// Priority of the servo thread under `SCHED_FIFO`, 6..=99; the bridge has 5 less.
     pub priority: i32,
@@ -123,7 +123,7 @@ impl<P> Drop for Wall<P> {
     }
 }
 
-/// Goes on along the grid of so long periods until `next` lies ahead of `now`, all in [ns]; how many points that passes over.
+/// Goes on along the grid of so long periods until `next` lies ahead of `now`, all in (ns); how many points that passes over.
 pub(crate) fn pass(next: &mut u64, length: u64, now: u64) -> u64 {
     let missed = if now < *next { 0 } else { (now - *next) / length + 1 };
     *next += missed * length;

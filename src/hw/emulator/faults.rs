@@ -11,7 +11,7 @@ pub struct At {
     pub effector: usize,
     /// 0 the track, 7 the jaw.
     pub axis: usize,
-    /// Since the first order came [s], not negative.
+    /// Since the first order came (s), not negative.
     pub time: f64,
 }
 

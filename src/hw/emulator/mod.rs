@@ -37,7 +37,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Periods of the world that are made up for where the thread was kept from running.
 const CATCHES_UP: u64 = 50;
 
-/// From the arrival of orders to the world's next period [ns].
+/// From the arrival of orders to the world's next period (ns).
 const AFTER: i64 = 200_000;
 
 /// Which interface the force sensors have.
@@ -68,7 +68,7 @@ pub struct EmulatorOptions {
     pub faults: LineFaults,
     /// Seed of what goes wrong by chance.
     pub seed: u64,
-    /// Ends by itself this long after the last order [s]; `None` never.
+    /// Ends by itself this long after the last order (s); `None` never.
     pub leaves_after: Option<f64>,
     /// Controllers without a watchdog: they follow their last order for ever.
     pub no_watchdog: bool,
@@ -357,7 +357,7 @@ impl Arm {
     }
 }
 
-/// How far the world's periods are shifted [ns] so that they begin soon after the orders' arrival, which was at `at`
+/// How far the world's periods are shifted (ns) so that they begin soon after the orders' arrival, which was at `at`
 /// while a period began at `begun`: what is ordered then holds at once, and an order that is a little late misses
 /// nothing. Slow, since single orders may be very late.
 fn shift(at: u64, begun: u64) -> i64 {
@@ -404,7 +404,7 @@ mod tests {
     use crate::hw::serial::{AXIS_BAUD, Line, Lines};
     use std::time::{Duration, Instant};
 
-    /// Where the world's periods come to lie beside orders that arrive at `arrival` of each 2 ms [ns].
+    /// Where the world's periods come to lie beside orders that arrive at `arrival` of each 2 ms (ns).
     fn settled(arrival: u64, begin: u64) -> i64 {
         let mut next = begin;
         for k in 0..4000 {

@@ -23,7 +23,7 @@ pub enum Taken {
     OverRange {
         /// Direction that left it.
         direction: usize,
-        /// What it read [N or Nm].
+        /// What it read (N or Nm).
         reading: f64,
     },
     /// None has come for too long.

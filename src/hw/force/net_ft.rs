@@ -53,7 +53,7 @@ pub struct RdtRecord {
     pub sample: u32,
     /// 0 when all is well.
     pub status: u32,
-    /// Forces x, y, z and torques about them [counts].
+    /// Forces x, y, z and torques about them (counts).
     pub counts: [i32; 6],
 }
 
@@ -145,7 +145,7 @@ pub struct NetFt {
 }
 
 impl NetFt {
-    /// Asks the box for its stream. Scales are in the box's own configuration page [1/N, 1/Nm].
+    /// Asks the box for its stream. Scales are in the box's own configuration page (1/N, 1/Nm).
     ///
     /// # Errors
     /// What the operating system says.

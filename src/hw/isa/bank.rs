@@ -29,7 +29,7 @@ pub struct CardAxis {
     pub kind: AxisKind,
     /// Pulse width.
     pub width: i16,
-    /// Limit of its current [units].
+    /// Limit of its current (units).
     pub max_current: u8,
     /// Periods in a row in which the current was above that.
     above: u32,

@@ -23,14 +23,14 @@ use serde::{Deserialize, Serialize};
 /// Presliding of a motor's friction [rad of the shaft]: below it friction is a spring.
 const PRESLIDING: f64 = 0.005;
 /// Beyond the limits that the software keeps, its set values in the period that reaches them included, the switches
-/// open [rad of the shaft].
+/// open (rad of the shaft).
 const SWITCH: f64 = 1.0;
-/// Beyond the limit switches an axis has this far to its hard stop [rad of the shaft].
+/// Beyond the limit switches an axis has this far to its hard stop (rad of the shaft).
 const OVERTRAVEL: f64 = 3.0;
 
-/// No joint's spring stretches so far [m, rad].
+/// No joint's spring stretches so far (m, rad).
 const STRETCHED: f64 = 0.3;
-/// What a kept number may be beyond its limit [rad].
+/// What a kept number may be beyond its limit (rad).
 const NEARLY: f64 = 1e-6;
 
 /// State and constants of an arm.
@@ -44,12 +44,12 @@ pub(super) struct PlantArm {
     /// Joints and their velocities.
     pub(super) q: [f64; AXES],
     pub(super) v: [f64; AXES],
-    /// Motors and their velocities [rad, rad/s].
+    /// Motors and their velocities (rad, rad/s).
     pub(super) m: [f64; AXES],
     pub(super) vm: [f64; AXES],
-    /// Stretch of the friction's bristles [rad of the shaft].
+    /// Stretch of the friction's bristles (rad of the shaft).
     bristles: [f64; AXES],
-    /// Torque of the counterbalance springs at the motors [Nm].
+    /// Torque of the counterbalance springs at the motors (Nm).
     counterbalance: [f64; AXES],
     currents: [f64; AXES],
     encoders: [Encoder; AXES],
@@ -72,7 +72,7 @@ pub(super) struct SavedArm {
     pub(super) encoders: Vec<Encoder>,
 }
 
-/// Joints of links at rest whose weight stretches the springs behind the encoders, and their weight there [Nm, N].
+/// Joints of links at rest whose weight stretches the springs behind the encoders, and their weight there (Nm, N).
 fn at_rest(
     model: &ArmModel,
     dynamics: &ArmDynamics,
@@ -508,7 +508,7 @@ impl PlantArm {
 
 /// Springs between motors and links, seen at the joints.
 struct Springs {
-    /// Their force [N, Nm].
+    /// Their force (N, Nm).
     force: [f64; AXES],
     /// The factor of the relative velocity when the step takes them implicitly: `dt (D + dt K)`.
     implicit: [f64; AXES],

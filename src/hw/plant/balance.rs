@@ -29,11 +29,11 @@ const STALLED: usize = 2;
 const FAR: f64 = 20.0;
 /// A round that leaves this many times more out of balance went too far. Where friction slips it may grow a little.
 const OVERSHOT: f64 = 1.2;
-/// A balance within this is good [N, Nm].
+/// A balance within this is good (N, Nm).
 const TOLERANCE: (f64, f64) = (5e-3, 1e-4);
-/// Elastic stiffness of a layer that is not turning [Nm/rad].
+/// Elastic stiffness of a layer that is not turning (Nm/rad).
 const LAYER_STIFFNESS: f64 = 200.0;
-/// A corner that stands in the way [Nm/rad].
+/// A corner that stands in the way (Nm/rad).
 const CORNER_STIFFNESS: f64 = 50.0;
 /// Stiffness inside the play, as a share of that beyond it: the springs of the core's screws.
 const INSIDE_PLAY: f64 = 0.05;
@@ -43,9 +43,9 @@ const INSIDE_PLAY: f64 = 0.05;
 pub(super) struct HandHold {
     /// Where it wants the cube.
     pub(super) world_from_cube: Frame,
-    /// [N/m], a hundredth of a metre squared of it is the rotation's [Nm/rad].
+    /// (N/m), a hundredth of a metre squared of it is the rotation's (Nm/rad).
     pub(super) stiffness: f64,
-    /// [Ns/m]
+    /// (Ns/m)
     pub(super) damping: f64,
 }
 
@@ -59,13 +59,13 @@ pub(super) struct Split {
 /// What an interface transmits, and how far it slipped in the last substep.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Interface {
-    /// About the axis, on the first body [Nm].
+    /// About the axis, on the first body (Nm).
     pub(super) torque: f64,
-    /// Torque at which it slips [Nm].
+    /// Torque at which it slips (Nm).
     pub(super) limit: f64,
-    /// [Nm]
+    /// (Nm)
     pub(super) tilt: f64,
-    /// [N]
+    /// (N)
     pub(super) axial: f64,
     slip: f64,
     /// Interface that gives way: which body's layer turns against the core.
@@ -80,7 +80,7 @@ pub(super) struct Surroundings<'a> {
     pub(super) hands: [Option<Hands<'a>>; 2],
     /// The operator's hold.
     pub(super) hold: Option<HandHold>,
-    /// In the world [N].
+    /// In the world (N).
     pub(super) weight: Vector3<f64>,
 }
 
@@ -92,7 +92,7 @@ pub(super) struct Balance {
     pub(super) interface: Interface,
     /// Of the last substep.
     pub(super) touches: [Touch; 2],
-    /// Force of the operator's hand on the cube [N], in the world.
+    /// Force of the operator's hand on the cube (N), in the world.
     pub(super) hand_force: Vector3<f64>,
     before: Frame,
     hand_before: Frame,
@@ -119,7 +119,7 @@ impl Balance {
         }
     }
 
-    /// With what the table bore the cube in the last substep [N].
+    /// With what the table bore the cube in the last substep (N).
     pub(super) fn borne(&self) -> f64 {
         self.rest.borne
     }
@@ -434,7 +434,7 @@ impl Balance {
     }
 }
 
-/// Angle of a body's layer against the core [rad].
+/// Angle of a body's layer against the core (rad).
 pub(super) fn layer_angle(puzzle: &Puzzle, axis: usize, layers: Layers) -> f64 {
     match layers {
         1 => puzzle.angles[axis][0],

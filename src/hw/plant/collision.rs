@@ -15,17 +15,17 @@ use crate::cell::Gripper;
 use crate::motion::AXES;
 use nalgebra::Vector3;
 
-/// Penalty spring [N/m] and damper [Ns/m], and the greatest force that it gives [N].
+/// Penalty spring (N/m) and damper (Ns/m), and the greatest force that it gives (N).
 const SPRING: (f64, f64, f64) = (2e4, 100.0, 300.0);
-/// Radii: hand behind the palm, wrist, forearm [m].
+/// Radii: hand behind the palm, wrist, forearm (m).
 const RADII: [f64; 3] = [0.045, 0.05, 0.065];
-/// Half the thickness of a palm plate [m].
+/// Half the thickness of a palm plate (m).
 const PALM: f64 = 0.004;
-/// A contact ends when the parts are this far apart [m].
+/// A contact ends when the parts are this far apart (m).
 const APART: f64 = 2e-3;
-/// A cube that is laid down sinks into the table by less: 30 N on its four corners [m].
+/// A cube that is laid down sinks into the table by less: 30 N on its four corners (m).
 const LAID_DOWN: f64 = 3e-4;
-/// Arms whose wrists are farther apart than this cannot touch [m].
+/// Arms whose wrists are farther apart than this cannot touch (m).
 const FAR: f64 = 1.3;
 /// Farthest that anything moves unseen [m]: an eighth of a finger's thickness.
 const STEP: f64 = 5e-4;
@@ -85,11 +85,11 @@ pub(super) struct HeldCube {
 /// Everything that may touch, once a servo period.
 pub(super) struct Bodies<'a> {
     pub(super) arms: &'a [PlantArm],
-    /// Openings of the jaws [m].
+    /// Openings of the jaws (m).
     pub(super) openings: [f64; 2],
     pub(super) grippers: [&'a Gripper; 2],
     pub(super) cube: HeldCube,
-    /// Height of the table [m].
+    /// Height of the table (m).
     pub(super) table: f64,
 }
 
@@ -285,7 +285,7 @@ impl Scene {
         Self { arms: std::array::from_fn(shape), corners: std::array::from_fn(corner) }
     }
 
-    /// How far anything moved that is in both [m].
+    /// How far anything moved that is in both (m).
     fn farthest(&self, later: &Self) -> f64 {
         let mut most = 0.0_f64;
         let mut see = |a: &Vector3<f64>, b: &Vector3<f64>| most = most.max((a - b).norm_squared());

@@ -31,7 +31,7 @@ pub struct PlantConfig {
     pub hand: HandScript,
     /// Who has the cube at first.
     pub start: Start,
-    /// Grip with which jaws hold the cube when the run begins with it held [N].
+    /// Grip with which jaws hold the cube when the run begins with it held (N).
     pub start_grip: f64,
     /// Colours of the 54 stickers at first, URFDLB by position in the cube frame, centres 0..=5 in order.
     pub facelets: [u8; 54],
@@ -87,11 +87,11 @@ pub enum Start {
 /// How the cube lies on the table at first, around the place of hand-over.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lying {
-    /// Where the middle of the place really is, beside what is believed, along x and y [m].
+    /// Where the middle of the place really is, beside what is believed, along x and y (m).
     pub offset: [f64; 2],
     /// Share of the place's half extents within which it lies, uniformly.
     pub spread: f64,
-    /// It is turned about the vertical by up to so much either way [rad].
+    /// It is turned about the vertical by up to so much either way (rad).
     pub yaw: f64,
     /// On any of its faces, or with U up.
     pub any_face: bool,
@@ -124,9 +124,9 @@ impl Lying {
 pub struct ArmDynamics {
     /// Links.
     pub links: [Link; AXES],
-    /// Stiffness between motor and joint [N/m, Nm/rad].
+    /// Stiffness between motor and joint (N/m, Nm/rad).
     pub stiffness: [f64; AXES],
-    /// Damping of the same [Ns/m, Nms/rad].
+    /// Damping of the same (Ns/m, Nms/rad).
     pub damping: [f64; AXES],
     /// Motors.
     pub motors: [MotorDynamics; AXES],
@@ -140,19 +140,19 @@ pub struct ArmDynamics {
 /// A motor with its power stage, seen at the motor shaft.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorDynamics {
-    /// Rotor and gear's fast side [kg m2].
+    /// Rotor and gear's fast side (kg m2).
     pub inertia: f64,
-    /// Torque at standstill and pulse width 255 [Nm].
+    /// Torque at standstill and pulse width 255 (Nm).
     pub stall_torque: f64,
-    /// Speed without load at pulse width 255 [rad/s].
+    /// Speed without load at pulse width 255 (rad/s).
     pub no_load_speed: f64,
-    /// Coulomb friction at the *joint* [N or Nm], divided by the present transmission ratio.
+    /// Coulomb friction at the *joint* (N or Nm), divided by the present transmission ratio.
     pub coulomb: f64,
-    /// Viscous friction at the shaft [Nms/rad].
+    /// Viscous friction at the shaft (Nms/rad).
     pub viscous: f64,
-    /// Current at standstill and full pulse width [A]; it falls to none at the no-load speed.
+    /// Current at standstill and full pulse width (A); it falls to none at the no-load speed.
     pub stall_current: f64,
-    /// Current that trips the power stage [A].
+    /// Current that trips the power stage (A).
     pub trip_current: f64,
 }
 
@@ -193,21 +193,21 @@ impl ArmDynamics {
 /// Friction and play between the layers of a cube, per interface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CubeMechanics {
-    /// Torque that turns an unloaded layer [Nm].
+    /// Torque that turns an unloaded layer (Nm).
     pub turning_torque: f64,
-    /// Detent: this times |sin 2 phi| is added [Nm].
+    /// Detent: this times |sin 2 phi| is added (Nm).
     pub detent: f64,
     /// Coefficient of the friction that grows with load.
     pub friction: f64,
-    /// Half width of the play across [m].
+    /// Half width of the play across (m).
     pub play: f64,
-    /// Half width of the play in tilt [rad].
+    /// Half width of the play in tilt (rad).
     pub tilt_play: f64,
-    /// Stiffness across, after the play [N/m].
+    /// Stiffness across, after the play (N/m).
     pub stiffness: f64,
-    /// Stiffness in tilt, after the play [Nm/rad].
+    /// Stiffness in tilt, after the play (Nm/rad).
     pub tilt_stiffness: f64,
-    /// Angle by which another layer may be off before it blocks [rad].
+    /// Angle by which another layer may be off before it blocks (rad).
     pub corner_cut: f64,
     /// Relative spread of `turning_torque` between the six interfaces.
     pub spread: f64,
@@ -260,25 +260,25 @@ impl CubeMechanics {
 /// Pads and palm stops of a gripper, in tool axes (jaws along y, approach along z).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Jaws {
-    /// Along x, y, z [N/m]; y is both pads together.
+    /// Along x, y, z (N/m); y is both pads together.
     pub stiffness: [f64; 3],
-    /// About x, y, z [Nm/rad].
+    /// About x, y, z (Nm/rad).
     pub rotation: [f64; 3],
     /// Coefficient of friction on stickers.
     pub friction: f64,
-    /// Palm stops [N/m].
+    /// Palm stops (N/m).
     pub palm: f64,
-    /// Largest grip of the jaw's slipping clutch [N].
+    /// Largest grip of the jaw's slipping clutch (N).
     pub greatest_grip: f64,
     /// Moving mass that the jaw's motor stands for at the pads [kg]: 1e-8 kg m2 behind 69,000 rad/m.
     pub mass: f64,
-    /// Speed of the jaw motor without load at pulse width 255 [rad/s].
+    /// Speed of the jaw motor without load at pulse width 255 (rad/s).
     pub no_load_speed: f64,
-    /// Force at standstill and pulse width 255 without a current limit [N].
+    /// Force at standstill and pulse width 255 without a current limit (N).
     pub stall_force: f64,
-    /// Friction of the jaw's drive at the pads [N].
+    /// Friction of the jaw's drive at the pads (N).
     pub coulomb: f64,
-    /// Current of the jaw's motor that its controller does not bear for long [A].
+    /// Current of the jaw's motor that its controller does not bear for long (A).
     pub trip_current: f64,
 }
 
@@ -315,19 +315,19 @@ impl Jaws {
 /// What a wrist sensor adds to the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorNoise {
-    /// Of each reading, r.m.s. [N].
+    /// Of each reading, r.m.s. (N).
     pub force: f64,
-    /// Of each reading, r.m.s. [Nm].
+    /// Of each reading, r.m.s. (Nm).
     pub torque: f64,
-    /// Steps of a reading [N].
+    /// Steps of a reading (N).
     pub force_quantum: f64,
-    /// Steps of a reading [Nm].
+    /// Steps of a reading (Nm).
     pub torque_quantum: f64,
-    /// Bias, spread of each component at the start [N].
+    /// Bias, spread of each component at the start (N).
     pub force_bias: f64,
-    /// The same of torques [Nm].
+    /// The same of torques (Nm).
     pub torque_bias: f64,
-    /// Drift of the bias in 10 minutes, each component [N]; torques drift by a twentieth of this [Nm].
+    /// Drift of the bias in 10 minutes, each component (N); torques drift by a twentieth of this (Nm).
     pub force_drift: f64,
     /// Servo periods by which a reading is late.
     pub delay_periods: usize,
@@ -368,46 +368,46 @@ impl SensorNoise {
 /// How the operator's hand behaves. It stands on the cube's +x side of the zone, away from the robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HandScript {
-    /// When it starts to bring the cube [s].
+    /// When it starts to bring the cube (s).
     pub appears: f64,
-    /// How long it takes to the place [s].
+    /// How long it takes to the place (s).
     pub arrival: f64,
-    /// From where it comes, relative to the place, in world axes [m]; it leaves towards there as well.
+    /// From where it comes, relative to the place, in world axes (m); it leaves towards there as well.
     pub start_offset: Vector3<f64>,
-    /// Slow sway on the way and after the arrival, r.m.s. per axis [m].
+    /// Slow sway on the way and after the arrival, r.m.s. per axis (m).
     pub sway: f64,
-    /// Typical period of the sway's change [s].
+    /// Typical period of the sway's change (s).
     pub sway_time: f64,
-    /// Tremor of 8-10 Hz, amplitude per axis [m].
+    /// Tremor of 8-10 Hz, amplitude per axis (m).
     pub tremor: f64,
     /// After its arrival it calms down over this time [s]: sway and tremor fall to a tenth.
     pub stills: f64,
-    /// Spread of the holding point per axis, clipped to the zone [m].
+    /// Spread of the holding point per axis, clipped to the zone (m).
     pub place_spread: f64,
-    /// Spread of the tilt per axis [rad].
+    /// Spread of the tilt per axis (rad).
     pub tilt_spread: f64,
     /// Whether the cube comes in any of its 24 orientations (seeded), or as the zone's pose says.
     pub any_orientation: bool,
     /// How often it draws the cube back and comes again before it stays.
     pub withdrawals: u32,
-    /// How far it draws back [m], towards `start_offset`.
+    /// How far it draws back (m), towards `start_offset`.
     pub withdrawal: f64,
-    /// Stiffness of its hold [N/m]; a hundredth of it is the stiffness in rotation [Nm/rad].
+    /// Stiffness of its hold (N/m); a hundredth of it is the stiffness in rotation (Nm/rad).
     pub stiffness: f64,
-    /// Damping of the same [Ns/m].
+    /// Damping of the same (Ns/m).
     pub damping: f64,
-    /// Load of a gripper on the cube at which it lets go after 0.3 s [N].
+    /// Load of a gripper on the cube at which it lets go after 0.3 s (N).
     pub release_load: f64,
-    /// It lets go this long after jaws closed on the cube, at the latest [s].
+    /// It lets go this long after jaws closed on the cube, at the latest (s).
     pub release_time: f64,
-    /// It comes back for the cube when this has passed since it let go [s], ...
+    /// It comes back for the cube when this has passed since it let go (s), ...
     pub return_after: f64,
-    /// Time after which it picks up a cube that fell, to hold it out again [s].
+    /// Time after which it picks up a cube that fell, to hold it out again (s).
     pub picks_up_after: f64,
     /// ... and, when true, only for a solved cube (a person sees that); either way the cube must be held by one gripper and be
     /// nearly still in the zone: for 1 s if it had left the zone meanwhile, else for 5 s of their own.
     pub return_solved_only: bool,
-    /// Pull on the cube towards the operator when it takes it back [N].
+    /// Pull on the cube towards the operator when it takes it back (N).
     pub pull: f64,
 }
 

@@ -11,9 +11,9 @@ use crate::cube::{Axis, Face};
 use nalgebra::Vector3;
 use std::f64::consts::FRAC_PI_2;
 
-/// Radius at which lateral force rubs, that at which tilt and axial force rub, and the tilt's lever [m].
+/// Radius at which lateral force rubs, that at which tilt and axial force rub, and the tilt's lever (m).
 const RUB: (f64, f64, f64) = (0.020, 0.026, 0.020);
-/// Another layer's misalignment adds this to the friction [Nm/rad].
+/// Another layer's misalignment adds this to the friction (Nm/rad).
 const CORNER_FRICTION: f64 = 0.05 * 57.295_779_513_082_32;
 
 /// Layers as a set: bit 0 the negative outer one, bit 1 the middle one, bit 2 the positive one.
@@ -24,11 +24,11 @@ pub(super) const MIDDLE: Layers = 2;
 pub(super) struct Puzzle {
     /// Colours by position in the core's frame, layers back at the quarter they were at last.
     stickers: [u8; 54],
-    /// Angles of the negative and the positive outer layer of each axis against the core [rad].
+    /// Angles of the negative and the positive outer layer of each axis against the core (rad).
     pub(super) angles: [[f64; 2]; 3],
     /// Factor of the unloaded friction of each interface.
     friction: [[f64; 2]; 3],
-    /// What every layer needs beside that: something is stuck between them [Nm].
+    /// What every layer needs beside that: something is stuck between them (Nm).
     pub(super) jam: f64,
     pub(super) mechanics: CubeMechanics,
     /// Destination of each sticker for a right-handed quarter turn of an outer layer.
@@ -78,7 +78,7 @@ impl Puzzle {
         }
     }
 
-    /// Largest distance of an axis' layers from their nearest quarter [rad].
+    /// Largest distance of an axis' layers from their nearest quarter (rad).
     pub(super) fn misalignment(&self, axis: usize) -> f64 {
         let off = |a: f64| (a - (a / FRAC_PI_2).round() * FRAC_PI_2).abs();
         off(self.angles[axis][0]).max(off(self.angles[axis][1]))
@@ -89,7 +89,7 @@ impl Puzzle {
         (0..3).any(|a| a != axis && self.misalignment(a) > self.mechanics.corner_cut)
     }
 
-    /// Torque at which an interface slips [Nm], under the load that it transmits.
+    /// Torque at which an interface slips (Nm), under the load that it transmits.
     pub(super) fn turning_torque(
         &self,
         axis: usize,

@@ -5,7 +5,7 @@
 //! reaches the joints by six products an axis.
 //!
 //! - in: joint positions and velocities, gravity in base axes
-//! - out: `base_from_flange`, joint screws, mass matrix [kg, kg m, kg m2], bias [N, Nm]
+//! - out: `base_from_flange`, joint screws, mass matrix (kg, kg m, kg m2), bias (N, Nm)
 //! - source: composite rigid bodies and recursive Newton-Euler (Featherstone 2008, chapters 5 and 6)
 
 use super::frame::Frame;
@@ -17,11 +17,11 @@ use std::f64::consts::FRAC_PI_2;
 /// A link's mass properties in its own frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Link {
-    /// [kg]
+    /// (kg)
     pub mass: f64,
-    /// Centre of mass in the link frame [m].
+    /// Centre of mass in the link frame (m).
     pub centre: [f64; 3],
-    /// Principal moments about it, along the link's axes [kg m2].
+    /// Principal moments about it, along the link's axes (kg m2).
     pub inertia: [f64; 3],
 }
 

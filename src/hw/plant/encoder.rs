@@ -8,7 +8,7 @@
 
 use std::f64::consts::TAU;
 
-/// Where the cam ends [rad of the motor].
+/// Where the cam ends (rad of the motor).
 const EDGE: f64 = -0.5 * TAU;
 
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]

@@ -19,14 +19,14 @@ pub struct Fault {
     pub what: What,
     /// When it begins.
     pub when: When,
-    /// How long it lasts [s]; infinite for good. What happens at once (a jump, a drop) takes no notice.
+    /// How long it lasts (s); infinite for good. What happens at once (a jump, a drop) takes no notice.
     pub lasts: f64,
 }
 
 /// When a fault begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum When {
-    /// At this time [s].
+    /// At this time (s).
     At(f64),
     /// So long after something has happened in the plant for the n-th time, counted from 1.
     After {
@@ -34,7 +34,7 @@ pub enum When {
         event: Trigger,
         /// Which time.
         nth: u32,
-        /// How long after it [s].
+        /// How long after it (s).
         delay: f64,
     },
 }
@@ -48,7 +48,7 @@ pub enum Trigger {
     Released(Option<usize>),
     /// A layer has begun to turn between two hands.
     TurnBegins,
-    /// A layer has been turned by so much since two hands hold the cube [rad].
+    /// A layer has been turned by so much since two hands hold the cube (rad).
     Turned(f64),
     /// The cube falls.
     Dropped,
@@ -70,7 +70,7 @@ pub enum What {
         /// Which axis.
         axis: usize,
     },
-    /// A counter is off by so much [rad of the motor].
+    /// A counter is off by so much (rad of the motor).
     EncoderJump {
         /// Which arm.
         arm: usize,
@@ -85,7 +85,7 @@ pub enum What {
         arm: usize,
         /// Which axis.
         axis: usize,
-        /// What it measures [A].
+        /// What it measures (A).
         amperes: f64,
     },
     /// A limit switch is pressed.
@@ -114,7 +114,7 @@ pub enum What {
         /// 0..=5 in the sensor's frame.
         direction: usize,
     },
-    /// One component is off by so much [N, Nm].
+    /// One component is off by so much (N, Nm).
     ForceBias {
         /// Which arm.
         arm: usize,
@@ -135,17 +135,17 @@ pub enum What {
         /// Which arm.
         arm: usize,
     },
-    /// Every layer needs so much more torque to turn [Nm].
+    /// Every layer needs so much more torque to turn (Nm).
     Jam {
         /// How much more.
         torque: f64,
     },
-    /// The layer that has been turned slips back under the jaws to where it was, in so much time [s].
+    /// The layer that has been turned slips back under the jaws to where it was, in so much time (s).
     TurnUndone {
         /// How long it takes.
         takes: f64,
     },
-    /// Somebody pushes a hand, in the world [N].
+    /// Somebody pushes a hand, in the world (N).
     Push {
         /// Which arm.
         arm: usize,
@@ -167,7 +167,7 @@ pub struct Upset {
     pub begins: bool,
 }
 
-/// A layer counts as turning from here on [rad].
+/// A layer counts as turning from here on (rad).
 const TURNING: f64 = 0.035;
 
 /// A fault and how far it has come.
@@ -176,7 +176,7 @@ struct Armed {
     fault: Fault,
     /// How often its event has happened.
     seen: u32,
-    /// When it is to begin [s].
+    /// When it is to begin (s).
     due: Option<f64>,
     /// When it began, and whether it is over.
     began: Option<f64>,
@@ -203,11 +203,11 @@ pub(super) struct Acting {
     pub(super) friction: [f64; 2],
     /// Hands that lose the cube now.
     pub(super) lost: [bool; 2],
-    /// More torque that each layer needs [Nm].
+    /// More torque that each layer needs (Nm).
     pub(super) torque: f64,
-    /// Time in which a turned layer slips back [s].
+    /// Time in which a turned layer slips back (s).
     pub(super) undo: Option<f64>,
-    /// Forces on the tools, in the world [N].
+    /// Forces on the tools, in the world (N).
     pub(super) push: [Vector3<f64>; 2],
     /// The operator draws back now.
     pub(super) withdraw: bool,
@@ -280,14 +280,14 @@ impl Faults {
         }
     }
 
-    /// Something has happened at `time` [s].
+    /// Something has happened at `time` (s).
     pub(super) fn saw(&mut self, what: &Incident, time: f64) {
         for armed in &mut self.armed {
             armed.happened(time, |trigger| trigger.is(what));
         }
     }
 
-    /// The period that ends at `time` is over; `turned` is the layer's angle between two hands [rad].
+    /// The period that ends at `time` is over; `turned` is the layer's angle between two hands (rad).
     pub(super) fn decide(&mut self, time: f64, turned: f64) {
         if self.armed.is_empty() {
             return;

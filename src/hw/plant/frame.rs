@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 pub(super) struct Frame {
     /// Rotation.
     pub(super) r: Matrix3<f64>,
-    /// Translation [m].
+    /// Translation (m).
     pub(super) p: Vector3<f64>,
 }
 
@@ -73,7 +73,7 @@ pub(super) fn orthonormal(m: &Matrix3<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[x, y, x.cross(&y)])
 }
 
-/// Rotation matrix of a rotation vector [rad].
+/// Rotation matrix of a rotation vector (rad).
 pub(super) fn rotation(w: &Vector3<f64>) -> Matrix3<f64> {
     let angle2 = w.norm_squared();
     // sin(a)/a and (1 - cos a)/a2 by series below 0.01 rad: exact to 1e-17 there.
@@ -88,7 +88,7 @@ pub(super) fn rotation(w: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + k * s + k * k * c
 }
 
-/// Rotation vector [rad] of a rotation matrix, up to pi (exclusive).
+/// Rotation vector (rad) of a rotation matrix, up to pi (exclusive).
 pub(super) fn rotation_vector(r: &Matrix3<f64>) -> Vector3<f64> {
     let v = Vector3::new(r.m32 - r.m23, r.m13 - r.m31, r.m21 - r.m12) * 0.5;
     let s2 = v.norm_squared();
@@ -101,7 +101,7 @@ pub(super) fn rotation_vector(r: &Matrix3<f64>) -> Vector3<f64> {
     if s < 1e-12 { Vector3::zeros() } else { v * (libm::atan2(s, cosine) / s) }
 }
 
-/// Right-handed rotation by `angle` [rad] about a unit axis.
+/// Right-handed rotation by `angle` (rad) about a unit axis.
 pub(super) fn about(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
     rotation(&(axis * angle))
 }

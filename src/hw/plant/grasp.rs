@@ -26,17 +26,17 @@ use std::f64::consts::FRAC_PI_2;
 
 /// Share of the pads' stiffness that is left where they do not press: the solver's matrix stays regular.
 const FREE: f64 = 1e-3;
-/// The palm's stops touch the face at +- this from the axis [m].
+/// The palm's stops touch the face at +- this from the axis (m).
 const STOP_SPACING: f64 = 0.020;
-/// A finger's end that meets the cube's face from the front, or its edge that meets another face [N/m].
+/// A finger's end that meets the cube's face from the front, or its edge that meets another face (N/m).
 pub(super) const FRONT_STIFFNESS: f64 = 5e4;
-/// A grip that has not grown for this long has settled [s].
+/// A grip that has not grown for this long has settled (s).
 const SETTLING: f64 = 0.02;
-/// What turns between the pads by less does not force them apart: the rubber gives [rad].
+/// What turns between the pads by less does not force them apart: the rubber gives (rad).
 pub(super) const GIVE: f64 = 0.015;
-/// Time in which the pads follow it [s].
+/// Time in which the pads follow it (s).
 const FOLLOWS: f64 = 0.02;
-/// Beyond this slip the grasp is lost [m, rad].
+/// Beyond this slip the grasp is lost (m, rad).
 const LOST: (f64, f64) = (5e-3, 0.349);
 
 /// What a gripper's jaws have of the cube.
@@ -67,11 +67,11 @@ pub(super) struct Grasp {
     slid: [f64; 5],
     /// Rotations about x and z when the pads closed.
     closed_tilt: [f64; 2],
-    /// How far what is between the pads stands askew about x and z, as their rubber follows it [rad].
+    /// How far what is between the pads stands askew about x and z, as their rubber follows it (rad).
     askew: [f64; 2],
-    /// Greatest grip so far [N], and for how long it has not grown [s].
+    /// Greatest grip so far (N), and for how long it has not grown (s).
     grown: (f64, f64),
-    /// Slip since closing [m, rad].
+    /// Slip since closing (m, rad).
     pub(super) slip: (f64, f64),
     /// Whether this grasp's slip has been reported.
     pub(super) reported: bool,
@@ -93,22 +93,22 @@ pub(super) struct Hands<'a> {
 /// One evaluation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Touch {
-    /// On the cube, at the tool point, in tool axes [N, Nm].
+    /// On the cube, at the tool point, in tool axes (N, Nm).
     pub(super) force: Vector3<f64>,
     pub(super) torque: Vector3<f64>,
     /// Its negated derivative by displacement and rotation of the cube.
     pub(super) stiffness: Matrix6<f64>,
-    /// Force of the pads at +y and -y [N].
+    /// Force of the pads at +y and -y (N).
     pub(super) pads: [f64; 2],
-    /// Force of the palm's stops [N].
+    /// Force of the palm's stops (N).
     pub(super) palm: f64,
-    /// How far the nearest of the palm's stops is off the face [m], below 0 where it presses; infinite far from it.
+    /// How far the nearest of the palm's stops is off the face (m), below 0 where it presses; infinite far from it.
     pub(super) gap: f64,
-    /// Force on the ends and edges of the fingers [N].
+    /// Force on the ends and edges of the fingers (N).
     pub(super) front: f64,
     /// How far apart what stands between the pads forces them [m]: the edge, or more where it stands askew.
     pub(super) width: f64,
-    /// How far it stands askew about x and z, beyond the give of the rubber [rad].
+    /// How far it stands askew about x and z, beyond the give of the rubber (rad).
     askew: [f64; 2],
     slid: [f64; 5],
     slip_step: f64,
@@ -132,7 +132,7 @@ impl Touch {
         slip_step: 0.0,
     };
 
-    /// Lesser of the pads' forces [N].
+    /// Lesser of the pads' forces (N).
     pub(super) fn grip(&self) -> f64 {
         self.pads[0].min(self.pads[1])
     }
@@ -372,12 +372,12 @@ impl Grasp {
     }
 }
 
-/// What of an angle about z forces the pads apart [rad].
+/// What of an angle about z forces the pads apart (rad).
 fn beyond_give(angle: f64) -> f64 {
     (angle.abs() - GIVE).max(0.0)
 }
 
-/// How far a square that has turned by `angle` [rad] forces flat fingers apart that are so wide [m].
+/// How far a square that has turned by `angle` (rad) forces flat fingers apart that are so wide (m).
 fn turned_width(side: f64, finger: f64, angle: f64) -> f64 {
     let angle = angle % FRAC_PI_2;
     let (s, c) = libm::sincos(angle.min(FRAC_PI_2 - angle));

@@ -21,15 +21,15 @@ const SWAYS: usize = 3;
 const TREMORS: usize = 2;
 /// What is left of sway and tremor when it has calmed down: 0.3 mm and 0.02 mm.
 const CALM: f64 = 0.1;
-/// How long it takes to come or to go without the cube [s].
+/// How long it takes to come or to go without the cube (s).
 const EMPTY_TRIP: f64 = 1.5;
-/// A cube slower than this is nearly still [m/s], for this long [s].
+/// A cube slower than this is nearly still (m/s), for this long (s).
 const STILL: (f64, f64) = (0.005, 1.0);
-/// A cube that was never carried away is meant for it when it stands still in front of it for so long after it might be [s].
+/// A cube that was never carried away is meant for it when it stands still in front of it for so long after it might be (s).
 const HELD_OUT: f64 = 5.0;
-/// How long the load must last before it lets go [s].
+/// How long the load must last before it lets go (s).
 const LOAD_TIME: f64 = 0.3;
-/// How long it stays away between two attempts [s].
+/// How long it stays away between two attempts (s).
 const AWAY: f64 = 2.0;
 
 /// What it is doing.
@@ -61,18 +61,18 @@ enum Phase {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight {
     pub(super) cube: Frame,
-    /// Speed of its centre [m/s].
+    /// Speed of its centre (m/s).
     pub(super) speed: f64,
     /// Grippers that hold it.
     pub(super) grippers: usize,
-    /// Greatest force of a gripper on it [N].
+    /// Greatest force of a gripper on it (N).
     pub(super) load: f64,
     pub(super) solved: bool,
     /// It lies on the tray.
     pub(super) fallen: bool,
 }
 
-/// For how long something has been so [s]; negative if it is not.
+/// For how long something has been so (s); negative if it is not.
 struct Felt {
     /// Jaws hold the cube.
     closed: f64,
@@ -82,7 +82,7 @@ struct Felt {
     still: f64,
 }
 
-/// What is kept of a hand; times count from the moment at which it was kept [s].
+/// What is kept of a hand; times count from the moment at which it was kept (s).
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub(super) struct Saved {
     phase: Phase,
@@ -107,7 +107,7 @@ pub(super) struct OperatorHand {
     fallen_since: Option<f64>,
     let_go_at: f64,
     cube_left_zone: bool,
-    /// Offset of the hand from the cube's centre, in the world [m].
+    /// Offset of the hand from the cube's centre, in the world (m).
     grip: Vector3<f64>,
 }
 
@@ -334,7 +334,7 @@ impl OperatorHand {
     }
 
     /// Offers the cube: lets go when jaws hold it long or firmly enough, draws it back when it is
-    /// not taken. The hand has arrived at `arrived` [s].
+    /// not taken. The hand has arrived at `arrived` (s).
     fn offer(&mut self, t: f64, arrived: f64, sight: &Sight, felt: &Felt) {
         let s = self.script;
         let Felt { closed, loaded, .. } = *felt;
@@ -439,7 +439,7 @@ mod tests {
         }
     }
 
-    /// When it comes for a cube that is held still in front of it from the beginning [s]; `None` if it does not.
+    /// When it comes for a cube that is held still in front of it from the beginning (s); `None` if it does not.
     fn comes_for(held: &Sight, left_zone: bool, let_go_at: f64) -> Option<f64> {
         let mut hand = hand(1);
         hand.stay_away();

@@ -12,14 +12,14 @@ use super::{Incident, Plant, State};
 use crate::cube::Axis;
 use nalgebra::Vector3;
 
-/// Pads that press more than this are on the cube [N].
+/// Pads that press more than this are on the cube (N).
 const CLOSED: f64 = 0.2;
 /// Jaws wider than the cube by this have let go [m]: the layer between them may lie askew by its play, and must be clear
 /// of both pads before it counts as part of the cube again.
 const OPEN_GAP: f64 = 1.5e-3;
-/// Stops nearer than this to the layer that the jaws have left may touch it once it lies on the core again [m].
+/// Stops nearer than this to the layer that the jaws have left may touch it once it lies on the core again (m).
 const PALM_GAP: f64 = 1e-3;
-/// Overlap of a pad with a layer from which on it holds the layer [m].
+/// Overlap of a pad with a layer from which on it holds the layer (m).
 const OVERLAP: f64 = 1e-3;
 /// What is left of a layer's misalignment when pads close over it and its neighbour.
 const FLUSH: f64 = 0.1;
@@ -227,7 +227,7 @@ impl Plant {
         }
     }
 
-    /// Angle of the second body's layer against the first's [rad].
+    /// Angle of the second body's layer against the first's (rad).
     pub(super) fn relative_angle(&self) -> f64 {
         self.balance.split.map_or(0.0, |s| {
             layer_angle(&self.puzzle, s.axis, s.layers[1])

@@ -10,33 +10,33 @@ use super::plausible::Wrong;
 use crate::cell::Gripper;
 use crate::servo::io::ArmDrive;
 
-/// Slower than this a jaw that gives way is not one that opens [m/s].
+/// Slower than this a jaw that gives way is not one that opens (m/s).
 const OPENS: f64 = 1e-3;
-/// For so long a current may be above its limit [s].
+/// For so long a current may be above its limit (s).
 const TRIPS: f64 = 0.1;
-/// Speed over which the jaw's friction builds up [m/s].
+/// Speed over which the jaw's friction builds up (m/s).
 const CREEP: f64 = 1e-4;
 
-/// No jaw is kept farther beyond its stops [m].
+/// No jaw is kept farther beyond its stops (m).
 const BEYOND: f64 = 5e-3;
 
 #[derive(Debug, Clone)]
 pub(super) struct PlantJaw {
     gripper: Gripper,
     jaws: Jaws,
-    /// Angle of the motor [rad].
+    /// Angle of the motor (rad).
     motor: f64,
-    /// Speed of the opening [m/s].
+    /// Speed of the opening (m/s).
     speed: f64,
-    /// Force of the drive on the opening, positive opens [N].
+    /// Force of the drive on the opening, positive opens (N).
     force: f64,
-    /// For how long the current has been above its limit [s].
+    /// For how long the current has been above its limit (s).
     above: f64,
     encoder: Encoder,
 }
 
 impl PlantJaw {
-    /// A jaw at rest at a true distance between the pads [m].
+    /// A jaw at rest at a true distance between the pads (m).
     pub(super) fn new(gripper: &Gripper, jaws: &Jaws, opening: f64, synchronised: bool) -> Self {
         let [c0, c1, c2] = gripper.opening_of_motor;
         let wanted = opening - gripper.opening_offset;
@@ -49,14 +49,14 @@ impl PlantJaw {
         Self { gripper: *gripper, jaws: *jaws, motor, speed: 0.0, force: 0.0, above: 0.0, encoder }
     }
 
-    /// True distance between the pads [m].
+    /// True distance between the pads (m).
     pub(super) fn opening(&self) -> f64 {
         let [c0, c1, c2] = self.gripper.opening_of_motor;
         c0 + self.motor * (c1 + c2 * self.motor) + self.gripper.opening_offset
     }
 
-    /// One substep; `push` is the mean force of the cube on the pads [N], `stiffness` its slope over the
-    /// opening [N/m].
+    /// One substep; `push` is the mean force of the cube on the pads (N), `stiffness` its slope over the
+    /// opening (N/m).
     pub(super) fn step(&mut self, drive: &ArmDrive, push: f64, stiffness: f64, dt: f64) {
         if !drive.enabled {
             (self.speed, self.force, self.above) = (0.0, 0.0, 0.0);
@@ -139,7 +139,7 @@ impl PlantJaw {
         self.above > TRIPS
     }
 
-    /// Motor current, positive closes [A].
+    /// Motor current, positive closes (A).
     pub(super) fn current(&self) -> f64 {
         -self.force * self.gripper.amperes_per_newton
     }

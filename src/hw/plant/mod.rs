@@ -81,7 +81,7 @@ enum State {
 /// Watches for a loaded layer that does not move.
 #[derive(Debug, Clone, Copy, Default)]
 struct StillWatch {
-    /// The layer's angle when it last moved [rad], and the period.
+    /// The layer's angle when it last moved (rad), and the period.
     angle: f64,
     since: u64,
     reported: bool,
@@ -116,7 +116,7 @@ pub struct Plant {
     /// What is made to go wrong.
     faults: Faults,
     operator_has: bool,
-    /// Relative angle of the two bodies when they were formed [rad].
+    /// Relative angle of the two bodies when they were formed (rad).
     angle_at_split: f64,
     undoing: Undoing,
     verdict: Verdict,
@@ -241,7 +241,7 @@ impl Plant {
         verdict
     }
 
-    /// Relative rotation of the two grasped parts since both hold [rad], as in [`Verdict::turned`].
+    /// Relative rotation of the two grasped parts since both hold (rad), as in [`Verdict::turned`].
     #[must_use]
     pub fn turned(&self) -> f64 {
         self.verdict.turned

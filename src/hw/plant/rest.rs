@@ -10,32 +10,32 @@
 use super::frame::{Frame, rotation_vector};
 use nalgebra::{Matrix6, Vector3, Vector6};
 
-/// Of the table under one corner [N/m].
+/// Of the table under one corner (N/m).
 const STIFFNESS: f64 = 2.5e4;
-/// Along the table [N/m], and about the vertical [Nm/rad].
+/// Along the table (N/m), and about the vertical (Nm/rad).
 const HOLDING: (f64, f64) = (2e4, 8.0);
 /// Coefficient of friction of plastic on felt.
 const FRICTION: f64 = 0.4;
-/// Damping near the table [Ns/m], [Nms/rad]: it falls flat at about 1 rad/s.
+/// Damping near the table (Ns/m), [Nms/rad]: it falls flat at about 1 rad/s.
 const DAMPING: (f64, f64) = (20.0, 0.03);
-/// A cube that has just left the table is still near it so far above [m].
+/// A cube that has just left the table is still near it so far above (m).
 const NEAR: f64 = 2e-3;
-/// Farther below its top the table bears nothing: the cube is beside it [m].
+/// Farther below its top the table bears nothing: the cube is beside it (m).
 const DEEPEST: f64 = 0.02;
 
 /// A table top and how the cube stands on it.
 #[derive(Debug, Clone)]
 pub(super) struct Rest {
-    /// Of the table top in the world [m].
+    /// Of the table top in the world (m).
     pub(super) height: f64,
     half_edge: f64,
     /// Where the cube came to rest, while it does.
     settled: Option<Frame>,
-    /// How far it has slid since along x and y [m], and turned about z [rad].
+    /// How far it has slid since along x and y (m), and turned about z (rad).
     slid: Vector3<f64>,
     /// Where it was a substep ago, near the table.
     before: Option<Frame>,
-    /// With what the table bore it in the last substep [N].
+    /// With what the table bore it in the last substep (N).
     pub(super) borne: f64,
 }
 
@@ -63,7 +63,7 @@ impl Rest {
         }
     }
 
-    /// What the table does to a cube within a substep of `dt` [s]; `None` when it does nothing.
+    /// What the table does to a cube within a substep of `dt` (s); `None` when it does nothing.
     pub(super) fn bear(&self, cube: &Frame, dt: f64) -> Option<Bearing> {
         let above = cube.p.z - self.height;
         if above > 2.0 * self.half_edge || above < -DEEPEST {
@@ -167,7 +167,7 @@ mod tests {
     use nalgebra::Matrix3;
 
     const EDGE: f64 = 0.06;
-    /// So long that nothing is damped [s].
+    /// So long that nothing is damped (s).
     const DT: f64 = 1e12;
 
     fn at(x: f64, z: f64) -> Frame {

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-/// Longest delay that is kept [periods].
+/// Longest delay that is kept (periods).
 const LATEST: usize = 128;
 
 #[derive(Debug, Clone)]

@@ -21,7 +21,7 @@ const TABLE: u64 = 3;
 const SENSORS: u64 = 10;
 
 /// By how much the jaws of the hand that does not hold the cube are short of their stroke's end
-/// [m].
+/// (m).
 const SHORT_OF_END: f64 = 0.005;
 
 /// Returns the generator of one source of chance.

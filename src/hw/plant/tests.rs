@@ -285,7 +285,7 @@ fn a_layer_that_is_held_through_many_splits_does_not_lean_more_and_more() {
 }
 
 /// The track's jaws let go of the layer that both strain, and its hand draws back by so many steps of 0.01 mm; how its palm
-/// pressed just before the layer joined the cube, and just after [N].
+/// pressed just before the layer joined the cube, and just after (N).
 fn let_go(servo: &mut TestServo, steps: usize) -> Option<(f64, f64)> {
     servo.jaws[0] = (0.085, 30.0);
     let mut joined = None;
@@ -524,7 +524,7 @@ fn a_cube_lies_where_and_how_the_seed_says_and_no_hand_is_there() {
     }
 }
 
-/// How far a cube that lies on any of its faces is turned about the vertical, to the nearest quarter [rad].
+/// How far a cube that lies on any of its faces is turned about the vertical, to the nearest quarter (rad).
 fn yaw(rotation: &UnitQuaternion<f64>) -> f64 {
     let sides = [Vector3::x(), Vector3::y()].map(|axis| rotation * axis);
     let level = if sides[0].z.abs() < 0.5 { sides[0] } else { sides[1] };

@@ -20,27 +20,27 @@ use std::f64::consts::TAU;
 /// Standard deviations; SI.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorSpreads {
-    /// Between the bases, each axis, at the pivot [m].
+    /// Between the bases, each axis, at the pivot (m).
     pub base: f64,
-    /// Between the bases, each axis [rad].
+    /// Between the bases, each axis (rad).
     pub base_tilt: f64,
-    /// Where the arms were let meet, in the world [m].
+    /// Where the arms were let meet, in the world (m).
     pub pivot: Point3<f64>,
     /// Focal lengths, relative (both the same).
     pub focal: f64,
-    /// Principal point, each axis [px].
+    /// Principal point, each axis (px).
     pub centre: f64,
-    /// Cameras' places, each axis [m].
+    /// Cameras' places, each axis (m).
     pub camera: f64,
-    /// Cameras' orientation, each axis [rad].
+    /// Cameras' orientation, each axis (rad).
     pub camera_tilt: f64,
-    /// Zero of the jaws [m].
+    /// Zero of the jaws (m).
     pub jaw: f64,
-    /// Edge of the cube [m].
+    /// Edge of the cube (m).
     pub cube: f64,
-    /// Weight beyond the sensors [N].
+    /// Weight beyond the sensors (N).
     pub weight: f64,
-    /// Its centre, each axis [m].
+    /// Its centre, each axis (m).
     pub weight_centre: f64,
     /// A grasp that starts wrong on purpose.
     pub grasp: GraspError,
@@ -88,13 +88,13 @@ impl ErrorSpreads {
 /// The second arm's tool is off by just this at a given meeting pose: sizes are exact, directions seeded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GraspError {
-    /// Sideways, in a seeded direction across the tool's z [m].
+    /// Sideways, in a seeded direction across the tool's z (m).
     pub lateral: f64,
     /// Along the tool's z [m]: positive is deeper. A run that *starts* at the meeting should start short of it
     /// (negative): a hand that is too deep would begin with its palm's stops inside the cube, a load that
     /// no approach could have reached.
     pub axial: f64,
-    /// Tilt about a seeded axis across the tool's z [rad].
+    /// Tilt about a seeded axis across the tool's z (rad).
     pub tilt: f64,
     /// Pose of the second arm's tool at the meeting, as believed.
     pub world_from_tool: Pose,

@@ -25,23 +25,23 @@ pub struct Verdict {
     pub both_hold: bool,
     /// The axis that layers turn about, or were turned about last.
     pub turning: Axis,
-    /// Angles of the negative and the positive outer layer of that axis against the middle layer [rad], since
+    /// Angles of the negative and the positive outer layer of that axis against the middle layer (rad), since
     /// the axis became active.
     pub layer_angles: [f64; 2],
     /// Relative rotation of the two grasped parts about that axis since both hold, of the second arm's part
-    /// against the first's, right-handed about the cube's axis [rad].
+    /// against the first's, right-handed about the cube's axis (rad).
     pub turned: f64,
     /// How often.
     pub counts: Counts,
     /// Jaw closings on the cube, per arm.
     pub grasps: [u32; 2],
-    /// Norms of the contact wrench at a tool while both arms hold the cube, grip squeeze excluded [N, Nm].
+    /// Norms of the contact wrench at a tool while both arms hold the cube, grip squeeze excluded (N, Nm).
     pub peak_force: f64,
     /// As above.
     pub peak_torque: f64,
-    /// Per arm, whenever it touches the cube [N].
+    /// Per arm, whenever it touches the cube (N).
     pub arm_peak_force: [f64; 2],
-    /// Per arm, whenever it touches the cube [Nm].
+    /// Per arm, whenever it touches the cube (Nm).
     pub arm_peak_torque: [f64; 2],
     /// What happened, in order; at most [`MOST_EVENTS`].
     pub events: Vec<Event>,
@@ -106,22 +106,22 @@ pub enum Incident {
         /// Which arm.
         arm: usize,
     },
-    /// A loaded layer stood still for 3 s at this angle [rad].
+    /// A loaded layer stood still for 3 s at this angle (rad).
     Stuck {
         /// Axis of the layer.
         axis: Axis,
-        /// Distance from the nearest quarter [rad].
+        /// Distance from the nearest quarter (rad).
         angle: f64,
-        /// Torque on it [Nm].
+        /// Torque on it (Nm).
         torque: f64,
     },
-    /// A grip slipped: by so much since closing [m, rad].
+    /// A grip slipped: by so much since closing (m, rad).
     Slip {
         /// Which arm.
         arm: usize,
-        /// In the plane of the pads [m].
+        /// In the plane of the pads (m).
         distance: f64,
-        /// [rad]
+        /// (rad)
         angle: f64,
     },
     /// The grasp is lost: it slipped by more than 5 mm or 20 deg.
@@ -146,14 +146,14 @@ pub enum Incident {
         /// Face that lies down.
         down: Face,
     },
-    /// The cube popped under this tilt [Nm] and pull [N].
+    /// The cube popped under this tilt (Nm) and pull (N).
     Pop {
         /// Torque.
         tilt: f64,
         /// Force.
         pull: f64,
     },
-    /// Crushed by this squeeze [N].
+    /// Crushed by this squeeze (N).
     Crush {
         /// Which arm.
         arm: usize,
@@ -166,7 +166,7 @@ pub enum Incident {
         what: Part,
         /// The other.
         with: Part,
-        /// How far they overlapped at first [m].
+        /// How far they overlapped at first (m).
         depth: f64,
     },
     /// A wrist sensor left its range.
@@ -287,7 +287,7 @@ impl Verdict {
         }
     }
 
-    /// What happened, with the names of the arms and a period's length [s]: each with its time [s], whether it is an
+    /// What happened, with the names of the arms and a period's length [s]: each with its time (s), whether it is an
     /// accident, and in words.
     pub fn told(&self, arms: &[&str], period: f64) -> impl Iterator<Item = (f64, bool, String)> {
         self.events.iter().map(move |Event { period: at, what }| {

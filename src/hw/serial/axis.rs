@@ -24,7 +24,7 @@ pub struct AxisDrive {
     pub width: i16,
     /// Digital outputs.
     pub outputs: u8,
-    /// Limit of the motor current [mA], where the servo sets one.
+    /// Limit of the motor current (mA), where the servo sets one.
     pub max_current: Option<u16>,
     /// The counter becomes zero at the next zero of the encoder.
     pub synchronise: bool,
@@ -151,13 +151,13 @@ pub struct Axis {
     tries: u32,
 }
 
-/// Steps of a counter up to this say nothing of the time [increments].
+/// Steps of a counter up to this say nothing of the time (increments).
 const NOISE: f64 = 8.0;
 /// Periods for which a counter goes on as before.
 const GOES_ON: f64 = 10.0;
-/// How far a counter may be off where it was expected a period later, for all that a motor can gain in it [increments].
+/// How far a counter may be off where it was expected a period later, for all that a motor can gain in it (increments).
 const LEAP: f64 = 64.0;
-/// Answers nearer together than this say nothing of the speed [periods].
+/// Answers nearer together than this say nothing of the speed (periods).
 const APART: f64 = 0.5;
 /// So many times nearer to where the axis was expected a period before is what counts as late. One that brakes is somewhat
 /// nearer, too; what is passed over then makes it seem to have run on, and its regulator brakes even harder.
@@ -434,7 +434,7 @@ impl Axis {
         self.interval.since() > 0.0
     }
 
-    /// Motor current [A].
+    /// Motor current (A).
     #[must_use]
     pub fn current(&self) -> f64 {
         f64::from(self.status.current) * 1e-3

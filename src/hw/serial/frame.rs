@@ -1,7 +1,7 @@
 //! The frames between the bridge and a serial axis controller, as pure functions.
 //!
 //! - out: an [`Order`], 10 bytes: four zeros, `#`, command and parameter in one byte, four bytes of value
-//! - in: a [`Status`], 8 bytes: `#`, flags, current [mA] in 16 bits, encoder counter in 32 bits
+//! - in: a [`Status`], 8 bytes: `#`, flags, current (mA) in 16 bits, encoder counter in 32 bits
 //! - numbers are little-endian two's complement; a frame bears no check sum, so that whoever receives one must
 //!   judge by itself whether it can be true (see [`super::axis`])
 //! - source: `hi_moxa` of the original's later sources (921600 baud, 8N2, one line an axis). The start byte of the
@@ -29,7 +29,7 @@ pub enum Order {
         /// The controller looks for the encoder's zero after the synchronisation switch.
         synchronise: bool,
     },
-    /// Wanted motor current [mA].
+    /// Wanted motor current (mA).
     Current(i16),
     /// Wanted encoder counter.
     Position(i32),
@@ -42,7 +42,7 @@ pub enum Order {
 pub enum Parameter {
     /// Whether the counter counts from the synchronisation switch.
     Synchronised(bool),
-    /// Limit of the motor current [mA].
+    /// Limit of the motor current (mA).
     MaxCurrent(u16),
     /// P, I or D (0..=2) of the position regulator.
     PositionGain(u8, i16),
@@ -83,7 +83,7 @@ pub struct Status {
     pub error: bool,
     /// The counter counts from the synchronisation switch.
     pub synchronised: bool,
-    /// Motor current [mA].
+    /// Motor current (mA).
     pub current: i16,
     /// Encoder counter.
     pub count: i32,

@@ -28,7 +28,7 @@ pub struct SerialArm {
     pub name: String,
     /// Its axes with their lines: 0 the track, 1..=6, 7 the jaw; an axis that is not there has none.
     pub axes: [Option<Line>; AXES + 1],
-    /// Motor current at which each controller stops [A], the jaw's last.
+    /// Motor current at which each controller stops (A), the jaw's last.
     pub max_currents: [f64; AXES + 1],
     /// Its force sensor.
     pub force: Box<dyn ForceSource>,

@@ -14,7 +14,7 @@ pub(super) fn count(classes: &[(u64, u64)]) -> u64 {
     classes.iter().fold(0, |sum, (_, count)| sum.saturating_add(*count))
 }
 
-/// Returns the time that a share of all counts does not exceed [ns].
+/// Returns the time that a share of all counts does not exceed (ns).
 pub(super) fn quantile(classes: &[(u64, u64)], share: f64) -> u64 {
     let total = count(classes);
     let mut seen: u64 = 0;

@@ -153,7 +153,7 @@ fn number(text: &str) -> f64 {
 }
 
 /// Number of looks, and the errors across and along the camera's axis that 95 % of them do not
-/// exceed [mm].
+/// exceed (mm).
 fn localisation(story: &Story) -> Option<(usize, f64, f64)> {
     // Where the controller believed it: by its calibration, if there was one.
     let found = story.label.of(calibration::NAME, "standalone_xyz");
@@ -188,7 +188,7 @@ fn localisation(story: &Story) -> Option<(usize, f64, f64)> {
     Some((errors.len(), across[at], along[at]))
 }
 
-/// Where the cube was at a time, between two views of the plant, and how fast it went [m/s].
+/// Where the cube was at a time, between two views of the plant, and how fast it went (m/s).
 fn truth(story: &Story, time: f64) -> Option<(Point3<f64>, f64)> {
     let after = story.cube.partition_point(|(t, _)| *t < time);
     let (b, a) = (story.cube.get(after)?, story.cube.get(after.checked_sub(1)?)?);

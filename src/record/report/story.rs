@@ -10,11 +10,11 @@ use crate::record::tick::Tick;
 use nalgebra::Point3;
 use std::io::Read;
 
-/// Time of a bin of a curve [s].
+/// Time of a bin of a curve (s).
 pub(super) const BIN: f64 = 0.02;
 /// Bins of a curve: a day. A recording's times are not believed beyond it, so that no file takes unbounded memory.
 const LONGEST: usize = 24 * 3600 * 50;
-/// Time between two pictures of the stand-alone camera that are kept [s].
+/// Time between two pictures of the stand-alone camera that are kept (s).
 const APART: f64 = 1.0;
 
 /// What a report tells.
@@ -24,7 +24,7 @@ pub struct Story {
     pub label: Label,
     /// What the run came to; `None` when the recording ends before.
     pub summary: Option<Summary>,
-    /// Phases: when each begins [s], its name; the last is "end".
+    /// Phases: when each begins (s), its name; the last is "end".
     pub phases: Vec<(f64, String)>,
     /// Who holds the cube from when on.
     pub holders: Vec<(f64, Vec<String>)>,
@@ -34,15 +34,15 @@ pub struct Story {
     pub shots: Vec<Shot>,
     /// Pictures that no camera took, drawn from the recording: when, what of, as JPEG.
     pub drawn: Vec<(f64, String, Vec<u8>)>,
-    /// When the stand-alone camera found the cube [s], and where its centre was by it [m].
+    /// When the stand-alone camera found the cube (s), and where its centre was by it (m).
     pub seen: Vec<(f64, Point3<f64>)>,
     /// When a face was read or not: sensor, and why not.
     pub faces: Vec<(f64, String, Option<String>)>,
     /// Times of exposures of the tracking camera, in servo periods of 2 ms.
     pub looks: Vec<u64>,
-    /// Where the cube really was: time [s], its centre [m].
+    /// Where the cube really was: time (s), its centre (m).
     pub cube: Vec<(f64, Point3<f64>)>,
-    /// Each plan, and when it was made [s].
+    /// Each plan, and when it was made (s).
     pub plans: Vec<(f64, Vec<Step>)>,
     /// Letters as read, believed, and in the plant; empty where unknown.
     pub letters: [String; 3],
@@ -50,7 +50,7 @@ pub struct Story {
     pub messages: Vec<(f64, Class, String, String)>,
     /// The operator's words.
     pub operator: Vec<(f64, String)>,
-    /// When the recording ends [s].
+    /// When the recording ends (s).
     pub end: f64,
     /// How its file ends.
     pub file_end: Option<End>,
@@ -65,14 +65,14 @@ pub struct Step {
     pub what: String,
     /// Why.
     pub why: String,
-    /// Planned time [s].
+    /// Planned time (s).
     pub seconds: f64,
 }
 
 /// A picture.
 #[derive(Debug, Clone)]
 pub struct Shot {
-    /// When [s].
+    /// When (s).
     pub time: f64,
     /// Name of the camera.
     pub camera: String,
@@ -85,13 +85,13 @@ pub struct Shot {
 pub struct ArmStory {
     /// Name.
     pub name: String,
-    /// Norm of the force at the tool [N].
+    /// Norm of the force at the tool (N).
     pub force: Vec<f32>,
-    /// Norm of the torque at the tool [Nm].
+    /// Norm of the torque at the tool (Nm).
     pub torque: Vec<f32>,
-    /// Force of the jaws [N].
+    /// Force of the jaws (N).
     pub grip: Vec<f32>,
-    /// Largest distance of a rotary joint from its set value [rad].
+    /// Largest distance of a rotary joint from its set value (rad).
     pub following: Vec<f32>,
     /// Servo periods in the recording.
     pub ticks: u64,

@@ -4,7 +4,7 @@
 use super::html::escaped;
 use std::fmt::Write;
 
-/// Width of every picture [px].
+/// Width of every picture (px).
 const WIDTH: f64 = 960.0;
 /// Room for numbers at the left.
 const LEFT: f64 = 56.0;
@@ -19,7 +19,7 @@ pub(super) struct Curve<'a> {
     pub title: &'a str,
     /// Largest value in each bin.
     pub values: &'a [f32],
-    /// Time of a bin [s].
+    /// Time of a bin (s).
     pub bin: f64,
     /// A dashed line, and what it says.
     pub limit: Option<(f64, String)>,
@@ -144,7 +144,7 @@ fn times(svg: &mut String, end: f64, y: f64, numbers: bool) {
         write!(svg, "<line class=axis x1={LEFT} x2={:.0} y1={y:.1} y2={y:.1} />", WIDTH - RIGHT);
 }
 
-/// A row of a timeline: its name, and what is when: begin, end [s], words, class.
+/// A row of a timeline: its name, and what is when: begin, end (s), words, class.
 pub(super) struct Row {
     /// What.
     pub name: String,
@@ -189,7 +189,7 @@ pub(super) fn timeline(rows: &[Row], end: f64) -> String {
     svg
 }
 
-/// Bars over a logarithmic scale of time: classes of [ns] and their counts.
+/// Bars over a logarithmic scale of time: classes of (ns) and their counts.
 pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
     const BARS: usize = 70;
     let (Some(first), Some(last)) = (classes.first(), classes.last()) else { return String::new() };

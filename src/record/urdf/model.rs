@@ -51,9 +51,9 @@ pub struct Solid {
 /// A primitive shape, its centre in the origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
-    /// Lengths of the edges [m].
+    /// Lengths of the edges (m).
     Box([f64; 3]),
-    /// About z: radius and length [m].
+    /// About z: radius and length (m).
     Cylinder(f64, f64),
 }
 
@@ -79,9 +79,9 @@ pub enum JointKind {
     Fixed,
     /// Any way: the cube.
     Floating,
-    /// About an axis of the child's frame [rad].
+    /// About an axis of the child's frame (rad).
     Turns(Drive),
-    /// Along an axis [m].
+    /// Along an axis (m).
     Slides(Drive),
 }
 
@@ -166,7 +166,7 @@ impl Model {
         fixed.map(|j| (j.parent.as_str(), j.child.as_str(), j.origin))
     }
 
-    /// The same of every joint that a drive moves. `joints` and `openings` [m] have an entry for
+    /// The same of every joint that a drive moves. `joints` and `openings` (m) have an entry for
     /// each arm of the cell.
     pub fn moving<'a>(
         &'a self,
@@ -319,7 +319,7 @@ impl Model {
 }
 
 impl Joint {
-    /// `parent_from_child` where the arms stand so. `joints` and `openings` [m] have an entry for
+    /// `parent_from_child` where the arms stand so. `joints` and `openings` (m) have an entry for
     /// each arm of the cell.
     #[must_use]
     pub fn place(&self, joints: &[JointPositions], openings: &[f64]) -> Pose {

@@ -7,10 +7,10 @@ use super::model::{JointKind, Link, Model, Shape};
 use crate::spatial::Pose;
 use std::fmt::{self, Write};
 
-/// Efforts are not known; the format wants a number [N or Nm].
+/// Efforts are not known; the format wants a number (N or Nm).
 const EFFORT: f64 = 100.0;
 /// The fastest that a set value may be asked to go is a motor's speed; as joints about 1.5 rad/s
-/// [rad/s or m/s].
+/// (rad/s or m/s).
 const SPEED: f64 = 1.5;
 
 /// Writes the model.

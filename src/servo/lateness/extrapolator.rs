@@ -30,7 +30,7 @@ pub struct Extrapolator {
     seen: Readings,
     /// How far each counter goes in a period, the jaw's last.
     steps: [[i64; AXES + 1]; MOST_ARMS],
-    /// Length of a period [ns].
+    /// Length of a period (ns).
     length: u64,
     /// Number of periods in a row in which nothing new came.
     silent: u64,
@@ -45,7 +45,7 @@ pub struct Extrapolator {
 }
 
 impl Extrapolator {
-    /// Time without a new reading after which the bridge counts as lost [ns]. The original's 10 ms
+    /// Time without a new reading after which the bridge counts as lost (ns). The original's 10 ms
     /// would trip wherever an ordinary user's threads wait for a busy processor.
     const LOST: u64 = 100_000_000;
     /// Periods for which a counter is taken to go on as before while readings are late. An axis
@@ -62,7 +62,7 @@ impl Extrapolator {
     /// fetched yet, one of an exchange that had begun, and the one after it.
     const UNSURE: u32 = 3;
 
-    /// Begins with the readings of the period before the first one. A period lasts `length` [ns].
+    /// Begins with the readings of the period before the first one. A period lasts `length` (ns).
     #[must_use]
     pub fn new(first: Readings, length: u64) -> Self {
         Self {

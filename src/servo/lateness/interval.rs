@@ -10,11 +10,11 @@
 /// Number of readings after a gap that may still be as old as the gap.
 const DOUBTFUL_READINGS: u32 = 4;
 /// A gap is longer by this than the period between readings that follow each other, or more
-/// [periods]. In shorter gaps single answers were missed: the machine did not stand still, and the
+/// (periods). In shorter gaps single answers were missed: the machine did not stand still, and the
 /// step that they show is believed.
 const GAP: f64 = 2.5;
 
-/// Time between the readings of one counter [periods].
+/// Time between the readings of one counter (periods).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Interval {
     since: f64,
@@ -23,26 +23,26 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// Adds time that has passed [periods].
+    /// Adds time that has passed (periods).
     pub fn pass(&mut self, periods: f64) {
         debug_assert!(periods.is_finite() && periods >= 0.0, "time passes forwards: {periods}");
         self.since += periods;
     }
 
-    /// Returns the time since the last reading, if that was as new as it seemed [periods].
+    /// Returns the time since the last reading, if that was as new as it seemed (periods).
     #[must_use]
     pub fn since(&self) -> f64 {
         self.since
     }
 
-    /// Returns by how much the last reading may be older than it seemed [periods].
+    /// Returns by how much the last reading may be older than it seemed (periods).
     #[must_use]
     pub fn older(&self) -> f64 {
         self.older
     }
 
     /// Returns the longest time in which the step to a reading of now can have been made, at least
-    /// one period [periods].
+    /// one period (periods).
     #[must_use]
     pub fn longest(&self) -> f64 {
         self.since.max(1.0) + self.older

@@ -8,7 +8,7 @@
 
 use crate::servo::period::Length;
 
-/// Steps of one axis, and the backlog of its regulator [increments].
+/// Steps of one axis, and the backlog of its regulator (increments).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepFilter {
     last: f64,
@@ -28,12 +28,12 @@ impl StepFilter {
     /// Most change of a motor's step from one period of 2 ms to the next [rad]: the fastest motors
     /// reach their speed of 330 rad/s in 40 ms, 0.033 rad; they stop more softly than that.
     const CHANGE: f64 = 0.06;
-    /// A motor's step of 2 ms at full speed [rad].
+    /// A motor's step of 2 ms at full speed (rad).
     const FASTEST: f64 = 0.66;
     /// Share of that change which is believed of a motor at rest without drive: the load may move
     /// it.
     const REST: f64 = 0.15;
-    /// Resolution of the encoder, with a margin [increments].
+    /// Resolution of the encoder, with a margin (increments).
     const ENCODER: f64 = 3.0;
     /// Periods for which an axis is taken to go on as before. After these the counter is believed,
     /// as fast as a motor could change its speed.
@@ -58,7 +58,7 @@ impl StepFilter {
         }
     }
 
-    /// Returns the step for the regulator, from the counter's `step` [increments]. The motor was
+    /// Returns the step for the regulator, from the counter's `step` (increments). The motor was
     /// driven by `drive`, a share of the full pulse width: drive, speed and friction together bound
     /// by how much a step can change.
     pub fn filter(&mut self, step: f64, drive: f64) -> f64 {
@@ -82,7 +82,7 @@ impl StepFilter {
     }
 
     /// Returns how far the motor is ahead of the steps that the regulator was given, or behind them
-    /// [increments].
+    /// (increments).
     #[must_use]
     pub fn backlog(&self) -> f64 {
         self.backlog

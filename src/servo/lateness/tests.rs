@@ -126,7 +126,7 @@ struct Machine<E> {
     /// Time at which both threads stand still first, for how long, and after how many periods
     /// again.
     stands: (f64, f64, f64),
-    /// Speed of a motor [rad/s]; the time from which it differs from the set value's, and the speed
+    /// Speed of a motor (rad/s); the time from which it differs from the set value's, and the speed
     /// then.
     speed: f64,
     runaway: (f64, f64),
@@ -136,7 +136,7 @@ impl<E: Fn(u64) -> f64> Machine<E> {
     const INCREMENTS: f64 = 4000.0;
     const PERIODS: u64 = 600;
 
-    /// Returns how far the motor has gone [rad].
+    /// Returns how far the motor has gone (rad).
     fn motor(&self, time: f64) -> f64 {
         let (from, speed) = self.runaway;
         (self.speed * time.min(from) + speed * (time - from).max(0.0)) * 0.002
@@ -205,7 +205,7 @@ impl<E: Fn(u64) -> f64> Machine<E> {
     }
 }
 
-/// Lengths of exchanges, and of a long one among them [periods].
+/// Lengths of exchanges, and of a long one among them (periods).
 const LENGTHS: [(f64, f64); 9] = [
     (0.6, 0.6),
     (0.6, 3.4),

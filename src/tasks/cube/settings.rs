@@ -51,35 +51,35 @@ pub struct CubeSettings {
     pub folds: [Fold; 2],
     /// Where they can meet.
     pub meetings: MeetingTable,
-    /// Edge of the cube [m].
+    /// Edge of the cube (m).
     pub edge: f64,
-    /// Grip force [N].
+    /// Grip force (N).
     pub grip: f64,
-    /// Distance of the pads with open jaws [m].
+    /// Distance of the pads with open jaws (m).
     pub opening: f64,
-    /// How far a hand draws back from the cube along its approach [m].
+    /// How far a hand draws back from the cube along its approach (m).
     pub back: f64,
-    /// Distance short of the seat at which the guarded approach begins [m].
+    /// Distance short of the seat at which the guarded approach begins (m).
     pub pre_grasp: f64,
-    /// Speed of the guarded approach [m/s].
+    /// Speed of the guarded approach (m/s).
     pub approach_speed: f64,
-    /// Contact force that ends an approach [N].
+    /// Contact force that ends an approach (N).
     pub touch: f64,
-    /// Force that seats the cube in the palm [N].
+    /// Force that seats the cube in the palm (N).
     pub press: f64,
-    /// Speed of a face turn [rad/s].
+    /// Speed of a face turn (rad/s).
     pub turn_speed: f64,
-    /// Torque at which a turn stands still [Nm].
+    /// Torque at which a turn stands still (Nm).
     pub turn_torque: f64,
-    /// Least mean torque of a face that turns [Nm].
+    /// Least mean torque of a face that turns (Nm).
     pub turn_least_torque: f64,
-    /// Force that counts as the operator's pull [N].
+    /// Force that counts as the operator's pull (N).
     pub pull: f64,
     /// Fraction of the full speeds in free motion.
     pub speed: f64,
     /// Those full speeds.
     pub speeds: Speeds,
-    /// Speed of closing and of opening jaws, distance of the pads [m/s].
+    /// Speed of closing and of opening jaws, distance of the pads (m/s).
     pub jaw_speeds: (f64, f64),
     /// Which arm yields in a turn.
     pub compliant_arm: CompliantArm,
@@ -95,25 +95,25 @@ pub struct CubeSettings {
     pub nodes: u64,
     /// Solutions among which the regrasps choose.
     pub candidates: usize,
-    /// Declared time of a search node, for the virtual clock [s].
+    /// Declared time of a search node, for the virtual clock (s).
     pub seconds_per_node: f64,
     /// Where the arms were calibrated against each other, in the world.
     pub calibrated_at: Point3<f64>,
     /// From whom the cube is taken, and to whom it goes back.
     pub keeper: Keeper,
-    /// How deep the fingers reach beyond the face under the palm, with one and with two layers between them [m].
+    /// How deep the fingers reach beyond the face under the palm, with one and with two layers between them (m).
     pub finger_depth: [f64; 2],
-    /// Extent of a finger along the tool's x [m].
+    /// Extent of a finger along the tool's x (m).
     pub finger_width: f64,
 }
 
-/// Time in which a hand opens to leave its partner or the operator [s], at least.
+/// Time in which a hand opens to leave its partner or the operator (s), at least.
 pub(super) const LEAVE_SECONDS: f64 = 1.2;
 /// What the plant was seen to take beyond the ways themselves [s]: two biases, the build-up of the grip, seating.
 const BIAS: f64 = 0.07;
 const BUILD_UP: f64 = 0.45;
 const SEATING: f64 = 1.0;
-/// A turn speeds up, slows down and settles [s]; the torque of a layer of 2007 slows it down in between.
+/// A turn speeds up, slows down and settles (s); the torque of a layer of 2007 slows it down in between.
 const TURN_ENDS: f64 = 1.0;
 const LAYER_TORQUE: f64 = 0.4;
 

@@ -35,7 +35,7 @@ pub struct Thought {
     pub planner: Planner,
     /// Nodes that the solver may visit.
     pub nodes: u64,
-    /// Declared time of a node [s].
+    /// Declared time of a node (s).
     pub seconds_per_node: f64,
     /// Solutions among which the regrasps choose.
     pub candidates: usize,
@@ -95,7 +95,7 @@ pub fn think(thought: &Thought) -> (Conclusion, Effort) {
     }
 }
 
-/// Declared time in which the grasps of one solution are tried [s].
+/// Declared time in which the grasps of one solution are tried (s).
 const SECONDS_PER_CANDIDATE: f64 = 4e-4;
 
 /// The plan, if what was seen is certain enough.
@@ -146,7 +146,7 @@ fn doubt(decision: &Decision) -> Option<Doubt> {
     Some(Doubt { reason, read, doubtful, possible: true })
 }
 
-/// The plan for a cube of these colours, and the declared time of finding it [s].
+/// The plan for a cube of these colours, and the declared time of finding it (s).
 fn named(
     thought: &Thought,
     colours: [u8; 54],

@@ -35,7 +35,7 @@ pub(super) struct Exchange<P, H> {
     pub(super) hook: H,
     /// Number of effectors.
     pub(super) arms: usize,
-    /// Length of a period [ns].
+    /// Length of a period (ns).
     pub(super) length: u64,
     pub(super) incoming: rtrb::Consumer<Drives>,
     pub(super) outgoing: triple_buffer::Input<Readings>,

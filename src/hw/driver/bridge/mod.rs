@@ -40,7 +40,7 @@ pub struct Bridge<P> {
 
 impl<P: Port + 'static> Bridge<P> {
     /// Starts the thread under `SCHED_FIFO` at `priority`, if it may. `first` are the readings of
-    /// period 0, `length` that of a period [ns]; `hook` is called after each exchange.
+    /// period 0, `length` that of a period (ns); `hook` is called after each exchange.
     ///
     /// # Errors
     /// What the operating system says.

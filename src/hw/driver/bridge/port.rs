@@ -34,7 +34,7 @@ pub struct BridgeLost {
 
 impl BridgePort {
     /// Makes the servo's side of both channels; `first` are the readings of the period before the
-    /// first one, a period lasts `length` [ns].
+    /// first one, a period lasts `length` (ns).
     pub(super) fn new(
         drives: rtrb::Producer<Drives>,
         readings: triple_buffer::Output<Readings>,

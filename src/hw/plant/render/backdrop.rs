@@ -24,7 +24,7 @@ pub(super) struct Backdrop {
 struct Shape {
     /// 0 x low, 1 x high, 2 y low, 3 y high.
     wall: usize,
-    /// Along the wall and up [m].
+    /// Along the wall and up (m).
     centre: (f64, f64),
     half: (f64, f64),
     round: bool,

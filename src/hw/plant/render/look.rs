@@ -81,9 +81,9 @@ impl CubeLook {
 /// Light of the room and of one lamp.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Light {
-    /// Colour temperature of lamp and room [K], 2700..=7500.
+    /// Colour temperature of lamp and room (K), 2700..=7500.
     pub temperature: f64,
-    /// Temperature that the camera's white balance assumes [K].
+    /// Temperature that the camera's white balance assumes (K).
     pub balanced_for: f64,
     /// Remaining gain error of red, green, blue (1 = none).
     pub tint: Rgb,
@@ -100,11 +100,11 @@ pub struct Light {
 /// The straight edge of a shadow.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shadow {
-    /// A point on the edge's plane, in the world [m].
+    /// A point on the edge's plane, in the world (m).
     pub point: Point3<f64>,
     /// Points on this side of the plane are dark.
     pub normal: Vector3<f64>,
-    /// Width of the transition [m].
+    /// Width of the transition (m).
     pub softness: f64,
     /// Share of the lamp's light that is taken away, 0..=1.
     pub depth: f32,
@@ -115,7 +115,7 @@ pub struct Shadow {
 pub struct Lens {
     /// Share of light lost in the image's corners.
     pub vignette: f32,
-    /// Standard deviation of the blur [px], at most 0.8.
+    /// Standard deviation of the blur (px), at most 0.8.
     pub defocus: f64,
 }
 
@@ -130,9 +130,9 @@ pub struct Sensor {
     pub gamma: f64,
     /// One colour a pixel (RGGB) with bilinear demosaicing, or three.
     pub bayer: bool,
-    /// Standard deviation of the noise in the dark [of 255], before demosaicing.
+    /// Standard deviation of the noise in the dark (of 255), before demosaicing.
     pub read_noise: f64,
-    /// Standard deviation at full scale that comes on top, by the root of the value [of 255].
+    /// Standard deviation at full scale that comes on top, by the root of the value (of 255).
     pub shot_noise: f64,
 }
 
@@ -145,9 +145,9 @@ pub struct HandLook {
     pub sleeve: Rgb,
     /// Fingertips on the side of the hand frame's -y, where the stand-alone camera looks: 0..=3.
     pub front_fingers: u8,
-    /// How far the fingertips reach over the cube from its +x edge [m].
+    /// How far the fingertips reach over the cube from its +x edge (m).
     pub reach: f64,
-    /// Shift of the fingers along the hand's z [m].
+    /// Shift of the fingers along the hand's z (m).
     pub height: f64,
 }
 
@@ -260,7 +260,7 @@ impl Light {
 
 /// Red, green, blue of a black body in the limit of narrow bands at 610, 540 and 465 nm, green = 1.
 fn black_body(temperature: f64) -> [f64; 3] {
-    /// Second radiation constant, h c / k [m K].
+    /// Second radiation constant, h c / k (m K).
     const C2: f64 = 0.014_387_769;
     let planck =
         |wavelength: f64| wavelength.powi(-5) / (libm::exp(C2 / (wavelength * temperature)) - 1.0);

@@ -37,7 +37,7 @@ pub(super) struct View {
     gloss: f32,
     /// Half a sticker and its corner radius as shares of a cubie's side.
     sticker: (f32, f32),
-    /// Side of the aperture [px].
+    /// Side of the aperture (px).
     aperture: f32,
     /// Nearest reciprocal depth and surface (0 none, then facets, then rounds) of each pixel.
     depth: Vec<f32>,

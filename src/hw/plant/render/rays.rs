@@ -156,7 +156,7 @@ impl Window {
     }
 }
 
-/// Least depth that is drawn [m].
+/// Least depth that is drawn (m).
 pub(super) const NEAR: f64 = 0.01;
 
 /// The pixels that may see a polygon of four corners in the camera frame, clipped at [`NEAR`].

@@ -15,15 +15,15 @@ use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 pub struct Setting {
     /// True sizes of the grippers, in the order of effectors.
     pub grippers: [Gripper; 2],
-    /// Centre of the table top, in the world [m].
+    /// Centre of the table top, in the world (m).
     pub table: Point3<f64>,
-    /// Size of the table top along x and y [m].
+    /// Size of the table top along x and y (m).
     pub table_size: (f64, f64),
-    /// Inner size of the tray on the table along x and y [m]; it lies in the table's middle.
+    /// Inner size of the tray on the table along x and y (m); it lies in the table's middle.
     pub tray_size: (f64, f64),
     /// By how much the tray's felt stands above the table top [m]: it is let in where the cube lies on the table.
     pub felt: f64,
-    /// Inner corners of the room's walls and ceiling: low and high [m]; the floor is z = 0.
+    /// Inner corners of the room's walls and ceiling: low and high (m); the floor is z = 0.
     pub room: (Point3<f64>, Point3<f64>),
     /// Optical frames of the cameras that stand in the cell: drawn in the overview only.
     pub cameras: Vec<Pose>,
@@ -89,7 +89,7 @@ impl Setting {
 pub(super) enum Skin {
     /// One paint: reflectance and gloss.
     Plain(Rgb, f32),
-    /// Nine stickers in reading order, colours 0..=5; side of a cubie [m].
+    /// Nine stickers in reading order, colours 0..=5; side of a cubie (m).
     Stickers([u8; 9], f64),
 }
 
@@ -104,7 +104,7 @@ pub(super) struct Plate {
     pub(super) v: Vector3<f64>,
     /// Outward normal.
     pub(super) normal: Vector3<f64>,
-    /// Low and high bound of u, then of v [m].
+    /// Low and high bound of u, then of v (m).
     pub(super) bounds: [f64; 4],
     /// Surface.
     pub(super) skin: Skin,
@@ -138,7 +138,7 @@ pub(super) struct Rod {
     pub(super) a: Point3<f64>,
     /// Centre of the other.
     pub(super) b: Point3<f64>,
-    /// Radius [m].
+    /// Radius (m).
     pub(super) radius: f64,
     /// Reflectance.
     pub(super) paint: Rgb,

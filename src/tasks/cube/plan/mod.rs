@@ -34,7 +34,7 @@ pub struct Plan {
     pub steps: Vec<Step>,
     /// How often jaws close on the cube.
     pub grasps: usize,
-    /// What all steps cost [s].
+    /// What all steps cost (s).
     pub cost: f64,
     /// For each step who holds what, and why.
     pub lines: Vec<explain::Line>,

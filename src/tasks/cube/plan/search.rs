@@ -23,7 +23,7 @@ pub(super) struct Episode {
     pub(super) turns: [Option<(Hand, Turn)>; 2],
     /// Who holds alone after it, and how.
     pub(super) stays: (Hand, Grip),
-    /// What it takes, from the way to the meeting to the last turn [s].
+    /// What it takes, from the way to the meeting to the last turn (s).
     pub(super) seconds: f64,
 }
 

@@ -27,7 +27,7 @@ pub enum Depths {
     Both,
 }
 
-/// What motions cost [s].
+/// What motions cost (s).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Costs {
     /// Let go, draw back, come again, close.

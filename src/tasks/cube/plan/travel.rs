@@ -15,7 +15,7 @@ use crate::reach::{Meeting, MeetingTable};
 use nalgebra::UnitQuaternion;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// How far both tools can roll about their own axes where the arms meet, relative [rad]; both contain 0.
+/// How far both tools can roll about their own axes where the arms meet, relative (rad); both contain 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RollLimits {
     /// Of the track arm.
@@ -51,7 +51,7 @@ pub trait Reach {
     /// cube; `None` as a start stands for anywhere.
     fn travel(&self, from: Option<Stand>, newcomer: Hand, meeting: u8) -> f64;
 
-    /// No way is shorter [s].
+    /// No way is shorter (s).
     fn least_travel(&self) -> f64 {
         0.0
     }
@@ -92,7 +92,7 @@ pub struct Reachable {
 }
 
 /// Roll that is kept free at both ends: a wrist goes on by the twist of the grips, and stands otherwise than at the
-/// nominal meeting where the cube lies askew in a hand [rad].
+/// nominal meeting where the cube lies askew in a hand (rad).
 const ROLL_MARGIN: f64 = 0.12;
 
 /// Quarter turns that a wrist may have rolled: -2..=2.

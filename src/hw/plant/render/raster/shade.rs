@@ -176,7 +176,7 @@ fn rounded(u: f32, v: f32, core: f32, corner: f32) -> (f32, f32, f32) {
     }
 }
 
-/// Side of the square whose variance is that of a pixel blurred by `defocus` [px].
+/// Side of the square whose variance is that of a pixel blurred by `defocus` (px).
 fn aperture(defocus: f64) -> f32 {
     libm::sqrt(1.0 + 12.0 * defocus.clamp(0.0, 0.8).powi(2)) as f32
 }
