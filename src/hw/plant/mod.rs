@@ -414,7 +414,6 @@ impl Port for Plant {
             let reason = format!("{} drives, {} readings", drives.len(), readings.len());
             return Err(PortFault { effector: count, reason });
         }
-        debug_assert!(period >= self.period, "period {period} after {}", self.period);
         let length = self.config.period;
         let substeps = (f64::from(self.config.substeps) * length.ratio()).ceil().max(1.0) as u32;
         let dt = length.seconds() / f64::from(substeps);
