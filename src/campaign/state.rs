@@ -26,7 +26,7 @@ const NAMED: usize = 20;
 pub struct Header {
     /// Version of the program.
     pub version: String,
-    /// Sum over the program: two builds of one version may differ. [`SEVERAL`] of shards that had
+    /// Sum over the program: two builds of one version may differ. `SEVERAL` of shards that had
     /// not the same.
     pub build: String,
     /// Path of the scenario, as given.

@@ -1,6 +1,6 @@
 //! The operator's UI in a terminal, for ssh: the same snapshot and inputs as the page.
 //!
-//! [`App`] is pure (keys in, inputs out), `draw` makes a picture of it; [`show`] gives both a
+//! `App` is pure (keys in, inputs out), `draw` makes a picture of it; [`show`] gives both a
 //! terminal.
 
 mod app;
