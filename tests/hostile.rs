@@ -492,7 +492,7 @@ fn messages_of_pages() {
     });
 }
 
-/// The arms by hand: one with an axis 0, one without.
+/// Returns a panel that waits for an order, for two arms: one with an axis 0, one without.
 fn panel() -> Panel {
     let bench = |has_track| Bench {
         has_track,
@@ -500,23 +500,31 @@ fn panel() -> Panel {
         opening: (0.04, 0.09),
         grip: 40.0,
     };
-    Panel::new(vec![bench(true), bench(false)])
+    let mut panel = Panel::new(vec![bench(true), bench(false)]);
+    assert!(matches!(answered(&mut panel, Event::Start), Action::Phase(_)));
+    assert_eq!(answered(&mut panel, Event::Done), Action::Await);
+    panel
 }
 
-/// What comes of a command to the arms: whatever it says, nothing moves that is no arm, to no place that is none, or farther
-/// than one order goes; what is refused is so in words.
+/// Returns the panel's next action after this event.
+fn answered(panel: &mut Panel, event: Event<()>) -> Action<()> {
+    let arms = [ArmState::default(); 2];
+    panel.next(event, &Readings { arms: &arms, forces: Forces::default() })
+}
+
+/// Checks what a waiting panel makes of an order: only existing arms move, to existing places, no farther than one order
+/// goes, and a refusal has its reason. The panel waits again afterwards.
 fn ordered(panel: &mut Panel, input: &operator::Input) {
     assert!(!input.describe().is_empty());
     let operator::Input::Manual { effector, order } = input else { return };
-    let arms = [ArmState::default(); 2];
-    let readings = Readings { arms: &arms, forces: Forces::default() };
-    let action = panel.next(Event::Ordered(*effector, order.clone()), &readings);
+    let action = answered(panel, Event::Ordered(*effector, order.clone()));
     let notes = panel.notes();
     if action == Action::Await {
         assert_eq!(notes.len(), 1, "{notes:?}");
         return;
     }
-    assert!(*effector < arms.len() && notes.is_empty(), "{notes:?}");
+    assert!(*effector < 2 && notes.is_empty(), "{notes:?}");
+    assert_eq!(answered(panel, Event::Done), Action::Await);
     match action {
         Action::Behave { orders, until } => {
             assert_eq!(until, Until::Effector(*effector));
