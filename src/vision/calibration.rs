@@ -9,7 +9,7 @@
 //! - out: [`Calibrated`] with the standard deviation of each number, or why it cannot be had
 //! - source: bundle adjustment, Triggs et al. (2000); `camera_from_cube = fixed^-1 * moved * held`
 
-use super::edges::{Kind, Probe};
+use super::edges::{Kind, Prediction, Probe};
 use super::fit::moved;
 use super::pose::CubeLocation;
 use super::undistort::Lens;
@@ -171,9 +171,10 @@ pub fn grooves_in(
     let held_from_cube = super::pose::nearest_of_24(&relative);
     let share = location.faces.first().map_or(0.86, |f| f.sticker.clamp(0.6, 0.97));
     let mut crossings = Vec::new();
-    for (i, face) in location.used.iter().enumerate() {
-        let camera_from_face = location.camera_from_cube * face;
-        probe.measure(i, &camera_from_face, share, 0.08, None, &mut crossings);
+    for (face, cube_from_face) in location.used.iter().enumerate() {
+        let camera_from_face = &(location.camera_from_cube * cube_from_face);
+        let prediction = Prediction { face, camera_from_face, share, tolerance: 0.08 };
+        probe.measure(&prediction, None, &mut crossings);
     }
     let mut grooves = Vec::new();
     for crossing in crossings.iter().filter(|c| c.kind == Kind::Middle) {
@@ -244,7 +245,7 @@ pub fn calibrate(
         }
     }
     let inverse = normal.cholesky().ok_or(NotCalibrated::Undetermined)?.inverse();
-    problem.result(&at, &residuals, &inverse, spread, spreads.common)
+    problem.result(&Adjusted { unknowns: at, residuals, covariance: inverse, spread }, spreads)
 }
 
 /// Standard deviation of the first guess of each unknown, counted from the guess.
@@ -265,6 +266,18 @@ fn spread_of(residuals: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
     sizes.sort_by(f64::total_cmp);
     sizes.get(sizes.len() / 2).map_or(1.0, |median| (1.4826 * median).max(1.0))
+}
+
+/// Unknowns at which the cost is least, and what is known of them there.
+struct Adjusted {
+    /// Unknowns, counted from the guess.
+    unknowns: DVector<f64>,
+    /// Normalised residuals of all grooves.
+    residuals: Vec<f64>,
+    /// Covariance of the unknowns if the residuals had a spread of 1.
+    covariance: DMatrix<f64>,
+    /// Robust standard deviation of the residuals.
+    spread: f64,
 }
 
 struct Problem<'a> {
@@ -381,14 +394,9 @@ impl Problem<'_> {
         right
     }
 
-    fn result(
-        &self,
-        x: &DVector<f64>,
-        residuals: &[f64],
-        inverse: &DMatrix<f64>,
-        spread: f64,
-        common: (f64, f64),
-    ) -> Result<Calibrated, NotCalibrated> {
+    /// Returns the calibration that an adjustment leads to, unless its residuals are too large.
+    fn result(&self, adjusted: &Adjusted, spreads: &Spreads) -> Result<Calibrated, NotCalibrated> {
+        let Adjusted { unknowns: x, residuals, covariance, spread } = adjusted;
         let sigmas = self.views.iter().flat_map(|v| v.grooves.iter().map(|g| g.sigma.hypot(FLOOR)));
         let fitting: Vec<f64> = residuals
             .iter()
@@ -409,8 +417,8 @@ impl Problem<'_> {
         };
         let setup = self.setup(x.as_slice());
         let deviations: [f64; GLOBALS] =
-            std::array::from_fn(|k| spread * inverse[(k, k)].max(0.0).sqrt());
-        let common = self.common(&setup, common);
+            std::array::from_fn(|k| spread * covariance[(k, k)].max(0.0).sqrt());
+        let common = self.common(&setup, spreads.common);
         Ok(Calibrated {
             setup,
             deviations,

@@ -126,6 +126,27 @@ fn length(a: Rgb) -> f32 {
     dot(a, a).sqrt()
 }
 
+/// The two colours that an edge parts.
+#[derive(Debug, Clone, Copy)]
+struct Contrast {
+    /// Colour of the tile.
+    plateau: Rgb,
+    /// Colour of what lies on the other side of the edge.
+    beyond: Rgb,
+}
+
+impl Contrast {
+    /// Returns the way from the colour beyond to the tile's.
+    fn axis(self) -> Rgb {
+        difference(self.plateau, self.beyond)
+    }
+
+    /// Returns how far apart the colours are, of 255.
+    fn size(self) -> f32 {
+        length(self.axis())
+    }
+}
+
 /// Colours along a normal.
 struct Profile {
     taps: [Rgb; TAPS],
@@ -153,19 +174,19 @@ impl Profile {
         (mean, (sum / (3.0 * (n - 1.0).max(1.0))).sqrt())
     }
 
-    /// Where the colour is half way from `beyond` to `plateau`, walking from tap `from` by `way` until `last`; with the
-    /// slope there, in contrasts a pixel. `None` when it is already beyond half way at first.
+    /// Returns where the colour is half way from `beyond` to `plateau`, walking from tap `from` by
+    /// `way` until `last`; with the slope there, in contrasts a pixel. `None` when it is already
+    /// beyond half way at first.
     fn half_way(
         &self,
+        colours: Contrast,
         from: usize,
-        plateau: Rgb,
-        beyond: Rgb,
         way: isize,
         last: usize,
     ) -> Option<(f64, f64)> {
-        let axis = difference(plateau, beyond);
+        let axis = colours.axis();
         let square = dot(axis, axis);
-        let level = |tap: usize| dot(difference(self.taps[tap], beyond), axis) / square;
+        let level = |tap: usize| dot(difference(self.taps[tap], colours.beyond), axis) / square;
         let (mut tap, mut before) = (from, level(from));
         if before >= 0.5 {
             return None;
@@ -187,6 +208,19 @@ impl Profile {
         }
         None
     }
+}
+
+/// A face whose edges are to be measured, and how exactly they are predicted.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Prediction<'a> {
+    /// The caller's number of the face.
+    pub(super) face: usize,
+    /// Where the face nearly is.
+    pub(super) camera_from_face: &'a Pose,
+    /// Side of a sticker as a share of the pitch.
+    pub(super) share: f64,
+    /// Distance from their prediction up to which edges are sought, in pitches.
+    pub(super) tolerance: f64,
 }
 
 /// Measures edges in an image.
@@ -257,15 +291,11 @@ impl<'a> Probe<'a> {
         (p.z > 0.02).then(|| self.lens.project(&p))
     }
 
-    /// Appends what can be measured of a face; edges are sought up to `tolerance` pitches from their prediction.
-    /// `body` is the colour between the stickers if it is known from a face with wider gaps; returned is the one to
-    /// go on with.
+    /// Appends the crossings that can be measured of a face. `body` is the colour between the
+    /// stickers if it is known from a face with wider gaps; returned is the one to go on with.
     pub(super) fn measure(
         &self,
-        face: usize,
-        camera_from_face: &Pose,
-        share: f64,
-        tolerance: f64,
+        prediction: &Prediction<'_>,
         body: Option<Rgb>,
         out: &mut Vec<Crossing>,
     ) -> Option<Rgb> {
@@ -276,27 +306,26 @@ impl<'a> Probe<'a> {
             let (across, along) =
                 if way == 0 { ((1.0, 0.0), (0.0, 1.0)) } else { ((0.0, 1.0), (1.0, 0.0)) };
             let at = (line * across.0 + cell * along.0, line * across.1 + cell * along.1);
-            Side { face, middle: at, across, along, outer: false }
+            Side { face: prediction.face, middle: at, across, along, outer: false }
         };
         let cells = [0, 1].into_iter().flat_map(|way| [-1.0, 0.0, 1.0].map(|cell| (way, cell)));
-        let mut inner: Vec<(Side, Across)> = Vec::with_capacity(12);
+        let mut inner: Vec<Across> = Vec::with_capacity(12);
         for (way, cell) in cells.clone() {
             for line in [-0.5, 0.5] {
-                let side = side(line, cell, way);
-                inner.extend(self.across(&side, camera_from_face, share).map(|a| (side, a)));
+                inner.extend(self.across(side(line, cell, way), prediction));
             }
         }
         let grooves: Vec<Option<Groove>> =
-            inner.iter().map(|(_, across)| across.groove(share, tolerance)).collect();
+            inner.iter().map(|across| across.groove(prediction)).collect();
         // Where the gap is too narrow to show its own colour, another face's must serve.
-        let wide = inner.iter().zip(&grooves).filter_map(|((_, across), groove)| {
+        let wide = inner.iter().zip(&grooves).filter_map(|(across, groove)| {
             let groove = groove.as_ref().filter(|g| g.detour)?;
             (across.width(groove)? >= WIDE_GAP).then(|| across.profile.taps[groove.middle])
         });
         let body = median(&wide.collect::<Vec<Rgb>>()).or(body);
-        for ((side, across), groove) in inner.iter().zip(&grooves) {
+        for (across, groove) in inner.iter().zip(&grooves) {
             if let Some(groove) = groove {
-                across.between(side, groove, share, body, out);
+                across.between(groove, prediction.share, body, out);
             }
         }
         for (way, cell) in cells {
@@ -304,16 +333,18 @@ impl<'a> Probe<'a> {
                 let mut side = side(line, cell, way);
                 side.across = (sign * side.across.0, sign * side.across.1);
                 side.outer = true;
-                if let Some(across) = self.across(&side, camera_from_face, share) {
-                    across.outside(&side, share, tolerance, body, out);
+                if let Some(across) = self.across(side, prediction) {
+                    across.outside(prediction, body, out);
                 }
             }
         }
         body
     }
 
-    /// The profile across a side; `None` where it leaves the image or the face is seen too obliquely.
-    fn across(&self, side: &Side, camera_from_face: &Pose, share: f64) -> Option<Across> {
+    /// Returns the profile across a side; `None` where it leaves the image or the face is seen too
+    /// obliquely.
+    fn across(&self, side: Side, prediction: &Prediction<'_>) -> Option<Across> {
+        let Prediction { camera_from_face, share, .. } = *prediction;
         let place = |across: f64, along: f64| {
             let (a, b) = (side.across, side.along);
             let at = (
@@ -349,7 +380,8 @@ impl<'a> Probe<'a> {
             self.sample(from, (step * dx, step * dy), &mut profile.taps[..count])?;
         }
         let origin = place(0.0, 0.0)?;
-        Some(Across { profile, normal, scale, origin: origin.0 * normal.0 + origin.1 * normal.1 })
+        let origin = origin.0 * normal.0 + origin.1 * normal.1;
+        Some(Across { side, profile, normal, scale, origin })
     }
 }
 
@@ -367,6 +399,7 @@ fn median(colours: &[Rgb]) -> Option<Rgb> {
 
 /// A profile across a side and where it lies.
 struct Across {
+    side: Side,
     profile: Profile,
     normal: Point,
     /// Pixels a pitch along the normal.
@@ -389,8 +422,9 @@ struct Groove {
 }
 
 impl Across {
-    /// Plateaus and gap of the side between two tiles.
-    fn groove(&self, share: f64, tolerance: f64) -> Option<Groove> {
+    /// Returns plateaus and gap of the side between two tiles.
+    fn groove(&self, prediction: &Prediction<'_>) -> Option<Groove> {
+        let Prediction { share, tolerance, .. } = *prediction;
         let profile = &self.profile;
         let gap = 0.5 * (1.0 - share) * self.scale;
         let inner = gap + DEPTH.1 * share * self.scale;
@@ -412,9 +446,10 @@ impl Across {
 
     /// Width of a groove at half its depth (px).
     fn width(&self, groove: &Groove) -> Option<f64> {
-        let here = self.profile.taps[groove.middle];
+        let beyond = self.profile.taps[groove.middle];
         let half_way = |plateau, way, last| {
-            self.profile.half_way(groove.middle, plateau, here, way, last).map(|(at, _)| at)
+            let colours = Contrast { plateau, beyond };
+            self.profile.half_way(colours, groove.middle, way, last).map(|(at, _)| at)
         };
         Some(
             half_way(groove.second.0, 1, groove.inner.1)?
@@ -468,14 +503,13 @@ impl Across {
         ((best.1 - start).abs() < 1.5).then_some(best.1)
     }
 
-    fn crossing(&self, side: &Side, kind: Kind, at: f64, sigma: f64) -> Crossing {
+    fn crossing(&self, kind: Kind, at: f64, sigma: f64) -> Crossing {
         let measured = if kind == Kind::Gap { at } else { self.origin + at };
-        let (face, across, side) = (side.face, side.across, side.middle);
         Crossing {
-            face,
+            face: self.side.face,
             kind,
-            side,
-            across,
+            side: self.side.middle,
+            across: self.side.across,
             normal: self.normal,
             measured,
             sigma,
@@ -483,27 +517,21 @@ impl Across {
         }
     }
 
-    /// The side between two tiles.
-    fn between(
-        &self,
-        side: &Side,
-        groove: &Groove,
-        share: f64,
-        body: Option<Rgb>,
-        out: &mut Vec<Crossing>,
-    ) {
+    /// Measures the side between two tiles.
+    fn between(&self, groove: &Groove, share: f64, body: Option<Rgb>, out: &mut Vec<Crossing>) {
         let profile = &self.profile;
         let gap = 0.5 * (1.0 - share) * self.scale;
         let ((first, noise_a), (second, noise_b)) = (groove.first, groove.second);
-        let mut push = |kind, at, sigma| out.push(self.crossing(side, kind, at, sigma));
+        let mut push = |kind, at, sigma| out.push(self.crossing(kind, at, sigma));
         if groove.detour {
             let here = profile.taps[groove.middle];
             let edge = |(plateau, noise): (Rgb, f32), beyond: Rgb, way: isize, last: usize| {
-                let contrast = length(difference(plateau, beyond));
+                let colours = Contrast { plateau, beyond };
+                let contrast = colours.size();
                 if contrast < CONTRAST.max(5.0 * noise) {
                     return None;
                 }
-                let (at, slope) = profile.half_way(groove.middle, plateau, beyond, way, last)?;
+                let (at, slope) = profile.half_way(colours, groove.middle, way, last)?;
                 Some((at, f64::from(noise / contrast) / slope))
             };
             let a = edge(groove.first, here, -1, groove.inner.0);
@@ -532,12 +560,13 @@ impl Across {
             }
             return;
         }
-        let direct = length(difference(first, second));
+        let colours = Contrast { plateau: first, beyond: second };
+        let direct = colours.size();
         if direct < CONTRAST.max(5.0 * noise_a.max(noise_b)) {
             return;
         }
         // One step: between two tiles without a gap, or at the edge of one whose neighbour is like the gap.
-        let Some((at, slope)) = profile.half_way(groove.reach.1, first, second, -1, groove.reach.0)
+        let Some((at, slope)) = profile.half_way(colours, groove.reach.1, -1, groove.reach.0)
         else {
             return;
         };
@@ -549,15 +578,9 @@ impl Across {
         }
     }
 
-    /// The outer side of an outer tile.
-    fn outside(
-        &self,
-        side: &Side,
-        share: f64,
-        tolerance: f64,
-        body: Option<Rgb>,
-        out: &mut Vec<Crossing>,
-    ) {
+    /// Measures the outer side of an outer tile.
+    fn outside(&self, prediction: &Prediction<'_>, body: Option<Rgb>, out: &mut Vec<Crossing>) {
+        let Prediction { share, tolerance, .. } = *prediction;
         let (profile, scale) = (&self.profile, self.scale);
         let edge = -0.5 * (1.0 - share) * scale;
         let inner = profile.tap(edge - DEPTH.1 * share * scale);
@@ -578,18 +601,18 @@ impl Across {
         let beyond = (beyond + 1).min(profile.count - 1);
         // Light from beyond fills a narrow rim: its own colour is that of the wider gaps.
         let here = profile.taps[beyond];
-        let rim = body.unwrap_or(here);
-        let contrast = length(difference(plateau, rim));
+        let colours = Contrast { plateau, beyond: body.unwrap_or(here) };
+        let contrast = colours.size();
         if contrast < CONTRAST.max(5.0 * noise) {
             return;
         }
-        let Some((at, slope)) = profile.half_way(beyond, plateau, rim, -1, inner) else { return };
+        let Some((at, slope)) = profile.half_way(colours, beyond, -1, inner) else { return };
         if (at - edge).abs() > tolerance * scale + 1.0 {
             return;
         }
         let more = if body.is_none() { RIM } else { 0.0 };
         let sigma = (f64::from(noise / contrast) / slope).hypot(more);
-        out.push(self.crossing(side, Kind::Outer, at, sigma));
+        out.push(self.crossing(Kind::Outer, at, sigma));
     }
 }
 

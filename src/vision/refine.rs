@@ -9,7 +9,7 @@
 //! - source: own work; robust weights after Cauchy
 
 use super::FaceSighting;
-use super::edges::{Crossing, Kind, Probe, Stickers};
+use super::edges::{Crossing, Kind, Prediction, Probe, Stickers};
 use super::fit::moved;
 use super::pose::{CubeLocation, cube_from_face, cube_rotations, locate_cube};
 use super::undistort::Lens;
@@ -147,8 +147,9 @@ fn sides(image: &RgbImage, lens: &Lens, edge: f64, camera_from_cube: &Pose, shar
         .collect();
     faces.sort_by(|a, b| facing(b).total_cmp(&facing(a)));
     let mut crossings = Vec::new();
-    for (i, face) in faces.iter().enumerate().skip(1) {
-        probe.measure(i, face, share, PASSES[1], None, &mut crossings);
+    for (face, camera_from_face) in faces.iter().enumerate().skip(1) {
+        let prediction = Prediction { face, camera_from_face, share, tolerance: PASSES[1] };
+        probe.measure(&prediction, None, &mut crossings);
     }
     crossings.iter().filter(|c| !matches!(c.kind, Kind::Gap | Kind::Outer)).count()
 }
@@ -216,9 +217,10 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
             .collect();
         visible.sort_by(|a, b| b.2.total_cmp(&a.2));
         let mut body = None;
-        for (i, face, _) in &visible {
+        for (face, camera_from_face, _) in &visible {
             let share = model.stickers.share;
-            body = probe.measure(*i, face, share, tolerance, body, &mut crossings);
+            let prediction = Prediction { face: *face, camera_from_face, share, tolerance };
+            body = probe.measure(&prediction, body, &mut crossings);
         }
         let mut solved = model.solve(&crossings, share)?;
         // A face that only happens to have some edges about must not pull at the others.
