@@ -178,10 +178,21 @@ fn run(views: &[View; 6], tables: &Tables, goal: &Goal<'_>) {
     }
 }
 
+/// Where the searches of a view begin.
+#[derive(Clone, Copy)]
+struct Start<'a> {
+    view: &'a View,
+    place: Place,
+    /// Least number of turns of its phase 1.
+    distance: u8,
+}
+
 /// Shares out the searches: each length of phase 1, each view, and with several workers each first turn.
 fn run_with<G: Guide>(guide: &G, views: &[View; 6], tables: &Tables, goal: &Goal<'_>) {
-    let places = views.each_ref().map(|view| tables.frames.place(&view.cube));
-    let distances = places.map(|place| guide.distance(place));
+    let starts = views.each_ref().map(|view| {
+        let place = tables.frames.place(&view.cube);
+        Start { view, place, distance: guide.distance(place) }
+    });
     let workers = goal.watch.workers.count().max(1);
     let parts = if workers > 1 { 18 } else { 1 };
     let next = AtomicUsize::new(0);
@@ -208,9 +219,9 @@ fn run_with<G: Guide>(guide: &G, views: &[View; 6], tables: &Tables, goal: &Goal
             if length > usize::from(goal.bound.load(Relaxed)) || length >= LONGEST {
                 break;
             }
-            if usize::from(distances[view]) <= length {
+            if usize::from(starts[view].distance) <= length {
                 let turns = if parts == 1 { ALL_TURNS } else { 1 << part };
-                walk.begin(&views[view], places[view], distances[view], length as u8, turns);
+                walk.begin(starts[view], length as u8, turns);
             }
             if goal.over.load(Relaxed) {
                 break;
@@ -246,7 +257,10 @@ struct Walk<'a, G> {
 }
 
 impl<'a, G: Guide> Walk<'a, G> {
-    fn begin(&mut self, view: &'a View, place: Place, distance: u8, length: u8, turns: u32) {
+    /// Walks all first phases of a view that take `length` turns, the first of which is one of
+    /// `turns`.
+    fn begin(&mut self, start: Start<'a>, length: u8, turns: u32) {
+        let Start { view, place, distance } = start;
         self.view = view;
         let [corners, upper, lower, middle]: Quads = view.orders;
         (self.first[0], self.others[0]) = ((corners, upper), (lower, middle));

@@ -194,10 +194,10 @@ impl<'a> Optimal<'a> {
         let root = searcher.root::<Plain>(cube);
         let least = root.bounds.iter().copied().max().unwrap_or(0);
         let mut answer = Answer { turns: None, at_least: least, nodes: 0 };
-        let mut tasks = Tasks::new(root);
+        let mut tasks = Tasks::new(&searcher, root);
         let ends = Ends { max_nodes: limits.max_nodes, stop };
         for length in least..=limits.max_length {
-            let ended = tasks.search(&searcher, length, workers, ends, &mut answer.nodes);
+            let ended = tasks.search(length, workers, ends, &mut answer.nodes);
             if let ControlFlow::Break(turns) = ended {
                 answer.turns = turns;
                 return answer;

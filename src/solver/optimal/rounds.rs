@@ -20,7 +20,8 @@ const UNDIVIDED: u8 = 12;
 const SHARE: usize = 16;
 
 /// Where a search is divided, and in which order its parts are searched.
-pub(super) struct Tasks {
+pub(super) struct Tasks<'a> {
+    searcher: &'a Searcher<'a>,
     nodes: Vec<Node>,
     order: Vec<u16>,
     /// Turns made before each.
@@ -34,24 +35,23 @@ pub(super) struct Ends<'a> {
     pub(super) stop: &'a AtomicBool,
 }
 
-impl Tasks {
-    /// One task.
-    pub(super) fn new(root: Node) -> Self {
-        Self { nodes: vec![root], order: vec![0], depth: 0 }
+impl<'a> Tasks<'a> {
+    /// Makes one task of a whole search.
+    pub(super) fn new(searcher: &'a Searcher<'a>, root: Node) -> Self {
+        Self { searcher, nodes: vec![root], order: vec![0], depth: 0 }
     }
 
     /// Searches all tasks to a number of turns. Breaks where that was ended early, with a solution or without. `nodes`
     /// counts on.
     pub(super) fn search(
         &mut self,
-        searcher: &Searcher<'_>,
         length: u8,
         workers: &dyn Workers,
         ends: Ends<'_>,
         nodes: &mut u64,
     ) -> ControlFlow<Option<Vec<Turn>>> {
         if length >= UNDIVIDED && self.depth == 0 {
-            *self = Self::divide(searcher, self.nodes[0]);
+            *self = Self::divide(self.searcher, self.nodes[0]);
         }
         let round = Round {
             tasks: self,
@@ -63,7 +63,7 @@ impl Tasks {
             ended: AtomicBool::new(false),
             found: Mutex::new(None),
         };
-        workers.run(workers.count().max(1), &|_| work(searcher, &round));
+        workers.run(workers.count().max(1), &|_| work(self.searcher, &round));
         let Round { shares, nodes: counted, ended, found, .. } = round;
         *nodes = counted.into_inner();
         if ended.into_inner() {
@@ -75,7 +75,8 @@ impl Tasks {
         ControlFlow::Continue(())
     }
 
-    fn divide(searcher: &Searcher<'_>, root: Node) -> Self {
+    /// Divides a search after its first turns.
+    fn divide(searcher: &'a Searcher<'a>, root: Node) -> Self {
         let mut nodes = vec![root];
         for _ in 0..TASK_DEPTH {
             nodes = nodes.iter().flat_map(|node| searcher.children::<Plain>(node)).collect();
@@ -84,7 +85,7 @@ impl Tasks {
             node.task = number as u16;
         }
         let order = (0..nodes.len() as u16).collect();
-        Self { nodes, order, depth: TASK_DEPTH }
+        Self { searcher, nodes, order, depth: TASK_DEPTH }
     }
 
     /// Where the last search found most to look at, the next is most likely to find a solution (S. Tronto: a gain of
@@ -100,7 +101,7 @@ impl Tasks {
 
 /// One search to one number of turns, by all workers.
 struct Round<'a> {
-    tasks: &'a Tasks,
+    tasks: &'a Tasks<'a>,
     /// Turns left at the start of a task.
     left: u8,
     /// How many tasks have been taken.

@@ -74,6 +74,12 @@ struct Try {
     bounds: [u8; 6],
 }
 
+/// The states taken from the stack at once, each with its plan.
+struct Batch {
+    nodes: Vec<Node>,
+    plans: [Plan; BATCH],
+}
+
 /// Whoever counts, and may end the search.
 pub(super) trait Watch {
     /// So many more states were looked at for a task; false ends the search.
@@ -135,17 +141,16 @@ impl Searcher<'_> {
     ) -> Option<Vec<Turn>> {
         let solved = Bytes::new(&Cube::SOLVED);
         let allowed: [u32; 7] = std::array::from_fn(|face| allowed(face as u8));
-        let mut batch: Vec<Node> = Vec::with_capacity(BATCH);
-        let mut plans = [Plan::default(); BATCH];
+        let mut batch = Batch { nodes: Vec::with_capacity(BATCH), plans: [Plan::default(); BATCH] };
         let (mut tries, mut kept): (Vec<Try>, Vec<Try>) = (Vec::new(), Vec::new());
         let mut shares = Vec::with_capacity(BATCH);
         while !stack.is_empty() {
-            batch.clear();
-            batch.extend_from_slice(&stack[stack.len().saturating_sub(BATCH)..]);
-            stack.truncate(stack.len() - batch.len());
+            batch.nodes.clear();
+            batch.nodes.extend_from_slice(&stack[stack.len().saturating_sub(BATCH)..]);
+            stack.truncate(stack.len() - batch.nodes.len());
             shares.clear();
             tries.clear();
-            for (n, node) in batch.iter().enumerate() {
+            for (n, node) in batch.nodes.iter().enumerate() {
                 if node.left == 0 {
                     if node.ends[0] == solved {
                         return Some(solution(node.path));
@@ -153,7 +158,7 @@ impl Searcher<'_> {
                     continue;
                 }
                 let (plan, turns) = plan(node, &allowed);
-                plans[n] = plan;
+                batch.plans[n] = plan;
                 shares.push((node.task, turns.count_ones()));
                 propose(n, node, plan, turns, &mut tries);
             }
@@ -162,7 +167,7 @@ impl Searcher<'_> {
             }
             while !tries.is_empty() {
                 for t in &mut tries {
-                    t.entry = self.locate::<L>(&batch[usize::from(t.node)], &plans, t);
+                    t.entry = self.locate::<L>(&batch, t);
                 }
                 // Apart from the loop above: mixed, a prefetch held up the stores, at twice the time.
                 for t in &tries {
@@ -170,8 +175,7 @@ impl Searcher<'_> {
                 }
                 kept.clear();
                 for t in &tries {
-                    let node = &batch[usize::from(t.node)];
-                    self.judge::<L>(node, plans[usize::from(t.node)], *t, &mut kept, stack);
+                    self.judge::<L>(&batch, *t, &mut kept, stack);
                 }
                 std::mem::swap(&mut tries, &mut kept);
             }
@@ -179,10 +183,10 @@ impl Searcher<'_> {
         None
     }
 
-    /// Where the next bound of a continuation stands.
+    /// Returns where the next bound of a continuation stands.
     #[inline(always)]
-    fn locate<L: Lanes>(&self, node: &Node, plans: &[Plan; BATCH], t: &Try) -> Entry {
-        let plan = plans[usize::from(t.node)];
+    fn locate<L: Lanes>(&self, batch: &Batch, t: &Try) -> Entry {
+        let (node, plan) = batch.of(t);
         let (other, axis) = plan.look(t.stage);
         let end = usize::from(plan.end) ^ usize::from(other);
         let cube = if other {
@@ -197,12 +201,12 @@ impl Searcher<'_> {
     #[inline(always)]
     fn judge<L: Lanes>(
         &self,
-        node: &Node,
-        plan: Plan,
+        batch: &Batch,
         mut t: Try,
         kept: &mut Vec<Try>,
         stack: &mut Vec<Node>,
     ) {
+        let (node, plan) = batch.of(&t);
         let found = bound(self.table, self.base, t.entry);
         if found >= node.left {
             return;
@@ -222,6 +226,14 @@ impl Searcher<'_> {
             next.bounds = t.bounds;
             stack.push(next);
         }
+    }
+}
+
+impl Batch {
+    /// Returns the state that a continuation belongs to, and its plan.
+    #[inline(always)]
+    fn of(&self, t: &Try) -> (&Node, Plan) {
+        (&self.nodes[usize::from(t.node)], self.plans[usize::from(t.node)])
     }
 }
 

@@ -29,6 +29,7 @@ fn levels(frames: &Frames, deepest: u8, workers: &dyn Workers, progress: Progres
     let mut newest: Vec<Vec<u16>> = vec![Vec::new(); CLASSES];
     newest[0].push(0);
     for depth in 1..=deepest {
+        let level = Level { back: &back, depth, newest: &newest };
         let mut next: Vec<Vec<u16>> = vec![Vec::new(); CLASSES];
         let chunks: Vec<Mutex<Chunk<'_>>> = table
             .chunks_mut(NEAR_ROW * CHUNK)
@@ -40,7 +41,7 @@ fn levels(frames: &Frames, deepest: u8, workers: &dyn Workers, progress: Progres
             let mut chunk = chunks[number].lock().unwrap_or_else(PoisonError::into_inner);
             let Chunk { rows, found } = &mut *chunk;
             for (k, row) in rows.chunks_mut(NEAR_ROW).enumerate() {
-                pull(&back, number * CHUNK + k, depth, &newest, row, &mut found[k]);
+                level.pull(number * CHUNK + k, row, &mut found[k]);
             }
         });
         drop(chunks);
@@ -87,32 +88,38 @@ impl<'a> Backwards<'a> {
     }
 }
 
-/// Gives `depth` to all unfilled entries of a class with a neighbour that is one nearer.
-fn pull(
-    back: &Backwards<'_>,
-    class: usize,
+/// One level of the search from the goal, and what its entries are found from.
+struct Level<'a> {
+    back: &'a Backwards<'a>,
+    /// Distance of the level from the goal.
     depth: u8,
-    newest: &[Vec<u16>],
-    row: &mut [u8],
-    found: &mut Vec<u16>,
-) {
-    let filled = 3 ^ (depth % 3);
-    // No branch on what is filled already: it would be guessed wrongly every third time.
-    let (mut marked, mut count) = ([0_u16; TWISTS + 1], 0);
-    for turn in 0..18 {
-        let entry = back.frames.class_moves[class * 18 + turn] as usize;
-        let before: &[u16; TWISTS] = rows(&back.before, turn);
-        let origin: &[u16; TWISTS] = rows(&back.origin, entry & 15);
-        for &twist in &newest[entry >> 4] {
-            let twist = before[usize::from(origin[usize::from(twist)])];
-            let (byte, shift) = (&mut row[usize::from(twist / 4)], twist % 4 * 2);
-            let unfilled = u8::from(*byte >> shift & 3 == 3);
-            *byte &= !((filled * unfilled) << shift);
-            marked[count] = twist;
-            count += usize::from(unfilled);
+    /// For each class the twists of the level before.
+    newest: &'a [Vec<u16>],
+}
+
+impl Level<'_> {
+    /// Gives the level's depth to all unfilled entries of a class with a neighbour that is one
+    /// nearer.
+    fn pull(&self, class: usize, row: &mut [u8], found: &mut Vec<u16>) {
+        let Self { back, depth, newest } = *self;
+        let filled = 3 ^ (depth % 3);
+        // No branch on what is filled already: it would be guessed wrongly every third time.
+        let (mut marked, mut count) = ([0_u16; TWISTS + 1], 0);
+        for turn in 0..18 {
+            let entry = back.frames.class_moves[class * 18 + turn] as usize;
+            let before: &[u16; TWISTS] = rows(&back.before, turn);
+            let origin: &[u16; TWISTS] = rows(&back.origin, entry & 15);
+            for &twist in &newest[entry >> 4] {
+                let twist = before[usize::from(origin[usize::from(twist)])];
+                let (byte, shift) = (&mut row[usize::from(twist / 4)], twist % 4 * 2);
+                let unfilled = u8::from(*byte >> shift & 3 == 3);
+                *byte &= !((filled * unfilled) << shift);
+                marked[count] = twist;
+                count += usize::from(unfilled);
+            }
         }
+        found.extend_from_slice(&marked[..count]);
     }
-    found.extend_from_slice(&marked[..count]);
 }
 
 /// The row with this number.

@@ -12,9 +12,10 @@ pub(crate) fn build(orders: &Orders, workers: &dyn Workers, progress: Progress<'
     let mut table = Vec::with_capacity(BOUNDS.bytes);
     table.resize_with(BOUNDS.bytes, || AtomicU8::new(u8::MAX));
     let (fours, middle) = table.split_at(MIDDLE);
+    let fours = FourTable { orders, table: fours };
     let home = orders.home();
     for (lower, four) in [home.upper, home.lower].into_iter().enumerate() {
-        mark_four(orders, fours, 0, lower, four, 0);
+        fours.mark_four(0, lower, four, 0);
     }
     middle[0].store(0, Relaxed);
     for depth in 1.. {
@@ -28,7 +29,7 @@ pub(crate) fn build(orders: &Orders, workers: &dyn Workers, progress: Progress<'
                     break;
                 }
                 for class in first..CORNER_CLASSES.min(first + 32) {
-                    count += mark_class(orders, fours, class, depth);
+                    count += fours.mark_class(class, depth);
                 }
             }
             marked.fetch_add(count, Relaxed);
@@ -42,52 +43,58 @@ pub(crate) fn build(orders: &Orders, workers: &dyn Workers, progress: Progress<'
     table.into_iter().map(AtomicU8::into_inner).collect()
 }
 
-/// Marks the neighbours of the states of a class that are one nearer; tells how many.
-fn mark_class(orders: &Orders, table: &[AtomicU8], class: usize, depth: u8) -> usize {
-    let corners = usize::from(orders.representatives[class].0);
-    let mut count = 0;
-    for lower in 0..2 {
-        let row = &table[class * ROW + lower * FOURS..][..FOURS];
-        for (four, distance) in row.iter().enumerate() {
-            if distance.load(Relaxed) != depth - 1 {
-                continue;
-            }
-            for (k, turn) in PHASE2_TURNS.into_iter().enumerate() {
-                let corners = orders.corner_moves[corners * 18 + turn];
-                let four = orders.four_moves[four * 10 + k];
-                count += mark_four(orders, table, corners, lower, four, depth);
-            }
-        }
-    }
-    count
+/// The distances of corners with the upper or the lower four edges, while they are being filled.
+struct FourTable<'a> {
+    orders: &'a Orders,
+    /// A row for each class of corners; `u8::MAX` stands for a distance that is not known yet.
+    table: &'a [AtomicU8],
 }
 
-/// Gives a state its distance if it has none, and the states that are the same by symmetry.
-#[inline]
-fn mark_four(
-    orders: &Orders,
-    table: &[AtomicU8],
-    corners: u16,
-    lower: usize,
-    four: u16,
-    depth: u8,
-) -> usize {
-    let entry = orders.entry(corners, lower, four);
-    if table[entry].load(Relaxed) != u8::MAX {
-        return 0;
-    }
-    table[entry].store(depth, Relaxed);
-    let class = entry / ROW;
-    let (_, own) = orders.representatives[class];
-    if own != 1 {
-        let (lower, four) = (entry % ROW / FOURS, entry % FOURS);
-        for s in (1..SYMMETRIES).filter(|s| own >> s & 1 == 1) {
-            let image = usize::from(orders.four_images[(s * 2 + lower) * FOURS + four]);
-            let lower = lower ^ usize::from(orders.swaps[s]);
-            table[class * ROW + lower * FOURS + image].store(depth, Relaxed);
+impl FourTable<'_> {
+    /// Marks the neighbours of the states of a class that are one nearer; returns the number of
+    /// marked states.
+    fn mark_class(&self, class: usize, depth: u8) -> usize {
+        let Self { orders, table } = *self;
+        let corners = usize::from(orders.representatives[class].0);
+        let mut count = 0;
+        for lower in 0..2 {
+            let row = &table[class * ROW + lower * FOURS..][..FOURS];
+            for (four, distance) in row.iter().enumerate() {
+                if distance.load(Relaxed) != depth - 1 {
+                    continue;
+                }
+                for (k, turn) in PHASE2_TURNS.into_iter().enumerate() {
+                    let corners = orders.corner_moves[corners * 18 + turn];
+                    let four = orders.four_moves[four * 10 + k];
+                    count += self.mark_four(corners, lower, four, depth);
+                }
+            }
         }
+        count
     }
-    1
+
+    /// Gives a state its distance if it has none, and the states that are the same by symmetry;
+    /// returns 1 if it had none.
+    #[inline]
+    fn mark_four(&self, corners: u16, lower: usize, four: u16, depth: u8) -> usize {
+        let Self { orders, table } = *self;
+        let entry = orders.entry(corners, lower, four);
+        if table[entry].load(Relaxed) != u8::MAX {
+            return 0;
+        }
+        table[entry].store(depth, Relaxed);
+        let class = entry / ROW;
+        let (_, own) = orders.representatives[class];
+        if own != 1 {
+            let (lower, four) = (entry % ROW / FOURS, entry % FOURS);
+            for s in (1..SYMMETRIES).filter(|s| own >> s & 1 == 1) {
+                let image = usize::from(orders.four_images[(s * 2 + lower) * FOURS + four]);
+                let lower = lower ^ usize::from(orders.swaps[s]);
+                table[class * ROW + lower * FOURS + image].store(depth, Relaxed);
+            }
+        }
+        1
+    }
 }
 
 fn mark_middles(orders: &Orders, table: &[AtomicU8], depth: u8) -> usize {
