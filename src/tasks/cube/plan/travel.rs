@@ -116,16 +116,15 @@ impl Reachable {
     #[must_use]
     pub fn new(table: MeetingTable, speeds: &Speeds) -> Self {
         let mut seconds = vec![TYPICAL as f32; 24 * ROLLED * ROLLED * 2 * 24];
-        for (i, from) in table.grasps.iter().enumerate() {
-            let Some(from) = from else { continue };
-            for (j, to) in table.grasps.iter().enumerate() {
-                let Some(to) = to else { continue };
+        for meeting in 0..24 {
+            for to in 0..24 {
                 for newcomer in [Hand::Track, Hand::Postument] {
                     for rolls in 0..ROLLED * ROLLED {
                         let rolled = [(rolls / ROLLED) as i8 - 2, (rolls % ROLLED) as i8 - 2];
-                        let stand = Stand { meeting: i as u8, rolled };
-                        seconds[slot(stand, newcomer, j as u8)] =
-                            way(table.separation, from, rolled, to, newcomer, speeds) as f32;
+                        let from = Stand { meeting, rolled };
+                        if let Some(way) = way(&table, speeds, from, newcomer, to) {
+                            seconds[slot(from, newcomer, to)] = way as f32;
+                        }
                     }
                 }
             }
@@ -135,33 +134,28 @@ impl Reachable {
     }
 }
 
-/// Seconds of one way between meetings.
-fn way(
-    separation: f64,
-    from: &Meeting,
-    rolled: [i8; 2],
-    to: &Meeting,
-    newcomer: Hand,
-    speeds: &Speeds,
-) -> f64 {
+/// Returns the seconds of one way between meetings, as [`Reach::travel`]; `None` if the table lacks
+/// one of them.
+fn way(table: &MeetingTable, speeds: &Speeds, from: Stand, newcomer: Hand, to: u8) -> Option<f64> {
+    let meeting = |number: u8| table.grasps.get(usize::from(number))?.as_ref();
     let place = |meeting: &Meeting, rolled: [i8; 2]| {
         let back = newcomer == Hand::Track;
         let mut both = [
             if back { meeting.track_back } else { meeting.track },
             if back { meeting.postument } else { meeting.postument_back },
         ];
-        both[0].0[0] -= separation;
+        both[0].0[0] -= table.separation;
         for (arm, quarters) in both.iter_mut().zip(rolled) {
             arm.0[6] += f64::from(quarters) * FRAC_PI_2;
         }
         both
     };
-    let (start, end) = (place(from, rolled), place(to, [0; 2]));
+    let (start, end) = (place(meeting(from.meeting)?, from.rolled), place(meeting(to)?, [0; 2]));
     let together = start.iter().zip(&end).map(|(a, b)| speeds.joints_seconds(a, b, 1.0));
     let mut apart = JointPositions::default();
-    apart.0[0] = separation;
-    together.fold(0.0, f64::max)
-        + 2.0 * speeds.joints_seconds(&JointPositions::default(), &apart, 1.0)
+    apart.0[0] = table.separation;
+    let back_and_up = 2.0 * speeds.joints_seconds(&JointPositions::default(), &apart, 1.0);
+    Some(together.fold(0.0, f64::max) + back_and_up)
 }
 
 impl Reach for Reachable {
