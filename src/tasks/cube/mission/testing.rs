@@ -76,25 +76,7 @@ pub(super) fn settings() -> CubeSettings {
         jaw_speeds: (0.05, 0.05),
         compliant_arm: CompliantArm::Body,
         compliance: ComplianceChoice::Tff,
-        visual: visual_servo::Order {
-            world_from_base: Pose::identity(),
-            approach: Vector3::x(),
-            jaws: Vector3::y(),
-            seat: 0.019,
-            vicinity: 0.1,
-            frozen: 0.05,
-            still: 0.006,
-            still_seconds: 0.3,
-            retreat: 0.02,
-            speed: (0.2, 1.0),
-            acceleration: 1.0,
-            approach_speed: 0.02,
-            touch: 3.0,
-            overrun: 0.015,
-            stale: 0.2,
-            patience: 10.0,
-            zone: (Pose::identity(), Vector3::repeat(1.0)),
-        },
+        visual: take_order(),
         rule: Rule::Clearance,
         strategy: Strategy::Robot { tables: &TABLES },
         nodes: 1000,
@@ -104,6 +86,29 @@ pub(super) fn settings() -> CubeSettings {
         finger_depth: [0.017, 0.036],
         finger_width: 0.012,
         keeper: Keeper::Person,
+    }
+}
+
+/// Returns the order with which the visual servo takes the cube.
+fn take_order() -> visual_servo::Order {
+    visual_servo::Order {
+        world_from_base: Pose::identity(),
+        approach: Vector3::x(),
+        jaws: Vector3::y(),
+        seat: 0.019,
+        vicinity: 0.1,
+        frozen: 0.05,
+        still: 0.006,
+        still_seconds: 0.3,
+        retreat: 0.02,
+        speed: (0.2, 1.0),
+        acceleration: 1.0,
+        approach_speed: 0.02,
+        touch: 3.0,
+        overrun: 0.015,
+        stale: 0.2,
+        patience: 10.0,
+        zone: (Pose::identity(), Vector3::repeat(1.0)),
     }
 }
 
