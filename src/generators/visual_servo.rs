@@ -243,9 +243,9 @@ impl VisualServo {
             return Next::Go(self.hold());
         }
         if let Stage::Approach { began_at } = self.stage {
-            self.approach(inputs, &pose, &goal, began_at, frozen)
+            self.approach(inputs, &goal, began_at, frozen)
         } else {
-            self.follow(inputs, &pose, &goal)
+            self.follow(inputs, &goal)
         }
     }
 
@@ -364,18 +364,21 @@ impl VisualServo {
         self.standing.is_some_and(|s| seconds(s) > self.order.still_seconds)
     }
 
-    fn follow(&mut self, inputs: &Inputs<'_>, pose: &Pose, goal: &Pose) -> Next {
+    /// Goes to the pose where the gripper waits for a cube that stands, and begins the approach
+    /// from there.
+    fn follow(&mut self, inputs: &Inputs<'_>, goal: &Pose) -> Next {
+        let pose = inputs.arm.desired_base_from_tool;
         let wait = self.waiting(goal);
-        let is_there = is_at(pose, &wait);
+        let is_there = is_at(&pose, &wait);
         if is_there {
             self.refused = None;
         }
         if is_there && self.stands() {
             self.stage = Stage::Approach { began_at: goal.translation.vector };
             self.gone.0 = 0;
-            return self.approach(inputs, pose, goal, goal.translation.vector, false);
+            return self.approach(inputs, goal, goal.translation.vector, false);
         }
-        self.lead(pose, &wait)
+        self.lead(&pose, &wait)
     }
 
     /// A step on the way to a pose.
@@ -399,10 +402,11 @@ impl VisualServo {
         })
     }
 
+    /// Moves compliantly towards the goal until the gripper touches the cube; breaks off if the
+    /// goal has left `began_at`.
     fn approach(
         &mut self,
         inputs: &Inputs<'_>,
-        pose: &Pose,
         goal: &Pose,
         began_at: Vector3<f64>,
         frozen: bool,
@@ -414,7 +418,7 @@ impl VisualServo {
         }
         self.confirmed =
             if inputs.arm.wrench_in_tool.force.z > order.touch { self.confirmed + 1 } else { 0 };
-        let left = pose.inverse() * goal;
+        let left = inputs.arm.desired_base_from_tool.inverse() * goal;
         if self.confirmed >= 2 {
             return Next::Done(Outcome::Touched(left.translation.z));
         }
