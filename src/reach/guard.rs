@@ -266,7 +266,7 @@ impl Guard {
         from: [Option<&JointPositions>; 2],
         ways: [&PlannedMotion; 2],
     ) -> impl Iterator<Item = Room> {
-        let mut at = [0, 1].map(|i: usize| from[i].map(|from| Course::new(self, i, from, ways[i])));
+        let mut at = [0, 1].map(|i: usize| from[i].map(|from| self.course(i, from, ways[i])));
         (1..=STEPS).map(move |step| {
             let part = f64::from(step) / f64::from(STEPS);
             let there = at.each_mut().map(|course| course.as_mut().map(|course| course.at(part)));
@@ -274,30 +274,12 @@ impl Guard {
         })
     }
 
-    /// How many times too fast a way is where the operator's hand may be, when it takes so long and has gone `share` of itself
-    /// after a share of its time: 1 or less where it is slow enough.
+    /// Returns the course of an arm from where it stands along its way.
     #[must_use]
-    pub fn haste(
-        &self,
-        arm: usize,
-        from: &JointPositions,
-        way: &PlannedMotion,
-        seconds: f64,
-        share: impl Fn(f64) -> f64,
-    ) -> f64 {
-        let Some(allowed) = self.hand_speed else { return 0.0 };
-        let mut course = Course::new(self, arm, from, way);
-        let step = seconds / f64::from(MOMENTS);
-        let mut last = self.bodies(arm, from);
-        (1..=MOMENTS)
-            .map(|moment| {
-                let here =
-                    self.bodies(arm, &course.at(share(f64::from(moment) / f64::from(MOMENTS))));
-                let speed = self.near_hand(&last, &here).map_or(0.0, |way| way / step);
-                last = here;
-                speed / allowed
-            })
-            .fold(0.0, f64::max)
+    pub fn course(&self, arm: usize, from: &JointPositions, way: &PlannedMotion) -> Course<'_> {
+        let of = &self.cell.arms[arm];
+        let tool = of.model.base_from_flange(from) * of.flange_from_tool;
+        Course { guard: self, arm, from: *from, way: *way, last: *from, tool }
     }
 
     /// Whether an arm that has gone from one place to another in so many seconds was slow enough for where it is.
@@ -331,8 +313,9 @@ impl Guard {
     }
 }
 
-/// An arm on its way.
-struct Course<'a> {
+/// The course of an arm along its way.
+#[derive(Debug)]
+pub struct Course<'a> {
     guard: &'a Guard,
     arm: usize,
     from: JointPositions,
@@ -343,14 +326,29 @@ struct Course<'a> {
     tool: Pose,
 }
 
-impl<'a> Course<'a> {
-    fn new(guard: &'a Guard, arm: usize, from: &JointPositions, way: &PlannedMotion) -> Self {
-        let of = &guard.cell.arms[arm];
-        let tool = of.model.base_from_flange(from) * of.flange_from_tool;
-        Self { guard, arm, from: *from, way: *way, last: *from, tool }
+impl Course<'_> {
+    /// Returns how many times too fast the arm is where the operator's hand may be, if its way
+    /// takes `seconds` and it has gone `share` of the way after a share of that time: 1 or less
+    /// where it is slow enough.
+    #[must_use]
+    pub fn haste(mut self, seconds: f64, share: impl Fn(f64) -> f64) -> f64 {
+        let (guard, arm) = (self.guard, self.arm);
+        let Some(allowed) = guard.hand_speed else { return 0.0 };
+        let step = seconds / f64::from(MOMENTS);
+        let mut last = guard.bodies(arm, &self.from);
+        (1..=MOMENTS)
+            .map(|moment| {
+                let here =
+                    guard.bodies(arm, &self.at(share(f64::from(moment) / f64::from(MOMENTS))));
+                let speed = guard.near_hand(&last, &here).map_or(0.0, |way| way / step);
+                last = here;
+                speed / allowed
+            })
+            .fold(0.0, f64::max)
     }
 
-    /// After a share of the way. Of a line that leaves the arm's reach, the last place within: its servo refuses the rest.
+    /// Returns the joint positions after a share of the way. Where a line leaves the arm's reach,
+    /// the arm stays at the last place within: its servo refuses the rest.
     fn at(&mut self, part: f64) -> JointPositions {
         self.last = match self.way {
             PlannedMotion::Stays => self.from,
@@ -594,7 +592,7 @@ mod tests {
                     continue;
                 }
 
-                let end = Course::new(&guard, 0, &meeting.track, &PlannedMotion::Line(to)).at(1.0);
+                let end = guard.course(0, &meeting.track, &PlannedMotion::Line(to)).at(1.0);
 
                 assert!(tool(&end).rotation.angle_to(&to.rotation) < 1e-6);
                 led += 1;
@@ -669,8 +667,8 @@ mod tests {
 
         // 0.2 m: in 1.2 s slow enough, in 0.6 s not.
         for way in [PlannedMotion::Line(at), PlannedMotion::Joints(near)] {
-            let slow = guard.haste(0, &far, &way, 1.2, even);
-            let fast = guard.haste(0, &far, &way, 0.6, even);
+            let slow = guard.course(0, &far, &way).haste(1.2, even);
+            let fast = guard.course(0, &far, &way).haste(0.6, even);
             assert!(slow > 0.5 && slow <= 1.0, "{slow}");
             assert!((fast / slow - 2.0).abs() < 1e-9, "{fast} {slow}");
         }
@@ -699,7 +697,8 @@ mod tests {
         elsewhere.hand.world_from_cube.translation.vector.x += 1.0;
         for cell in [elsewhere, Cell { keeper: Keeper::Table, ..cell.clone() }] {
             let guard = Guard::of(&cell, 0.25);
-            assert_eq!(guard.haste(0, &far, &PlannedMotion::Line(at), 0.2, even), 0.0);
+            let course = guard.course(0, &far, &PlannedMotion::Line(at));
+            assert_eq!(course.haste(0.2, even), 0.0);
             assert!(guard.pace(0, &far, &near, 0.1).is_ok());
         }
     }

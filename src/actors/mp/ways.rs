@@ -44,7 +44,7 @@ pub(super) fn slow_down(
     let slower = (0..2)
         .filter(|&i| lasts[i] > 0.0)
         .filter_map(|i| Some((i, &known[i]?.desired_joints)))
-        .map(|(i, from)| guard.haste(i, from, &ways[i], lasts[i], min_jerk))
+        .map(|(i, from)| guard.course(i, from, &ways[i]).haste(lasts[i], min_jerk))
         .fold(1.0, f64::max);
     if slower <= 1.0 {
         return;
