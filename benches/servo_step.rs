@@ -192,7 +192,7 @@ fn parts(c: &mut Criterion) {
     group.bench_function("tff", |b| {
         b.iter_batched_ref(
             ForceLaw::default,
-            |law| law.step(1, black_box(&task), &wrench, &pose, 0.002),
+            |law| law.step(1, black_box(&task), &wrench, &pose),
             BatchSize::SmallInput,
         );
     });

@@ -6,7 +6,7 @@ use super::jaw::Jaw;
 use super::lateness::StepFilter;
 use super::path::{Chain, Path, SetValues, check_end};
 use super::regulator::Regulator;
-use super::tff::{ForceLaw, heeds_force};
+use super::tff::{ForceFeedback, ForceLaw, heeds_force};
 use super::watch::{Wanted, Watch};
 use super::wrench::WristForce;
 use super::{ForceSettings, ServoCommand, ServoConfig};
@@ -107,8 +107,8 @@ impl ArmServo {
             jaw: Jaw::new(config.gripper, &config.gains, first.jaw_count, config.period),
             wrist: WristForce::new(config.sensor),
             seen_wrench: SeenWrench::default(),
-            law: ForceLaw::default(),
-            watch: Watch::new(&config.gains, first.counts, config.period),
+            law: ForceLaw::new(config.period),
+            watch: Watch::new(&config.gains, &config.model.increments, first.counts, config.period),
             running: None,
             waiting: None,
             command_end: 0,
@@ -343,7 +343,7 @@ impl ArmServo {
         self.last_counts = reading.counts;
         self.watch.reset(reading.counts);
         // The jaw keeps its set value and its regulator: what it grips must not fall.
-        self.law = ForceLaw::default();
+        self.law = ForceLaw::new(self.config.period);
         self.running = None;
         self.waiting = None;
         self.homing = None;
@@ -442,7 +442,7 @@ impl ArmServo {
         let increments = &self.config.model.increments;
         let backlog = std::array::from_fn(|i| self.step_filters[i].backlog() * TAU / increments[i]);
         let wanted = Wanted { set: &self.set.motors, steps: &self.steps, backlog: &backlog };
-        let axes = self.watch.check(reading, &measured.motors, &wanted, first, increments);
+        let axes = self.watch.check(reading, &measured.motors, &wanted, first);
         let by_force = self.running.as_ref().and_then(Path::directions).is_some_and(heeds_force);
         // What is met on the way to a place is known by the force alone: a silent sensor says nothing of a person's hand.
         let goes = self.running.as_ref().is_some_and(Path::leads_to_a_place);
@@ -465,11 +465,11 @@ impl ArmServo {
             return;
         }
         let Some(path) = self.running else { return };
-        let seconds = self.config.period.seconds();
         // Not by `chain()`: the law is changed beside it.
         let chain = Chain { model: &self.config.model, flange_from_tool: &self.flange_from_tool };
+        let feedback = ForceFeedback { law: &mut self.law, wrench };
         let next = path
-            .at((period, seconds), &self.set, chain, &mut self.law, wrench)
+            .at(period, &self.set, chain, feedback)
             .and_then(|next| self.check(&next).map(|()| next));
         match next {
             Ok(next) => {

@@ -1,9 +1,9 @@
 //! The course of a macrostep: set values of each of its periods, linearly between start and end.
 
-use super::tff::{FALLS, ForceLaw, TaskMotion};
+use super::tff::{FALLS, ForceFeedback, TaskMotion};
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, Direction, JointPositions, Motion, MotorPositions, MoveRefused};
-use crate::spatial::{Pose, Wrench};
+use crate::spatial::Pose;
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
 /// The kinematic chain from an arm's base to its tool.
@@ -158,18 +158,16 @@ impl Path {
         matches!(self.kind, Kind::Motors { .. } | Kind::Joints { .. } | Kind::Pose { .. })
     }
 
-    /// Returns the set values of a period, given as its number and its length (s); the last ones
-    /// are `last`.
+    /// Returns the set values of a period; the last ones are `last`.
     ///
     /// # Errors
     /// Why there are none: the pose cannot be reached.
     pub fn at(
         &self,
-        (period, seconds): (u64, f64),
+        period: u64,
         last: &SetValues,
         chain: Chain<'_>,
-        law: &mut ForceLaw,
-        wrench: &Wrench,
+        feedback: ForceFeedback<'_>,
     ) -> Result<SetValues, MoveRefused> {
         debug_assert!((self.begin..=self.end).contains(&period), "{period} is not of {self:?}");
         let share = (period + 1 - self.begin) as f64 / (self.end + 1 - self.begin) as f64;
@@ -201,7 +199,8 @@ impl Path {
                 SetValues::of_pose(chain, pose, &last.joints)
             }
             Kind::Task(task) => {
-                let mut pose = law.step(period, task, wrench, &last.base_from_tool, seconds);
+                let ForceFeedback { law, wrench } = feedback;
+                let mut pose = law.step(period, task, wrench, &last.base_from_tool);
                 // Rounding would make the rotation drift from unit length over a long contact.
                 pose.rotation.renormalize();
                 SetValues::of_pose(chain, pose, &last.joints)

@@ -10,6 +10,7 @@
 //! - source: Bruyninckx and De Schutter (1996); Zieliński et al. (2007), p. 371; the inertia term and the
 //!   integration on the commanded pose are from the original's sources
 
+use super::period::Length;
 use crate::motion::{Direction, Frame};
 use crate::spatial::{Pose, Twist, Wrench};
 
@@ -22,9 +23,10 @@ pub struct TaskMotion {
     pub directions: [Direction; 6],
 }
 
-/// The law's memory: the displacement of the last period, in base orientation.
+/// The law with its memory: the displacement of the last period, in base orientation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ForceLaw {
+    length: Length,
     last: Twist,
     last_period: u64,
 }
@@ -33,15 +35,20 @@ impl ForceLaw {
     /// Periods without a task motion after which the momentum is forgotten.
     const MEMORY: u64 = 10;
 
-    /// Returns the commanded `base_from_tool` after this period, which lasts `seconds`; `wrench` is
-    /// what the tool exerts on its surroundings, about the tool point, in tool axes.
+    /// Makes a law that remembers no displacement, for periods of this length.
+    #[must_use]
+    pub fn new(length: Length) -> Self {
+        Self { length, ..Self::default() }
+    }
+
+    /// Returns the commanded `base_from_tool` after this period; `wrench` is what the tool exerts
+    /// on its surroundings, about the tool point, in tool axes.
     pub fn step(
         &mut self,
         period: u64,
         task: &TaskMotion,
         wrench: &Wrench,
         base_from_tool: &Pose,
-        seconds: f64,
     ) -> Pose {
         if period.saturating_sub(self.last_period) > Self::MEMORY {
             self.last = Twist::default();
@@ -54,12 +61,21 @@ impl ForceLaw {
         let force = wrench.rotated(&tool_from_axes.inverse());
         let last = self.last.rotated(&base_from_axes.inverse());
 
-        let moved = displacement(&task.directions, &force, &last, seconds);
+        let moved = displacement(&task.directions, &force, &last, self.length.seconds());
 
         self.last = moved.rotated(&base_from_axes);
         self.last_period = period;
         base_from_tool * moved.rotated(&tool_from_axes).displacement()
     }
+}
+
+/// Force feedback of one period: the law, and the wrench that it answers.
+#[derive(Debug)]
+pub struct ForceFeedback<'a> {
+    /// The law, which remembers what it commands.
+    pub law: &'a mut ForceLaw,
+    /// Wrench that the tool exerts on its surroundings, about the tool point, in tool axes.
+    pub wrench: &'a Wrench,
 }
 
 /// Displacement in one period of T `seconds`; all in the axes of the task frame:
@@ -151,7 +167,6 @@ mod tests {
                 &TaskMotion { frame: Frame::Base, directions },
                 &along(2, seen),
                 &pose,
-                PERIOD,
             );
             forces.push(stiffness * pose.translation.z);
         }
@@ -215,7 +230,6 @@ mod tests {
                 &TaskMotion { frame: Frame::Tool, directions },
                 &along(0, force),
                 &pose,
-                PERIOD,
             );
         }
 
@@ -259,7 +273,6 @@ mod tests {
                 &TaskMotion { frame: Frame::Base, directions },
                 &along(2, force),
                 &pose,
-                PERIOD,
             );
         }
 
@@ -282,7 +295,6 @@ mod tests {
                 &TaskMotion { frame, directions },
                 &Wrench::default(),
                 &turned,
-                PERIOD,
             )
         };
 
@@ -303,7 +315,6 @@ mod tests {
             &TaskMotion { frame: Frame::Base, directions },
             &along(0, -5.0),
             &Pose::identity(),
-            PERIOD,
         );
         let mut later = law;
 
@@ -312,14 +323,12 @@ mod tests {
             &TaskMotion { frame: Frame::Base, directions },
             &Wrench::default(),
             &Pose::identity(),
-            PERIOD,
         );
         let late = later.step(
             12,
             &TaskMotion { frame: Frame::Base, directions },
             &Wrench::default(),
             &Pose::identity(),
-            PERIOD,
         );
 
         assert!(soon.translation.x > 0.0);
@@ -343,8 +352,8 @@ mod tests {
             let (mut one, mut two) = (Pose::identity(), turn);
 
             for period in 1..=20 {
-                one = a.step(period, &TaskMotion { frame: Frame::Tool, directions }, &wrench, &one, PERIOD);
-                two = b.step(period, &TaskMotion { frame: Frame::Tool, directions }, &wrench, &two, PERIOD);
+                one = a.step(period, &TaskMotion { frame: Frame::Tool, directions }, &wrench, &one);
+                two = b.step(period, &TaskMotion { frame: Frame::Tool, directions }, &wrench, &two);
             }
 
             let difference = (turn * one).to_homogeneous() - two.to_homogeneous();

@@ -69,9 +69,15 @@ impl Watch {
     /// Periods after a reset in which switches come to be known: lines tell of them after they have read them twice.
     const SETTLES: u32 = 5;
 
-    /// Makes the watchdogs of an arm at rest whose counters show `counts`.
+    /// Makes the watchdogs of an arm at rest whose counters show `counts`; `increments` are those
+    /// of its encoders in a revolution of the motor.
     #[must_use]
-    pub fn new(gains: &ServoGains, counts: [i64; AXES], period: Length) -> Self {
+    pub fn new(
+        gains: &ServoGains,
+        increments: &[f64; AXES],
+        counts: [i64; AXES],
+        period: Length,
+    ) -> Self {
         let rules = Rules {
             following_error: gains.following_error,
             following_lag: gains.following_lag,
@@ -83,7 +89,8 @@ impl Watch {
             },
             jump: Self::JUMP * period.ratio().max(1.0),
         };
-        let axis = |i: usize| AxisWatch::new(gains.axes[i].trip_current, counts[i], period);
+        let axis =
+            |i: usize| AxisWatch::new(gains.axes[i].trip_current, increments[i], counts[i], period);
         Self { rules, axes: std::array::from_fn(axis), age: 0, stood_on: (0, 0) }
     }
 
@@ -107,14 +114,14 @@ impl Watch {
         self.axes[axis].rebase(count);
     }
 
-    /// Returns the first fault of this reading.
+    /// Returns the first fault of this reading. Counters and strain of axes before `first_axis`
+    /// are not judged.
     pub fn check(
         &mut self,
         reading: &ArmReading,
         measured: &MotorPositions,
         wanted: &Wanted<'_>,
         first_axis: usize,
-        increments: &[f64; AXES],
     ) -> Option<ArmFault> {
         let mut fault = None;
         for axis in (first_axis..AXES).rev() {
@@ -129,7 +136,6 @@ impl Watch {
             }
             let seen = Seen {
                 count: reading.counts[axis],
-                increments: increments[axis],
                 step: wanted.steps[axis],
                 error: wanted.set.0[axis] - measured.0[axis],
                 backlog: wanted.backlog[axis],
@@ -181,6 +187,8 @@ struct AxisWatch {
     frozen: u32,
     /// How far the set value has gone since the counter last changed (rad).
     wanted: f64,
+    /// Increments of the encoder in a revolution of the motor.
+    increments: f64,
     last_count: i64,
     /// Current that its power stage stops at (A), and for how many periods more than not the axis
     /// was strained.
@@ -195,8 +203,6 @@ struct AxisWatch {
 /// What is judged of one axis in one period; lengths in (rad of the motor).
 struct Seen {
     count: i64,
-    /// Increments of the encoder in a revolution of the motor.
-    increments: f64,
     /// How far the set value went.
     step: f64,
     /// Set value less measured value.
@@ -226,12 +232,13 @@ impl AxisWatch {
     const STRAIN: f64 = 0.5;
 
     /// Makes the watchdog of an axis at rest.
-    fn new(trip: f64, count: i64, period: Length) -> Self {
+    fn new(trip: f64, increments: f64, count: i64, period: Length) -> Self {
         Self {
             speed: 0.0,
             holds: 0,
             frozen: 0,
             wanted: 0.0,
+            increments,
             last_count: count,
             trip,
             strained: 0,
@@ -285,7 +292,7 @@ impl AxisWatch {
         if moved != 0 {
             self.wanted = 0.0;
         }
-        let by = moved as f64 * std::f64::consts::TAU / seen.increments;
+        let by = moved as f64 * std::f64::consts::TAU / self.increments;
         let fast = Self::FASTER * self.speed;
         let within = |periods: f64| rules.jump + fast * (periods * rules.seconds + Self::OFF);
         let interval = &mut self.interval;
@@ -324,6 +331,11 @@ mod tests {
     const INCREMENTS: f64 = 4000.0;
     const SPEED: i64 = 200;
 
+    /// Returns watchdogs of an arm at rest whose counters show zero.
+    fn watch(gains: &ServoGains) -> Watch {
+        Watch::new(gains, &[INCREMENTS; AXES], [0; AXES], Length::default())
+    }
+
     #[derive(Clone)]
     struct Axis {
         watch: Watch,
@@ -334,7 +346,7 @@ mod tests {
         /// Makes an axis that has followed its set value for a while, without lag.
         fn running() -> Self {
             let gains = ServoGains::parse(IRP6).unwrap();
-            let mut axis = Self { watch: Watch::new(&gains, [0; AXES], Length::default()), set: 0 };
+            let mut axis = Self { watch: watch(&gains), set: 0 };
             for _ in 0..50 {
                 assert_eq!(axis.shows(axis.set + SPEED, 1), None);
             }
@@ -354,7 +366,7 @@ mod tests {
             set.0[3] = self.set as f64 / radian;
             steps[3] = SPEED as f64 / radian;
             let wanted = Wanted { set: &set, steps: &steps, backlog: &[0.0; AXES] };
-            self.watch.check(&reading, &measured, &wanted, 1, &[INCREMENTS; AXES])
+            self.watch.check(&reading, &measured, &wanted, 1)
         }
     }
 
@@ -362,7 +374,7 @@ mod tests {
     /// reading is missing, or shows the current `tenth`.
     fn bears(amperes: f64, tenth: Option<f64>) -> Option<u32> {
         let gains = ServoGains::parse(IRP6).unwrap();
-        let mut watch = Watch::new(&gains, [0; AXES], Length::default());
+        let mut watch = watch(&gains);
         let still = MotorPositions::default();
         let wanted = Wanted { set: &still, steps: &[0.0; AXES], backlog: &[0.0; AXES] };
         (0..2000).find(|period| {
@@ -372,7 +384,7 @@ mod tests {
                 reading.currents[1] = tenth.unwrap_or_default();
                 reading.no_answer = u8::from(tenth.is_none()) << 1;
             }
-            match watch.check(&reading, &still, &wanted, 0, &[INCREMENTS; AXES]) {
+            match watch.check(&reading, &still, &wanted, 0) {
                 None => false,
                 Some(ArmFault::OverCurrent { axis: 1, amperes }) => amperes.abs() > 7.5,
                 other => panic!("{other:?}"),

@@ -147,7 +147,7 @@ impl<E: Fn(u64) -> f64> Machine<E> {
     fn run(&self) -> (Option<(f64, ArmFault)>, f64) {
         let mut link = Link::default();
         let gains = ServoGains::parse(IRP6).unwrap();
-        let mut watch = Watch::new(&gains, [0; AXES], Length::default());
+        let mut watch = Watch::new(&gains, &[Self::INCREMENTS; AXES], [0; AXES], Length::default());
         let radian = Self::INCREMENTS / std::f64::consts::TAU;
         let (first, stands, every) = self.stands;
         let frozen = |begun: f64, end: f64| {
@@ -193,7 +193,7 @@ impl<E: Fn(u64) -> f64> Machine<E> {
             wanted.0[3] = set;
             set += told;
             let wanted = Wanted { set: &wanted, steps: &steps, backlog: &backlog };
-            let fault = watch.check(&reading, &measured, &wanted, 1, &[Self::INCREMENTS; AXES]);
+            let fault = watch.check(&reading, &measured, &wanted, 1);
             if let Some(fault) = fault {
                 return (Some((now, fault)), unjudged);
             }
