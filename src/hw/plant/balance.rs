@@ -10,7 +10,7 @@
 //! - method: Newton with the elastic stiffness (always positive definite) and return mapping of every
 //!   friction at each evaluation; states are committed once a substep
 
-use super::cube::{Layers, MIDDLE, Puzzle};
+use super::cube::{InterfaceLoad, Layers, MIDDLE, Puzzle};
 use super::frame::{Frame, about, rotation_vector, skew, solve};
 use super::grasp::{Grasp, Hands, Touch};
 use super::rest::{Bearing, Rest};
@@ -286,8 +286,7 @@ impl Balance {
             residual.fixed_rows_mut::<3>(0).add_assign(&(weight / bodies as f64));
         }
         if let Some(hold) = hold {
-            self.hand_force =
-                system.add_hold(hold, &self.nodes[0], &self.before, &self.hand_before, dt);
+            self.hand_force = self.add_hold(&mut system, hold, dt);
             // The hand carries the cube's weight without sinking.
             system.residual[0].fixed_rows_mut::<3>(0).sub_assign(weight);
         }
@@ -303,6 +302,31 @@ impl Balance {
             joint
         });
         Load { system, borne, joint }
+    }
+
+    /// Adds the wrench of the operator's hold on the first body, and its stiffness; returns its
+    /// force.
+    fn add_hold(&self, system: &mut System, hold: &HandHold, dt: f64) -> Vector3<f64> {
+        let (body, before, hand_before) = (&self.nodes[0], &self.before, &self.hand_before);
+        let target = &hold.world_from_cube;
+        let offset = target.p - body.p;
+        let speed = ((target.p - hand_before.p) - (body.p - before.p)) / dt;
+        let force = offset * hold.stiffness + speed * hold.damping;
+        // A hand's grip is about 0.1 m wide: K times 0.01 m2 in rotation.
+        let k_turn = hold.stiffness * 0.01;
+        let c_turn = hold.damping * 0.01;
+        let twist = rotation_vector(&(target.r * body.r.transpose()));
+        let turned = rotation_vector(&(body.r * before.r.transpose()));
+        let torque = twist * k_turn - turned * (c_turn / dt);
+        let r = &mut system.residual[0];
+        r.fixed_rows_mut::<3>(0).add_assign(&force);
+        r.fixed_rows_mut::<3>(3).add_assign(&torque);
+        let k = &mut system.stiffness[0][0];
+        for i in 0..3 {
+            k[(i, i)] += hold.stiffness + hold.damping / dt;
+            k[(3 + i, 3 + i)] += k_turn + c_turn / dt;
+        }
+        force
     }
 
     /// Adds the stiffness of the contacts that bear the load.
@@ -393,15 +417,14 @@ impl Balance {
         let twist = unit.dot(&w);
         let tilt = w - unit * twist;
 
-        let (f_across, k_across, load_across) = with_play(&across, m.play, m.stiffness);
-        let (f_axial, k_axial, load_axial) = with_play(&(unit * axial), 0.5 * m.play, m.stiffness);
-        let (t_tilt, k_tilt, load_tilt) = with_play(&tilt, m.tilt_play, m.tilt_stiffness);
+        let (f_across, k_across, lateral) = with_play(&across, m.play, m.stiffness);
+        let (f_axial, k_axial, axial_load) = with_play(&(unit * axial), 0.5 * m.play, m.stiffness);
+        let (t_tilt, k_tilt, tilt_load) = with_play(&tilt, m.tilt_play, m.tilt_stiffness);
+        let load = InterfaceLoad { lateral, tilt: tilt_load, axial: axial_load };
         let limit = |body: usize| -> f64 {
             (0..2)
                 .filter(|side| split.layers[body] & (1 << (2 * side)) != 0)
-                .map(|side| {
-                    puzzle.turning_torque(split.axis, side, load_across, load_tilt, load_axial)
-                })
+                .map(|side| puzzle.turning_torque(split.axis, side, load))
                 .sum()
         };
         let (slipping, limit) = if let Some(body) = middle {
@@ -429,7 +452,7 @@ impl Balance {
         let moment = t_tilt + unit * torque;
         let joint = Joint { frame: theirs, at, force, moment, stiffness };
         let interface =
-            Interface { torque, limit, tilt: load_tilt, axial: unit.dot(&f_axial), slip, slipping };
+            Interface { torque, limit, tilt: tilt_load, axial: unit.dot(&f_axial), slip, slipping };
         (interface, joint)
     }
 }
@@ -505,35 +528,6 @@ impl System {
         let r = &mut self.residual[node];
         r.fixed_rows_mut::<3>(0).add_assign(&force);
         r.fixed_rows_mut::<3>(3).add_assign(&torque);
-    }
-
-    fn add_hold(
-        &mut self,
-        hold: &HandHold,
-        body: &Frame,
-        before: &Frame,
-        hand_before: &Frame,
-        dt: f64,
-    ) -> Vector3<f64> {
-        let target = &hold.world_from_cube;
-        let offset = target.p - body.p;
-        let speed = ((target.p - hand_before.p) - (body.p - before.p)) / dt;
-        let force = offset * hold.stiffness + speed * hold.damping;
-        // A hand's grip is about 0.1 m wide: K times 0.01 m2 in rotation.
-        let k_turn = hold.stiffness * 0.01;
-        let c_turn = hold.damping * 0.01;
-        let twist = rotation_vector(&(target.r * body.r.transpose()));
-        let turned = rotation_vector(&(body.r * before.r.transpose()));
-        let torque = twist * k_turn - turned * (c_turn / dt);
-        let r = &mut self.residual[0];
-        r.fixed_rows_mut::<3>(0).add_assign(&force);
-        r.fixed_rows_mut::<3>(3).add_assign(&torque);
-        let k = &mut self.stiffness[0][0];
-        for i in 0..3 {
-            k[(i, i)] += hold.stiffness + hold.damping / dt;
-            k[(3 + i, 3 + i)] += k_turn + c_turn / dt;
-        }
-        force
     }
 
     fn load_joint(&mut self, joint: &Joint, nodes: &[Frame; 2]) {

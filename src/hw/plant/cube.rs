@@ -20,6 +20,17 @@ const CORNER_FRICTION: f64 = 0.05 * 57.295_779_513_082_32;
 pub(super) type Layers = u8;
 pub(super) const MIDDLE: Layers = 2;
 
+/// Load that an interface transmits, beside the torque about its axis.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct InterfaceLoad {
+    /// Across the axis (N).
+    pub(super) lateral: f64,
+    /// Across the axis (Nm).
+    pub(super) tilt: f64,
+    /// Along the axis (N).
+    pub(super) axial: f64,
+}
+
 #[derive(Debug, Clone)]
 pub(super) struct Puzzle {
     /// Colours by position in the core's frame, layers back at the quarter they were at last.
@@ -89,15 +100,9 @@ impl Puzzle {
         (0..3).any(|a| a != axis && self.misalignment(a) > self.mechanics.corner_cut)
     }
 
-    /// Torque at which an interface slips (Nm), under the load that it transmits.
-    pub(super) fn turning_torque(
-        &self,
-        axis: usize,
-        side: usize,
-        lateral: f64,
-        tilt: f64,
-        axial: f64,
-    ) -> f64 {
+    /// Returns the torque at which an interface slips (Nm), under the load that it transmits.
+    pub(super) fn turning_torque(&self, axis: usize, side: usize, load: InterfaceLoad) -> f64 {
+        let InterfaceLoad { lateral, tilt, axial } = load;
         let m = &self.mechanics;
         let (sine, _) = libm::sincos(2.0 * self.angles[axis][side]);
         let (r_lateral, r_face, lever) = RUB;

@@ -5,7 +5,7 @@
 
 use super::StillWatch;
 use super::balance::{Split, layer_angle};
-use super::cube::{Layers, MIDDLE};
+use super::cube::{InterfaceLoad, Layers, MIDDLE};
 use super::frame::{Frame, about, nearest_alignment};
 use super::grasp::{GIVE, Grasp, Hold};
 use super::{Incident, Plant, State};
@@ -146,7 +146,7 @@ impl Plant {
         let load = |split: &Split| {
             let about = core.r.column(split.axis).dot(&torque).abs();
             let side = usize::from(split.layers[0] & 4 != 0 || split.layers[1] & 4 != 0);
-            about / self.puzzle.turning_torque(split.axis, side, 0.0, 0.0, 0.0)
+            about / self.puzzle.turning_torque(split.axis, side, InterfaceLoad::default())
         };
         let loaded_now = load(&now);
         let other = self
