@@ -29,9 +29,9 @@ use image::RgbImage;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use raster::{Extent, View};
+use raster::{Extent, Eye, View};
 use rays::Rays;
-use sensor::{Converter, Raw};
+use sensor::{Converter, Photosite, Raw};
 use solids::Solids;
 
 /// Renders what one camera sees.
@@ -155,7 +155,7 @@ impl Renderer {
             for column in 0..width {
                 let pixel = row * width + column;
                 let gain = self.gain[pixel] * exposure;
-                self.converter.put(&mut self.raw, row, column, colour(pixel), gain);
+                self.converter.put(&mut self.raw, Photosite { row, column }, colour(pixel), gain);
             }
         }
     }
@@ -237,14 +237,9 @@ impl Renderer {
     fn cast_furniture(&mut self, world_from_camera: &Pose, background: &mut [Rgb]) {
         self.solids.clear();
         self.solids.add_furniture(&self.setting);
-        let camera_from_world = world_from_camera.inverse();
-        self.view.look_at(
-            &self.rays,
-            &self.solids,
-            &camera_from_world,
-            &self.look,
-            Extent::Before(None),
-        );
+        let camera_from_world = &world_from_camera.inverse();
+        let eye = Eye { rays: &self.rays, camera_from_world, look: &self.look };
+        self.view.look_at(eye, &self.solids, Extent::Before(None));
         let room = background.to_vec();
         self.behind.fill(0.0);
         for row in 0..self.rays.height {
@@ -254,28 +249,31 @@ impl Renderer {
                 let range = line + from..line + to;
                 self.behind[range.clone()].copy_from_slice(&self.view.depth()[range]);
             }
-            self.view.colour_row(&self.rays, row, &room, false, |column, colour| {
+            self.view.colour_row(&self.rays, row, &room, |column, colour| {
                 background[line + column] = colour;
             });
         }
     }
 
+    /// Draws what moves over the background.
     fn draw_moving(&mut self, scene: &Scene, world_from_camera: &Pose, exposure: f64) {
-        let camera_from_world = world_from_camera.inverse();
+        let camera_from_world = &world_from_camera.inverse();
         let exposure = exposure as f32;
         let stands = self.gather(scene);
         let behind = stands.then_some(self.behind.as_slice());
         let extent = if stands { Extent::Before(behind) } else { Extent::All };
-        self.view.look_at(&self.rays, &self.solids, &camera_from_world, &self.look, extent);
+        let eye = Eye { rays: &self.rays, camera_from_world, look: &self.look };
+        self.view.look_at(eye, &self.solids, extent);
         let (converter, raw, gain) = (&self.converter, &mut self.raw, &self.gain);
         for row in 0..self.rays.height {
             let line = row * self.rays.width;
             self.dirty[row] = self.view.span(row);
-            self.view.colour_row(&self.rays, row, &self.background, !stands, |column, colour| {
-                converter.put(raw, row, column, colour, gain[line + column] * exposure);
+            self.view.colour_row(&self.rays, row, &self.background, |column, colour| {
+                let site = Photosite { row, column };
+                converter.put(raw, site, colour, gain[line + column] * exposure);
             });
         }
-        self.blur_motion(scene, &camera_from_world, exposure);
+        self.blur_motion(scene, camera_from_world, exposure);
     }
 
     /// Collects what moves; whether the camera stands.
@@ -305,11 +303,8 @@ impl Renderer {
         self.gather(&displaced(scene, offset(0)));
         let first = self.solids.clone();
         let stands = self.gather(&displaced(scene, offset(count - 1)));
-        let (rays, view) = (&self.rays, &mut self.view);
-        let Some(region) = view.changed(rays, &first, &self.solids, camera_from_world, &self.look)
-        else {
-            return;
-        };
+        let eye = Eye { rays: &self.rays, camera_from_world, look: &self.look };
+        let Some(region) = self.view.changed(eye, &first, &self.solids) else { return };
         let (columns, rows) = region.inner(&self.rays).ranges();
         let width = self.rays.width;
         let size = columns.len() * rows.len();
@@ -320,11 +315,12 @@ impl Renderer {
             self.gather(&displaced(scene, offset(k)));
             let behind = stands.then_some(self.behind.as_slice());
             let extent = Extent::Inside(region, behind);
-            self.view.look_at(&self.rays, &self.solids, camera_from_world, &self.look, extent);
+            let eye = Eye { rays: &self.rays, camera_from_world, look: &self.look };
+            self.view.look_at(eye, &self.solids, extent);
             for (line, row) in rows.clone().enumerate() {
                 let sum = &mut self.sum[line * columns.len()..(line + 1) * columns.len()];
                 let background = &self.background;
-                self.view.colour_row(&self.rays, row, background, false, |column, colour| {
+                self.view.colour_row(&self.rays, row, background, |column, colour| {
                     let behind = background[row * width + column];
                     for (c, sum) in sum[column - columns.start].iter_mut().enumerate() {
                         *sum += share * (colour[c] - behind[c]);
@@ -339,7 +335,8 @@ impl Renderer {
                 let pixel = row * width + column;
                 let (sum, behind) = (self.sum[line * columns.len() + k], self.background[pixel]);
                 let colour = std::array::from_fn(|c| (behind[c] + sum[c]).max(0.0));
-                self.converter.put(&mut self.raw, row, column, colour, self.gain[pixel] * exposure);
+                let (site, gain) = (Photosite { row, column }, self.gain[pixel] * exposure);
+                self.converter.put(&mut self.raw, site, colour, gain);
             }
         }
     }

@@ -44,8 +44,18 @@ pub(super) struct View {
     surface: Vec<u32>,
     /// Touched pixels of each row.
     spans: Vec<(usize, usize)>,
+    /// Whether the last cast was of [`Extent::All`].
+    is_whole: bool,
     /// Of one row: not 0 where a pixel lies beside another surface.
     edges: Vec<u32>,
+}
+
+/// A camera at its place: the rays of its pixels, its pose, and how things look to it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Eye<'a> {
+    pub(super) rays: &'a Rays,
+    pub(super) camera_from_world: &'a Pose,
+    pub(super) look: &'a Look,
 }
 
 /// Which pixels a cast is about.
@@ -85,28 +95,23 @@ impl View {
             depth: vec![0.0; pixels],
             surface: vec![0; pixels],
             spans: vec![(usize::MAX, 0); rays.height],
+            is_whole: false,
             edges: Vec::new(),
         }
     }
 
     /// Finds the nearest surface of each pixel.
-    pub(super) fn look_at(
-        &mut self,
-        rays: &Rays,
-        solids: &Solids,
-        camera_from_world: &Pose,
-        look: &Look,
-        extent: Extent<'_>,
-    ) {
+    pub(super) fn look_at(&mut self, eye: Eye<'_>, solids: &Solids, extent: Extent<'_>) {
+        let rays = eye.rays;
         let (clip, behind) = match extent {
             Extent::All => (None, None),
             Extent::Before(behind) => (None, behind),
             Extent::Inside(clip, behind) => (Some(clip), behind),
         };
-        self.set_light(camera_from_world, look);
-        let all = matches!(extent, Extent::All);
-        self.spans.fill(if all { (0, rays.width) } else { (usize::MAX, 0) });
-        self.collect(rays, solids, camera_from_world, clip);
+        self.set_light(eye.camera_from_world, eye.look);
+        self.is_whole = matches!(extent, Extent::All);
+        self.spans.fill(if self.is_whole { (0, rays.width) } else { (usize::MAX, 0) });
+        self.collect(eye, solids, clip);
         self.clear_rows(rays, behind);
         for index in 0..self.facets.len() {
             self.cast_facet(index, self.windows[index], rays);
@@ -125,18 +130,12 @@ impl View {
     }
 
     /// Collects the surfaces that the camera sees inside `clip`, and their windows.
-    fn collect(
-        &mut self,
-        rays: &Rays,
-        solids: &Solids,
-        camera_from_world: &Pose,
-        clip: Option<Window>,
-    ) {
+    fn collect(&mut self, eye: Eye<'_>, solids: &Solids, clip: Option<Window>) {
         self.facets.clear();
         self.rounds.clear();
         self.windows.clear();
         for plate in &solids.plates {
-            if let Some((facet, window)) = self.facet(plate, camera_from_world, rays) {
+            if let Some((facet, window)) = self.facet(plate, eye) {
                 let Some(window) = window.within(clip) else { continue };
                 self.facets.push(facet);
                 self.touch(window);
@@ -144,7 +143,7 @@ impl View {
             }
         }
         for rod in &solids.rods {
-            if let Some((round, window)) = self.round(rod, camera_from_world, rays) {
+            if let Some((round, window)) = self.round(rod, eye) {
                 let Some(window) = window.within(clip) else { continue };
                 self.rounds.push(round);
                 self.touch(window);
@@ -173,15 +172,15 @@ impl View {
         }
     }
 
-    /// The pixels that may see what differs between two lists of the same solids; `None` when nothing does.
+    /// Returns the pixels that may see what differs between two lists of the same solids; `None`
+    /// when nothing does.
     pub(super) fn changed(
         &mut self,
-        rays: &Rays,
+        eye: Eye<'_>,
         before: &Solids,
         after: &Solids,
-        camera_from_world: &Pose,
-        look: &Look,
     ) -> Option<Window> {
+        let Eye { rays, camera_from_world, look } = eye;
         self.set_light(camera_from_world, look);
         let mut changed = None;
         for (a, b) in before.plates.iter().zip(&after.plates) {
@@ -196,7 +195,7 @@ impl View {
         for (a, b) in before.rods.iter().zip(&after.rods) {
             if (a.a, a.b) != (b.a, b.b) {
                 for rod in [a, b] {
-                    let seen = self.round(rod, camera_from_world, rays);
+                    let seen = self.round(rod, eye);
                     changed = seen.map(|(_, w)| w.hull(changed)).or(changed);
                 }
             }
@@ -221,12 +220,10 @@ impl View {
         }
     }
 
-    fn facet(
-        &self,
-        plate: &Plate,
-        camera_from_world: &Pose,
-        rays: &Rays,
-    ) -> Option<(Facet, Window)> {
+    /// Returns a plate as the camera sees it, and its window; `None` if it shows its back or is
+    /// outside the picture.
+    fn facet(&self, plate: &Plate, eye: Eye<'_>) -> Option<(Facet, Window)> {
+        let Eye { rays, camera_from_world, .. } = eye;
         let rotation = &camera_from_world.rotation;
         let normal = rotation * plate.normal;
         let origin = (camera_from_world * plate.origin).coords;
@@ -270,7 +267,10 @@ impl View {
         Some((facet, window))
     }
 
-    fn round(&self, rod: &Rod, camera_from_world: &Pose, rays: &Rays) -> Option<(Round, Window)> {
+    /// Returns a rod as the camera sees it, and its window; `None` if it is outside the picture or
+    /// the camera is inside it.
+    fn round(&self, rod: &Rod, eye: Eye<'_>) -> Option<(Round, Window)> {
+        let Eye { rays, camera_from_world, .. } = eye;
         let (a, b) = (camera_from_world * rod.a, camera_from_world * rod.b);
         let r = rod.radius;
         let length = (b - a).norm();

@@ -68,7 +68,8 @@ impl Converter {
 
     /// Stores a pixel's colour, times `gain`, in raw picture and table of noise.
     #[inline]
-    pub(super) fn put(&self, raw: &mut Raw, row: usize, column: usize, colour: Rgb, gain: f32) {
+    pub(super) fn put(&self, raw: &mut Raw, site: Photosite, colour: Rgb, gain: f32) {
+        let Photosite { row, column } = site;
         let pixel = row * raw.width + column;
         if self.bayer {
             let ends = if row & 1 == 0 { colour[0] } else { colour[2] };
@@ -183,6 +184,13 @@ fn store(packed: &[u32], out: &mut [u8]) {
             }
         }
     }
+}
+
+/// Place of a pixel on the sensor.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Photosite {
+    pub(super) row: usize,
+    pub(super) column: usize,
 }
 
 /// A picture before demosaicing, with the noise that it will get.

@@ -7,14 +7,13 @@ use crate::hw::plant::render::rays::{Rays, Window};
 use crate::hw::plant::render::solids::Skin;
 
 impl View {
-    /// Colours a touched row: `put(column, colour)` for each pixel that differs from the background, and,
-    /// if `all`, for the background too.
+    /// Colours a touched row: `put(column, colour)` for each pixel that differs from the
+    /// background, and after a cast of [`super::Extent::All`] for the background, too.
     pub(in crate::hw::plant::render) fn colour_row(
         &mut self,
         rays: &Rays,
         row: usize,
         background: &[Rgb],
-        all: bool,
         mut put: impl FnMut(usize, Rgb),
     ) {
         let (from, to) = self.spans[row];
@@ -46,7 +45,7 @@ impl View {
             column += run;
             let index = (id as usize).wrapping_sub(1);
             if id == 0 {
-                if all {
+                if self.is_whole {
                     columns.for_each(|c| put(c, background[line + c]));
                 }
             } else if let Some(facet) = self.facets.get(index) {
@@ -128,20 +127,20 @@ impl View {
         if !open && self.one_body(&ids[1..count]) {
             return self.shade(rays, pixel, self.surface[pixel]);
         }
-        let around = Neighbours { ids: &ids[..count], at: &at[..count], far };
+        let around = Neighbours { ids: &ids[..count], at: &at[..count], background, far };
         let (x, y) = (rays.x[pixel], rays.y[pixel]);
         let step = (rays.step.0 * self.aperture, rays.step.1 * self.aperture);
         if !ids[1..count].iter().any(|id| self.is_sticker_face(*id)) {
             let who = self.winners(&around, [x, y], step, &SAMPLES_4);
-            return self.mix(rays, pixel, &around, &who, background);
+            return self.mix(rays, pixel, &around, &who);
         }
         // Most pixels beside an edge have it outside their aperture: the corners tell.
         let corners = self.winners(&around, [x, y], step, &SAMPLES_CORNERS);
         if corners.iter().all(|who| *who == corners[0]) {
-            return self.mix(rays, pixel, &around, &corners[..1], background);
+            return self.mix(rays, pixel, &around, &corners[..1]);
         }
         let who = self.winners(&around, [x, y], step, &SAMPLES_16);
-        self.mix(rays, pixel, &around, &who, background)
+        self.mix(rays, pixel, &around, &who)
     }
 
     /// Whether all are rods of one paint: where two of them meet there is a crease, not an edge.
@@ -164,16 +163,9 @@ impl View {
         }
     }
 
-    /// Mean colour of the samples' winners.
+    /// Returns the mean colour of the samples' winners.
     #[inline(always)]
-    fn mix(
-        &self,
-        rays: &Rays,
-        pixel: usize,
-        around: &Neighbours<'_>,
-        winners: &[u32],
-        background: Rgb,
-    ) -> Rgb {
+    fn mix(&self, rays: &Rays, pixel: usize, around: &Neighbours<'_>, winners: &[u32]) -> Rgb {
         let mut weights = [0_u32; MAX_SURFACES];
         for winner in winners {
             weights[*winner as usize] += 1;
@@ -183,7 +175,7 @@ impl View {
             if weights[k] > 0 {
                 let index = (*id as usize).wrapping_sub(1);
                 let own = if k == 0 {
-                    background
+                    around.background
                 } else if let Some(facet) = self.facets.get(index) {
                     let (x, y) = (rays.x[pixel], rays.y[pixel]);
                     facet.flat.unwrap_or_else(|| self.shade_facet(facet, x, y, rays.step))
@@ -252,11 +244,13 @@ impl View {
 /// Surfaces that one pixel's neighbourhood can tell apart.
 const MAX_SURFACES: usize = 8;
 
-/// The surfaces around a pixel; the first is the background, with its reciprocal depth.
+/// The surfaces around a pixel; the first is the background, with its colour and its reciprocal
+/// depth.
 struct Neighbours<'a> {
     ids: &'a [u32],
     /// A pixel where each can be seen.
     at: &'a [usize],
+    background: Rgb,
     far: f32,
 }
 
