@@ -89,7 +89,19 @@ pub(super) struct Draw {
     pub(super) seed: u64,
 }
 
-/// The track arm shows the cube to a camera that stands.
+/// Returns whether a camera sees too little of the cube: from behind the hand, or so frontally that
+/// one face hides the others. Two faces tell more than one.
+fn hides_faces(world_from_camera: &Pose, world_from_cube: &Pose, world_from_tool: &Pose) -> bool {
+    let (centre, eye) = (world_from_cube.translation.vector, world_from_camera.translation.vector);
+    let sight = (centre - eye).normalize();
+    let sight = world_from_camera.rotation.inverse() * sight;
+    let towards = world_from_tool.rotation.inverse() * (world_from_camera.rotation * -sight);
+    let oblique =
+        (world_from_cube.rotation.inverse() * (world_from_camera.rotation * sight)).amax();
+    towards.z < -0.25 || oblique > 0.97
+}
+
+/// Plans the views in which the track arm shows the cube to a camera that stands.
 pub(super) fn standing_plan(
     cell: &Cell,
     camera: &Camera,
@@ -132,15 +144,11 @@ pub(super) fn standing_plan(
                 * take_rotation(cell)
                 * tool_from_cube.rotation;
         }
-        let sight = (centre - Point3::from(world_from_camera.translation.vector)).normalize();
-        let sight = world_from_camera.rotation.inverse() * sight;
         let world_from_cube = Pose::from_parts(centre.coords.into(), turned);
         let world_from_tool = world_from_cube * tool_from_cube.inverse();
-        // Not from behind the hand, and not all too frontally: two faces tell more than one.
-        let towards = world_from_tool.rotation.inverse() * (world_from_camera.rotation * -sight);
-        let oblique =
-            (world_from_cube.rotation.inverse() * (world_from_camera.rotation * sight)).amax();
-        if towards.z < -0.25 || oblique > 0.97 || centre.z < cell.table_height + ABOVE_TABLE {
+        if hides_faces(world_from_camera, &world_from_cube, &world_from_tool)
+            || centre.z < cell.table_height + ABOVE_TABLE
+        {
             continue;
         }
         let (low, high) = arm.model.joint_limits[0];
