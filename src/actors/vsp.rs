@@ -224,6 +224,7 @@ impl Vsp {
         }
     }
 
+    /// Looks for the cube in the picture of a period, and publishes where it is.
     async fn localise(&mut self, period: u64) {
         let (Some(mut source), Some(mut watcher)) = (self.source.take(), self.watcher.take())
         else {
@@ -282,18 +283,17 @@ impl Vsp {
             Err(reason) => Found::Nothing(reason.clone()),
         });
         match found {
-            Ok((seen, _)) => {
-                self.services.trace.message(&self.name, "look", &sensing);
-                let target = Target {
-                    world_from_cube: seen.world_from_cube,
-                    speed: seen.speed,
-                    period: exposed,
-                };
-                self.services.trace.message(&self.name, "watch", &target);
-                self.target.send_replace(Some(target));
-            }
+            Ok((seen, _)) => self.publish(&sensing, &seen, exposed),
             Err(reason) => tracing::debug!(actor = %self.name, %reason, "no cube"),
         }
+    }
+
+    /// Publishes where the cube was in the period of the exposure.
+    fn publish(&self, sensing: &Sensing, seen: &Watched, period: u64) {
+        self.services.trace.message(&self.name, "look", sensing);
+        let target = Target { world_from_cube: seen.world_from_cube, speed: seen.speed, period };
+        self.services.trace.message(&self.name, "watch", &target);
+        self.target.send_replace(Some(target));
     }
 
     /// Makes the error of a worker that panicked on its thread.
