@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 const PERIODS: u64 = 5000;
-/// Time that 10 bytes out and 8 in take on a line of 921600 baud with 11 bits a byte [us].
+/// Time that 10 bytes out and 8 in take on a line of 921600 baud with 11 bits a byte (us).
 const ON_THE_LINE: f64 = 18.0 * 11.0 / 0.9216;
 
 /// Arms that stand still.

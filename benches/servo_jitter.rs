@@ -33,7 +33,7 @@ struct Kind {
     jitter: Histogram<u64>,
     /// From a period's begin to its end: reading, computing, handing over to the bridge and waking it.
     work: Histogram<u64>,
-    /// 99 % of each round [us].
+    /// 99 % of each round (us).
     p99: Vec<f64>,
     missed: u64,
 }

@@ -136,7 +136,7 @@ impl Pair {
         Self { core, links, records, port, period: 0 }
     }
 
-    /// One period; returns how long it took [ns].
+    /// One period; returns how long it took (ns).
     fn step(&mut self) -> u64 {
         self.period += 1;
         let begun = Instant::now();

@@ -240,7 +240,7 @@ fn planner(tables: &Tables) {
     }
 }
 
-/// CPU time of this thread [s].
+/// CPU time of this thread (s).
 #[allow(unsafe_code, reason = "the standard library has no clock of a thread's CPU time")]
 fn cpu() -> f64 {
     let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };

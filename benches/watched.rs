@@ -33,7 +33,7 @@ impl Kind {
     }
 }
 
-/// What the servo told at the end [us].
+/// What the servo told at the end (us).
 #[derive(Clone, Copy, Default)]
 struct Round {
     wake_up: Quantiles,

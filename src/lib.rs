@@ -18,11 +18,6 @@
 //!
 //! Nothing below `hw` knows a thread, a clock, a file or a log: time, randomness and configuration are arguments.
 
-#![allow(
-    rustdoc::broken_intra_doc_links,
-    reason = "links are not looked through: `cargo doc` without this line lists what is broken"
-)]
-
 pub use rubik_robot_solver as solver;
 pub use rubik_robot_vision as vision;
 pub use rubik_robot_vocabulary::{cell, cube, kinematics, motion, spatial};

@@ -150,7 +150,7 @@ impl Pacer {
         Self { tempo, control, since: None }
     }
 
-    /// Called when simulated time has come to `time` [s]: sleeps when that is too early.
+    /// Called when simulated time has come to `time` (s): sleeps when that is too early.
     pub fn hold(&mut self, time: f64) {
         let attended = self.tempo.0.attended.load(Ordering::Relaxed);
         let asked = attended == Attended::Asked as u8;

@@ -31,7 +31,7 @@ pub(super) struct StagesArgs {
     /// Folder for the pictures
     #[arg(short, long)]
     out: Option<PathBuf>,
-    /// Focal length along x [px]: with it the pose of the square's four corner tiles is told
+    /// Focal length along x (px): with it the pose of the square's four corner tiles is told
     #[arg(long, value_parser = positive)]
     fx: Option<f64>,
     /// Focal length along y (px); that along x when not given

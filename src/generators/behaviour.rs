@@ -20,7 +20,7 @@ pub enum Behaviour {
         target: JointPositions,
         /// Fraction of the full speed, 0..=1.
         speed: f64,
-        /// Least duration [s]: two arms that must keep pace get the same.
+        /// Least duration (s): two arms that must keep pace get the same.
         seconds: f64,
     },
     /// Goes to a pose of the tool along a straight line; d0 stays.

@@ -29,7 +29,7 @@ pub struct Compliance {
     pub torque_limit: f64,
 }
 
-/// Jaws that hold the cube and are forced apart by more do not lie flat on it any more [m]: a cube
+/// Jaws that hold the cube and are forced apart by more do not lie flat on it any more (m): a cube
 /// that turns between fingers of 12 mm about the palm's axis stands askew by 6 deg then.
 pub const FORCED_APART: f64 = 0.001;
 

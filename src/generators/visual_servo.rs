@@ -114,18 +114,18 @@ const THERE: (f64, f64) = (0.006, 0.03);
 const NEARER: f64 = 0.005;
 const NEAREST: f64 = 2.0 / 3.0;
 
-/// While nothing is seen, exposures are tried in turn, each for this long [s]: a workshop's light is not the one that
+/// While nothing is seen, exposures are tried in turn, each for this long (s): a workshop's light is not the one that
 /// the nominal exposure was chosen for.
 const EXPOSURES: [f64; 4] = [1.0, 1.0, 1.8, 0.55];
 const TRY: f64 = 0.4;
-/// How far from its last place the cube is searched for [m]: a hand at 0.25 m/s within a frame, and the filter's lag.
+/// How far from its last place the cube is searched for (m): a hand at 0.25 m/s within a frame, and the filter's lag.
 const REACH: f64 = 0.05;
 /// A cube that is seen and never stands still is followed for this many times the patience.
 const RESTLESS: f64 = 5.0;
 /// A cube that the gripper hides may be seen askew, but not in so many pictures in a row somewhere else altogether ...
 const GONE: u32 = 3;
 /// ... at least so far off, or [`Order::retreat`] where that is more, and at most as far as somebody draws it back who holds
-/// it [m]: what is seen farther off is another one.
+/// it (m): what is seen farther off is another one.
 const DRAWN: (f64, f64) = (0.05, 0.3);
 
 impl VisualServo {

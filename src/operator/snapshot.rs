@@ -195,7 +195,7 @@ pub struct CameraView {
     pub time: f64,
     /// Columns and rows.
     pub size: (u32, u32),
-    /// Closed outlines [px]: what was localised.
+    /// Closed outlines (px): what was localised.
     pub outlines: Vec<Vec<(f64, f64)>>,
     /// Tiles that were read.
     pub marks: Vec<Mark>,

@@ -36,7 +36,7 @@ impl Capsule {
     }
 }
 
-/// Radii of column, lower arm, upper arm, wrist [m]: assumed, since no drawing of the arm is public.
+/// Radii of column, lower arm, upper arm, wrist (m): assumed, since no drawing of the arm is public.
 const LINK_RADII: [f64; 4] = [0.12, 0.09, 0.08, 0.07];
 /// Radius that the gripper's body sweeps, with the camera beside it (0.055 m off the axis) (m).
 const GRIPPER_RADIUS: f64 = 0.075;
@@ -108,7 +108,7 @@ impl Bodies {
         ends.map(|p| p.z).fold(f64::INFINITY, f64::min)
     }
 
-    /// Lowest point above the floor [m]: of upper arm, wrist, gripper, palm and fingers; and of the cube, which is to come down
+    /// Lowest point above the floor (m): of upper arm, wrist, gripper, palm and fingers; and of the cube, which is to come down
     /// to a table by its own height, so that not much more than its middle counts.
     pub(super) fn lowest(&self) -> f64 {
         let parts = self.links[2..].iter().chain(&self.plate).chain([&self.fingers]);

@@ -23,7 +23,7 @@ const ABOVE_TABLE: f64 = 0.005;
 const OFF_ZONE: f64 = 0.005;
 /// The arm that takes the cube out of the operator's hand, and gives it back.
 const TAKER: usize = 0;
-/// Jaws that hold a cube are as wide as it, give or take this much [m]: a grasp that is askew, and a calibration that is off.
+/// Jaws that hold a cube are as wide as it, give or take this much (m): a grasp that is askew, and a calibration that is off.
 const AS_A_CUBE: f64 = 0.006;
 /// Places at which a way is looked at.
 const STEPS: u32 = 24;
@@ -31,7 +31,7 @@ const STEPS: u32 = 24;
 const MOMENTS: u32 = 60;
 /// So near to where the operator's hand may be, an arm is slow (m).
 const NEAR: f64 = 0.10;
-/// What is too near may come nearer by so much on a way that is asked for, and on one that is watched [m]: a hand that is turned
+/// What is too near may come nearer by so much on a way that is asked for, and on one that is watched (m): a hand that is turned
 /// out of a corner may dip first.
 const ON_A_WAY: f64 = 1e-4;
 const WATCHED: f64 = 2e-3;

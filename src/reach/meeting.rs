@@ -30,9 +30,10 @@ pub struct Meeting {
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeetingTable {
     /// Both hold the cube: by the rotation of the postument's tool in the track's tool frame, one
-    /// of the 24 rotations of a cube onto itself, in the order of [`rotations`]; `None` where the
-    /// grippers would collide (one palm axis and sense; or adjacent palms with a finger of each
-    /// hand on the face under the other's palm, which cross) or no pose of both arms was found.
+    /// of the 24 rotations of a cube onto itself, in the order of
+    /// [`rotations`](super::rotations); `None` where the grippers would collide (one
+    /// palm axis and sense; or adjacent palms with a finger of each hand on the face under the
+    /// other's palm, which cross) or no pose of both arms was found.
     pub grasps: [Option<Meeting>; 24],
     /// The camera in the other hand looks at a face of the held cube: `[holder][side]`, where
     /// `side` is the face's outward normal in the holder's tool frame: 0 is +z (opposite the palm),

@@ -3,7 +3,7 @@
 //! Computed once per cell from the belief, on the EDP side, and handed to MP as data: the tasks themselves
 //! know no kinematics.
 //!
-//! - in: the [`Cell`], [`ReachSettings`]
+//! - in: the [`Cell`](crate::cell::Cell), [`ReachSettings`]
 //! - out: [`MeetingTable`], the same for the same input (seeded search)
 
 mod bodies;

@@ -18,7 +18,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use std::f64::consts::PI;
 
-/// Where cubes are tried [m]: x, y, z of the world, between the arms.
+/// Where cubes are tried (m): x, y, z of the world, between the arms.
 const BOX: [(f64, f64); 3] = [(-0.3, 0.9), (0.8, 1.7), (1.0, 1.8)];
 /// Room that the track keeps behind the separation, and at its far end (m).
 const TRACK_ROOM: f64 = 0.02;

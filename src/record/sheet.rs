@@ -52,7 +52,7 @@ pub struct About {
     pub options: Vec<(String, String, String)>,
     /// Version, seed, task and so on.
     pub facts: BTreeMap<String, String>,
-    /// When period 0 begins [ns]: 0 on the virtual clock, since 1970 on the wall's.
+    /// When period 0 begins (ns): 0 on the virtual clock, since 1970 on the wall's.
     pub start: u64,
     /// Length of a servo period.
     pub length: Length,

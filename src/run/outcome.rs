@@ -15,7 +15,7 @@ use crate::servo::period::Length;
 use crate::tasks::cube::mission::Goal;
 use std::time::Instant;
 
-/// A force on the cube above this is excessive [N]: a verdict, not a limit of anything.
+/// A force on the cube above this is excessive (N): a verdict, not a limit of anything.
 const EXCESSIVE: f64 = 20.0;
 /// A layer is turned as asked within this (deg).
 const TURNED_WITHIN: f64 = 5.0;

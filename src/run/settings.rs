@@ -225,7 +225,7 @@ pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
 
 /// For so long a cube that lies there must have been seen at rest (s).
 const LYING: f64 = 0.24;
-/// What a hand may be beside its zone [m]: sway, and the camera's error.
+/// What a hand may be beside its zone (m): sway, and the camera's error.
 const ZONE: f64 = 0.03;
 
 /// How the stand-alone camera's sensor finds the cube.

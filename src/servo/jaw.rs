@@ -150,7 +150,7 @@ impl Jaw {
         (self.from, self.to, self.end) = (self.opening, self.opening, 0);
     }
 
-    /// Turns the set value's motor by a step [rad]: homing, when the opening is not known.
+    /// Turns the set value's motor by a step (rad): homing, when the opening is not known.
     pub fn turn(&mut self, step: f64) {
         self.set_increments += step * self.gripper.increments / TAU;
     }

@@ -30,7 +30,7 @@ pub struct RegulatorGains {
     pub k1: f64,
     /// Weight of the last step error.
     pub k2: f64,
-    /// Motor current at which its power stage stops [A]: the regulator keeps away from it. Infinite where the sign of a
+    /// Motor current at which its power stage stops (A): the regulator keeps away from it. Infinite where the sign of a
     /// current is not known.
     pub trip_current: f64,
 }

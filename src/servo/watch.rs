@@ -61,7 +61,7 @@ impl Watch {
     const FADE: f64 = 0.95;
     /// What no motor gains between two readings over the speed that it was told (rad).
     const JUMP: f64 = 1.0;
-    /// For how much longer than not an axis may be strained [s]: its regulator lets no current rise
+    /// For how much longer than not an axis may be strained (s): its regulator lets no current rise
     /// to what trips, so that an axis that presses on something would do so for ever.
     const BEARS: f64 = 0.3;
     /// A step of a set value that is rounding (rad of the motor).
@@ -178,7 +178,7 @@ impl Watch {
 /// The watchdog of one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct AxisWatch {
-    /// Recent speed of the set value [rad/s]: the highest of a while, so that a sudden stop is
+    /// Recent speed of the set value (rad/s): the highest of a while, so that a sudden stop is
     /// allowed for.
     speed: f64,
     /// Periods for which that speed does not fall off yet.
@@ -221,7 +221,7 @@ impl AxisWatch {
     const WANTED: f64 = 1.0;
     /// Share of the remembered speed from which on an axis is as fast as before.
     const AS_FAST: f64 = 0.9;
-    /// Time in which regulators bring an axis to where it is to stand [s]: the wrist's roll,
+    /// Time in which regulators bring an axis to where it is to stand (s): the wrist's roll,
     /// stopped from the speed of a turn, goes 3.4 rad of its motor beyond its set value.
     const STANDING: f64 = 0.6;
     /// How much faster than told a motor may be, and by how much time two readings may be further

@@ -21,11 +21,11 @@ struct Moment {
     tools: [Pose; 2],
     powered: [bool; 2],
     openings: [f64; 2],
-    /// Angle of the turning layer [rad].
+    /// Angle of the turning layer (rad).
     turned: f64,
-    /// Centre of the cube in the world [m].
+    /// Centre of the cube in the world (m).
     cube: Vector3<f64>,
-    /// Largest force between the hands so far [N].
+    /// Largest force between the hands so far (N).
     peak: f64,
 }
 
@@ -102,7 +102,7 @@ impl Seen {
         self.moments[on..].iter().find(|m| !m.powered[arm]).map(|m| m.period)
     }
 
-    /// Path of a tool between two periods [m].
+    /// Path of a tool between two periods (m).
     fn way(&self, arm: usize, from: u64, to: u64) -> f64 {
         (from..to)
             .map(|p| {
@@ -112,7 +112,7 @@ impl Seen {
             .sum()
     }
 
-    /// How far a tool comes from where it is in period `from` [m].
+    /// How far a tool comes from where it is in period `from` (m).
     fn away(&self, arm: usize, from: u64, to: u64) -> f64 {
         let place = |p: u64| self.at(p).tools[arm].translation.vector;
         (from..to).map(|p| (place(p) - place(from)).norm()).fold(0.0, f64::max)
@@ -687,7 +687,7 @@ fn a_run_with_faults_repeats_to_the_bit_and_a_fault_that_never_comes_changes_not
     });
 }
 
-/// The fastest that a tool goes, over 20 ms, where the operator's hand may be or within 0.1 m of it [m/s].
+/// The fastest that a tool goes, over 20 ms, where the operator's hand may be or within 0.1 m of it (m/s).
 fn fastest_near_the_operator(keys: &[&str], seed: u64) -> f64 {
     let seed = format!("seed={seed}");
     let keys = keys.iter().copied().chain([seed.as_str()]);

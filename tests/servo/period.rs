@@ -22,7 +22,7 @@ struct Ideal {
     reading: ArmReading,
     drive: ArmDrive,
     period: u64,
-    /// A spring that pulls the tool towards where it stood, in base axes [N/m].
+    /// A spring that pulls the tool towards where it stood, in base axes (N/m).
     spring: Option<(f64, Vector3<f64>)>,
 }
 
@@ -83,7 +83,7 @@ fn unguarded(velocity: f64) -> Direction {
     Direction::Unguarded { velocity }
 }
 
-/// Largest step of any motor between consecutive states [rad].
+/// Largest step of any motor between consecutive states (rad).
 fn largest_step(config: &ServoConfig, states: &[ArmState]) -> f64 {
     states
         .windows(2)

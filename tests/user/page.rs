@@ -85,7 +85,7 @@ impl Page {
         }
     }
 
-    /// The largest distance of a tool from its set place [m] in all snapshots until this time [s].
+    /// The largest distance of a tool from its set place (m) in all snapshots until this time (s).
     async fn strays_until(&mut self, time: f64) -> f64 {
         let mut largest = 0.0_f64;
         let over = |m: &Value| {

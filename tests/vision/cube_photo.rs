@@ -66,7 +66,7 @@ impl Kind {
 /// A face that the camera sees.
 #[derive(Debug, Clone)]
 pub(crate) struct FaceTruth {
-    /// Centres of the tiles in reading order [px].
+    /// Centres of the tiles in reading order (px).
     pub centres: [(f64, f64); 9],
     /// Colours 0..=5 = white, red, green, yellow, orange, blue.
     pub colours: [u8; 9],
@@ -87,7 +87,7 @@ pub(crate) struct Photo {
     pub faces: Vec<FaceTruth>,
     /// Takes cube coordinates (unit: a third of the edge) to the camera's.
     pub camera_from_cube: (Rotation3<f64>, Vector3<f64>),
-    /// Focal length [px]; the principal point is the picture's middle.
+    /// Focal length (px); the principal point is the picture's middle.
     pub focal: f64,
 }
 
@@ -383,7 +383,7 @@ fn rounded(a: f64, b: f64, half: f64, radius: f64) -> f64 {
 }
 
 impl Scene {
-    /// Of a kind; `posed` are the width of the dominant face [px] and its tilt [rad] when they are not drawn.
+    /// Of a kind; `posed` are the width of the dominant face (px) and its tilt (rad) when they are not drawn.
     fn draw(kind: Kind, seed: u64, posed: Option<(f64, f64)>) -> (Self, Pcg64) {
         let mut random = Pcg64::seed_from_u64(seed.wrapping_mul(0x9E37_79B9) ^ kind as u64);
         let mut recipe = Recipe::draw(kind, &mut random);
@@ -619,7 +619,7 @@ pub(crate) fn photograph(kind: Kind, seed: u64) -> Photo {
     taken(Scene::draw(kind, seed, None))
 }
 
-/// A stickered cube whose dominant face is so wide [px] and tilted by so much [rad].
+/// A stickered cube whose dominant face is so wide (px) and tilted by so much (rad).
 pub(crate) fn posed(seed: u64, face_px: f64, tilt: f64) -> Photo {
     taken(Scene::draw(Kind::Stickered, seed, Some((face_px, tilt))))
 }

@@ -187,7 +187,7 @@ struct Poses {
     mirrored: usize,
     /// Of these, those that say so: the second pose is kept.
     told: usize,
-    /// Errors of the cube's centre across the sight [mm].
+    /// Errors of the cube's centre across the sight (mm).
     across: Vec<f64>,
 }
 

@@ -31,7 +31,7 @@ fn camera() -> Camera {
     }
 }
 
-/// Errors of many frames: sideways and along the sight [m].
+/// Errors of many frames: sideways and along the sight (m).
 #[derive(Debug, Default)]
 struct Errors {
     sideways: Vec<f64>,
@@ -262,7 +262,7 @@ fn faces_are_read_by_the_camera_in_the_hand() {
     assert!(Errors::rms(&errors.sideways) < 0.3 && Errors::rms(&errors.depth) < 1.5);
 }
 
-/// Median time of a call [ms].
+/// Median time of a call (ms).
 fn median_ms<T>(mut call: impl FnMut() -> T) -> f64 {
     let mut times: Vec<f64> = (0..60)
         .map(|_| {

@@ -51,7 +51,7 @@ impl Jog {
         MoveCommand { motion: Motion::MotorsBy(motors), periods: self.macrostep, jaw: None }
     }
 
-    /// Returns the angle at a share of the turn [rad]: a cosine from rest to rest.
+    /// Returns the angle at a share of the turn (rad): a cosine from rest to rest.
     fn angle(&self, share: f64) -> f64 {
         0.5 * self.by * (1.0 - libm::cos(std::f64::consts::PI * share.min(1.0)))
     }

@@ -121,7 +121,8 @@ pub struct Ending {
     pub finish: Option<Finish>,
     /// The error that ended it.
     pub error: Option<Error>,
-    /// Phases, each with the time at which it began (s), and when that was by [`Tempo::worked`].
+    /// Phases, each with the time at which it began (s), and when that was by
+    /// [`Tempo::worked`](super::control::Tempo::worked).
     pub phases: Vec<(&'static str, f64, Instant)>,
     /// When it ended (s).
     pub end: f64,

@@ -27,7 +27,7 @@ const APART: f64 = 2e-3;
 const LAID_DOWN: f64 = 3e-4;
 /// Arms whose wrists are farther apart than this cannot touch (m).
 const FAR: f64 = 1.3;
-/// Farthest that anything moves unseen [m]: an eighth of a finger's thickness.
+/// Farthest that anything moves unseen (m): an eighth of a finger's thickness.
 const STEP: f64 = 5e-4;
 /// Most looks a period; at 1 m/s four are needed.
 const LOOKS: f64 = 8.0;

@@ -270,7 +270,7 @@ pub struct Jaws {
     pub palm: f64,
     /// Largest grip of the jaw's slipping clutch (N).
     pub greatest_grip: f64,
-    /// Moving mass that the jaw's motor stands for at the pads [kg]: 1e-8 kg m2 behind 69,000 rad/m.
+    /// Moving mass that the jaw's motor stands for at the pads (kg): 1e-8 kg m2 behind 69,000 rad/m.
     pub mass: f64,
     /// Speed of the jaw motor without load at pulse width 255 (rad/s).
     pub no_load_speed: f64,
@@ -380,7 +380,7 @@ pub struct HandScript {
     pub sway_time: f64,
     /// Tremor of 8-10 Hz, amplitude per axis (m).
     pub tremor: f64,
-    /// After its arrival it calms down over this time [s]: sway and tremor fall to a tenth.
+    /// After its arrival it calms down over this time (s): sway and tremor fall to a tenth.
     pub stills: f64,
     /// Spread of the holding point per axis, clipped to the zone (m).
     pub place_spread: f64,

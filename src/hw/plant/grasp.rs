@@ -106,7 +106,7 @@ pub(super) struct Touch {
     pub(super) gap: f64,
     /// Force on the ends and edges of the fingers (N).
     pub(super) front: f64,
-    /// How far apart what stands between the pads forces them [m]: the edge, or more where it stands askew.
+    /// How far apart what stands between the pads forces them (m): the edge, or more where it stands askew.
     pub(super) width: f64,
     /// How far it stands askew about x and z, beyond the give of the rubber (rad).
     askew: [f64; 2],

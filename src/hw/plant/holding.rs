@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 
 /// Pads that press more than this are on the cube (N).
 const CLOSED: f64 = 0.2;
-/// Jaws wider than the cube by this have let go [m]: the layer between them may lie askew by its play, and must be clear
+/// Jaws wider than the cube by this have let go (m): the layer between them may lie askew by its play, and must be clear
 /// of both pads before it counts as part of the cube again.
 const OPEN_GAP: f64 = 1.5e-3;
 /// Stops nearer than this to the layer that the jaws have left may touch it once it lies on the core again (m).
@@ -206,7 +206,7 @@ impl Plant {
         })
     }
 
-    /// A layer that was turned between two hands slips back under the jaws, by so much at most [rad]: it and what the
+    /// A layer that was turned between two hands slips back under the jaws, by so much at most (rad): it and what the
     /// jaws hold of it go back together, so nobody feels it.
     pub(super) fn undo_turn(&mut self, most: f64) {
         let Some(split) = self.balance.split else { return };

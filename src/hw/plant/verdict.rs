@@ -287,7 +287,7 @@ impl Verdict {
         }
     }
 
-    /// What happened, with the names of the arms and a period's length [s]: each with its time (s), whether it is an
+    /// What happened, with the names of the arms and a period's length (s): each with its time (s), whether it is an
     /// accident, and in words.
     pub fn told(&self, arms: &[&str], period: f64) -> impl Iterator<Item = (f64, bool, String)> {
         self.events.iter().map(move |Event { period: at, what }| {

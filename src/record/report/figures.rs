@@ -5,7 +5,7 @@ use super::story::Story;
 use crate::record::calibration;
 use nalgebra::{Point3, Vector3};
 
-/// A cube slower than this is at rest [m/s]: a hand trembles.
+/// A cube slower than this is at rest (m/s): a hand trembles.
 const REST: f64 = 0.01;
 
 /// A row of the table: what, the paper's word, this run's, a remark.

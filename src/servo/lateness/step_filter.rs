@@ -25,7 +25,7 @@ pub struct StepFilter {
 }
 
 impl StepFilter {
-    /// Most change of a motor's step from one period of 2 ms to the next [rad]: the fastest motors
+    /// Most change of a motor's step from one period of 2 ms to the next (rad): the fastest motors
     /// reach their speed of 330 rad/s in 40 ms, 0.033 rad; they stop more softly than that.
     const CHANGE: f64 = 0.06;
     /// A motor's step of 2 ms at full speed (rad).
@@ -40,7 +40,7 @@ impl StepFilter {
     const GOES_ON: u32 = 3;
     /// Share of the backlog that drains in 2 ms.
     const SHARE: f64 = 0.04;
-    /// Most of the backlog that drains in 2 ms [rad]: a tenth of what trips a power stage.
+    /// Most of the backlog that drains in 2 ms (rad): a tenth of what trips a power stage.
     pub(super) const DRAIN: f64 = 0.015;
 
     /// Makes the filter of an axis at rest. A revolution of its motor has this many `increments`.

@@ -109,7 +109,7 @@ pub struct CubeSettings {
 
 /// Time in which a hand opens to leave its partner or the operator (s), at least.
 pub(super) const LEAVE_SECONDS: f64 = 1.2;
-/// What the plant was seen to take beyond the ways themselves [s]: two biases, the build-up of the grip, seating.
+/// What the plant was seen to take beyond the ways themselves (s): two biases, the build-up of the grip, seating.
 const BIAS: f64 = 0.07;
 const BUILD_UP: f64 = 0.45;
 const SEATING: f64 = 1.0;

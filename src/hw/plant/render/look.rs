@@ -122,7 +122,7 @@ pub struct Lens {
 /// From irradiance to 8 bits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensor {
-    /// Nominal time of exposure [s]: motion blur, and the unit of `exposure` in `render`.
+    /// Nominal time of exposure (s): motion blur, and the unit of `exposure` in `render`.
     pub exposure_time: f64,
     /// Signal (1 = full scale) of a white surface of irradiance 1 at the nominal exposure.
     pub gain: f32,
