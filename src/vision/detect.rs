@@ -387,32 +387,8 @@ pub fn window_around(corners: &[Point], margin: f64) -> Option<Rect> {
 /// Places of the tile centres of an outline, for callers that know the corners only.
 #[must_use]
 pub fn centres_of(corners: &[Point; 4]) -> Option<[Point; 9]> {
-    let unit = square_to(corners)?;
+    let unit = homography::square_to(corners)?;
     Some(GRID.map(|(x, y)| apply(&unit, ((x + 1.5) / 3.0, (y + 1.5) / 3.0))))
-}
-
-/// The map of the unit square's corners, clockwise from the origin, to four points: four pairs are exact, but fewer than
-/// [`homography::fit`] wants for a homography.
-pub(super) fn square_to(corners: &[Point; 4]) -> Option<Matrix3<f64>> {
-    let (a, b, c, d) = (corners[0], corners[1], corners[2], corners[3]);
-    let (dx1, dx2, sx) = (b.0 - c.0, d.0 - c.0, a.0 - b.0 + c.0 - d.0);
-    let (dy1, dy2, sy) = (b.1 - c.1, d.1 - c.1, a.1 - b.1 + c.1 - d.1);
-    let det = dx1 * dy2 - dx2 * dy1;
-    if det.abs() < 1e-12 {
-        return None;
-    }
-    let (g, h) = ((sx * dy2 - dx2 * sy) / det, (dx1 * sy - sx * dy1) / det);
-    Some(Matrix3::new(
-        b.0 - a.0 + g * b.0,
-        d.0 - a.0 + h * d.0,
-        a.0,
-        b.1 - a.1 + g * b.1,
-        d.1 - a.1 + h * d.1,
-        a.1,
-        g,
-        h,
-        1.0,
-    ))
 }
 
 /// The homography of a sighting's measured tiles.

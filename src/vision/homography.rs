@@ -35,8 +35,9 @@ pub fn apply(h: &Matrix3<f64>, p: Point) -> Point {
     )
 }
 
-/// The homography that takes the model points to the image points in the least-squares sense; the model's
-/// origin must have a finite image. Fewer than six pairs give an affinity, fewer than three nothing.
+/// The homography that takes the model points to the image points in the least-squares sense; the
+/// model's origin must have a finite image. Fewer than six pairs give an affinity, fewer than three
+/// nothing.
 #[must_use]
 pub fn fit(pairs: &[(Point, Point)]) -> Option<Matrix3<f64>> {
     if pairs.len() < 3 {
@@ -75,6 +76,30 @@ pub fn fit(pairs: &[(Point, Point)]) -> Option<Matrix3<f64>> {
     Some(outer * inner)
 }
 
+/// The map of the unit square's corners, clockwise from the origin, to four points: four pairs are
+/// exact, but fewer than [`fit`] wants for a homography.
+pub(super) fn square_to(corners: &[Point; 4]) -> Option<Matrix3<f64>> {
+    let (a, b, c, d) = (corners[0], corners[1], corners[2], corners[3]);
+    let (dx1, dx2, sx) = (b.0 - c.0, d.0 - c.0, a.0 - b.0 + c.0 - d.0);
+    let (dy1, dy2, sy) = (b.1 - c.1, d.1 - c.1, a.1 - b.1 + c.1 - d.1);
+    let det = dx1 * dy2 - dx2 * dy1;
+    if det.abs() < 1e-12 {
+        return None;
+    }
+    let (g, h) = ((sx * dy2 - dx2 * sy) / det, (dx1 * sy - sx * dy1) / det);
+    Some(Matrix3::new(
+        b.0 - a.0 + g * b.0,
+        d.0 - a.0 + h * d.0,
+        a.0,
+        b.1 - a.1 + g * b.1,
+        d.1 - a.1 + h * d.1,
+        a.1,
+        g,
+        h,
+        1.0,
+    ))
+}
+
 /// Distance of two points.
 #[must_use]
 pub fn distance(a: Point, b: Point) -> f64 {
@@ -99,7 +124,8 @@ pub fn smallest_pitch(centres: &[Point; 9]) -> f64 {
     pitch
 }
 
-/// Area of a polygon and its centroid; the sign is positive when the corners run clockwise on the screen.
+/// Area of a polygon and its centroid; the sign is positive when the corners run clockwise on the
+/// screen.
 #[must_use]
 pub fn polygon(corners: &[Point]) -> (f64, Point) {
     let origin = corners[0];

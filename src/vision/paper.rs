@@ -15,8 +15,7 @@
 //! - out: the regions that each stage left (the paper's figure 4), `Tile`s, a [`Square`] or a [`Refusal`]
 //! - source: Zieliński et al. (2007), p. 373; Bruce, Balch, Veloso (2000)
 
-use super::detect::square_to;
-use super::homography::{GRID, OUTLINE, Point, apply, distance, polygon};
+use super::homography::{GRID, OUTLINE, Point, apply, distance, polygon, square_to};
 use super::patch::reduced;
 use super::segment::{Runs, Tile, smooth};
 use super::{FaceSighting, Rect, Refusal};

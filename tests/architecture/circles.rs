@@ -174,7 +174,12 @@ fn read(here: &[String], file: &str, code: &str) -> Module {
                 uses.extend(paths.into_iter().map(|path| (path, public)));
                 i = end;
             }
-            "mod" | "fn" | "struct" | "enum" | "trait" | "type" | "const" | "static" | "union" => {
+            // The name of a module is no mention of an item that is called like it.
+            "mod" => {
+                module.declared.insert(next);
+                i += 2;
+            }
+            "fn" | "struct" | "enum" | "trait" | "type" | "const" | "static" | "union" => {
                 module.declared.insert(next);
                 i += 1;
             }
@@ -312,5 +317,12 @@ mod the_finder_finds {
         let files =
             [("a/mod.rs", parent), ("a/b.rs", b), ("a/c.rs", c), ("a/t.rs", "use super::*;")];
         assert_eq!(found(&files), [[""; 0]; 0]);
+    }
+
+    #[test]
+    fn nothing_where_a_function_has_its_modules_name() {
+        let parent = "mod b; pub use b::b; pub struct A;";
+        let child = "use super::A; pub fn b() -> A { A }";
+        assert_eq!(found(&[("a/mod.rs", parent), ("a/b.rs", child)]), [[""; 0]; 0]);
     }
 }

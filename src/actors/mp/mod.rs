@@ -349,10 +349,7 @@ impl Mp {
         self.parts.services.trace.ordered(&orders);
         self.parts.turning.tell(orders.iter().any(|o| matches!(o, Some(Behaviour::Turn { .. }))));
         let outcomes = match self.parts.coordination {
-            Coordination::Sporadic => {
-                let (heartbeat, fault) = (self.heartbeat.clone(), Arc::clone(&self.fault));
-                motions::looking_up(&heartbeat, &fault, self.invoke(orders, until)).await
-            }
+            Coordination::Sporadic => self.invoke(orders, until).await,
             Coordination::Continuous => self.move_all(orders, until).await,
         };
         self.heartbeat.waits();

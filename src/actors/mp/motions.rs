@@ -11,6 +11,7 @@ use crate::error::Error;
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::MoveCommand;
 use crate::tasks::Until;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// The motions of both effectors under continuous coordination, and what they came to.
@@ -46,6 +47,16 @@ impl Running {
 impl Mp {
     /// Lets the ECPs run the generators: sporadic coordination.
     pub(super) async fn invoke(
+        &mut self,
+        orders: [Option<Behaviour>; 2],
+        until: Until,
+    ) -> Result<[Option<Outcome>; 2], Error> {
+        let (heartbeat, fault) = (self.heartbeat.clone(), Arc::clone(&self.fault));
+        looking_up(&heartbeat, &fault, self.invoke_ecps(orders, until)).await
+    }
+
+    /// Sends the behaviours to the ECPs and returns what they came to.
+    async fn invoke_ecps(
         &mut self,
         orders: [Option<Behaviour>; 2],
         until: Until,
@@ -185,7 +196,7 @@ async fn behave_beside(
 
 /// Waits for others, and works for a moment in between: an MP that cannot even do that hangs, and is
 /// noticed before anyone needs an answer of it.
-pub(super) async fn looking_up<T>(
+async fn looking_up<T>(
     heartbeat: &Heartbeat,
     fault: &ActorFault,
     others: impl Future<Output = T>,

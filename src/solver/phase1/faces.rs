@@ -2,15 +2,20 @@
 
 use super::super::coordinates::{QUADS, SLICES, TWISTS, quad_moves};
 use super::super::symmetry::CLASSES;
-use super::{ALL_TURNS, Frames};
+use super::frames::Frames;
+
+/// All turns.
+pub(crate) const ALL_TURNS: u32 = (1 << 18) - 1;
 
 /// What turns do to a distance, packed: four bits a face in the order U D, R L, F B.
 ///
-/// The four states of a face's turns have two neighbouring distances at most. Case 0..8: this state is the nearer,
-/// and bit q - 1 says that q quarters lead farther; case 7 + b, b in 1..8: bit q - 1 of b says that q lead nearer.
+/// The four states of a face's turns have two neighbouring distances at most. Case 0..8: this state
+/// is the nearer, and bit q - 1 says that q quarters lead farther; case 7 + b, b in 1..8: bit q - 1
+/// of b says that q lead nearer.
 #[derive(Debug)]
 pub(crate) struct FaceCases {
-    /// `[pair * 256 + two cases]`: turns that lead nearer in bits 0..18, not farther in bits 32..50.
+    /// `[pair * 256 + two cases]`: turns that lead nearer in bits 0..18, not farther in bits
+    /// 32..50.
     masks: Vec<u64>,
 }
 
@@ -39,7 +44,8 @@ impl FaceCases {
         (masks as u32, (masks >> 32) as u32)
     }
 
-    /// Turns after which a state is at most `left` away, from its cases and, in the uppermost byte, its distance.
+    /// Turns after which a state is at most `left` away, from its cases and, in the uppermost byte,
+    /// its distance.
     #[inline]
     pub(super) fn within(&self, entry: u32, left: u8) -> u32 {
         let distance = (entry >> 24) as u8;
@@ -66,8 +72,8 @@ impl FaceCases {
     }
 }
 
-/// Distances that look at two of the three coordinates only: [`FaceCases`] and the distance, for each class of slice
-/// and flips, and for each slice and twist.
+/// Distances that look at two of the three coordinates only: [`FaceCases`] and the distance, for
+/// each class of slice and flips, and for each slice and twist.
 #[derive(Debug)]
 pub(crate) struct Small {
     pub(super) flips: Vec<u32>,

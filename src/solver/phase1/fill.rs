@@ -4,23 +4,31 @@ use super::super::coordinates::{TWISTS, twist_moves};
 use super::super::symmetry::{CLASSES, Classes, SYMMETRIES};
 use super::super::table::{Progress, Workers};
 use super::faces::CASE_FACES;
-use super::{FAR, Frames, KNOWN, NEAR_ROW, WIDE, near_code};
+use super::frames::Frames;
+use super::guide::{FAR, NEAR_ROW, WIDE, near_code};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{LazyLock, Mutex, PoisonError};
+
+/// States of phase 1 at each distance (Kociemba's page; Scherphuis).
+const KNOWN: [u64; 13] = [
+    1, 4, 50, 592, 7156, 87236, 1043817, 12070278, 124946368, 821605960, 1199128738, 58202444, 476,
+];
 
 pub(super) fn build_near(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     near(&Frames::build(), workers, progress)
 }
 
-/// Builds [`NEAR`]: breadth first from the goal, up to the last level that is told apart.
+/// Builds [`NEAR`](super::NEAR): breadth first from the goal, up to the last level that is told
+/// apart.
 pub(crate) fn near(frames: &Frames, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     levels(frames, FAR - 1, workers, progress)
 }
 
 /// Distances modulo 3 up to a deepest one, [`NEAR_ROW`] bytes a class, breadth first from the goal.
 ///
-/// Each row is written by one worker, which looks at the newest entries of its class's 18 neighbours: so no worker
-/// waits for another, and classes with symmetries of their own need no care.
+/// Each row is written by one worker, which looks at the newest entries of its class's 18
+/// neighbours: so no worker waits for another, and classes with symmetries of their own need no
+/// care.
 fn levels(frames: &Frames, deepest: u8, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     let back = Backwards::new(frames);
     let mut table = vec![u8::MAX; CLASSES * NEAR_ROW];
@@ -127,7 +135,8 @@ fn rows(table: &[u16], number: usize) -> &[u16; TWISTS] {
     table.as_chunks().0.get(number).unwrap_or(&[0; TWISTS])
 }
 
-/// Builds [`WIDE_TABLE`]: all distances modulo 3 first, then what each turn does to each.
+/// Builds [`WIDE_TABLE`](super::WIDE_TABLE): all distances modulo 3 first, then what each turn does
+/// to each.
 pub(super) fn build_wide(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     let frames = Frames::build();
     let distances = levels(&frames, 12, workers, &|done| progress(done * 0.5));
@@ -226,7 +235,8 @@ pub(super) fn verify_near(table: &[u8], _: &dyn Workers) -> Result<Vec<u64>, Str
     compare(&found, &known)
 }
 
-/// Finds the distances again, counts them by what they are modulo 3, and compares what each turn does.
+/// Finds the distances again, counts them by what they are modulo 3, and compares what each turn
+/// does.
 pub(super) fn verify_wide(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
     let frames = Frames::build();
     let distances = levels(&frames, 12, workers, &|_| ());

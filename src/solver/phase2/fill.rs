@@ -4,13 +4,14 @@ use super::super::coordinates::{PERMUTATIONS, PHASE2_TURNS, QUADS, quad_places};
 use super::super::phase1::compare;
 use super::super::symmetry::SYMMETRIES;
 use super::super::table::{Progress, Workers};
-use super::{BOUNDS, Bounds, CORNER_CLASSES, FARTHEST, FOURS, MIDDLE, Orders, ROW};
+use super::bounds::{BYTES, Bounds, FARTHEST, MIDDLE};
+use super::orders::{CORNER_CLASSES, FOURS, Orders, ROW};
 use std::sync::atomic::{AtomicU8, AtomicUsize, Ordering::Relaxed};
 
-/// Builds [`BOUNDS`].
+/// Builds [`BOUNDS`](super::BOUNDS).
 pub(crate) fn build(orders: &Orders, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
-    let mut table = Vec::with_capacity(BOUNDS.bytes);
-    table.resize_with(BOUNDS.bytes, || AtomicU8::new(u8::MAX));
+    let mut table = Vec::with_capacity(BYTES);
+    table.resize_with(BYTES, || AtomicU8::new(u8::MAX));
     let (fours, middle) = table.split_at(MIDDLE);
     let fours = FourTable { orders, table: fours };
     let home = orders.home();
@@ -116,8 +117,9 @@ fn mark_middles(orders: &Orders, table: &[AtomicU8], depth: u8) -> usize {
     count
 }
 
-/// No reference is known to us for these. That each state but the first has a neighbour nearer by one, and none by
-/// two, says that the numbers are distances; then the states, symmetric ones each for itself, are counted.
+/// No reference is known to us for these. That each state but the first has a neighbour nearer by
+/// one, and none by two, says that the numbers are distances; then the states, symmetric ones each
+/// for itself, are counted.
 pub(super) fn verify(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
     let orders = Orders::build();
     let bounds = Bounds { orders: &orders, table, eight: None };
@@ -163,8 +165,8 @@ pub(super) fn verify(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, St
     Ok(counts.into_iter().take_while(|&c| c > 0).collect())
 }
 
-/// What turns do to the eight edges as numbered in [`EIGHT`]: `[number * 10 + k]`, and symmetries:
-/// `[symmetry * PERMUTATIONS + number]`.
+/// What turns do to the eight edges as numbered in [`EIGHT`](super::EIGHT): `[number * 10 + k]`,
+/// and symmetries: `[symmetry * PERMUTATIONS + number]`.
 fn eight_tables(orders: &Orders) -> (Vec<u16>, Vec<u16>) {
     let choice = |four: usize| four / 24;
     // The choice that the lower edges are at when the upper ones are at this one.

@@ -3,7 +3,7 @@
 //! - in: text in the order URFDLB, or colours that were read face by face
 //! - out: [`Facelets`], which know the laws of turning but not whether the cube is possible: that is [`super::Cube`]'s
 
-use super::{Face, ImpossibleCube, Rotation24, Turn};
+use super::{Face, Rotation24, Turn};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -165,40 +165,6 @@ impl Facelets {
         Self(moved)
     }
 
-    /// Re-expresses a reading whose frame lay anyhow on the cube in the frame in which each centre has the colour
-    /// of its own face, with the rotation that carries the old frame's directions into the new frame.
-    ///
-    /// # Errors
-    /// When the centres are not six colours in one of the 24 orientations of a cube.
-    pub fn normalised(&self) -> Result<(Self, Rotation24), ImpossibleCube> {
-        let centres = Face::ALL.map(|f| self.colour(f.index() * 9 + 4));
-        for (i, first) in Face::ALL.iter().enumerate() {
-            if let Some(j) = (i + 1..6).find(|&j| centres[i] == centres[j]) {
-                return Err(ImpossibleCube::CentreTwice {
-                    colour: centres[i],
-                    first: *first,
-                    second: Face::ALL[j],
-                });
-            }
-        }
-        let rotation = Rotation24::all()
-            .find(|r| Face::ALL.iter().zip(centres).all(|(&f, c)| r.face(f) == c))
-            .ok_or(ImpossibleCube::CentresMisplaced)?;
-        Ok((self.rotated(rotation), rotation))
-    }
-
-    /// The same cube held alike, each colour named by the face on whose centre it is now: what slices and rotations
-    /// make of a cube is so a matter of face turns again.
-    ///
-    /// # Errors
-    /// As [`Facelets::normalised`].
-    pub fn named_by_position(&self) -> Result<Self, ImpossibleCube> {
-        let (_, rotation) = self.normalised()?;
-        // The rotation takes each face to the one that is named like its centre.
-        let back = rotation.inverse();
-        Ok(Self::from_faces(std::array::from_fn(|i| back.face(self.colour(i)))))
-    }
-
     /// Whether each face has one colour, in any orientation.
     #[must_use]
     pub fn is_solved(&self) -> bool {
@@ -272,7 +238,7 @@ impl fmt::Debug for Facelets {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cube::{Cube, parse_turns};
+    use crate::cube::parse_turns;
 
     #[test]
     fn places_and_numbers_are_inverse_and_lie_on_their_face() {
@@ -293,47 +259,6 @@ mod tests {
         let turned = parse_turns("R").unwrap().iter().fold(Facelets::solved(), |f, &t| f.turned(t));
 
         assert_eq!(turned.to_string(), "UUFUUFUUFRRRRRRRRRFFDFFDFFDDDBDDBDDBLLLLLLLLLUBBUBBUBB");
-    }
-
-    #[test]
-    fn a_reading_in_any_orientation_is_brought_home() {
-        let scrambled = Facelets::from(&Cube::scrambled(7));
-
-        for rotation in Rotation24::all() {
-            let reading = scrambled.rotated(rotation);
-            let (home, back) = reading.normalised().unwrap();
-
-            assert_eq!(home, scrambled);
-            assert_eq!(back, rotation.inverse());
-        }
-    }
-
-    #[test]
-    fn colours_named_by_position_undo_only_the_names() {
-        let scrambled = Facelets::from(&Cube::scrambled(7));
-        for rotation in Rotation24::all() {
-            let named = scrambled.rotated(rotation).named_by_position().unwrap();
-
-            assert!(Cube::try_from(named).is_ok());
-            assert_eq!(named.is_solved(), scrambled.is_solved());
-        }
-        // After a slice, the outer layers are where they were: by their names it is the other two that turned.
-        let slice =
-            crate::cube::after_moves(&Facelets::solved(), &crate::cube::parse_moves("M").unwrap());
-        let outer =
-            parse_turns("L' R").unwrap().iter().fold(Facelets::solved(), |f, &t| f.turned(t));
-        assert_eq!(slice.named_by_position().unwrap(), outer);
-    }
-
-    #[test]
-    fn a_mirrored_reading_has_no_orientation() {
-        let mut colours = *Facelets::solved().colours();
-        colours[9..18].fill(4);
-        colours[36..45].fill(1);
-
-        let answer = Facelets::try_from(colours).unwrap().normalised();
-
-        assert_eq!(answer, Err(ImpossibleCube::CentresMisplaced));
     }
 
     #[test]

@@ -1,14 +1,16 @@
 //! Why stickers are no cube that can be solved: `Cube::try_from(Facelets)`.
 //!
-//! - in: facelets
-//! - out: the cube, or an [`ImpossibleCube`] that names what is wrong and, where it can be known, which piece
+//! - in: facelets, perhaps named in another orientation: [`Facelets::normalised`]
+//! - out: the cube, or an [`ImpossibleCube`] that names what is wrong and, where it can be known,
+//!   which piece
 //!
-//! Colours that no piece has, and pieces that are there twice, say where they are. A flipped edge, a twisted corner
-//! and two swapped pieces do not: once the cube is scrambled, any edge may be the one. So a piece is named only
-//! where the others vouch for it: [`names`] asks that at least half of the cube stands at home.
+//! Colours that no piece has, and pieces that are there twice, say where they are. A flipped edge,
+//! a twisted corner and two swapped pieces do not: once the cube is scrambled, any edge may be the
+//! one. So a piece is named only where the others vouch for it: [`names`] asks that at least half
+//! of the cube stands at home.
 
 use super::cubies::{CORNER_FACELETS, EDGE_FACELETS, odd};
-use super::{CORNERS, Cube, EDGES, Face, FaceletPlace, Facelets};
+use super::{CORNERS, Cube, EDGES, Face, FaceletPlace, Facelets, Rotation24};
 use std::fmt;
 
 /// Some stickers, named by their faces' letters: a position or a piece.
@@ -56,10 +58,12 @@ pub enum ImpossibleCube {
         /// and on this.
         second: Face,
     },
-    /// Six centres, but not as on any cube, however it is turned: opposite colours stand side by side, or mirrored.
+    /// Six centres, but not as on any cube, however it is turned: opposite colours stand side by
+    /// side, or mirrored.
     #[error("the centres stand to each other as on no cube")]
     CentresMisplaced,
-    /// The centres are those of a cube that lies in another orientation: see [`Facelets::normalised`].
+    /// The centres are those of a cube that lies in another orientation: see
+    /// [`Facelets::normalised`].
     #[error("the centre of {} has colour {}: the cube is named in another orientation", face.letter(), colour.letter())]
     CentreElsewhere {
         /// On this face
@@ -189,6 +193,43 @@ impl Cube {
     }
 }
 
+impl Facelets {
+    /// Re-expresses a reading whose frame lay anyhow on the cube in the frame in which each centre
+    /// has the colour of its own face, with the rotation that carries the old frame's directions
+    /// into the new frame.
+    ///
+    /// # Errors
+    /// When the centres are not six colours in one of the 24 orientations of a cube.
+    pub fn normalised(&self) -> Result<(Self, Rotation24), ImpossibleCube> {
+        let centres = Face::ALL.map(|f| self.colour(f.index() * 9 + 4));
+        for (i, first) in Face::ALL.iter().enumerate() {
+            if let Some(j) = (i + 1..6).find(|&j| centres[i] == centres[j]) {
+                return Err(ImpossibleCube::CentreTwice {
+                    colour: centres[i],
+                    first: *first,
+                    second: Face::ALL[j],
+                });
+            }
+        }
+        let rotation = Rotation24::all()
+            .find(|r| Face::ALL.iter().zip(centres).all(|(&f, c)| r.face(f) == c))
+            .ok_or(ImpossibleCube::CentresMisplaced)?;
+        Ok((self.rotated(rotation), rotation))
+    }
+
+    /// The same cube held alike, each colour named by the face on whose centre it is now: what
+    /// slices and rotations make of a cube is so a matter of face turns again.
+    ///
+    /// # Errors
+    /// As [`Facelets::normalised`].
+    pub fn named_by_position(&self) -> Result<Self, ImpossibleCube> {
+        let (_, rotation) = self.normalised()?;
+        // The rotation takes each face to the one that is named like its centre.
+        let back = rotation.inverse();
+        Ok(Self::from_faces(std::array::from_fn(|i| back.face(self.colour(i)))))
+    }
+}
+
 fn check_colours(facelets: &Facelets) -> Result<(), ImpossibleCube> {
     facelets.normalised()?;
     for face in Face::ALL {
@@ -259,8 +300,8 @@ fn check_sums(cube: &Cube) -> Result<(), ImpossibleCube> {
     Ok(())
 }
 
-/// Whether so much of the cube stands at home that a piece which does not is the odd one: half of the 20 pieces,
-/// where a scrambled cube has one on average.
+/// Whether so much of the cube stands at home that a piece which does not is the odd one: half of
+/// the 20 pieces, where a scrambled cube has one on average.
 fn names(cube: &Cube) -> bool {
     let corners = (0..8).filter(|&i| usize::from(cube.corners[i]) == i && cube.twists[i] == 0);
     let edges = (0..12).filter(|&i| usize::from(cube.edges[i]) == i && cube.flips[i] == 0);
@@ -313,7 +354,8 @@ mod tests {
             reason(swapped(&[(8, 20)])),
             "position URF has colours FRU: no piece has these, in this order"
         );
-        // The front sticker of UF and the right one of UR exchanged with their upper ones' help: UF twice.
+        // The front sticker of UF and the right one of UR exchanged with their upper ones' help: UF
+        // twice.
         assert_eq!(reason(swapped(&[(10, 19), (10, 12)])).split(' ').next(), Some("piece"));
         assert_eq!(reason(swapped(&[(7, 19)])), "edge UF is flipped in its place");
         assert_eq!(
@@ -358,6 +400,48 @@ mod tests {
             Cube::try_from(turned),
             Err(ImpossibleCube::CentreElsewhere { face: Face::R, colour: Face::B })
         );
+    }
+
+    #[test]
+    fn a_reading_in_any_orientation_is_brought_home() {
+        let scrambled = Facelets::from(&Cube::scrambled(7));
+
+        for rotation in Rotation24::all() {
+            let reading = scrambled.rotated(rotation);
+            let (home, back) = reading.normalised().unwrap();
+
+            assert_eq!(home, scrambled);
+            assert_eq!(back, rotation.inverse());
+        }
+    }
+
+    #[test]
+    fn colours_named_by_position_undo_only_the_names() {
+        let scrambled = Facelets::from(&Cube::scrambled(7));
+        for rotation in Rotation24::all() {
+            let named = scrambled.rotated(rotation).named_by_position().unwrap();
+
+            assert!(Cube::try_from(named).is_ok());
+            assert_eq!(named.is_solved(), scrambled.is_solved());
+        }
+        // After a slice, the outer layers are where they were: by their names it is the other two
+        // that turned.
+        let slice =
+            crate::cube::after_moves(&Facelets::solved(), &crate::cube::parse_moves("M").unwrap());
+        let outer =
+            parse_turns("L' R").unwrap().iter().fold(Facelets::solved(), |f, &t| f.turned(t));
+        assert_eq!(slice.named_by_position().unwrap(), outer);
+    }
+
+    #[test]
+    fn a_mirrored_reading_has_no_orientation() {
+        let mut colours = *Facelets::solved().colours();
+        colours[9..18].fill(4);
+        colours[36..45].fill(1);
+
+        let answer = Facelets::try_from(colours).unwrap().normalised();
+
+        assert_eq!(answer, Err(ImpossibleCube::CentresMisplaced));
     }
 
     proptest! {

@@ -1,0 +1,66 @@
+//! The tables of phase 2 at work: bounds from below of a state's distance.
+
+use super::super::coordinates::{PERMUTATIONS, PHASE2_TURNS};
+use super::orders::{CORNER_CLASSES, Orders, ROW, State};
+
+/// Bytes before corners with the middle edges.
+pub(super) const MIDDLE: usize = CORNER_CLASSES * ROW;
+/// Bytes of [`BOUNDS`](super::BOUNDS).
+pub(super) const BYTES: usize = MIDDLE + PERMUTATIONS * 24;
+/// The distance that stands for itself and all above in [`EIGHT`](super::EIGHT).
+pub(super) const FARTHEST: u8 = 15;
+
+/// The tables at work.
+#[derive(Clone, Copy)]
+pub(crate) struct Bounds<'a> {
+    pub(crate) orders: &'a Orders,
+    pub(crate) table: &'a [u8],
+    /// [`EIGHT`](super::EIGHT), where it is there.
+    pub(crate) eight: Option<&'a [u8]>,
+}
+
+impl Bounds<'_> {
+    /// A bound from the corners and the eight edges.
+    #[inline]
+    pub(crate) fn of_eight(&self, corners: u16, fours: (u16, u16)) -> u8 {
+        let ([upper, lower], entry) = self.orders.entries(corners, fours);
+        match self.eight {
+            Some(eight) => eight[entry / 2] >> (entry % 2 * 4) & 15,
+            None => self.table[upper].max(self.table[lower]),
+        }
+    }
+
+    /// A bound from the corners and the upper (0) or lower (1) edges.
+    #[inline]
+    pub(crate) fn of_four(&self, corners: u16, lower: usize, four: u16) -> u8 {
+        self.table[self.orders.entry(corners, lower, four)]
+    }
+
+    /// A bound from the corners and the middle edges.
+    #[inline]
+    pub(crate) fn of_middle(&self, corners: u16, middle: u8) -> u8 {
+        self.table[MIDDLE + usize::from(corners) * 24 + usize::from(middle)]
+    }
+
+    /// The state after the `k`-th turn of phase 2, if it may be solved in `left` more.
+    #[inline]
+    pub(crate) fn turned(&self, state: State, k: usize, left: u8) -> Option<State> {
+        let orders = self.orders;
+        let corners = orders.corner_moves[usize::from(state.corners) * 18 + PHASE2_TURNS[k]];
+        let upper = orders.four_moves[usize::from(state.upper) * 10 + k];
+        if self.eight.is_none() && self.of_four(corners, 0, upper) > left {
+            return None;
+        }
+        let lower = orders.four_moves[usize::from(state.lower) * 10 + k];
+        let far = match self.eight {
+            Some(_) => self.of_eight(corners, (upper, lower)),
+            None => self.of_four(corners, 1, lower),
+        };
+        if far > left {
+            return None;
+        }
+        let middle = orders.middle_moves[usize::from(state.middle) * 10 + k];
+        let next = State { corners, upper, lower, middle };
+        (self.of_middle(corners, middle) <= left).then_some(next)
+    }
+}
