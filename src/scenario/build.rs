@@ -81,8 +81,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
 
 /// Builds the arms; `None` stands for one with a fault, as in the other lists.
 fn arms(effectors: &[Effector], folder: &Path, reader: &mut Reader) -> Vec<Option<Arm>> {
-    let build = |e: &Effector| arm(e, &format!("effector.{}", e.name), folder, reader);
-    effectors.iter().map(build).collect()
+    effectors.iter().map(|keys| arm(keys, folder, reader)).collect()
 }
 
 /// Builds the parts of effectors that are not in the cell's geometry.
@@ -94,8 +93,7 @@ fn effectors(
     reader: &mut Reader,
 ) -> Vec<Option<EffectorConfig>> {
     let build = |e: &Effector| {
-        let path = format!("effector.{}", e.name);
-        let gains = profile::gains(&e.servo_profile, &path, folder, reader)?;
+        let gains = profile::gains(&e.servo_profile, &e.path(), folder, reader)?;
         let mut gains = profile::adjusted(gains, servo);
         if bridge == BridgeKind::Isa {
             // Cards report how much current flows, not in which direction.
@@ -111,13 +109,11 @@ fn cameras(
     effectors: &[Effector],
     reader: &mut Reader,
 ) -> Vec<Option<Camera>> {
-    let build = |c: &CameraKeys| camera(c, &format!("camera.{}", c.name), effectors, reader);
-    cameras.iter().map(build).collect()
+    cameras.iter().map(|keys| camera(keys, effectors, reader)).collect()
 }
 
 fn sources(cameras: &[CameraKeys], folder: &Path, reader: &mut Reader) -> Vec<CameraSource> {
-    let build = |c: &CameraKeys| source(&c.source, &format!("camera.{}", c.name), folder, reader);
-    cameras.iter().map(build).collect()
+    cameras.iter().map(|keys| source(keys, folder, reader)).collect()
 }
 
 fn vsps(draft: &Draft, reader: &mut Reader) -> Vec<Option<VspConfig>> {
@@ -125,8 +121,9 @@ fn vsps(draft: &Draft, reader: &mut Reader) -> Vec<Option<VspConfig>> {
     named.map(|v| vsp(v, &draft.effectors, &draft.cameras, reader)).collect()
 }
 
-/// Builds the arm of the effector at `path`.
-fn arm(keys: &Effector, path: &str, folder: &Path, reader: &mut Reader) -> Option<Arm> {
+/// Builds the arm of an effector.
+fn arm(keys: &Effector, folder: &Path, reader: &mut Reader) -> Option<Arm> {
+    let path = &keys.path();
     check::opening(&keys.gripper, path, reader);
     let model = profile::model(&keys.profile, path, folder, reader)?;
     let start = start(keys, &model, path, reader);
@@ -190,13 +187,9 @@ fn sensor(keys: &SensorKeys) -> ForceSensor {
     }
 }
 
-/// Builds the camera at `path`.
-fn camera(
-    keys: &CameraKeys,
-    path: &str,
-    effectors: &[Effector],
-    reader: &mut Reader,
-) -> Option<Camera> {
+/// Builds a camera.
+fn camera(keys: &CameraKeys, effectors: &[Effector], reader: &mut Reader) -> Option<Camera> {
+    let path = &keys.path();
     let pose = camera_pose(keys, path, reader)?;
     Some(Camera {
         name: keys.name.clone(),
@@ -266,14 +259,15 @@ fn mount(
     }
 }
 
-/// Returns where the frames of the camera at `path` come from.
-fn source(text: &str, path: &str, folder: &Path, reader: &mut Reader) -> CameraSource {
+/// Returns where the frames of a camera come from.
+fn source(keys: &CameraKeys, folder: &Path, reader: &mut Reader) -> CameraSource {
+    let text = keys.source.as_str();
     if text == "renderer" {
         return CameraSource::Renderer;
     }
     let images = folder.join(text);
     if !images.is_dir() {
-        let at = format!("{path}.source");
+        let at = format!("{}.source", keys.path());
         let reason = format!("`{at}`: \"{text}\" is neither \"renderer\" nor a folder");
         reader.fault_with_help(&at, reason, format!("looked for {}", images.display()));
     }
@@ -286,7 +280,7 @@ fn vsp(
     cameras: &[CameraKeys],
     reader: &mut Reader,
 ) -> Option<VspConfig> {
-    let path = format!("vsp.{}", keys.name);
+    let path = keys.path();
     let owner = owner(keys, &path, effectors, reader);
     let camera = vsp_camera(keys, &path, cameras, reader);
     Some(VspConfig {

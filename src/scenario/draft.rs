@@ -29,13 +29,13 @@ impl Draft {
         let mut keys = Vec::new();
         self.root.keys("", &mut keys);
         for effector in &self.effectors {
-            effector.keys(&format!("effector.{}", effector.name), &mut keys);
+            effector.keys(&effector.path(), &mut keys);
         }
         for camera in &self.cameras {
-            camera.keys(&format!("camera.{}", camera.name), &mut keys);
+            camera.keys(&camera.path(), &mut keys);
         }
         for vsp in &self.vsps {
-            vsp.keys(&format!("vsp.{}", vsp.name), &mut keys);
+            vsp.keys(&vsp.path(), &mut keys);
         }
         FaultKeys { name: "NAME".to_owned(), ..FaultKeys::default() }.keys("fault.NAME", &mut keys);
         keys

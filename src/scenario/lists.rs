@@ -159,3 +159,24 @@ section! {
         period [ms]: f64 = 40.0, 2.0..=10000.0;
     }
 }
+
+impl Effector {
+    /// Returns its dotted name.
+    pub(super) fn path(&self) -> String {
+        format!("effector.{}", self.name)
+    }
+}
+
+impl CameraKeys {
+    /// Returns its dotted name.
+    pub(super) fn path(&self) -> String {
+        format!("camera.{}", self.name)
+    }
+}
+
+impl Vsp {
+    /// Returns its dotted name.
+    pub(super) fn path(&self) -> String {
+        format!("vsp.{}", self.name)
+    }
+}
