@@ -187,8 +187,7 @@ struct Arms {
 }
 
 impl Arms {
-    fn new(scenario: &Scenario, mut port: Plant) -> Result<Self, Error> {
-        let config = &scenario.controller;
+    fn new(config: &ControllerConfig, mut port: Plant) -> Result<Self, Error> {
         let count = config.cell.arms.len();
         let mut readings = vec![ArmReading::default(); count];
         let drives = vec![ArmDrive::OFF; count];
@@ -277,7 +276,7 @@ fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Err
     let renderer = plant_side::renderer(scenario, &plant, index)
         .ok_or_else(|| failed("the plant has no such camera"))?;
     let source = PlantCamera::new(renderer, output);
-    let mut arms = Arms::new(scenario, plant)?;
+    let mut arms = Arms::new(&scenario.controller, plant)?;
     let taken = take_pictures(&scenario.controller, plan, &mut arms, (source, scenes))?;
     let (found, used) = adjust(plan, &taken.frames);
     let report = Report {

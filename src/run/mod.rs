@@ -169,7 +169,9 @@ fn carried_out(
     let logbook = Logbook::open(&saved)?;
     let control = &operator.control;
     let (world, cameras, notes) = match &playback {
-        Some(playback) => World::of_recording(scenario, playback.clone(), control),
+        Some(playback) => {
+            World::of_recording(scenario.controller.cameras.len(), playback.clone(), control)
+        }
         None if scenario.bridge.kind.is_hardware() => World::of_hardware(scenario, control)?,
         None => {
             let mut plant = plan.plant(scenario)?;

@@ -12,7 +12,7 @@ use super::recording;
 use crate::actors::clock::Clock;
 use crate::actors::control::{Control, Tempo};
 use crate::actors::latest::LatestValues;
-use crate::actors::present::Presenter;
+use crate::actors::present::{self, Presenter};
 use crate::actors::trace::Trace;
 use crate::actors::ui::{OperatorControls, Parts, Ui};
 use crate::emergency_stop::{EmergencyStop, StopButton, StopSignal};
@@ -60,9 +60,9 @@ pub(super) fn start_ui(
     let (to_task, inputs) = mpsc::channel(INPUTS);
     let latest = context.desk.as_ref().map(|_| LatestValues::default());
     let presenter = context.desk.as_ref().zip(latest.clone()).map(|(desk, latest)| {
-        let (presenter, stage) = Presenter::new(scenario, latest);
-        desk.stage.send_replace(Arc::new(stage));
-        presenter
+        let stage = present::stage(scenario);
+        desk.stage.send_replace(Arc::new(stage.clone()));
+        Presenter::new(stage, &scenario.controller, latest)
     });
     let parts = Parts {
         quiet: options.quiet,

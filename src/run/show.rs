@@ -7,7 +7,7 @@ use super::outcome::outcome;
 use crate::actors::control::Control;
 use crate::actors::latest::{Found, LatestValues, Peaks, Seen, Sight};
 use crate::actors::notice::Notice;
-use crate::actors::present::{Presenter, View};
+use crate::actors::present::{self, Presenter, View};
 use crate::cell::Cell;
 use crate::desk::{Desk, Pictures, RunEnd};
 use crate::hw::driver::{NoRecords, RecordSink, ServoRecord};
@@ -89,7 +89,7 @@ impl Show {
             outcome: cut_off(""),
         };
         let mut label = Label::default();
-        let mut loading = Loading::new(scenario);
+        let mut loading = Loading::new(&scenario.controller.cell, scenario.real_time.period);
         let (mut start, mut long) = (None, false);
         let mut reading = Reading::new(from);
         for piece in reading.by_ref() {
@@ -319,11 +319,11 @@ struct Loading {
 }
 
 impl Loading {
-    fn new(scenario: &Scenario) -> Self {
-        let cell = scenario.controller.cell.clone();
+    /// Begins to load a recording of this cell, whose servo periods have this length (s).
+    fn new(cell: &Cell, period: f64) -> Self {
         let arms = cell.arms.iter().map(|_| (ArmState::default(), Peaks::default())).collect();
-        let states = Length::of_seconds(scenario.real_time.period).count(STATES).into();
-        Self { cell, states, arms, looked: None }
+        let states = Length::of_seconds(period).count(STATES).into();
+        Self { cell: cell.clone(), states, arms, looked: None }
     }
 
     /// A state now and then, with the largest values in between.
@@ -392,7 +392,8 @@ struct Stand<'a> {
 impl<'a> Stand<'a> {
     fn new(show: &'a Show, to: &'a RunEnd) -> Self {
         let latest = LatestValues::default();
-        let (presenter, mut stage) = Presenter::new(&show.scenario, latest.clone());
+        let mut stage = present::stage(&show.scenario);
+        let presenter = Presenter::new(stage.clone(), &show.scenario.controller, latest.clone());
         stage.title.clone_from(&show.title);
         "replay".clone_into(&mut stage.pace);
         to.stage.send_replace(Arc::new(stage));
@@ -603,7 +604,7 @@ mod tests {
 
     #[test]
     fn no_peak_falls_between_two_states_that_are_kept() {
-        let mut loading = Loading::new(&scenario());
+        let mut loading = Loading::new(&scenario().controller.cell, 0.002);
         let mut kept = Vec::new();
         for period in 2..=21 {
             let mut record = record(period);

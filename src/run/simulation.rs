@@ -56,7 +56,10 @@ pub(super) fn create(
     let mut config = config(scenario, &measured, pivot, grasp);
     // Before the faults: a run that goes on may have others.
     let identity = Identity::of(&config, scenario.seed);
-    mistakes(scenario, &mut config.cell);
+    let layer = scenario.controller.cell.cube.edge / 3.0;
+    for keys in &scenario.plant.faults {
+        mistake(keys, layer, &mut config.cell);
+    }
     config.faults = faults(scenario).0;
     if let Some(start) = face_turn {
         let edge = config.cell.cube.edge;
@@ -81,7 +84,10 @@ pub(super) fn create_holding(
     }
     let pivot = ErrorSpreads::default().pivot;
     let mut config = config(scenario, &belief, pivot, GraspError::default());
-    mistakes(scenario, &mut config.cell);
+    let layer = scenario.controller.cell.cube.edge / 3.0;
+    for keys in &scenario.plant.faults {
+        mistake(keys, layer, &mut config.cell);
+    }
     config.start = Start::Held { arm, tool_from_cube };
     config.start_grip = scenario.controller.control.grip;
     // Nobody waits for the cube: a hand would take it where a pose shows it near the hand-over place.
@@ -221,17 +227,11 @@ fn index<'a>(mut names: impl Iterator<Item = &'a String>, wanted: Option<&String
     names.position(|name| Some(name) == wanted).unwrap_or(0)
 }
 
-/// What of the cell is not as believed from the beginning.
-fn mistakes(scenario: &Scenario, truth: &mut Cell) {
-    for keys in &scenario.plant.faults {
-        mistake(scenario, keys, truth);
-    }
-}
-
-fn mistake(scenario: &Scenario, keys: &FaultKeys, truth: &mut Cell) {
+/// Makes the cell differ from the belief from the beginning, where a fault says so; `layer` is the
+/// thickness of the cube's (m).
+fn mistake(keys: &FaultKeys, layer: f64, truth: &mut Cell) {
     let which = index(truth.arms.iter().map(|a| &a.name), keys.arm.as_ref());
     let size = keys.magnitude.unwrap_or_default() * 1e-3;
-    let layer = scenario.controller.cell.cube.edge / 3.0;
     let Some(arm) = truth.arms.get_mut(which) else { return };
     match keys.kind {
         Some(FaultKind::UnderConstrained) => arm.gripper.finger_tip -= layer,
@@ -247,9 +247,9 @@ fn mistake(scenario: &Scenario, keys: &FaultKeys, truth: &mut Cell) {
 /// What the plant suffers in the course of a run, and what it only tells the time of.
 pub(super) fn faults(scenario: &Scenario) -> (Vec<Fault>, Vec<Disturbance>) {
     let mut others = Vec::new();
+    let cell = &scenario.controller.cell;
     let faults = scenario.plant.faults.iter().filter_map(|keys| {
-        let what = what(scenario, keys, &mut others)?;
-        let cell = &scenario.controller.cell;
+        let what = what(cell, keys, &mut others)?;
         let arm = keys.event_arm.as_ref();
         let event_arm = arm.map(|_| index(cell.arms.iter().map(|a| &a.name), arm));
         let when = match (keys.at, keys.event) {
@@ -277,7 +277,7 @@ pub(super) fn faults(scenario: &Scenario) -> (Vec<Fault>, Vec<Disturbance>) {
 /// The same in words, in the same order.
 fn fault_words(scenario: &Scenario) -> Vec<String> {
     let words = scenario.plant.faults.iter().filter_map(|keys| {
-        what(scenario, keys, &mut Vec::new())?;
+        what(&scenario.controller.cell, keys, &mut Vec::new())?;
         let kind = keys.kind?.word().replace('_', " ");
         Some(keys.arm.as_ref().map_or_else(|| kind.clone(), |arm| format!("{kind}, {arm}")))
     });
@@ -314,9 +314,9 @@ impl PlantEventLog {
     }
 }
 
-fn what(scenario: &Scenario, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<What> {
+/// Returns what a fault does in the plant; one beside the plant is added to `others`.
+fn what(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<What> {
     use FaultKind as K;
-    let cell = &scenario.controller.cell;
     let arm = index(cell.arms.iter().map(|a| &a.name), keys.arm.as_ref());
     let camera = index(cell.cameras.iter().map(|c| &c.name), keys.camera.as_ref());
     let axis = keys.axis.unwrap_or_default() as usize;

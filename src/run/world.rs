@@ -214,12 +214,12 @@ impl World {
 
     /// What a recording says: its readings come back, its cameras show nothing, since its sensors deliver themselves.
     pub(super) fn of_recording(
-        scenario: &Scenario,
+        cameras: usize,
         playback: Playback,
         control: &Arc<watch::Sender<Control>>,
     ) -> (Self, Cameras, Noted) {
-        let nothing = |_: &CameraSource| Some(Box::new(Nothing) as Box<dyn FrameSource>);
-        let cameras = scenario.controller.cameras.iter().map(nothing).collect();
+        let nothing = |_| Some(Box::new(Nothing) as Box<dyn FrameSource>);
+        let cameras = (0..cameras).map(nothing).collect();
         (Self::around(Kind::Recording(playback), control), cameras, None)
     }
 

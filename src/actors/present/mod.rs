@@ -6,7 +6,7 @@ mod camera;
 mod moment;
 mod stage;
 
-pub(crate) use stage::poses;
+pub(crate) use stage::{poses, stage};
 
 use super::control::Control;
 use super::latest::{ArmLatest, Found, Latest, LatestValues};
@@ -20,7 +20,7 @@ use crate::operator::{
     ActorView, ArmView, CameraView, Class, ControlView, CubeView, HandView, Input, LayerTurn,
     Message, OutcomeView, Services, Snapshot, Stage, arm_frames, joints_of, remedy,
 };
-use crate::scenario::Scenario;
+use crate::scenario::ControllerConfig;
 use crate::scenario::keys::Pace;
 use crate::servo::period::Length;
 use crate::tasks::Picture;
@@ -75,22 +75,20 @@ pub struct Presenter {
 }
 
 impl Presenter {
-    /// For a run of this scenario; `stage` is what does not change in it.
+    /// Creates the presenter of a run of this stage and this controller.
     #[must_use]
-    pub fn new(scenario: &Scenario, latest: LatestValues) -> (Self, Stage) {
-        let config = &scenario.controller;
+    pub fn new(stage: Stage, config: &ControllerConfig, latest: LatestValues) -> Self {
         let cell = config.cell.clone();
-        let stage = stage::of(scenario);
         let views = stage
             .cameras
             .iter()
             .map(|c| CameraView { name: c.name.clone(), size: c.size, ..CameraView::default() })
             .collect();
-        let presenter = Self {
+        Self {
             latest,
             vsps: config.vsps.iter().map(|v| (v.name.clone(), v.camera)).collect(),
-            virtual_pace: scenario.pace == Pace::Virtual,
-            length: Length::of_seconds(scenario.real_time.period),
+            virtual_pace: stage.pace == Pace::Virtual.word(),
+            length: Length::of_seconds(stage.limits.period),
             begun: false,
             number: 0,
             phases: Vec::new(),
@@ -103,10 +101,9 @@ impl Presenter {
             looked: vec![None; cell.cameras.len()],
             views,
             hand: None,
-            stage: stage.clone(),
+            stage,
             cell,
-        };
-        (presenter, stage)
+        }
     }
 
     /// A notice has come.
@@ -422,7 +419,8 @@ mod tests {
     fn presenter() -> (Presenter, Stage, LatestValues) {
         let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
         let latest = LatestValues::default();
-        let (presenter, stage) = Presenter::new(&scenario, latest.clone());
+        let stage = stage(&scenario);
+        let presenter = Presenter::new(stage.clone(), &scenario.controller, latest.clone());
         (presenter, stage, latest)
     }
 
@@ -475,7 +473,8 @@ mod tests {
         let set = [Override::parse("real_time.period_ms=1").unwrap()];
         let scenario = crate::scenario::read(Path::new("t.toml"), "", &set).unwrap();
         let latest = LatestValues::default();
-        let (mut presenter, _) = Presenter::new(&scenario, latest.clone());
+        let mut presenter =
+            Presenter::new(super::stage(&scenario), &scenario.controller, latest.clone());
         stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();
 

@@ -5,11 +5,10 @@ use crate::cube::Keeper;
 use crate::motion::{JointPositions, MotorPositions};
 use crate::operator::{ArmStage, CameraStage, Limits, Stage, arm_solids};
 use crate::scenario::Scenario;
-use crate::scenario::keys::Pace;
 use crate::spatial::Pose;
 
 /// Returns the stage of a run of this scenario.
-pub(super) fn of(scenario: &Scenario) -> Stage {
+pub(crate) fn stage(scenario: &Scenario) -> Stage {
     let config = &scenario.controller;
     let cell = &config.cell;
     let arm = |arm: &Arm| ArmStage {
@@ -26,7 +25,7 @@ pub(super) fn of(scenario: &Scenario) -> Stage {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         task: config.task.word().to_owned(),
         seed: scenario.seed,
-        pace: if scenario.pace == Pace::Virtual { "virtual" } else { "real-time" }.to_owned(),
+        pace: scenario.pace.word().to_owned(),
         coordination: config.coordination.word().to_owned(),
         plant: if scenario.bridge.kind.is_hardware() { "hardware" } else { "simulated plant" }
             .to_owned(),
