@@ -38,40 +38,40 @@ use std::borrow::Cow;
 
 /// What became of one camera.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Report {
+pub(crate) struct Report {
     /// Index of the camera in the cell.
-    pub camera: usize,
+    pub(crate) camera: usize,
     /// What was found, or why nothing was.
-    pub found: Result<Calibrated, NotCalibrated>,
+    pub(crate) found: Result<Calibrated, NotCalibrated>,
     /// Poses of the arm, and those whose frame could be used.
-    pub views: (usize, usize),
+    pub(crate) views: (usize, usize),
     /// Simulated time that it took (s).
-    pub time: f64,
+    pub(crate) time: f64,
     /// Against the plant's truth: the scenario's own values, and what was found.
-    pub errors: (Errors, Option<Errors>),
+    pub(crate) errors: (Errors, Option<Errors>),
     /// By how much the hand that moved was elsewhere than its encoders said, on the average: it sags. Each axis of the
     /// world (m).
-    pub sag: [f64; 3],
+    pub(crate) sag: [f64; 3],
     /// How far a point of the hand is from where camera and encoders together expect it, r.m.s. over all poses, by the
     /// scenario's own values and by what was found: across the sight, along it (m).
-    pub hand: ([f64; 2], Option<[f64; 2]>),
+    pub(crate) hand: ([f64; 2], Option<[f64; 2]>),
 }
 
 /// By how much a camera's values are wrong.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Errors {
+pub(crate) struct Errors {
     /// Focal length, relative.
-    pub focal: f64,
+    pub(crate) focal: f64,
     /// Principal point (px).
-    pub centre: f64,
+    pub(crate) centre: f64,
     /// Place of the camera (m).
-    pub place: f64,
+    pub(crate) place: f64,
     /// Its orientation (rad).
-    pub tilt: f64,
+    pub(crate) tilt: f64,
     /// What all of it comes to for a cube in the middle of the picture at working distance: across the sight (m).
-    pub lateral: f64,
+    pub(crate) lateral: f64,
     /// The same along the sight (m).
-    pub depth: f64,
+    pub(crate) depth: f64,
 }
 
 /// Time that an arm is given to come to rest before a frame is taken (s).
@@ -85,7 +85,7 @@ const LEAST_GROOVES: usize = 10;
 ///
 /// # Errors
 /// When the cell cannot do it at all, or an arm stops; a camera that cannot be calibrated is part of the reports.
-pub fn run(
+pub(crate) fn run(
     scenario: &Scenario,
     camera: Option<usize>,
     views: usize,

@@ -26,21 +26,21 @@ const PRIORITY: i32 = 85;
 
 /// What an emulation came to.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Emulated {
+pub(crate) struct Emulated {
     /// What was asked of the controller.
-    pub task: keys::Task,
+    pub(crate) task: keys::Task,
     /// The cube at the beginning.
-    pub start: Facelets,
+    pub(crate) start: Facelets,
     /// The cube at the end.
-    pub end: Facelets,
+    pub(crate) end: Facelets,
     /// What happened.
-    pub verdict: Verdict,
+    pub(crate) verdict: Verdict,
     /// The same in its order: time (s), whether it is an accident, and in words.
-    pub told: Vec<(f64, bool, String)>,
+    pub(crate) told: Vec<(f64, bool, String)>,
     /// How it went.
-    pub course: Course,
+    pub(crate) course: Course,
     /// Its time (s).
-    pub time: f64,
+    pub(crate) time: f64,
 }
 
 /// A folder for sockets that goes away with the emulator.
@@ -176,7 +176,7 @@ impl Cameras {
 ///
 /// # Errors
 /// What could not be opened; what the plant says.
-pub fn emulate(
+pub(crate) fn emulate(
     scenario: &Scenario,
     options: EmulatorOptions,
     devices: &Path,

@@ -14,7 +14,7 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 /// Signals that end a run. A process that drives arms must not die of any of them.
-pub const SIGNALS: [i32; 4] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT];
+pub(crate) const SIGNALS: [i32; 4] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT];
 /// Long enough for the bridge to switch the drives off.
 pub(super) const SWITCHES_OFF: Duration = Duration::from_millis(300);
 /// Exit code of a process that was interrupted.
@@ -22,7 +22,7 @@ const INTERRUPTED: i32 = 130;
 
 /// Those of [`SIGNALS`] that whoever started this program does not want ignored: `nohup` does.
 #[must_use]
-pub fn heard() -> Vec<i32> {
+pub(crate) fn heard() -> Vec<i32> {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);

@@ -31,7 +31,7 @@ struct Kept {
 
 /// The meetings of a cell.
 #[must_use]
-pub fn of(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
+pub(crate) fn of(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
     in_folder(Store::of_user().folder(), cell, settings)
 }
 

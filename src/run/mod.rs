@@ -9,15 +9,15 @@
 //! run at the same desk.
 
 mod bridge_log;
-pub mod calibrate;
+pub(crate) mod calibrate;
 mod calibration_poses;
 mod composition;
 mod disturbance;
-pub mod emulate;
+pub(crate) mod emulate;
 mod failure;
 mod gate;
 mod interrupt;
-pub mod meeting_cache;
+pub(crate) mod meeting_cache;
 mod operator;
 mod options;
 mod outcome;
@@ -29,15 +29,15 @@ pub mod show;
 mod simulation;
 mod staff;
 mod task;
-pub mod verify;
-pub mod weigh;
+pub(crate) mod verify;
+pub(crate) mod weigh;
 mod witness;
 mod world;
 mod world_file;
 
-pub use interrupt::{SIGNALS, heard};
+pub(crate) use interrupt::{SIGNALS, heard};
 pub use options::{PlantProbe, RunContext, RunOptions, SavedFiles};
-pub use outcome::not_begun;
+pub(crate) use outcome::not_begun;
 pub use settings::planner;
 
 use crate::actors::trace::Trace;

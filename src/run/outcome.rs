@@ -59,7 +59,7 @@ impl Truth {
 
 /// Returns the summary of a run whose task never began.
 #[must_use]
-pub fn not_begun(scenario: &Scenario, error: &Error) -> Summary {
+pub(crate) fn not_begun(scenario: &Scenario, error: &Error) -> Summary {
     let ended_by = match error {
         Error::NonFatal { cause: NonFatal::Terminated, .. } => EndedBy::Operator,
         Error::NonFatal { cause: NonFatal::Interrupted, .. } => EndedBy::Interrupt,

@@ -22,19 +22,19 @@ use std::path::Path;
 
 /// What came of a verification.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Verified {
+pub(crate) struct Verified {
     /// Servo ticks that are the same.
-    pub compared: u64,
+    pub(crate) compared: u64,
     /// Ticks of the recording that the run did not come to.
-    pub rest: u64,
+    pub(crate) rest: u64,
     /// Where they part.
-    pub divergence: Option<Divergence>,
+    pub(crate) divergence: Option<Divergence>,
     /// All actors ran again, or the servos only.
-    pub whole_controller: bool,
+    pub(crate) whole_controller: bool,
     /// Why the comparison ended before the run did, if so.
-    pub ended: Option<String>,
+    pub(crate) ended: Option<String>,
     /// How the recording itself ends before the run did, and why, if so.
-    pub cut: Option<String>,
+    pub(crate) cut: Option<String>,
 }
 
 impl std::fmt::Display for Verified {
@@ -61,7 +61,7 @@ impl std::fmt::Display for Verified {
 
 /// Why nothing can be compared.
 #[derive(Debug, thiserror::Error)]
-pub enum Unverified {
+pub(crate) enum Unverified {
     /// The recording.
     #[error(transparent)]
     Recording(#[from] Unreadable),
@@ -77,7 +77,11 @@ pub enum Unverified {
 ///
 /// # Errors
 /// [`Unverified`].
-pub fn verify(path: &Path, scenario: &Scenario, attended: bool) -> Result<Verified, Unverified> {
+pub(crate) fn verify(
+    path: &Path,
+    scenario: &Scenario,
+    attended: bool,
+) -> Result<Verified, Unverified> {
     let arms = scenario.controller.cell.arms.iter().map(|arm| arm.name.clone()).collect();
     let (playback, _) = Playback::open(path, arms)?;
     let mut verified = match scenario.pace {

@@ -57,7 +57,7 @@ const OFFSETS: [[f64; 3]; 12] = [
 ///
 /// # Errors
 /// The hardware's, or non-fatal when the readings do not tell.
-pub fn weigh_tool(
+pub(crate) fn weigh_tool(
     scenario: &Scenario,
     arm: usize,
     mut told: impl FnMut(usize, usize),

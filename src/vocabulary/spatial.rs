@@ -56,12 +56,6 @@ impl Twist {
             UnitQuaternion::from_scaled_axis(self.angular),
         )
     }
-
-    /// The inverse of [`Twist::displacement`]: translation and rotation vector of a pose.
-    #[must_use]
-    pub fn from_displacement(pose: &Pose) -> Self {
-        Self { linear: pose.translation.vector, angular: pose.rotation.scaled_axis() }
-    }
 }
 
 /// A force (N) and a torque (Nm) about the origin of the frame that they are expressed in.

@@ -89,16 +89,6 @@ impl Repair {
         });
         Self { changes: changes.collect(), ways }
     }
-
-    /// The cube with the changes made.
-    #[must_use]
-    pub fn applied(&self, facelets: &Facelets) -> Facelets {
-        let mut colours: [Face; 54] = std::array::from_fn(|i| facelets.colour(i));
-        for change in &self.changes {
-            colours[change.sticker] = change.to;
-        }
-        Facelets::from_faces(colours)
-    }
 }
 
 /// The best way to give the first positions a set of pieces.
@@ -178,6 +168,15 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Returns the cube with the changes made.
+    fn applied(repair: &Repair, facelets: &Facelets) -> Facelets {
+        let mut colours: [Face; 54] = std::array::from_fn(|i| facelets.colour(i));
+        for change in &repair.changes {
+            colours[change.sticker] = change.to;
+        }
+        Facelets::from_faces(colours)
+    }
+
     fn with(facelets: &Facelets, colours: &[(usize, u8)]) -> Facelets {
         let mut all = *facelets.colours();
         for &(i, c) in colours {
@@ -204,7 +203,7 @@ mod tests {
             let repair = Repair::of(&with(&cube, &[(sticker, wrong)]));
 
             assert_eq!(repair.changes.len(), 1, "{repair}");
-            assert_eq!(repair.applied(&with(&cube, &[(sticker, wrong)])), cube);
+            assert_eq!(applied(&repair, &with(&cube, &[(sticker, wrong)])), cube);
             assert_eq!(repair.ways, 1);
         }
     }
@@ -234,7 +233,7 @@ mod tests {
             let repair = Repair::of(&broken);
 
             prop_assert!(repair.changes.len() <= wrong.len());
-            let (home, _) = repair.applied(&broken).normalised().unwrap();
+            let (home, _) = applied(&repair, &broken).normalised().unwrap();
             prop_assert!(Cube::try_from(home).is_ok());
         }
     }

@@ -1,11 +1,9 @@
 //! Joint positions -> poses, link points and the Jacobian.
 
 use super::ArmModel;
-use crate::motion::{AXES, JointPositions};
+use crate::motion::JointPositions;
 use crate::spatial::Pose;
-use nalgebra::{
-    Matrix6, OMatrix, Point3, Quaternion, Translation3, U6, U7, UnitQuaternion, Vector3,
-};
+use nalgebra::{OMatrix, Point3, Quaternion, Translation3, U6, U7, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
 /// Velocity of the tool point, linear then angular, per joint velocity d0, q1..q6.
@@ -100,16 +98,6 @@ impl ArmModel {
         jacobian
     }
 
-    /// The six columns of the rotary axes of [`ArmModel::jacobian`].
-    #[must_use]
-    pub fn jacobian_rotary(
-        &self,
-        joints: &JointPositions,
-        flange_from_tool: &Pose,
-    ) -> Matrix6<f64> {
-        self.jacobian(joints, flange_from_tool).fixed_columns::<6>(AXES - 6).into_owned()
-    }
-
     /// d0 (m), 0 without a track.
     pub(super) fn track(&self, joints: &JointPositions) -> f64 {
         if self.has_track { joints.0[0] } else { 0.0 }
@@ -134,6 +122,7 @@ impl ArmModel {
 mod tests {
     use super::super::builtin;
     use super::*;
+    use crate::motion::AXES;
     use nalgebra::{Matrix3, Unit};
     use proptest::prelude::*;
 
