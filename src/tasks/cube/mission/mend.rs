@@ -1,4 +1,4 @@
-//! What becomes of a failure: who lets go of the cube, and where the mission goes on.
+//! Decisions after a failure: which hand lets go of the cube, and where the mission goes on.
 //!
 //! - in: the failure that ended a procedure, what both hands hold
 //! - out: the station at which the mission goes on, or the failure that takes its place
@@ -29,9 +29,14 @@ use crate::tasks::cube::hold::Hand;
 
 /// Mends a failure, or replaces it by another one.
 pub(super) async fn mend(robot: &mut Robot, failure: Failure) -> Result<Station, Failure> {
-    // A hand that has lost the cube meanwhile matters more, unless the mission ends anyhow. A turner
-    // that has lost its layer in a turn that failed takes it anew: the realignment checks for that.
-    if !matches!(failure, Failure::Final(_) | Failure::Lost(_) | Failure::TurnFailed { .. }) {
+    // A hand that has lost the cube meanwhile matters more, unless the mission ends anyhow: a hand
+    // that is pressed beyond its limits stays where it is. A turner that has lost its layer in a
+    // turn that failed takes it anew: the realignment checks for that.
+    let looks_at_hold = !matches!(
+        failure,
+        Failure::Final(_) | Failure::Lost(_) | Failure::Strained(_) | Failure::TurnFailed { .. }
+    );
+    if looks_at_hold {
         robot.check_hold()?;
     }
     match failure {
@@ -257,6 +262,19 @@ mod tests {
         let (end, _) = mends(&mut stage, Failure::GiveBack("no plan".to_owned()));
 
         assert_eq!(end, Err(Failure::Lost(Hand::Track)));
+    }
+
+    /// The arm is pressed beyond its limits: it does not move on to look for the cube.
+    #[test]
+    fn strained_hand_outweighs_loss() {
+        let mut stage = Stage::holding(settings());
+        stage.robot.arms[0].jaw_opening = 0.053;
+
+        let (end, words) = mends(&mut stage, Failure::Strained("pressed".to_owned()));
+
+        let Ok(Station::Over(finish)) = end else { panic!("{end:?}") };
+        assert!(finish.reason.starts_with("pressed"), "{}", finish.reason);
+        assert!(words.is_empty(), "{words:?}");
     }
 
     #[test]
