@@ -412,3 +412,102 @@ impl Robot {
         self.behave(orders, Until::Effector(turner.index()), Doing::Turning).await
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::give_back;
+    use super::super::testing::{Stage, goes_well, order, settings, taken, track, words};
+    use super::*;
+    use crate::cube::Keeper;
+    use crate::tasks::cube::settings::CubeSettings;
+
+    /// Plays a motion with the cube in the track hand, or a procedure of motions. Returns the word
+    /// of each action, and whether an entry for another run was published before it. Nobody takes a
+    /// cube that is held out, and a pull finds a holder.
+    fn noted(
+        keeper: Keeper,
+        motion: impl AsyncFnOnce(&mut Robot) -> Result<(), Failure>,
+    ) -> Vec<(&'static str, bool)> {
+        let mut stage = Stage::holding(CubeSettings { keeper, ..settings() });
+        stage.robot.hand_over = Some(JointPositions([0.3; 7]));
+        let port = stage.port.clone();
+        let mut noted = Vec::new();
+        let (end, _) = stage.play(motion, &mut |action, arms| {
+            let word = words(std::slice::from_ref(action))[0];
+            noted.push((word, port.state(|shared| shared.entry.is_some())));
+            match order(action) {
+                Some(Behaviour::Present { pull, .. }) if pull.is_finite() => {
+                    track(Outcome::TimedOut(20.0))
+                }
+                Some(Behaviour::Withdraw { .. }) => track(Outcome::Touched(0.003)),
+                _ => goes_well(action, arms),
+            }
+        });
+        assert!(end.is_ok(), "{end:?}");
+        noted
+    }
+
+    /// Checks that a single motion is noted, or not.
+    macro_rules! assert_noted {
+        ($word:literal, $is_noted:literal, $robot:ident, $motion:expr) => {
+            let motion = async |$robot: &mut Robot| $motion.await.map(drop);
+            assert_eq!(noted(Keeper::Person, motion), [($word, $is_noted)]);
+        };
+    }
+
+    #[test]
+    fn motion_is_noted_before_it_begins() {
+        let hand = Hand::Postument;
+        assert_noted!("line", true, robot, robot.along(Hand::Track, -0.05));
+        assert_noted!("joints", true, robot, robot.joints([None, Some(JointPositions([0.1; 7]))]));
+        assert_noted!("joints", true, robot, {
+            robot.apart = false;
+            robot.move_apart()
+        });
+        assert_noted!("close", true, robot, robot.close(hand, taken(), Closing::Straight));
+        assert_noted!("open", true, robot, robot.open(hand, Depth::One));
+        assert_noted!("turn", true, robot, {
+            robot.hold(hand);
+            robot.turn(Hand::Track, 1.0, 2.0)
+        });
+        assert_noted!("present", true, robot, robot.present());
+    }
+
+    /// A journal entry costs a write to the disk: small and repeated ways do without.
+    #[test]
+    fn small_motion_is_not_noted() {
+        assert_noted!("line", false, robot, robot.nudge(Hand::Track, [0.001, 0.0, 0.0]));
+        assert_noted!("line", false, robot, robot.roll(Hand::Track, 0.1));
+        assert_noted!("give way", false, robot, robot.wait(Hand::Track, 1.0));
+    }
+
+    #[test]
+    fn hand_back_is_noted_at_each_motion() {
+        let solved = async |robot: &mut Robot| give_back::solved(robot).await.map(drop);
+        let handed_back = [
+            ("hand back", false),
+            ("joints", true),
+            ("line", true),
+            ("zero", false),
+            ("present", true),
+            ("zero", false),
+            ("pull", true),
+            ("open", true),
+            ("line", true),
+        ];
+        assert_eq!(noted(Keeper::Person, solved), handed_back);
+
+        let solved = async |robot: &mut Robot| give_back::solved(robot).await.map(drop);
+        let laid_down = [
+            ("lay down", false),
+            ("joints", true),
+            ("line", true),
+            ("zero", false),
+            // The cube is lowered onto the table.
+            ("approach", true),
+            ("open", true),
+            ("line", true),
+        ];
+        assert_eq!(noted(Keeper::Table, solved), laid_down);
+    }
+}
