@@ -286,7 +286,9 @@ mod tests {
     };
     use super::*;
     use crate::motion::JointPositions;
+    use crate::tasks::Action;
     use crate::tasks::cube::mission::mend;
+    use crate::tasks::cube::think::Thought;
 
     /// A stage with the cube in the track hand, and a place where it was taken.
     fn stage() -> Stage {
@@ -318,15 +320,34 @@ mod tests {
     #[test]
     fn cube_seized_while_drawn_back_is_let_go() {
         let mut stage = stage();
+        let mut lines = 0;
 
-        let (end, _) = stage.play(async |robot| withdraw(robot).await, &mut |_, _| met());
+        let (end, actions) =
+            stage.play(async |robot| hand_back(robot).await, &mut |action, arms| {
+                lines += i32::from(matches!(order(action), Some(Behaviour::Line { .. })));
+                match order(action) {
+                    Some(Behaviour::Present { .. }) => track(Outcome::TimedOut(20.0)),
+                    // The first line holds the cube out, the second one draws it back.
+                    Some(Behaviour::Line { .. }) if lines == 2 => met(),
+                    _ => goes_well(action, arms),
+                }
+            });
 
-        assert_eq!(end, Ok(Holder::Somebody));
-        assert!(stage.robot.given_back);
-        assert!(stage.notes()[0].ends_with("the jaws let go"));
+        assert_eq!(end, Ok(()));
+        let way = ["hand back", "joints", "line", "zero", "present", "zero", "pull", "line"];
+        assert_eq!(words(&actions), [&way[..], &["open", "line"]].concat());
+        assert!(opens_strained(&actions), "{actions:?}");
+        assert!(stage.notes().iter().any(|note| note.ends_with("the jaws let go")));
     }
 
-    /// Holds the cube out; each line and each pull ends as told, in turn, and well afterwards.
+    /// Returns whether the jaws open, whatever strains them.
+    fn opens_strained(actions: &[Action<Thought>]) -> bool {
+        let opens = |action| matches!(order(action), Some(Behaviour::Jaw { strained: true, .. }));
+        actions.iter().any(opens)
+    }
+
+    /// Hands the cube back; each line and each pull ends as told, in turn, and well afterwards. Jaws
+    /// that let go open whatever strains them.
     fn held_out(
         lines: &[Outcome],
         pulls: &[Outcome],
@@ -334,18 +355,21 @@ mod tests {
         let mut stage = stage();
         let (mut lines, mut pulls) = (lines.iter(), pulls.iter());
         let mut targets = Vec::new();
-        let (end, actions) =
-            stage.play(async |robot| offer(robot).await, &mut |action, arms| match order(action) {
-                Some(Behaviour::Line { target, .. }) => {
-                    targets.push(*target);
-                    track(*lines.next().unwrap_or(&Outcome::Reached))
-                }
-                Some(Behaviour::Withdraw { .. }) => {
-                    track(*pulls.next().unwrap_or(&Outcome::NotTouched))
-                }
-                _ => goes_well(action, arms),
-            });
-        (end, words(&actions), targets)
+        let hands_back = async |robot: &mut Robot| hand_back(robot).await;
+        let (end, actions) = stage.play(hands_back, &mut |action, arms| match order(action) {
+            Some(Behaviour::Line { target, .. }) => {
+                targets.push(*target);
+                track(*lines.next().unwrap_or(&Outcome::Reached))
+            }
+            Some(Behaviour::Withdraw { .. }) => {
+                track(*pulls.next().unwrap_or(&Outcome::NotTouched))
+            }
+            _ => goes_well(action, arms),
+        });
+        assert_eq!(opens_strained(&actions), end.is_ok(), "{actions:?}");
+        let mut words = words(&actions);
+        assert_eq!(words.drain(..2).as_slice(), ["hand back", "joints"]);
+        (end, words, targets)
     }
 
     const MET: Outcome = Outcome::OverForce(2, 31.0);
@@ -356,7 +380,8 @@ mod tests {
         let (end, words, _) = held_out(&[MET], &[MET, Outcome::Touched(0.003)]);
 
         assert_eq!(end, Ok(()));
-        assert_eq!(words, ["line", "give way", "pull", "give way", "pull"]);
+        let felt = ["line", "give way", "pull", "give way", "pull"];
+        assert_eq!(words, [&felt[..], &["open", "line"]].concat());
     }
 
     #[test]
@@ -365,7 +390,7 @@ mod tests {
 
         assert_eq!(end, Ok(()));
         let drawn_in = ["line", "give way", "pull", "line", "line", "zero", "present"];
-        assert_eq!(words, drawn_in);
+        assert_eq!(words, [&drawn_in[..], &["open", "line"]].concat());
         assert_eq!(targets[0], targets[2], "to the same place");
     }
 
@@ -374,7 +399,8 @@ mod tests {
         let (end, words, _) = held_out(&[MET, MET], &[Outcome::NotTouched, Outcome::Touched(0.0)]);
 
         assert_eq!(end, Ok(()));
-        assert_eq!(words, ["line", "give way", "pull", "line", "give way", "pull"]);
+        let felt = ["line", "give way", "pull", "line", "give way", "pull"];
+        assert_eq!(words, [&felt[..], &["open", "line"]].concat());
     }
 
     #[test]
