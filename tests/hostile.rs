@@ -483,13 +483,29 @@ fn messages_of_pages() {
     let panel = RefCell::new(panel());
     hostile("websocket", page, 3000, &|bytes| {
         // A socket obeys a text of a page that commands.
-        let refused = web::obey(&text(bytes), &ui);
-        assert!(refused.is_none_or(|why| why.len() < 200));
-        // The queue is emptied, so that the next text finds room.
+        let text = text(bytes);
+        let refused = web::obey(&text, &ui);
+        assert!(refused.as_ref().is_none_or(|why| why.len() < 200));
+        // The queue is emptied, so that the next text finds room. The run takes what the text said.
+        let mut said = input_of(&text);
         while let Ok(input) = inputs.borrow_mut().try_recv() {
+            assert_eq!(said.take().as_ref(), Some(&input), "{text}");
             ordered(&mut panel.borrow_mut(), &input);
         }
+        // A text with two commands is none.
+        let lost = said.is_some() && refused.is_none() && text.matches("command").count() == 1;
+        assert!(!lost, "the run has not received it: {text}");
     });
+}
+
+/// Returns the input that a page's text says, read without the socket's own types: the arguments
+/// beside the name become those below the name, as in a recording.
+fn input_of(text: &str) -> Option<operator::Input> {
+    let mut message: serde_json::Map<String, serde_json::Value> =
+        serde_json::from_str(text).ok()?;
+    let serde_json::Value::String(name) = message.remove("command")? else { return None };
+    let with_arguments = serde_json::json!({ name.as_str(): message });
+    serde_json::from_value(with_arguments).or_else(|_| serde_json::from_value(name.into())).ok()
 }
 
 /// Returns a panel that waits for an order, for two arms: one with an axis 0, one without.
