@@ -5,23 +5,26 @@
 //!   Whatever, Nobody, Somebody, Of
 //! - lines of more than 100 columns, comments too: `rustfmt` breaks neither comments nor strings
 //! - names of tests of more than eight words: the story of a test stands in its doc comment
+//! - functions in `src/` of more than 70 lines or 5 arguments (`self` is one), tests left out
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
 mod ratchet;
 mod source;
 
-use source::{File, collect, tokens, without_comments_and_strings};
+use source::{File, collect, tokens, without_comments_and_strings, without_tests};
 use std::path::Path;
 
 const HEADLESS: &[&str] = &["Who", "Whoever", "What", "Whatever", "Nobody", "Somebody", "Of"];
 const COLUMNS: usize = 100;
 const WORDS: usize = 8;
+const LINES: usize = 70;
+const ARGUMENTS: usize = 5;
 
-fn files() -> Vec<File> {
+fn files(folders: &[&str]) -> Vec<File> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut files = Vec::new();
-    for folder in ["src", "tests", "benches", "examples"] {
+    for folder in folders {
         collect(&root.join(folder), &format!("{folder}/"), &mut files);
     }
     files
@@ -29,7 +32,11 @@ fn files() -> Vec<File> {
 
 /// Prints each place that breaks a rule, and checks their number.
 fn count(rule: &str, of_file: impl Fn(&str) -> Vec<(usize, String)>) {
-    let files = files();
+    count_in(&["src", "tests", "benches", "examples"], rule, of_file);
+}
+
+fn count_in(folders: &[&str], rule: &str, of_file: impl Fn(&str) -> Vec<(usize, String)>) {
+    let files = files(folders);
     assert!(files.len() > 20, "only {} files were found", files.len());
     let mut count = 0;
     for (file, text) in &files {
@@ -54,6 +61,62 @@ fn lines_end_at_100_columns() {
 #[test]
 fn test_names_have_eight_words() {
     count("test names of more than eight words", long_test_names);
+}
+
+#[test]
+fn functions_are_short() {
+    count_in(&["src"], "functions of more than 70 lines or 5 arguments", large_functions);
+}
+
+/// Returns the functions that are too large. Their lines are counted without test items.
+fn large_functions(text: &str) -> Vec<(usize, String)> {
+    let code = without_tests(&without_comments_and_strings(text));
+    let word = |c: char| c.is_alphanumeric() || c == '_';
+    let mut found = Vec::new();
+    for (at, _) in code.match_indices("fn ").filter(|(at, _)| !code[..*at].ends_with(word)) {
+        let name = code[at + 3..].split(|c| !word(c)).next().unwrap_or_default();
+        let (arguments, lines) = size(&code[at + 3 + name.len()..]).unwrap_or_default();
+        if !name.is_empty() && (arguments > ARGUMENTS || lines > LINES) {
+            let line = code[..at].matches('\n').count();
+            found.push((line, format!("{name}: {lines} lines, {arguments} arguments")));
+        }
+    }
+    found
+}
+
+/// Returns arguments and lines of the function whose name the text follows; `None` without a body.
+fn size(text: &str) -> Option<(usize, usize)> {
+    // Open brackets, and open angles up to the end of the arguments.
+    let (mut depth, mut angles) = (0, 0);
+    let (mut arguments, mut blank, mut listed, mut before) = (0, true, false, ' ');
+    for (at, c) in text.char_indices() {
+        match c {
+            ';' if depth == 0 => return None,
+            '(' | '[' | '{' => {
+                depth += 1;
+                blank = depth == 1 && angles == 0;
+            }
+            ')' | ']' | '}' => {
+                depth -= 1;
+                if depth == 0 && c == '}' {
+                    return Some((arguments, text[..at].matches('\n').count() + 1));
+                }
+                if depth == 0 && angles == 0 && !listed {
+                    listed = true;
+                    arguments += usize::from(!blank);
+                }
+            }
+            ',' if !listed && depth == 1 && angles == 0 => {
+                arguments += usize::from(!blank);
+                blank = true;
+            }
+            '<' if !listed => angles += 1,
+            '>' if !listed && before != '-' => angles -= 1,
+            c => blank &= c.is_whitespace(),
+        }
+        before = c;
+    }
+    None
 }
 
 /// Returns the sentences of a file's comments that begin with one of [`HEADLESS`], by the last line
@@ -134,6 +197,21 @@ mod the_counter_counts {
     fn lines_by_their_characters() {
         let text = format!("{}\n{}\n", "\u{e4}".repeat(100), "b".repeat(101));
         assert_eq!(long_lines(&text), [(1, "b".repeat(101))]);
+    }
+
+    #[test]
+    fn functions_by_lines_and_arguments() {
+        let six =
+            "fn six<F: Fn(u8) -> u8>(&self, a: [u8; 2], b: (u8, u8), c: M<u8, u8>, d: F, e: u8,)";
+        let long = "x;\n".repeat(69);
+        let text = format!(
+            "{six} {{}}\n{six};\nfn five(a: M<u8, u8>, b: u8, c: u8, d: u8, e: u8) {{}}\n\
+             fn long() -> [u8; 2] {{\n{long}}}\nfn short() {{\n{}}}\n\
+             #[cfg(test)]\nmod tests {{\nfn test() {{\n{long}}}\n}}\n",
+            &long[3..]
+        );
+        let found: Vec<String> = large_functions(&text).into_iter().map(|(_, name)| name).collect();
+        assert_eq!(found, ["six: 1 lines, 6 arguments", "long: 71 lines, 0 arguments"]);
     }
 
     #[test]
