@@ -25,7 +25,7 @@ measure *TREES='.':
 
 # The documentation of all items, private ones too, with its links checked
 doc:
-    RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --document-private-items
+    RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --workspace --document-private-items
 
 # One whole mission, in the browser
 mission *ARGS:

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::{BufRead, Read};
 
-/// The longest line [bytes]: a header with a large scenario, a result with a thousand drawn keys.
+/// The longest line (bytes): a header with a large scenario, a result with a thousand drawn keys.
 const LONGEST: u64 = 1 << 20;
 /// The most runs of a campaign, and the most shards: seeds are numbers, and a list of them is kept.
 pub(crate) const MOST_RUNS: u64 = 10_000_000;

@@ -11,6 +11,7 @@ pub(super) struct ScenarioArgs {
     /// Scenario file (TOML)
     pub(super) scenario: PathBuf,
     /// Overrule a key, as in control.grip_n=30 or effector.track.tool_xyz_mm=[0,0,260]; repeatable
+    #[allow(rustdoc::broken_intra_doc_links, reason = "a list of a key is no link")]
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(super) set: Vec<String>,
 }

@@ -312,7 +312,7 @@ fn print_refusal(
     Ok(WRONG)
 }
 
-/// No line with a cube is longer [bytes]: a scramble has hundreds.
+/// Longest line with a cube (bytes): a scramble has hundreds.
 const LONGEST: usize = 1 << 16;
 
 /// Answers each line of stdin in its order, several at once.

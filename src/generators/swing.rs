@@ -9,7 +9,7 @@ use super::inputs::Inputs;
 use super::outcome::Outcome;
 use crate::motion::PERIOD;
 
-/// A component counts beyond this (N), [Nm]: contact makes steps to one side, seldom to both.
+/// A component counts beyond this (N), (Nm): contact makes steps to one side, seldom to both.
 const LEAST: [f64; 2] = [5.0, 0.5];
 /// From one side to the other within this time (s); slower is a load that comes and goes.
 const LONGEST_SWING: f64 = 0.6;

@@ -19,8 +19,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
-/// The longest record, and the longest chunk before and after compression [bytes]: a length in the file is not believed
-/// beyond it, so that no file takes unbounded memory.
+/// The longest record, and the longest chunk before and after compression (bytes). A length in the
+/// file is not believed beyond it, so that no file takes unbounded memory.
 const LONGEST: usize = 64 << 20;
 /// What waits for the check of its chunk at most (bytes); a chunk of our own has a tenth of it.
 const HELD: usize = 8 << 20;

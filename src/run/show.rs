@@ -36,7 +36,7 @@ const STATES: u32 = 20;
 /// As fast as it goes, in times of real time.
 const FASTEST: f64 = 200.0;
 
-/// Memory that a shown recording may take, about [bytes]: enough for three hours of a cell. A small
+/// Memory that a shown recording may take, about (bytes): enough for three hours of a cell. A small
 /// file may unfold into more.
 const MOST: usize = 1 << 30;
 /// No words are shown that are longer (bytes).
@@ -529,7 +529,7 @@ impl Show {
         steps
     }
 
-    /// Phases and messages, each with its time (s), for whoever has no face.
+    /// Phases and messages, each with its time (s), for an operator without a UI.
     pub fn told(&self) -> impl Iterator<Item = (f64, String)> {
         self.events.iter().filter_map(|(time, what)| match what {
             What::Phase(name) => Some((*time, name.clone())),

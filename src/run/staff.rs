@@ -36,7 +36,7 @@ use tokio::sync::watch;
 
 /// Interval of the heartbeat that the servos watch.
 const HEARTBEAT: Duration = Duration::from_millis(10);
-/// Speed at which an arm goes from its switches to its start [of the largest].
+/// Speed at which an arm goes from its switches to its start (share of the largest).
 const START_SPEED: f64 = 0.5;
 
 /// Starts what watches over the actors: the heartbeat, and the hold of all arms after a panic.

@@ -20,7 +20,7 @@ use crate::spatial::Pose;
 use nalgebra::{Matrix6, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Presliding of a motor's friction [rad of the shaft]: below it friction is a spring.
+/// Presliding of a motor's friction (rad of the shaft): below it friction is a spring.
 const PRESLIDING: f64 = 0.005;
 /// Beyond the limits that the software keeps, its set values in the period that reaches them included, the switches
 /// open (rad of the shaft).
@@ -488,7 +488,7 @@ impl PlantArm {
         sum
     }
 
-    /// Kinetic energy, of springs, and of height [J]: for tests.
+    /// Kinetic energy, of springs, and of height (J): for tests.
     #[cfg(test)]
     pub(super) fn energy(&self) -> f64 {
         let (mass, _) = self.placement.dynamics(&self.dynamics.links, &self.v, &self.gravity);

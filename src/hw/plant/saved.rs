@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{Read as _, Write as _};
 use std::path::Path;
 
-/// No state is longer [bytes]: one has 5000.
+/// Longest saved state (bytes): a typical one has 5000.
 const LONGEST: u64 = 1 << 20;
 
 /// A hand that has hold of the cube is not farther from it than this (m); nor are the cube's parts from each other.

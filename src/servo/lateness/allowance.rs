@@ -1,4 +1,4 @@
-//! What the watchdog of the following error allows for after a gap.
+//! The backlog that the watchdog of the following error allows for after a gap.
 //!
 //! - in: the way that a motor can have gone in a gap; the backlog of its regulator
 //! - out: the part of the backlog that is no error
@@ -10,8 +10,8 @@
 use super::StepFilter;
 use crate::servo::period::Length;
 
-/// Way that a motor can have gone in gaps and that may still be in its regulator's backlog [rad of
-/// the motor].
+/// Way that a motor can have gone in gaps and that may still be in its regulator's backlog (rad of
+/// the motor).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Allowance {
     way: f64,
