@@ -13,7 +13,6 @@ use super::segment::{Edges, Tile, TileLimits};
 use super::sides::Sides;
 use super::{FaceSighting, Rect, Refusal, colours, paper};
 use image::RgbImage;
-use nalgebra::Matrix3;
 
 /// How tile candidates are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -389,13 +388,6 @@ pub fn window_around(corners: &[Point], margin: f64) -> Option<Rect> {
 pub fn centres_of(corners: &[Point; 4]) -> Option<[Point; 9]> {
     let unit = homography::square_to(corners)?;
     Some(GRID.map(|(x, y)| apply(&unit, ((x + 1.5) / 3.0, (y + 1.5) / 3.0))))
-}
-
-/// The homography of a sighting's measured tiles.
-#[must_use]
-pub fn homography_of(face: &FaceSighting) -> Option<Matrix3<f64>> {
-    let pairs: Vec<_> = (0..9).map(|i| (GRID[i], face.centres[i])).collect();
-    homography::fit(&pairs)
 }
 
 #[cfg(test)]
