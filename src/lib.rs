@@ -9,7 +9,7 @@
 //! | one run | [`run`] | composition from a scenario: world, servos, actors; verdict and summary |
 //! | shells | [`actors`] | mailboxes, lifecycles, clocks, errors |
 //! | UIs | [`web`], [`tui`] | the operator's page and terminal |
-//! | configuration, results | [`scenario`], [`record`], [`tables`], [`desk`] | files in, data to the actors; hash and summary out; the solver's tables kept; snapshots up, commands down |
+//! | configuration, results | [`scenario`], [`record`], [`tables`], [`desk`] | files in, data to the actors; hash and summary out; the solver's tables kept; snapshots up, inputs down |
 //! | hardware | [`hw`] | ports, the servo's drivers of time, cameras, the simulated plant |
 //! | stop | [`emergency_stop`] | who may stop the arms |
 //! | task kernels | [`tasks`] | event -> next action; the regrasp plan |

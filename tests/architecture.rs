@@ -356,12 +356,12 @@ mod the_checker_catches {
     #[test]
     fn a_controller_that_reads_the_plant() {
         let text = "fn f(s: &Scenario) -> f64 { s.plant.keys.grasp_error }";
-        assert!(one("actors/mp.rs", text).contains("only the plant may read"));
+        assert!(one("actors/mp/mod.rs", text).contains("only the plant may read"));
         assert!(
             one("actors/ecp.rs", "use crate::scenario::PlantSection;").contains("only the plant")
         );
         for text in ["use crate::hw::plant::{Plant, Verdict};", "use crate::{hw::plant, cube};"] {
-            assert!(one("actors/mp.rs", text).contains("makes or judges"), "{text}");
+            assert!(one("actors/mp/mod.rs", text).contains("makes or judges"), "{text}");
             assert_eq!(one("run/world.rs", text), "");
         }
     }

@@ -93,12 +93,12 @@ fn rig_that_notes(
     assert!(config.vsps.is_empty() && config.cell.arms.len() == 1);
     let arm = config.cell.arms[0].clone();
     let mut plant = Plant::new(PlantConfig::new(config.cell), 1).unwrap();
-    let tape = RunHash::default();
+    let hash = RunHash::default();
     let stop = EmergencyStop::default();
     let switches = Arc::new(Switches::new(stop.signal()));
     let (link, end) = driver::link();
     let servo = ServoConfig::new(&arm, config.effectors[0].gains.clone());
-    let records = Box::new(tape.clone());
+    let records = Box::new(hash.clone());
     let mut core =
         Core::new(vec![servo], vec![end], Arc::clone(&switches), records, &mut plant).unwrap();
     let scene = Arc::new(Mutex::new(plant.scene()));
@@ -110,7 +110,7 @@ fn rig_that_notes(
     });
 
     let (control, will) = watch::channel(Control::Running);
-    let (trace, notices) = Trace::bare(tape);
+    let (trace, notices) = Trace::bare(hash);
     let services = Services::bare(clock, will, trace);
     let edp = edp::spawn(&arm.name, link, &services);
     let parts = ecp::Parts {

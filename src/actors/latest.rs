@@ -141,7 +141,8 @@ impl LatestValues {
     }
 }
 
-/// Servo records on their way to somewhere else, with a look at them for the latest values, if there are faces.
+/// A sink of servo records that copies them to the latest values, if there is a UI, and passes them
+/// on.
 pub struct Seen<S> {
     /// Where they go.
     pub to: S,

@@ -1,8 +1,8 @@
-//! What an actor writes about its work: one door to the hash of the run, the recording, the latest
+//! The trace of an actor's work: one door to the hash of the run, the recording, the latest
 //! values and the operator's notices.
 //!
 //! - in: messages, notices, pictures, beliefs, each with its period or time
-//! - out: the hash covers messages alone; the recording and the faces get what people look at. An
+//! - out: the hash covers messages alone; the recording and the UI get what people look at. An
 //!   actor writes once and never waits; each sink takes what concerns it
 //!
 //! The journal is none of these sinks: MP alone writes it, and waits until it is durable.
@@ -140,7 +140,7 @@ impl Trace {
         });
     }
 
-    /// Writes the picture of a look: to the recording if `keeps`, and to the faces with what was
+    /// Writes the picture of a look: to the recording if `keeps`, and to the UI with what was
     /// found in it.
     pub(crate) fn saw(&self, camera: usize, frame: Frame, keeps: bool, found: &dyn Fn() -> Found) {
         if keeps {
@@ -167,7 +167,7 @@ impl Trace {
         &self.recorder
     }
 
-    /// Returns the latest values; `None` without faces.
+    /// Returns the latest values; `None` without a UI.
     pub(crate) fn latest(&self) -> Option<&LatestValues> {
         self.latest.as_ref()
     }

@@ -5,8 +5,8 @@
 //! - out: the summary
 //!
 //! The controller's half of a scenario goes to the actors; the verdict comes from the world, if that
-//! knows one. A run owns no UI: desk and server belong to its caller, outlive it, and serve the next
-//! run at the same desk.
+//! knows one. A run owns its UI actor, but no page or terminal: desk and server belong to its
+//! caller, outlive it, and serve the next run at the same desk.
 
 mod bridge_log;
 pub(crate) mod calibrate;

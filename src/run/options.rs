@@ -1,4 +1,4 @@
-//! How a run is started, and what surrounds it: switches, faces, recordings, files.
+//! How a run is started, and what surrounds it: switches, UI, recordings, files.
 
 use crate::desk::RunEnd;
 use crate::error::Error;

@@ -155,7 +155,7 @@ fn every_fault_of_a_whole_mission_is_tested_here() {
         .collect();
     names.sort();
 
-    // By the time of one seed's inspection: tests/missions.rs.
+    // By the time of one seed's inspection: tests/user/missions.rs.
     names.retain(|name| name != "blind");
     assert_eq!(names, ["bias", "drop", "jam", "power_cut", "push", "slip", "turn_undone"]);
 }

@@ -104,7 +104,7 @@ fn slot(from: Stand, newcomer: Hand, meeting: u8) -> usize {
     (from * 2 + newcomer.index()) * 24 + usize::from(meeting)
 }
 
-/// Without the times, which follow from the rest: a thought is noted in words on the tape.
+/// Leaves out the times, which follow from the rest: the run's hash covers a thought in words.
 impl std::fmt::Debug for Reachable {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Reachable").field("table", &self.table).finish_non_exhaustive()
