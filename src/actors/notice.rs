@@ -1,4 +1,4 @@
-//! What the other actors tell the operator.
+//! Notices of the other actors to the operator.
 
 use crate::error::Error;
 use crate::motion::PERIOD;

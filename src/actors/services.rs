@@ -1,4 +1,4 @@
-//! What every actor of a run is given: time, the operator's will, where to write, and supervision.
+//! Services that every actor of a run is given: time, the operator's will, the trace, and supervision.
 
 use super::clock::Clock;
 use super::control::{Control, Tempo};

@@ -1,5 +1,5 @@
-//! The watchdog: which actor has panicked, and which one does not get on with its own work. An actor runs under it; whoever waits for it
-//! learns of a panic at once and of silence within a tenth of a second, even of an actor that nobody is asking anything.
+//! The watchdog of a run's actors: it detects a panic at once, and within 0.1 s an actor that stays
+//! at one work item, even an idle one that no other actor waits for.
 //!
 //! - in: actors' futures, and their heartbeats
 //! - out: the system error of the first one that panics or is silent
@@ -134,12 +134,13 @@ impl Drop for Outside {
     }
 }
 
-/// What was seen of each heartbeat, and how often in a row.
+/// The last sample of each heartbeat, and how often it was seen in a row.
 #[derive(Debug, Default)]
 struct Looks(Vec<(Option<u64>, u32)>);
 
 impl Looks {
-    /// Looks once more: who is seen at the same piece of work for so many times in a row.
+    /// Samples every heartbeat; returns the first actor seen busy with one work item `most` times
+    /// in a row.
     fn silent(&mut self, heartbeats: &[(String, Heartbeat)], most: u32) -> Option<String> {
         self.0.resize(heartbeats.len(), (None, 0));
         for ((name, heartbeat), (was, same)) in heartbeats.iter().zip(&mut self.0) {

@@ -1,4 +1,4 @@
-//! What a generator looks at, and how it wants the visual sensor to look.
+//! Inputs of a generator, and its orders to the visual sensor.
 
 use crate::motion::ArmState;
 use crate::spatial::Pose;

@@ -1,4 +1,4 @@
-//! What the operator can say to a run: one type from the page, the terminal and the keys to the
+//! Inputs of the operator to a run: one type from the page, the terminal and the keys to the
 //! actor that obeys it, and into the recording.
 
 use super::Answer;

@@ -1,6 +1,7 @@
-//! What a run came to: the verdict of the plant over the controller's account, and the summary.
+//! The outcome of a run: the verdict of the plant over the controller's account, and the summary.
 //!
-//! - in: how MP's work ended, what the kernel has done, and what the plant knows; hardware knows nothing
+//! - in: how MP's work ended, what the kernel has done, and what the plant knows; hardware knows
+//!   nothing
 //! - out: the summary, and its words for the operator
 
 use super::task::Performed;

@@ -1,4 +1,4 @@
-//! What a run records: the operator's inputs under the wall clock, servo records, timing.
+//! Recordings of a run: the operator's inputs under the wall clock, servo records, timing.
 
 use super::gate::Outer;
 use crate::actors::clock::Clock;

@@ -14,8 +14,8 @@
 //! - Futures are joined in a fixed order ([`both`]), so that a run is repeatable to the bit.
 //! - A procedure that waits although nothing is outstanding is a defect of the task and ends it
 //!   with [`Action::Defect`]; it never hangs.
-//! - The procedure borrows nothing from outside. Whatever page, journal or summary show lies behind
-//!   the port, since terminating a run drops the procedure together with its locals.
+//! - The procedure borrows nothing from outside. All that page, journal or summary show lies
+//!   behind the port, since terminating a run drops the procedure together with its locals.
 
 use super::{Action, Event, Finish};
 use std::collections::{BTreeMap, VecDeque};

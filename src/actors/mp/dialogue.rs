@@ -1,4 +1,4 @@
-//! What MP asks the operator, and the operator's orders by hand.
+//! The dialogue of MP with the operator: questions, and orders by hand.
 
 use super::jog::Jog;
 use super::{Mp, Parts, Stop, system};

@@ -1,5 +1,5 @@
-//! What MP checks before a motion begins: whether its way is free as far as the believed cell tells,
-//! and how fast it may be beside the operator's hand.
+//! The checks of MP before a motion begins: whether its way is free as far as the believed cell
+//! tells, and how fast it may be beside the operator's hand.
 //!
 //! - in: the guard, the arms that know where they are, the orders
 //! - out: the obstacle that is too near, or whether the hands are to keep apart; slower orders

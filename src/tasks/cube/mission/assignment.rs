@@ -1,4 +1,4 @@
-//! What a mission is to do, and what it begins with.
+//! The assignment of a mission: its goal, and what it begins with.
 
 use crate::tasks::Entry;
 use crate::tasks::cube::hold::{Hand, Hold};

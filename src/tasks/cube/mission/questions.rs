@@ -1,4 +1,4 @@
-//! What the operator is asked: colours that cannot be read, a cube that cannot be seen.
+//! Questions to the operator: colours that cannot be read, a cube that cannot be seen.
 //!
 //! - in: the reason, and what the operator can do about it
 //! - out: `Ok` to try again, or the failure that follows without a helpful answer

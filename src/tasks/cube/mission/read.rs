@@ -25,6 +25,7 @@ use crate::tasks::cube::think::{Answer, Conclusion, Doubt, NoAnswer, Thought};
 const LOOK_ROUNDS: u32 = 2;
 /// Faces that stay hidden in the grasp in which they were looked at, before no other is tried.
 const MOST_HIDDEN: usize = 3;
+
 /// Reads the cube in the hand that holds it, and returns the steps of the plan.
 pub(super) async fn read_and_plan(robot: &mut Robot) -> Result<Vec<Step>, Failure> {
     robot.check_hold()?;

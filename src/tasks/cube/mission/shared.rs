@@ -1,6 +1,6 @@
-//! What lies behind the mission's port: noted before an action, shown while it lasts, summed up.
+//! State behind the mission's port: noted before an action, shown while it lasts, summed up.
 //!
-//! All of it lies behind the procedure's port: the robot publishes it with each action, and page,
+//! The robot publishes it with each action, and page,
 //! journal, recording and summary read it there, whatever becomes of the procedure.
 
 #[cfg(test)]
@@ -15,7 +15,7 @@ use crate::tasks::cube::think::Answer;
 use crate::tasks::{Entry, Picture};
 use std::sync::Arc;
 
-/// What lies behind the port.
+/// State behind the port.
 #[derive(Debug, Default)]
 pub(super) struct Shared {
     /// Both arms as the shell delivered them with the last event.
@@ -32,7 +32,7 @@ pub(super) struct Shared {
     pub(super) looking: Option<(Face, [Option<Held>; 2])>,
 }
 
-/// What the controller did, as it believes.
+/// The controller's account of its work, as it believes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MissionLog {
     /// Colours read, letters URFDLB by the centres' colours.
