@@ -9,8 +9,8 @@ use super::grasp::{FRONT_STIFFNESS, Grasp, Hold, Touch};
 use super::hand::Sight;
 use super::undoing::Undoing;
 use super::verdict::MOST_EVENTS;
-use super::{Event, Incident, Part, Plant, State, StillWatch, lowest_face};
-use crate::cube::Axis;
+use super::{Event, Exertion, Incident, Part, Plant, State, StillWatch, lowest_face};
+use crate::cube::{Axis, Keeper};
 use crate::spatial::Twist;
 
 impl Plant {
@@ -51,6 +51,7 @@ impl Plant {
                 self.record(Incident::Crush { arm: i, squeeze });
             }
         }
+        self.measure_exertion();
         self.look_for_drop();
         self.look_for_pop_and_stuck();
         let sight = Sight {
@@ -77,6 +78,27 @@ impl Plant {
                 self.balance.hand_comes(&self.core);
             }
             self.record(Incident::Operator { has_cube: has });
+        }
+    }
+
+    /// Keeps the greatest currents and speeds.
+    fn measure_exertion(&mut self) {
+        let zone = &self.config.cell.hand;
+        let person = self.config.cell.keeper == Keeper::Person;
+        let most = &mut self.verdict.exertion;
+        for arm in &self.arms {
+            let (current, heat, speed) = arm.exertion();
+            most.current = most.current.max(current);
+            most.heat = most.heat.max(heat);
+            most.motor_speed = most.motor_speed.max(speed);
+            let tool = arm.world_from_tool.p;
+            if person
+                && zone.off(&zone.world_from_cube.inverse_transform_point(&tool.into()))
+                    < Exertion::NEAR
+            {
+                let (velocity, _) = arm.velocity_at(&tool);
+                most.near_person = most.near_person.max(velocity.norm());
+            }
         }
     }
 

@@ -7,8 +7,8 @@
 //!   sides together (springs, dampers and back-EMF at the end of the step), so that 8 kNm/rad on a wrist of
 //!   0.04 kg m2 stays stable at 0.5 ms. The motors' side is eliminated (4 x 4 and scalars), 7 x 7 remains.
 
-use super::config::ArmDynamics;
-use super::dynamics::{Placement, Screw};
+use super::config::{ArmDynamics, MotorDynamics};
+use super::dynamics::{GRAVITY, Placement, Screw};
 use super::encoder::Encoder;
 use super::frame::{Frame, solve};
 use super::plausible::Wrong;
@@ -51,6 +51,8 @@ pub(super) struct PlantArm {
     bristles: [f64; AXES],
     /// Torque of the counterbalance springs at the motors (Nm).
     counterbalance: [f64; AXES],
+    /// Mean squares of the currents over the motors' thermal time, of the rated ones'.
+    heat: [f64; AXES],
     currents: [f64; AXES],
     encoders: [Encoder; AXES],
     /// Mass matrix and bias, of the period's beginning: in 2 ms they change by parts in a thousand.
@@ -84,7 +86,10 @@ fn at_rest(
     // A sag of milliradians changes the weight by thousandths: converged after two rounds.
     for _ in 0..3 {
         (_, weight) = Placement::new(model, &q).dynamics(&dynamics.links, &[0.0; AXES], gravity);
-        q = std::array::from_fn(|j| encoders[j] - weight[j] / dynamics.stiffness[j]);
+        q = std::array::from_fn(|j| {
+            let side = if weight[j] == 0.0 { 0.0 } else { weight[j].signum() };
+            encoders[j] - weight[j] / dynamics.stiffness[j] - side * dynamics.play[j]
+        });
     }
     (q, weight)
 }
@@ -93,7 +98,7 @@ fn at_rest(
 #[must_use]
 pub fn sagging(arm: &Arm, dynamics: &ArmDynamics, joints: &JointPositions) -> Pose {
     let world_from_base = Frame::from_pose(&arm.world_from_base);
-    let gravity = world_from_base.r.tr_mul(&Vector3::new(0.0, 0.0, -9.81)) * dynamics.gravity;
+    let gravity = world_from_base.r.tr_mul(&Vector3::new(0.0, 0.0, -GRAVITY)) * dynamics.gravity;
     let (q, _) = at_rest(&arm.model, dynamics, &gravity, &joints.0);
     arm.world_from_base * arm.model.base_from_flange(&JointPositions(q)) * arm.flange_from_tool
 }
@@ -102,7 +107,8 @@ impl PlantArm {
     /// An arm at rest, its encoders in the start pose: springs stretched and motors loaded by its weight.
     pub(super) fn new(arm: &Arm, dynamics: &ArmDynamics, synchronised: bool) -> Self {
         let world_from_base = Frame::from_pose(&arm.world_from_base);
-        let gravity = world_from_base.r.tr_mul(&Vector3::new(0.0, 0.0, -9.81)) * dynamics.gravity;
+        let gravity =
+            world_from_base.r.tr_mul(&Vector3::new(0.0, 0.0, -GRAVITY)) * dynamics.gravity;
         let stretched = arm.start.0;
         let (q, weight) = at_rest(&arm.model, dynamics, &gravity, &stretched);
         let placement = Placement::new(&arm.model, &q);
@@ -124,6 +130,7 @@ impl PlantArm {
             vm: [0.0; AXES],
             bristles: [0.0; AXES],
             counterbalance: [0.0; AXES],
+            heat: [0.0; AXES],
             currents: [0.0; AXES],
             mass: [[0.0; AXES]; AXES],
             bias: [0.0; AXES],
@@ -299,7 +306,7 @@ impl PlantArm {
         }
         let w = motors.solve(&bw);
         self.advance(&v, &w, &ratios, dt);
-        self.measure_currents(drive);
+        self.measure_currents(drive, dt);
         debug_assert!(self.q.iter().all(|q| q.is_finite()), "joints: {:?}", self.q);
         self.place();
     }
@@ -336,12 +343,21 @@ impl PlantArm {
         (inertia, impulse)
     }
 
-    /// Returns the springs between motors, which take the joints to `theta`, and links.
+    /// Returns the springs between motors, which take the joints to `theta`, and links. Within the
+    /// play of a gear only its damping acts.
     fn springs(&self, theta: &[f64; AXES], dt: f64) -> Springs {
         let d = &self.dynamics;
+        let stretch: [f64; AXES] = std::array::from_fn(|j| {
+            let (off, play) = (theta[j] - self.q[j], d.play[j]);
+            off - off.clamp(-play, play)
+        });
         Springs {
-            force: std::array::from_fn(|j| d.stiffness[j] * (theta[j] - self.q[j])),
-            implicit: std::array::from_fn(|j| dt * (d.damping[j] + dt * d.stiffness[j])),
+            force: std::array::from_fn(|j| d.stiffness[j] * stretch[j]),
+            implicit: std::array::from_fn(|j| {
+                let free = stretch[j] == 0.0 && d.play[j] > 0.0;
+                let stiffness = if free { 0.0 } else { d.stiffness[j] };
+                dt * (d.damping[j] + dt * stiffness)
+            }),
         }
     }
 
@@ -395,8 +411,8 @@ impl PlantArm {
         }
     }
 
-    /// Takes the motors' currents at their present speeds.
-    fn measure_currents(&mut self, drive: &ArmDrive) {
+    /// Takes the motors' currents at their present speeds, and what heats their windings.
+    fn measure_currents(&mut self, drive: &ArmDrive, dt: f64) {
         for j in 0..AXES {
             let motor = &self.dynamics.motors[j];
             self.currents[j] = if drive.enabled {
@@ -404,7 +420,20 @@ impl PlantArm {
             } else {
                 0.0
             };
+            let load = (self.currents[j] / motor.rated_current).powi(2);
+            self.heat[j] += dt / MotorDynamics::HEATS * (load - self.heat[j]);
         }
+    }
+
+    /// Returns the largest current as a share of what trips its power stage, the greatest heat of a
+    /// winding as a share of what trips it, and the largest speed of a motor (rad/s).
+    pub(super) fn exertion(&self) -> (f64, f64, f64) {
+        let most = |share: &dyn Fn(usize) -> f64| (0..AXES).map(share).fold(0.0, f64::max);
+        (
+            most(&|j| self.currents[j].abs() / self.dynamics.motors[j].trip_current),
+            most(&|j| self.heat[j]),
+            most(&|j| self.vm[j].abs()),
+        )
     }
 
     /// Adds `factor J^T K J` of a contact stiffness.
@@ -460,7 +489,7 @@ impl PlantArm {
             } else if self.m[j] > high + SWITCH {
                 reading.upper_limits |= bit;
             }
-            if self.currents[j].abs() > self.dynamics.motors[j].trip_current {
+            if self.currents[j].abs() > self.dynamics.motors[j].trip_current || self.heat[j] > 1.0 {
                 reading.over_currents |= bit;
             }
         }

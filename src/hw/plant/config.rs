@@ -128,6 +128,8 @@ pub struct ArmDynamics {
     pub stiffness: [f64; AXES],
     /// Damping of the same (Ns/m, Nms/rad).
     pub damping: [f64; AXES],
+    /// Half width of the play in each gear, at the joint (m, rad).
+    pub play: [f64; AXES],
     /// Motors.
     pub motors: [MotorDynamics; AXES],
     /// Share of the gravity torque at the start pose that counterbalance springs take off the motors of
@@ -154,12 +156,23 @@ pub struct MotorDynamics {
     pub stall_current: f64,
     /// Current that trips the power stage (A).
     pub trip_current: f64,
+    /// Current that the motor bears for ever (A); it trips, too, when its mean square over
+    /// [`MotorDynamics::HEATS`] is beyond the square of this.
+    pub rated_current: f64,
+}
+
+impl MotorDynamics {
+    /// Thermal time constant of a winding (s).
+    pub const HEATS: f64 = 30.0;
 }
 
 impl ArmDynamics {
-    /// The assumptions of an `IRp-6`. Rotor 1e-3 kg m2 (main axes) and 3e-4 (wrist); the stall torque follows
-    /// from a mechanical time constant of 40 ms with the reflected load and a no-load speed of 330 rad/s; the stall current is
-    /// half as much again as what trips the original's controllers.
+    /// The assumptions of an `IRp-6`. Rotor 1e-3 kg m2 (main axes) and 3e-4 (wrist); the stall
+    /// torque follows from a mechanical time constant of 40 ms with the reflected load and a
+    /// no-load speed of 330 rad/s; the stall current is half as much again as what trips the
+    /// original's controllers, and the rated current 0.4 of that, as of DC servo motors whose peak
+    /// torque is 2.5 times the rated one. The gears have a play of 0.7 arc minutes (main axes) and
+    /// 2 (wrist).
     #[must_use]
     pub fn irp6() -> Self {
         let motor = |inertia: f64, load: f64, coulomb: f64, trip_current: f64| MotorDynamics {
@@ -170,11 +183,13 @@ impl ArmDynamics {
             viscous: 1e-5,
             stall_current: 1.5 * trip_current,
             trip_current,
+            rated_current: 0.4 * trip_current,
         };
         Self {
             links: LINKS,
             stiffness: [2e7, 60e3, 60e3, 40e3, 12e3, 8e3, 8e3],
             damping: [6.5e3, 90.0, 90.0, 60.0, 8.0, 3.0, 1.5],
+            play: [2e-5, 1e-4, 1e-4, 1e-4, 3e-4, 3e-4, 3e-4],
             motors: [
                 motor(1e-3, 8.5e-5, 40.0, 25.0),
                 motor(1e-3, 4.8e-4, 3.0, 15.0),

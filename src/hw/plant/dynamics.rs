@@ -14,6 +14,9 @@ use crate::motion::AXES;
 use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
+/// Standard gravity as the plant has it (m/s2).
+pub(super) const GRAVITY: f64 = 9.81;
+
 /// A link's mass properties in its own frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Link {
@@ -233,7 +236,7 @@ mod tests {
             .collect()
     }
 
-    const GRAVITY: Vector3<f64> = Vector3::new(0.3, -0.2, -9.8);
+    const PULL: Vector3<f64> = Vector3::new(0.3, -0.2, -9.8);
 
     fn model() -> ArmModel {
         builtin("irp6_track").unwrap()
@@ -243,7 +246,7 @@ mod tests {
     fn potential(q: &[f64; AXES]) -> f64 {
         let place = Placement::new(&model(), q);
         let weigh = |(link, frame): (&Link, &Frame)| {
-            -link.mass * GRAVITY.dot(&frame.point(&Vector3::from(link.centre)))
+            -link.mass * PULL.dot(&frame.point(&Vector3::from(link.centre)))
         };
         LINKS.iter().zip(&place.frames).map(weigh).sum()
     }
@@ -278,7 +281,7 @@ mod tests {
     #[test]
     fn the_mass_matrix_is_the_curvature_of_the_kinetic_energy() {
         for (q, v) in postures() {
-            let (mass, _) = Placement::new(&model(), &q).dynamics(&LINKS, &v, &GRAVITY);
+            let (mass, _) = Placement::new(&model(), &q).dynamics(&LINKS, &v, &PULL);
 
             let quadratic: f64 = (0..AXES)
                 .flat_map(|i| (0..AXES).map(move |j| (i, j)))
@@ -293,7 +296,7 @@ mod tests {
     fn the_bias_at_rest_is_the_slope_of_the_potential_energy() {
         for (q, _) in postures() {
             let still = [0.0; AXES];
-            let (_, bias) = Placement::new(&model(), &q).dynamics(&LINKS, &still, &GRAVITY);
+            let (_, bias) = Placement::new(&model(), &q).dynamics(&LINKS, &still, &PULL);
 
             for i in 0..AXES {
                 let at = |s: f64| {

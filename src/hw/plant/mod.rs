@@ -42,18 +42,19 @@ pub use config::{
     Start,
 };
 pub use identity::Identity;
-pub use verdict::{Counts, Event, Incident, Part, Verdict, Whereabouts};
+pub use verdict::{Counts, Event, Exertion, Incident, Part, Verdict, Whereabouts};
 
 use self::arm::PlantArm;
 use self::balance::{Balance, HandHold, Surroundings, moved};
 use self::collision::Collisions;
 use self::cube::Puzzle;
+use self::dynamics::GRAVITY;
 use self::fault::{Faults, Upset};
 use self::frame::{Frame, about};
 use self::grasp::{Grasp, Hands, Touch};
 use self::hand::OperatorHand;
 use self::jaw::PlantJaw;
-use self::sensor::WristSensor;
+use self::sensor::{Load, WristSensor};
 use self::undoing::Undoing;
 use super::port::{Port, PortFault};
 use super::scene::{Scene, SceneArm, SceneCube};
@@ -326,7 +327,7 @@ impl Plant {
         let edge = self.config.cell.cube.edge;
         self.balance.touches = [Touch::NONE; 2];
         if let State::Falling { mut velocity } = self.state {
-            velocity.z -= 9.81 * dt;
+            velocity.z -= GRAVITY * dt;
             let mut cube = self.balance.nodes[0];
             cube.p += velocity * dt;
             self.state = State::Falling { velocity };
@@ -370,7 +371,7 @@ impl Plant {
                 layer: layers[i],
             })
         });
-        let weight = Vector3::new(0.0, 0.0, -9.81 * self.config.cell.cube.mass);
+        let weight = Vector3::new(0.0, 0.0, -GRAVITY * self.config.cell.cube.mass);
         let around = Surroundings { tools, hands, hold, weight };
         self.balance.step(&mut self.puzzle, &mut self.grasps, &around, dt);
     }
@@ -442,8 +443,9 @@ impl Port for Plant {
             let force = tool.r * -touch.force + self.faults.acting.push[i];
             let torque = tool.r * -touch.torque;
             let sensor = &mut self.sensors[i];
-            reading.wrench_on_sensor =
-                sensor.read(&arm.world_from_flange, &tool.p, &force, &torque);
+            let (velocity, spin) = arm.velocity_at(&sensor.centre(&arm.world_from_flange));
+            let load = Load { at: &tool.p, force: &force, torque: &torque, velocity, spin };
+            reading.wrench_on_sensor = sensor.read(&arm.world_from_flange, &load);
             let saturated = sensor.saturated;
             if saturated && !self.saturated[i] {
                 self.verdict.counts.saturations += 1;

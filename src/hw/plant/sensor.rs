@@ -1,9 +1,16 @@
-//! The six-component sensor in a wrist, as it reports: weight of the tool, contact, bias, drift, noise.
+//! The six-component sensor in a wrist, as it reports: weight and inertia of the tool, contact,
+//! bias, drift, noise.
 //!
-//! - in: the wrench on the tool at the tool point, the wrist's orientation
+//! - in: the wrench on the tool at the tool point, pose and velocity of the wrist
 //! - out: the reading in the sensor's frame, late, in steps, clipped to the range
+//! - equations: Newton and Euler for the rigid body beyond the sensor, `F - m a` and `M - (I w)'`
+//!   about its centre
+//!
+//! Acceleration is the mean over the period, the difference of two velocities: a sensor integrates
+//! over its sample. The inertia of a cube in the jaws, a tenth of the tool's, is left out.
 
 use super::config::SensorNoise;
+use super::dynamics::{GRAVITY, Link};
 use super::frame::Frame;
 use crate::cell::ForceSensor;
 use crate::servo::period::Length;
@@ -12,6 +19,29 @@ use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
+/// Contact on the body beyond the sensor and its motion, in the world, at the end of a period.
+pub(super) struct Load<'a> {
+    /// Where contact acts (m).
+    pub(super) at: &'a Vector3<f64>,
+    /// Contact force on the tool (N).
+    pub(super) force: &'a Vector3<f64>,
+    /// Contact torque on the tool about `at` (Nm).
+    pub(super) torque: &'a Vector3<f64>,
+    /// Velocity of the centre of mass (m/s).
+    pub(super) velocity: Vector3<f64>,
+    /// Angular velocity (rad/s).
+    pub(super) spin: Vector3<f64>,
+}
+
+/// Momentum of the body beyond the sensor, in the world.
+#[derive(Debug, Clone, Copy)]
+struct Momentum {
+    /// Mass times the velocity of its centre (kg m/s).
+    linear: Vector3<f64>,
+    /// About its centre (kg m2/s).
+    angular: Vector3<f64>,
+}
+
 /// Longest delay that is kept (periods).
 const LATEST: usize = 128;
 
@@ -19,6 +49,14 @@ const LATEST: usize = 128;
 pub(super) struct WristSensor {
     sensor: ForceSensor,
     flange_from_sensor: Frame,
+    /// Mass of the body beyond the sensor (kg).
+    mass: f64,
+    /// Its principal moments along the flange's axes (kg m2).
+    inertia: Vector3<f64>,
+    /// Length of a period (s).
+    seconds: f64,
+    /// At the end of the last period; `None` before the first.
+    momentum: Option<Momentum>,
     noise: SensorNoise,
     rng: Pcg64,
     bias: [f64; 6],
@@ -31,12 +69,16 @@ pub(super) struct WristSensor {
 }
 
 impl WristSensor {
+    /// Makes a sensor at rest. `last` is the arm's last link, of which the body beyond the sensor
+    /// is a part: it has the link's radii of gyration.
     pub(super) fn new(
         sensor: &ForceSensor,
+        last: &Link,
         noise: &SensorNoise,
         period: Length,
         mut rng: Pcg64,
     ) -> Self {
+        let mass = sensor.weight / GRAVITY;
         let mut normal = |force: f64, torque: f64| -> [f64; 6] {
             std::array::from_fn(|i| {
                 let x: f64 = StandardNormal.sample(&mut rng);
@@ -49,6 +91,10 @@ impl WristSensor {
         Self {
             sensor: *sensor,
             flange_from_sensor: Frame::from_pose(&sensor.flange_from_sensor),
+            mass,
+            inertia: Vector3::from(last.inertia) * (mass / last.mass),
+            seconds: period.seconds(),
+            momentum: None,
             noise: *noise,
             rng,
             bias,
@@ -59,21 +105,21 @@ impl WristSensor {
         }
     }
 
-    /// The reading of this period. `force` and `torque` act on the tool at `at`, in the world.
-    pub(super) fn read(
-        &mut self,
-        world_from_flange: &Frame,
-        at: &Vector3<f64>,
-        force: &Vector3<f64>,
-        torque: &Vector3<f64>,
-    ) -> Wrench {
+    /// Returns where the centre of mass of the body beyond the sensor is, in the world (m).
+    pub(super) fn centre(&self, world_from_flange: &Frame) -> Vector3<f64> {
+        world_from_flange.point(&self.sensor.centre_in_flange.coords)
+    }
+
+    /// Returns the reading of this period.
+    pub(super) fn read(&mut self, world_from_flange: &Frame, load: &Load<'_>) -> Wrench {
         let world_from_sensor = world_from_flange.times(&self.flange_from_sensor);
-        let weight = Vector3::new(0.0, 0.0, -self.sensor.weight);
-        let centre = world_from_flange.point(&self.sensor.centre_in_flange.coords);
-        let total = force + weight;
-        let moment = torque
-            + (at - world_from_sensor.p).cross(force)
-            + (centre - world_from_sensor.p).cross(&weight);
+        let (inertial, inertial_moment) = self.inertial(world_from_flange, load);
+        let weight = Vector3::new(0.0, 0.0, -self.sensor.weight) + inertial;
+        let total = load.force + weight;
+        let moment = load.torque
+            + (load.at - world_from_sensor.p).cross(load.force)
+            + (self.centre(world_from_flange) - world_from_sensor.p).cross(&weight)
+            + inertial_moment;
         let f = world_from_sensor.r.tr_mul(&total);
         let m = world_from_sensor.r.tr_mul(&moment);
         let truth = [f.x, f.y, f.z, m.x, m.y, m.z];
@@ -101,5 +147,64 @@ impl WristSensor {
         let told = self.late[(self.next + LATEST - delay) % LATEST];
         self.next = (self.next + 1) % LATEST;
         Wrench::from_directions(told)
+    }
+
+    /// Returns inertial force (N) and torque about the centre (Nm), in the world: what momentum the
+    /// body lost in this period.
+    fn inertial(
+        &mut self,
+        world_from_flange: &Frame,
+        load: &Load<'_>,
+    ) -> (Vector3<f64>, Vector3<f64>) {
+        let r = &world_from_flange.r;
+        let momentum = Momentum {
+            linear: load.velocity * self.mass,
+            angular: r * self.inertia.component_mul(&r.tr_mul(&load.spin)),
+        };
+        let last = self.momentum.replace(momentum).unwrap_or(momentum);
+        (
+            (last.linear - momentum.linear) / self.seconds,
+            (last.angular - momentum.angular) / self.seconds,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hw::plant::dynamics::LINKS;
+    use crate::motion::{AXES, PERIOD};
+    use nalgebra::Point3;
+
+    #[test]
+    fn constant_acceleration_reads_mass_times_it() {
+        let sensor = ForceSensor {
+            flange_from_sensor: crate::spatial::Pose::translation(0.0, 0.0, 0.09),
+            weight: GRAVITY,
+            centre_in_flange: Point3::new(0.0, 0.0, 0.156),
+            range: [65.0, 65.0, 130.0, 5.0, 5.0, 5.0],
+        };
+        let (last, none) = (&LINKS[AXES - 1], &SensorNoise::none());
+        let mut felt = WristSensor::new(&sensor, last, none, Length::default(), Pcg64::new(1, 1));
+        let still = Vector3::zeros();
+        let mut reading = Wrench::default();
+
+        for period in 0..3 {
+            let since = f64::from(period) * PERIOD;
+            reading = felt.read(
+                &Frame::IDENTITY,
+                &Load {
+                    at: &still,
+                    force: &still,
+                    torque: &still,
+                    velocity: Vector3::x() * 2.0 * since,
+                    spin: Vector3::z() * 3.0 * since,
+                },
+            );
+        }
+
+        // 1 kg at 2 m/s2, 66 mm beyond the sensor; 3 rad/s2 about the axis of 6 g m2 a 2.5 kg.
+        assert!((reading.force - Vector3::new(-2.0, 0.0, -GRAVITY)).norm() < 1e-9);
+        assert!((reading.torque - Vector3::new(0.0, -0.132, -0.0072)).norm() < 1e-9);
     }
 }

@@ -11,6 +11,7 @@ use super::hand::OperatorHand;
 use super::jaw::PlantJaw;
 use super::sensor::WristSensor;
 use crate::hw::port::PortFault;
+use crate::motion::AXES;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
@@ -55,9 +56,10 @@ pub(super) fn jaws(config: &PlantConfig) -> Vec<PlantJaw> {
 
 /// Returns the wrist sensors.
 pub(super) fn sensors(config: &PlantConfig, seed: u64) -> Vec<WristSensor> {
-    let arms = config.cell.arms.iter().zip(SENSORS..);
-    arms.map(|(arm, which)| {
-        WristSensor::new(&arm.sensor, &config.noise, config.period, stream(seed, which))
+    let arms = config.cell.arms.iter().zip(&config.arms).zip(SENSORS..);
+    arms.map(|((arm, dynamics), which)| {
+        let last = &dynamics.links[AXES - 1];
+        WristSensor::new(&arm.sensor, last, &config.noise, config.period, stream(seed, which))
     })
     .collect()
 }

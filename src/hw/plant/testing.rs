@@ -71,7 +71,7 @@ pub(in crate::hw) fn cell() -> Cell {
     let miss = cube + Vector3::x() * (EDGE / 3.0) - world_from_tool(postument).translation.vector;
     postument.world_from_base.translation.vector = miss;
     // The hands meet as they are, sag included.
-    let dynamics = PlantConfig::new(cell.clone()).arms;
+    let dynamics = quiet(cell.clone()).arms;
     let [first, second] = [0, 1].map(|i| {
         let arm = &cell.arms[i];
         sagging(arm, &dynamics[i], &arm.start) * world_from_tool(arm).inverse()
@@ -91,8 +91,13 @@ pub(super) fn tool_from_cube() -> Pose {
     Pose::from_parts(Translation3::identity(), tool.rotation.inverse())
 }
 
+/// A plant without noise, and without play: springs as in textbooks.
 pub(super) fn quiet(cell: Cell) -> PlantConfig {
-    PlantConfig { noise: SensorNoise::none(), ..PlantConfig::new(cell) }
+    let mut config = PlantConfig { noise: SensorNoise::none(), ..PlantConfig::new(cell) };
+    for arm in &mut config.arms {
+        arm.play = [0.0; AXES];
+    }
+    config
 }
 
 pub(super) fn held(jaws: Jaws, cube: CubeMechanics) -> PlantConfig {

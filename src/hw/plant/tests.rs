@@ -8,7 +8,7 @@ use super::*;
 use crate::motion::PERIOD;
 use crate::spatial::Pose;
 use nalgebra::{Matrix6, UnitQuaternion, Vector6};
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 impl Plant {
     /// A substep with the arms' dynamics of this very instant.
@@ -685,6 +685,87 @@ fn the_sensor_carries_the_weight_of_the_tool_at_rest() {
 
     let expected = servo.plant.arms[1].world_from_flange.r.tr_mul(&Vector3::new(0.0, 0.0, -10.8));
     assert!((force - expected).norm() < 1e-3, "{force}");
+}
+
+/// Swings the base joint and the wrist, and returns reading, world-from-flange rotation and the
+/// centre of mass at each of three periods in a row, in mid-swing.
+fn swung(mass_factor: f64) -> (Vector3<f64>, Vector3<f64>, f64) {
+    let mut cell = cell();
+    cell.arms[1].sensor.weight *= mass_factor;
+    let mut servo = TestServo::new(Plant::new(quiet(cell), 1).unwrap());
+    servo.run(0.5);
+    let from = servo.joints(1);
+    let (mut centres, mut felt) = (Vec::new(), Vec::new());
+    for k in 0..500 {
+        let mut q = from;
+        let t = f64::from(k) * PERIOD;
+        q.0[1] += 0.2 * (1.0 - (4.0 * t).cos());
+        q.0[6] += 0.3 * (1.0 - (5.0 * t).cos());
+        servo.aim(1, &q);
+        servo.tick();
+        let (arm, sensor) = (&servo.plant.arms[1], &servo.plant.sensors[1]);
+        centres.push(sensor.centre(&arm.world_from_flange));
+        felt.push(arm.world_from_flange.r * servo.readings[1].wrench_on_sensor.force);
+    }
+    // Positions alone: the second difference about a period, against the mean of its two readings.
+    let at = |k: usize| {
+        let acceleration = (centres[k + 1] - 2.0 * centres[k] + centres[k - 1]) / PERIOD.powi(2);
+        (acceleration, 0.5 * (felt[k] + felt[k + 1]))
+    };
+    let fastest = (50..490).max_by(|a, b| at(*a).0.norm().total_cmp(&at(*b).0.norm())).unwrap();
+    let (acceleration, force) = at(fastest);
+    let weight = Vector3::new(0.0, 0.0, -servo.plant.cell().arms[1].sensor.weight);
+    (acceleration, force - weight, -weight.z / 9.81)
+}
+
+/// Frequency (Hz) and damping (share of the critical one) of an arm's modes with locked motors, the
+/// slowest first.
+fn modes(arm: &PlantArm, dynamics: &ArmDynamics) -> Vec<(f64, f64)> {
+    let still = [0.0; AXES];
+    let (mass, _) = arm.placement.dynamics(&dynamics.links, &still, &Vector3::zeros());
+    // Axis 0 is a track, or none.
+    let n = AXES - 1;
+    let mass = nalgebra::DMatrix::from_fn(n, n, |i, j| mass[i + 1][j + 1]);
+    let inverse = mass.try_inverse().unwrap();
+    let diagonal = |of: &[f64; AXES]| {
+        nalgebra::DMatrix::from_fn(n, n, |i, j| if i == j { of[i + 1] } else { 0.0 })
+    };
+    let mut state = nalgebra::DMatrix::zeros(2 * n, 2 * n);
+    state.view_mut((0, n), (n, n)).fill_with_identity();
+    state.view_mut((n, 0), (n, n)).copy_from(&(-(&inverse * diagonal(&dynamics.stiffness))));
+    state.view_mut((n, n), (n, n)).copy_from(&(-(&inverse * diagonal(&dynamics.damping))));
+    let mut modes: Vec<_> = state
+        .complex_eigenvalues()
+        .iter()
+        .filter(|value| value.im > 0.0)
+        .map(|value| (value.norm() / TAU, -value.re / value.norm()))
+        .collect();
+    modes.sort_by(|a, b| a.0.total_cmp(&b.0));
+    modes
+}
+
+#[test]
+fn arms_with_locked_motors_ring_like_arms() {
+    let config = PlantConfig::new(cell());
+    let plant = Plant::new(config.clone(), 1).unwrap();
+    for (arm, dynamics) in plant.arms.iter().zip(&config.arms) {
+        let modes = modes(arm, dynamics);
+
+        // Industrial arms of this size have their first mode at 5 to 20 Hz, damped by 2 to 10 %.
+        assert!((5.0..20.0).contains(&modes[0].0), "{modes:?}");
+        assert!(modes.iter().all(|(_, damping)| (0.02..0.2).contains(damping)), "{modes:?}");
+    }
+}
+
+#[test]
+fn sensor_in_free_motion_reads_mass_times_acceleration() {
+    for factor in [1.0, 2.0] {
+        let (acceleration, force, mass) = swung(factor);
+
+        assert!(acceleration.norm() > 1.0, "{acceleration}");
+        let wanted = -mass * acceleration;
+        assert!((force - wanted).norm() < 0.02 * wanted.norm(), "{force} {wanted}");
+    }
 }
 
 #[test]

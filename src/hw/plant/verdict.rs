@@ -43,8 +43,29 @@ pub struct Verdict {
     pub arm_peak_force: [f64; 2],
     /// Per arm, whenever it touches the cube (Nm).
     pub arm_peak_torque: [f64; 2],
+    /// How much the arms exerted themselves.
+    pub exertion: Exertion,
     /// What happened, in order; at most [`MOST_EVENTS`].
     pub events: Vec<Event>,
+}
+
+/// The greatest values of a run, over all motors of all arms.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Exertion {
+    /// Current, as a share of what trips a motor's power stage.
+    pub current: f64,
+    /// Heat of a winding, as a share of what trips it.
+    pub heat: f64,
+    /// Speed of a motor (rad/s).
+    pub motor_speed: f64,
+    /// Speed of a tool within [`Exertion::NEAR`] of the place where a person holds the cube (m/s).
+    pub near_person: f64,
+}
+
+impl Exertion {
+    /// A tool is near the person's place within this distance (m): fingers, cube or palm may then
+    /// touch a hand there.
+    pub const NEAR: f64 = 0.175;
 }
 
 /// Numbers of events.
@@ -314,6 +335,7 @@ impl Verdict {
             peak_torque: 0.0,
             arm_peak_force: [0.0; 2],
             arm_peak_torque: [0.0; 2],
+            exertion: Exertion::default(),
             events: Vec::with_capacity(MOST_EVENTS),
         }
     }
