@@ -8,6 +8,7 @@ use super::control::Control;
 use crate::error::{Error, NonFatal};
 use crate::generators::{
     Behaviour, Compliance, Generator, Inputs, Next, Outcome, Sensing, Target, position::Speeds,
+    profile::Profile,
 };
 use crate::motion::{ArmState, MoveCommand, PERIOD};
 use crate::spatial::{Pose, Wrench};
@@ -66,6 +67,7 @@ pub fn example_manner() -> Manner {
             linear_acceleration: 0.3,
             angular: 0.7,
             angular_acceleration: 1.4,
+            profile: Profile { ramp: 5.0 },
         },
         hand: None,
     }
@@ -227,6 +229,7 @@ mod tests {
             linear_acceleration: 0.5,
             angular: 1.0,
             angular_acceleration: 2.0,
+            profile: Profile { ramp: 5.0 },
         };
         let zone = (Pose::translation(1.0, 0.0, 1.0), Vector3::repeat(0.1));
         let hand = Some(NearHand { zone, force: 10.0 });

@@ -16,6 +16,7 @@ pub mod grasp;
 mod inputs;
 mod outcome;
 pub mod position;
+pub mod profile;
 pub mod secure;
 pub mod swing;
 #[cfg(test)]

@@ -1,12 +1,13 @@
-//! Pure position control: a minimum-jerk motion to joint positions or along a straight line.
+//! Pure position control: a motion to joint positions or along a straight line.
 //!
 //! - in: the set values where the arm stands when the motion begins
 //! - out: set values at the end of each macrostep; the servo interpolates linearly in between
-//! - the profile is `s(u) = 10u^3 - 15u^4 + 6u^5`, whose peak speed is 1.875 and peak acceleration 5.774 of the
-//!   mean (Flash and Hogan 1985); the duration is the shortest that keeps both below the full values
+//! - the course over time is that of [`Profile`]; the duration is the shortest that keeps the full
+//!   speeds and accelerations
 
 use super::inputs::Inputs;
 use super::outcome::{Next, Outcome};
+use super::profile::Profile;
 use crate::motion::{AXES, JointPositions, Motion, MoveCommand, PERIOD};
 use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};
@@ -26,52 +27,47 @@ pub struct Speeds {
     pub angular: f64,
     /// (rad/s2).
     pub angular_acceleration: f64,
-}
-
-const PEAK_SPEED: f64 = 1.875;
-const PEAK_ACCELERATION: f64 = 5.774;
-
-/// Shortest duration of a way at `fraction` of a full speed and acceleration.
-fn seconds(way: f64, speed: f64, acceleration: f64, fraction: f64) -> f64 {
-    let by_speed = PEAK_SPEED * way.abs() / (speed * fraction);
-    let by_acceleration = (PEAK_ACCELERATION * way.abs() / (acceleration * fraction)).sqrt();
-    by_speed.max(by_acceleration)
+    /// How motions begin and end.
+    pub profile: Profile,
 }
 
 impl Speeds {
-    /// How long a motion between joint positions takes at a fraction of the full speeds (s).
+    /// Returns how long a motion between joint positions takes at a fraction of the full speeds
+    /// (s).
     #[must_use]
     pub fn joints_seconds(&self, from: &JointPositions, to: &JointPositions, fraction: f64) -> f64 {
-        let way = |i: usize| to.0[i] - from.0[i];
-        (0..AXES)
-            .map(|i| seconds(way(i), self.joint[i], self.joint_acceleration[i], fraction))
-            .fold(0.0, f64::max)
+        let seconds = |i: usize| {
+            let (speed, acceleration) = (self.joint[i], self.joint_acceleration[i]);
+            self.profile.seconds(to.0[i] - from.0[i], speed * fraction, acceleration * fraction)
+        };
+        (0..AXES).map(seconds).fold(0.0, f64::max)
     }
 
-    /// How long a straight way of the tool (m) with a rotation (rad) takes at a fraction of the full speeds (s).
+    /// Returns how long a straight way of the tool (m) with a rotation (rad) takes at a fraction of
+    /// the full speeds (s).
     #[must_use]
     pub fn line_seconds(&self, way: f64, turn: f64, fraction: f64) -> f64 {
-        seconds(way, self.linear, self.linear_acceleration, fraction).max(seconds(
-            turn,
-            self.angular,
-            self.angular_acceleration,
-            fraction,
-        ))
+        let [linear, angular] = [
+            (way, self.linear, self.linear_acceleration),
+            (turn, self.angular, self.angular_acceleration),
+        ]
+        .map(|(way, speed, acceleration)| {
+            self.profile.seconds(way, speed * fraction, acceleration * fraction)
+        });
+        linear.max(angular)
     }
 
-    /// The fraction of the full speeds at which such a way takes so many seconds, in 0..=1.
+    /// Returns the fraction of the full speeds at which such a way takes this time (s), in 0..=1.
     #[must_use]
     pub fn line_fraction(&self, way: f64, turn: f64, seconds: f64) -> f64 {
-        fraction(way, self.linear, self.linear_acceleration, seconds)
-            .max(fraction(turn, self.angular, self.angular_acceleration, seconds))
+        let linear = (way, self.linear, self.linear_acceleration);
+        let angular = (turn, self.angular, self.angular_acceleration);
+        [linear, angular]
+            .map(|(way, speed, most)| self.profile.fraction(way, speed, most, seconds))
+            .into_iter()
+            .fold(0.0, f64::max)
             .min(1.0)
     }
-}
-
-/// Largest fraction of a full speed and acceleration at which a way takes so long.
-fn fraction(way: f64, speed: f64, acceleration: f64, seconds: f64) -> f64 {
-    let by_speed = PEAK_SPEED * way.abs() / (speed * seconds);
-    by_speed.max(PEAK_ACCELERATION * way.abs() / (acceleration * seconds * seconds))
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -123,7 +119,7 @@ impl Position {
             return Next::Done(Outcome::Reached);
         }
         self.done = (self.done + inputs.pace).min(self.steps);
-        let s = min_jerk(self.done / self.steps);
+        let s = self.speeds.profile.share(self.done / self.steps, self.steps * self.step());
         let motion = match self.goal {
             Goal::Joints { start: Some(start), target } => {
                 Motion::Joints(JointPositions(std::array::from_fn(|i| {
@@ -154,16 +150,13 @@ impl Position {
                 self.speeds.line_seconds(way, turn, self.fraction)
             }
         };
-        let step = f64::from(self.macrostep) * PERIOD;
-        self.steps = (seconds.max(self.least) / step).ceil().max(1.0);
+        self.steps = (seconds.max(self.least) / self.step()).ceil().max(1.0);
     }
-}
 
-/// The minimum-jerk profile on 0..=1.
-#[must_use]
-pub fn min_jerk(u: f64) -> f64 {
-    let u = u.clamp(0.0, 1.0);
-    u * u * u * (10.0 + u * (6.0 * u - 15.0))
+    /// Returns the length of a macrostep (s).
+    fn step(&self) -> f64 {
+        f64::from(self.macrostep) * PERIOD
+    }
 }
 
 #[cfg(test)]
@@ -179,6 +172,7 @@ mod tests {
             linear_acceleration: 0.5,
             angular: 1.0,
             angular_acceleration: 2.0,
+            profile: Profile { ramp: 5.0 },
         }
     }
 

@@ -3,7 +3,7 @@
 use crate::actors::move_instruction::{Manner, NearHand};
 use crate::cell::{Cell, Gripper, Mount};
 use crate::cube::{Axis, Face, Keeper};
-use crate::generators::{Compliance, position::Speeds, visual_servo};
+use crate::generators::{Compliance, position::Speeds, profile::Profile, visual_servo};
 use crate::hw::driver::WallOptions;
 use crate::motion::{AXES, Depth};
 use crate::reach::{Fold, Meeting, MeetingTable, ReachSettings};
@@ -73,6 +73,7 @@ pub(super) fn manner(config: &ControllerConfig, effector: usize) -> Manner {
             linear_acceleration: c.linear_acceleration,
             angular: c.angular_speed,
             angular_acceleration: 2.0 * c.angular_speed,
+            profile: Profile { ramp: c.ramp },
         },
         hand,
     }

@@ -207,6 +207,11 @@ section! {
         angular_admittance [rad_snm]: f64 = 0.05, 0.0..=5.0;
         /// Virtual inertia m of a yielding rotation.
         angular_inertia [kgm2]: f64 = 0.5, 0.0..=100.0;
+        /// Frequency at which an arm that holds a tool gives way: each direction that a force moves
+        /// is checked against it.
+        resonance [hz]: f64 = 31.0, 5.0..=200.0;
+        /// Damping of that vibration, 1 is critical.
+        resonance_damping: f64 = 0.05, 0.001..=1.0;
         /// Torque with which a layer is turned.
         turn_torque [nm]: f64 = 2.5, 0.1..=10.0;
         /// Least mean torque that a turning layer must show: below it a grip slips instead.
@@ -238,6 +243,9 @@ section! {
         roll_speed [deg_s]: f64 = 45.0, 1.0..=90.0;
         /// Acceleration of joints in free motion (original: a tenth of 7 rad/s2).
         joint_acceleration [deg_s2]: f64 = 80.0, 1.0..=400.0;
+        /// Time in which a free motion comes to its full speed. A motion of less than two such
+        /// ramps is one of minimum jerk.
+        ramp [ms]: f64 = 5000.0, 50.0..=60000.0;
         /// Speed of the prismatic track.
         track_speed [mm_s]: f64 = 150.0, 1.0..=160.0;
         /// Acceleration of the prismatic track.

@@ -57,6 +57,8 @@ pub(crate) mod units {
     pub(crate) const mm_sn: f64 = 1e-3;
     /// Radians per newton metre second: reciprocal damping.
     pub(crate) const rad_snm: f64 = 1.0;
+    /// Hertz.
+    pub(crate) const hz: f64 = 1.0;
     /// Newtons per metre.
     pub(crate) const n_m: f64 = 1.0;
     /// Newton seconds per metre.

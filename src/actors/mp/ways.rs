@@ -6,10 +6,15 @@
 
 use crate::actors::move_instruction::Manner;
 use crate::generators::Behaviour;
-use crate::generators::position::min_jerk;
 use crate::motion::ArmState;
 use crate::reach::guard::{Guard, Near, PlannedMotion};
 use crate::spatial::Pose;
+
+/// Most times that a way is given more time. A longer motion has longer ramps until they are full
+/// ones, so that the speed where the hand is may fall by less than the time grew.
+const ROUNDS: u32 = 4;
+/// A way that is too fast by less is slow enough.
+const ENOUGH: f64 = 1.0 + 1e-9;
 
 /// Checks the ways of both arms; returns whether the hands are to keep apart meanwhile.
 ///
@@ -41,11 +46,21 @@ pub(super) fn slow_down(
         (Some(order), Some(manner), Some(arm)) => manner.seconds(order, arm),
         _ => 0.0,
     });
-    let slower = (0..2)
-        .filter(|&i| lasts[i] > 0.0)
-        .filter_map(|i| Some((i, &known[i]?.desired_joints)))
-        .map(|(i, from)| guard.course(i, from, &ways[i]).haste(lasts[i], min_jerk))
-        .fold(1.0, f64::max);
+    let mut slower = 1.0;
+    for _ in 0..ROUNDS {
+        let haste = (0..2)
+            .filter(|&i| lasts[i] > 0.0)
+            .filter_map(|i| {
+                let (seconds, profile) = (slower * lasts[i], manners.get(i)?.speeds.profile);
+                let course = guard.course(i, &known[i]?.desired_joints, &ways[i]);
+                Some(course.haste(seconds, |part| profile.share(part, seconds)))
+            })
+            .fold(1.0, f64::max);
+        if haste <= ENOUGH {
+            break;
+        }
+        slower *= haste;
+    }
     if slower <= 1.0 {
         return;
     }

@@ -6,7 +6,7 @@ use super::robot::{MissionPort, Robot};
 use super::shared::{Doing, Shared};
 use super::sight::Palette;
 use crate::cube::{Axis, Face, Keeper};
-use crate::generators::{Behaviour, Outcome, position::Speeds, visual_servo};
+use crate::generators::{Behaviour, Outcome, position::Speeds, profile::Profile, visual_servo};
 use crate::motion::{ArmState, Depth, JointPositions};
 use crate::reach::{Fold, Meeting, MeetingTable};
 use crate::solver::Tables;
@@ -72,6 +72,7 @@ pub(super) fn settings() -> CubeSettings {
             linear_acceleration: 1.0,
             angular: 1.0,
             angular_acceleration: 2.0,
+            profile: Profile { ramp: 5.0 },
         },
         jaw_speeds: (0.05, 0.05),
         compliant_arm: CompliantArm::Body,

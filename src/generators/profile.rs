@@ -1,0 +1,140 @@
+//! The course of a motion over its time: the share of its way that is done, with bounded jerk.
+//!
+//! A short motion is a minimum-jerk motion, `s(u) = 10u^3 - 15u^4 + 6u^5` (Flash and Hogan 1985). A
+//! long one rises to its full speed as the first half of a minimum-jerk motion does, keeps it, and
+//! falls as the second half does. The time of such a ramp is the same for all motions, so the shape
+//! depends on the duration alone: two arms, or all axes of one, that begin and end together have
+//! done the same share of their ways at each moment, whatever their ways are.
+//!
+//! - in: the duration of a motion, or its way with greatest speed and acceleration
+//! - out: the share of the way that is done; the shortest duration
+//! - equations: with a duration T and ramps of r the greatest speed is `1 / (T - 14 r / 15)` of the
+//!   way, the greatest acceleration 1.54 times that over r; with r = T / 2 they are 1.875 / T and
+//!   5.774 / T^2
+
+use serde::{Deserialize, Serialize};
+
+/// Greatest speed and acceleration of a minimum-jerk motion, of the mean ones.
+const PEAK_SPEED: f64 = 1.875;
+const PEAK_ACCELERATION: f64 = 5.774;
+/// Greatest acceleration of a ramp, of its mean.
+const STEEPEST: f64 = 0.5 * PEAK_ACCELERATION / PEAK_SPEED;
+/// Share of a ramp's time that its way is short of a motion at full speed.
+const LOST: f64 = 7.0 / 15.0;
+
+/// The family of courses with one time of a ramp.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Profile {
+    /// Time of a ramp (s).
+    pub ramp: f64,
+}
+
+impl Profile {
+    /// Returns the share of the way that is done after a part of the time, 0..=1, of a motion that
+    /// takes `duration` (s).
+    #[must_use]
+    pub fn share(&self, part: f64, duration: f64) -> f64 {
+        if duration <= 2.0 * self.ramp {
+            return minimum_jerk(part);
+        }
+        let (time, speed) = (part * duration, 1.0 / (duration - 2.0 * LOST * self.ramp));
+        // The second half is the first one backwards.
+        let near = time.min(duration - time).max(0.0);
+        let done = if near < self.ramp {
+            // A minimum-jerk motion over two ramps does this share of `2 r / 1.875` at full speed.
+            minimum_jerk(0.5 * near / self.ramp) * 2.0 * self.ramp / PEAK_SPEED
+        } else {
+            near - LOST * self.ramp
+        };
+        if 2.0 * time > duration { 1.0 - speed * done } else { speed * done }
+    }
+
+    /// Returns the shortest duration of a way (m, rad) that keeps both limits (s).
+    #[must_use]
+    pub fn seconds(&self, way: f64, speed: f64, acceleration: f64) -> f64 {
+        let by_speed = PEAK_SPEED * way.abs() / speed;
+        let by_acceleration = (PEAK_ACCELERATION * way.abs() / acceleration).sqrt();
+        let short = by_speed.max(by_acceleration);
+        if short <= 2.0 * self.ramp {
+            return short;
+        }
+        let ramp = self.ramp;
+        2.0 * LOST * ramp + (way.abs() / speed).max(STEEPEST * way.abs() / (acceleration * ramp))
+    }
+
+    /// Returns the greatest share of either limit that a way needs in this duration.
+    #[must_use]
+    pub fn fraction(&self, way: f64, speed: f64, acceleration: f64, duration: f64) -> f64 {
+        if duration <= 2.0 * self.ramp {
+            let by_speed = PEAK_SPEED * way.abs() / (speed * duration);
+            let by_acceleration = PEAK_ACCELERATION * way.abs();
+            return by_speed.max(by_acceleration / (acceleration * duration * duration));
+        }
+        let fastest = way.abs() / (duration - 2.0 * LOST * self.ramp);
+        (fastest / speed).max(STEEPEST * fastest / (acceleration * self.ramp))
+    }
+}
+
+/// Returns the share of a minimum-jerk motion that is done after a share of its time.
+fn minimum_jerk(u: f64) -> f64 {
+    let u = u.clamp(0.0, 1.0);
+    u * u * u * (10.0 + u * (6.0 * u - 15.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn short_motion_is_one_of_minimum_jerk() {
+        for part in [0.0, 0.1, 0.5, 0.9, 1.0] {
+            assert_eq!(Profile { ramp: 0.35 }.share(part, 0.7), minimum_jerk(part));
+            // A hair longer is hardly another motion.
+            let longer = Profile { ramp: 0.35 }.share(part, 0.7001);
+            assert!((longer - minimum_jerk(part)).abs() < 1e-3, "{part}: {longer}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn course_keeps_its_bounds(ramp in 0.05..1.0f64, duration in 0.02..20.0f64) {
+            let profile = Profile { ramp };
+            let r = ramp.min(0.5 * duration);
+            let peak = 1.0 / (duration - 2.0 * LOST * r);
+            let h = duration * 1e-3;
+            let at = |k: i32| profile.share(f64::from(k) * 1e-3, duration);
+            prop_assert_eq!(at(0), 0.0);
+            prop_assert!((at(1000) - 1.0).abs() < 1e-12);
+            for k in 1..1000 {
+                let speed = (at(k + 1) - at(k - 1)) / (2.0 * h);
+                let acceleration = (at(k + 1) - 2.0 * at(k) + at(k - 1)) / (h * h);
+                prop_assert!(speed >= -1e-9 && speed <= peak * (1.0 + 1e-9));
+                // Second differences of numbers near 1 are wrong by 4e-16 / h^2.
+                let bound = STEEPEST * peak / r * (1.0 + 1e-3) + 1e-15 / (h * h);
+                prop_assert!(acceleration.abs() <= bound, "{} {}", acceleration, bound);
+                if k > 1 && k < 999 {
+                    let jerk = (at(k + 2) - 2.0 * at(k + 1) + 2.0 * at(k - 1) - at(k - 2))
+                        / (2.0 * h * h * h);
+                    // w'' of a ramp x^2 (2 - x)^2 is 8 at its beginning.
+                    let bound = 8.0 * peak / (r * r) * 1.01 + 2e-15 / (h * h * h);
+                    prop_assert!(jerk.abs() <= bound, "{} {}", jerk, bound);
+                }
+            }
+        }
+
+        #[test]
+        fn shortest_duration_needs_all_of_a_limit(
+            ramp in 0.05..5.0f64,
+            way in 1e-4..10.0f64,
+            speed in 0.01..5.0f64,
+            acceleration in 0.05..20.0f64,
+        ) {
+            let profile = Profile { ramp };
+            let duration = profile.seconds(way, speed, acceleration);
+            let fraction = profile.fraction(way, speed, acceleration, duration);
+            prop_assert!((fraction - 1.0).abs() < 1e-9, "{}", fraction);
+            prop_assert!(profile.fraction(way, speed, acceleration, 1.1 * duration) < fraction);
+        }
+    }
+}
