@@ -107,7 +107,7 @@ impl Secure {
                 directions[2] = Direction::Guarded {
                     velocity: sense * speed,
                     admittance: speed / (2.0 * force),
-                    inertia: 0.0,
+                    inertia: self.compliance.linear_inertia,
                 };
                 Next::Go(self.compliance.task(directions, None))
             }

@@ -10,6 +10,7 @@ use super::config::{
 use super::draft::Draft;
 use super::keys::{self, BridgeKind, HandKeys, Planner, Rule, Servo};
 use super::lists::{CameraKeys, Effector, GripperKeys, MountKind, SensorKeys, Vsp, VspKind};
+use super::motion;
 use super::profile;
 use super::section::Reader;
 use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, Intrinsics, Mount};
@@ -40,6 +41,8 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     check::force_sign(&root.control, reader);
     check::periods(root, reader);
     check::faults(&draft, &arms, reader);
+    motion::speeds(&root.control, &arms, reader);
+    motion::self_excitation(&root.control, &arms, reader);
     let (keeper, hand) = place(&root.hand, root.cell.table_height, root.cube.edge, reader);
     check::hand_force(&root.control, keeper, reader);
 

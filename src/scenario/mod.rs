@@ -21,6 +21,7 @@ mod build;
 mod check;
 mod config;
 mod draft;
+mod motion;
 mod overrides;
 mod profile;
 

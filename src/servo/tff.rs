@@ -4,6 +4,14 @@
 //! second. A force error is scaled into a velocity, an inertia smooths it, and the displacements are
 //! integrated on the commanded pose: the arm is a damper in each force direction.
 //!
+//! The sensor feels the inertia of the tool beyond it, too. An arm that gives way at a frequency f
+//! then may shake itself: the force m a of its own vibration moves the tool on. [`self_excitation`]
+//! is the gain of that loop where it feeds itself, and it must stay at most
+//! [`MOST_SELF_EXCITATION`] in each direction with a force law. Without a virtual mass the law
+//! damps a vibration, until the delay of the loop turns its sense: so `2 pi f m B` must be small.
+//! With a virtual mass M the loop has the gain m / M at most, but no damping of its own: so m / M
+//! must be small beside the arm's damping.
+//!
 //! - in: the six [`Direction`]s, the frame they are expressed in, the wrench that the tool exerts on its
 //!   surroundings, the commanded pose
 //! - out: the commanded pose of the next period
@@ -13,6 +21,7 @@
 use super::period::Length;
 use crate::motion::{Direction, Frame};
 use crate::spatial::{Pose, Twist, Wrench};
+use nalgebra::Complex;
 
 /// Six directions, and the frame in which they are expressed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,6 +114,53 @@ pub fn displacement(
         let lag = admittance * inertia;
         (pushed * seconds * seconds + lag * lasts[i]) / (seconds + lag)
     }))
+}
+
+/// An arm that gives way, and the tool beyond its force sensor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mechanics {
+    /// Mass (kg) or moment of inertia (kg m2) of the tool.
+    pub tool: f64,
+    /// Frequency at which the arm gives way (Hz).
+    pub frequency: f64,
+    /// Damping of that vibration, as a share of the critical one.
+    pub damping: f64,
+    /// Time from a force to the motion that answers it (s).
+    pub delay: f64,
+}
+
+/// Greatest [`self_excitation`] of a direction: a loop with a gain margin of 1.5.
+pub const MOST_SELF_EXCITATION: f64 = 0.67;
+
+/// Returns the gain of the loop through the tool's own inertia, at the frequency at which the loop
+/// feeds itself: from 1 on the tool shakes itself. `admittance` B is in m/(s N) and `inertia` M in
+/// kg, or both of a rotation.
+///
+/// The loop is `j w m B / (1 + j w B M)`, times the delay, times an oscillator that the law drives.
+/// It feeds itself where its value is a negative real number (Nyquist 1932).
+#[must_use]
+pub fn self_excitation(admittance: f64, inertia: f64, arm: &Mechanics) -> f64 {
+    /// Step of the frequencies that are tried, as a factor.
+    const STEP: f64 = 1.002;
+    let own = std::f64::consts::TAU * arm.frequency;
+    let at = |omega: f64| {
+        let law = Complex::new(0.0, omega * arm.tool * admittance)
+            / Complex::new(1.0, omega * admittance * inertia);
+        let arm = own * own
+            / Complex::new(own * own - omega * omega, 2.0 * arm.damping * own * omega)
+            * Complex::new(0.0, -omega * arm.delay).exp();
+        law * arm
+    };
+    let (mut omega, mut last, mut most) = (0.05 * own, at(0.05 * own), 0.0_f64);
+    while omega < 8.0 * own {
+        omega *= STEP;
+        let next = at(omega);
+        if (next.im < 0.0) != (last.im < 0.0) {
+            most = most.max(-next.re.min(last.re));
+        }
+        last = next;
+    }
+    most
 }
 
 /// Time in which a speed falls to 1/e where set values would else stop dead, which trips power stages (s).
@@ -257,6 +313,63 @@ mod tests {
             let bounded = wild.iter().all(|f| f.abs() < 1000.0);
             assert!(!bounded, "b = {admittance}, delay {delay}");
         }
+    }
+
+    /// Holds still in a guarded direction with a mass at its tool, on an arm that gives way;
+    /// returns by which factor the vibration of the tool has grown within a second.
+    fn growth(admittance: f64, inertia: f64, arm: &Mechanics) -> f64 {
+        let omega = std::f64::consts::TAU * arm.frequency;
+        let mut directions = [HOLD; 6];
+        directions[2] = Direction::Guarded { velocity: 0.0, admittance, inertia };
+        let task = TaskMotion { frame: Frame::Base, directions };
+        let (mut law, mut set) = (ForceLaw::new(Length::default()), Pose::identity());
+        let (mut z, mut v, mut felt) = (1e-4, 0.0, [0.0; 4]);
+        let mut swings = [0.0_f64; 2];
+        for period in 1..=550 {
+            let seen = 0.5 * (felt[0] + felt[1]);
+            set = law.step(period, &task, &along(2, seen), &set);
+            let mut acceleration = 0.0;
+            for _ in 0..20 {
+                acceleration =
+                    omega * omega * (set.translation.z - z) - 2.0 * arm.damping * omega * v;
+                v += acceleration * PERIOD / 20.0;
+                z += v * PERIOD / 20.0;
+            }
+            // The tool exerts m a on what is beyond it; the sensor is a period late.
+            felt = [felt[1], felt[2], felt[3], arm.tool * acceleration];
+            if !(50..500).contains(&period) {
+                let swing = &mut swings[usize::from(period >= 500)];
+                *swing = swing.max((z - set.translation.z).abs());
+            }
+        }
+        swings[1] / swings[0]
+    }
+
+    #[test]
+    fn tool_shakes_itself_where_the_rule_says() {
+        let (mut calm, mut wild) = (0, 0);
+        for tool in [1.2, 3.0] {
+            for inertia in [0.0, 5.0, 20.0, 80.0] {
+                for damping in [0.02, 0.05, 0.1] {
+                    for admittance in [0.0002, 0.001, 0.003, 0.005, 0.02] {
+                        // A period for the sensor, one for the exchange, half of one for the
+                        // mean of two samples.
+                        let arm = Mechanics { tool, frequency: 31.0, damping, delay: 2.5 * PERIOD };
+                        let excitation = self_excitation(admittance, inertia, &arm);
+                        let growth = growth(admittance, inertia, &arm);
+                        let case = format!("{admittance} m/(s N), {inertia} kg, {arm:?}");
+                        if excitation < 0.8 {
+                            assert!(growth < 1.0, "{case}: {excitation} {growth}");
+                            calm += 1;
+                        } else if excitation > 1.25 {
+                            assert!(growth > 1.0, "{case}: {excitation} {growth}");
+                            wild += 1;
+                        }
+                    }
+                }
+            }
+        }
+        assert!(calm > 30 && wild > 30, "{calm} {wild}");
     }
 
     #[test]

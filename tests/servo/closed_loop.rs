@@ -1,6 +1,6 @@
 //! Servo and plant together: tracking, watch-dogs and force control of the closed chain.
 
-use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use rubik_robot::arms::builtin;
 use rubik_robot::cell::{Arm, Cell, CubeSpec, Gripper, HandZone};
 use rubik_robot::hw::driver::{Core, NoRecords, ServoLink, Switches, link};
@@ -9,6 +9,7 @@ use rubik_robot::motion::{
     ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion, MoveCommand,
 };
 use rubik_robot::servo::regulator::{IRP6, ServoGains};
+use rubik_robot::servo::tff::{MOST_SELF_EXCITATION, Mechanics, self_excitation};
 use rubik_robot::servo::{ServoCommand, ServoConfig};
 use rubik_robot::spatial::Pose;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -32,7 +33,11 @@ fn cell() -> Cell {
                 amperes_per_newton: 0.0018,
                 ..config.gripper
             },
-            sensor: rubik_robot::cell::ForceSensor { weight: 10.8, ..config.sensor },
+            sensor: rubik_robot::cell::ForceSensor {
+                weight: 10.8,
+                centre_in_flange: Point3::new(0.0, 0.0, 0.156),
+                ..config.sensor
+            },
             start: JointPositions(start),
         }
     };
@@ -230,6 +235,35 @@ fn a_step_of_speed_trips_no_watch_dog() {
     assert!(largest(&behind(&cell, 1, &last)) < 0.1);
 }
 
+/// Goes forward freely in a guarded direction; returns by how much the force of the tool's inertia
+/// swings in the end (N).
+fn swing_of_free_motion(admittance: f64, inertia: f64) -> f64 {
+    let mut rig = Closed::new(Start::Hand, Jaws::rubber(), SensorNoise::default());
+    rig.run(100);
+    rig.links[1].send(ServoCommand::Bias).unwrap();
+    rig.run(20);
+    let mut forward = [Direction::HOLD; 6];
+    forward[2] = Direction::Guarded { velocity: 0.02, admittance, inertia };
+    rig.send(1, Motion::Task { frame: Frame::Tool, directions: forward }, 1000);
+    let forces: Vec<f64> = rig.run(1000).iter().map(|s| s[1].wrench_in_tool.force.z).collect();
+    let end = &forces[750..];
+    largest(end) + largest(&end.iter().map(|f| -f).collect::<Vec<_>>())
+}
+
+#[test]
+fn guarded_motion_shakes_the_tool_without_virtual_mass() {
+    // The visual servo's approach: 20 mm/s that stop at 4 N.
+    let arm = Mechanics { tool: 1.1, frequency: 31.0, damping: 0.05, delay: 0.005 };
+    for (admittance, inertia) in [(0.01, 0.0), (0.005, 0.0), (0.0025, 0.0), (0.005, 20.0)] {
+        let excitation = self_excitation(admittance, inertia, &arm);
+        let swing = swing_of_free_motion(admittance, inertia);
+
+        println!("{admittance} m/(s N), {inertia} kg: gain {excitation:.2}, swing {swing:.2} N");
+        let shakes = excitation > MOST_SELF_EXCITATION;
+        assert_eq!(swing > 3.0, shakes, "{admittance} {inertia}: {excitation} {swing}");
+    }
+}
+
 #[test]
 fn default_gains_relax_a_strained_chain_and_keep_it_calm() {
     for jaws in [Jaws::rubber(), Jaws::stiff()] {
@@ -238,7 +272,8 @@ fn default_gains_relax_a_strained_chain_and_keep_it_calm() {
 
             let forces = rig.relax(arms, 0.001, 2000);
 
-            assert!(forces[0] > 40.0, "strained before: {}", forces[0]);
+            // The play of the gears takes up a part of the 2 mm.
+            assert!(forces[0] > 35.0, "strained before: {}", forces[0]);
             let late = forces[100..].iter().position(|f| *f < 5.0);
             assert!(late.is_some_and(|p| p < 50), "arms {arms:?}: {late:?}");
             let calm = largest(&forces[1000..]);
@@ -257,5 +292,7 @@ fn the_original_gains_swing_in_a_stiff_chain() {
 
     let forces = rig.relax(&[0, 1], 0.005, 2000);
 
-    assert!(largest(&forces[100..]) > 65.0);
+    let swing = largest(&forces[100..]);
+    println!("the original's gains in a stiff chain: {swing:.1} N");
+    assert!(swing > 30.0, "{swing} N");
 }

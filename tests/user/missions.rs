@@ -93,7 +93,7 @@ fn a_force_of_the_wrong_sign_runs_away() {
 
 #[test]
 fn late_forces_oscillate() {
-    let summary = is_spoilt(&["control.force_delay_periods=30"]);
+    let summary = is_spoilt(&["control.force_delay_periods=60"]);
     assert!(summary.reason.contains("oscillation"), "{}", summary.reason);
 }
 

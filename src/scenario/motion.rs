@@ -1,0 +1,167 @@
+//! Checks that the arms can do the speeds that a scenario orders, and that no guarded direction
+//! makes its own tool shake.
+//!
+//! | key | refused |
+//! |---|---|
+//! | `turn_speed`, `roll_speed`, `track_speed` | a motor would have to be faster than its limit |
+//! | `approach_speed`, `turn_speed` | a tool would shake itself: [`tff::self_excitation`] |
+//! | `linear_admittance`, `angular_admittance` | the same |
+//!
+//! The joints that share motors are checked along each way, by the servo and the guard of ways.
+
+use super::keys::Control;
+use super::section::Reader;
+use crate::cell::{Arm, ForceSensor};
+use crate::kinematics::ArmModel;
+use crate::motion::PERIOD;
+use crate::servo::tff;
+
+/// Axes whose motors turn nothing else: their speeds do not depend on the posture.
+const TRACK: usize = 0;
+const ROLL: usize = 6;
+
+/// Delay of the force loop, in servo periods: one for the sensor, one for the exchange, half of one
+/// for the mean of two samples.
+const DELAY: f64 = 2.5;
+/// Standard gravity (m/s2).
+const GRAVITY: f64 = 9.81;
+/// Radius of gyration of a gripper about its own centre (m): 0.006 kg m2 a 1.1 kg.
+const GYRATION: f64 = 0.074;
+
+/// Checks that the motors of all arms are fast enough.
+pub(super) fn speeds(control: &Control, arms: &[Option<Arm>], reader: &mut Reader) {
+    for arm in arms.iter().flatten() {
+        let c = control;
+        for (key, axis, speed, unit) in [
+            ("turn_speed_deg_s", ROLL, c.turn_speed, Unit::Degrees),
+            ("roll_speed_deg_s", ROLL, c.roll_speed, Unit::Degrees),
+            ("track_speed_mm_s", TRACK, c.track_speed, Unit::Millimetres),
+        ] {
+            if let Some((needed, most)) = too_fast(&arm.model, axis, speed) {
+                let limit = arm.model.motor_speed_limit;
+                let reason = format!(
+                    "`control.{key}`: {} needs {needed:.0} rad/s of motor {axis} of the {}, which \
+                     does {limit:.0}",
+                    unit.write(speed),
+                    arm.name
+                );
+                let advice = format!("{} at most", unit.write(most));
+                reader.fault_with_help(&format!("control.{key}"), reason, &advice);
+            }
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Unit {
+    Degrees,
+    Millimetres,
+}
+
+impl Unit {
+    /// Writes a speed (rad/s, m/s) with its unit, no greater than it is.
+    fn write(self, speed: f64) -> String {
+        match self {
+            Self::Degrees => format!("{} deg/s", down(speed.to_degrees())),
+            Self::Millimetres => format!("{} mm/s", down(speed * 1e3)),
+        }
+    }
+}
+
+/// Rounds down to a tenth.
+fn down(value: f64) -> f64 {
+    (value * 10.0 + 1e-6).floor() / 10.0
+}
+
+/// Returns the speed that a motor needs (rad/s) and the greatest speed of its axis, if that is less
+/// than the one wanted.
+fn too_fast(model: &ArmModel, axis: usize, speed: f64) -> Option<(f64, f64)> {
+    if axis == TRACK && !model.has_track {
+        return None;
+    }
+    let gear = model.gears[axis].abs();
+    let needed = gear * speed;
+    (needed > model.motor_speed_limit).then(|| (needed, model.motor_speed_limit / gear))
+}
+
+/// Checks each direction that a force moves: see [`tff::self_excitation`].
+pub(super) fn self_excitation(control: &Control, arms: &[Option<Arm>], reader: &mut Reader) {
+    let c = control;
+    // The visual servo goes twice as fast as a grasp's approach, and stops at half of its force.
+    let approach = c.approach_speed / (2.0 * c.approach_force);
+    let linear = [
+        ("approach_speed_mm_s", 4.0 * approach, c.linear_inertia),
+        ("linear_admittance_mm_sn", c.linear_admittance, c.linear_inertia),
+    ];
+    let angular = [
+        ("turn_speed_deg_s", c.turn_speed / c.turn_torque, 0.0),
+        ("angular_admittance_rad_snm", c.angular_admittance, c.angular_inertia),
+    ];
+    for arm in arms.iter().flatten() {
+        let (mass, moment, about_z) = inertia(&arm.sensor);
+        let excitation = |admittance: f64, inertia: f64, tool: f64| {
+            let (frequency, damping) = (c.resonance, c.resonance_damping);
+            let arm = tff::Mechanics { tool, frequency, damping, delay: DELAY * PERIOD };
+            tff::self_excitation(admittance, inertia, &arm)
+        };
+        let linear = linear.iter().map(|&(key, b, m)| (key, excitation(b, m, mass)));
+        let angular = angular.iter().map(|&(key, b, m)| {
+            let tool = if key.starts_with("turn") { about_z } else { moment };
+            (key, excitation(b, m, tool))
+        });
+        let most = tff::MOST_SELF_EXCITATION;
+        for (key, gain) in linear.chain(angular).filter(|(_, gain)| *gain > most) {
+            let reason = format!(
+                "`control.{key}`: the {} would shake itself at about {:.0} Hz by the inertia of \
+                 its own tool: the gain of that loop is {gain:.2}, and {most} at most is safe",
+                arm.name, c.resonance
+            );
+            let advice = "lower it, or raise the virtual inertia (control.linear_inertia_kg, \
+                          control.angular_inertia_kgm2)";
+            reader.fault_with_help(&format!("control.{key}"), reason, advice);
+        }
+    }
+}
+
+/// Returns mass (kg) and greatest moment of inertia about the sensor of what hangs beyond it, and
+/// the moment about its axis (kg m2).
+fn inertia(sensor: &ForceSensor) -> (f64, f64, f64) {
+    let mass = sensor.weight / GRAVITY;
+    let own = mass * GYRATION * GYRATION;
+    let off = sensor.centre_in_flange.coords - sensor.flange_from_sensor.translation.vector;
+    (mass, own + mass * off.norm_squared(), own)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::read;
+    use std::path::Path;
+
+    fn faults(keys: &str) -> String {
+        let text = format!("[control]\n{keys}\n");
+        read(Path::new("t.toml"), &text, &[])
+            .map_or_else(|faults| faults.to_string(), |_| String::new())
+    }
+
+    #[test]
+    fn speed_that_no_motor_does_is_refused() {
+        let told = faults("turn_speed_deg_s = 60");
+        assert!(told.contains("t.toml:2:20: `control.turn_speed_deg_s`: 60 deg/s needs"), "{told}");
+        assert!(told.contains("of motor 6 of the track, which does 250"), "{told}");
+        assert!(told.contains("49.5 deg/s at most"), "{told}");
+        assert_eq!(faults("turn_speed_deg_s = 49.5"), "");
+        assert!(faults("roll_speed_deg_s = 50").contains("`control.roll_speed_deg_s`"));
+    }
+
+    #[test]
+    fn guarded_speed_that_shakes_the_tool_is_refused() {
+        let told = faults("approach_speed_mm_s = 10\nlinear_inertia_kg = 0");
+        assert!(told.contains("t.toml:2:23: `control.approach_speed_mm_s`"), "{told}");
+        assert!(told.contains("shake itself at about 31 Hz"), "{told}");
+        assert!(
+            faults("angular_admittance_rad_snm = 5\nangular_inertia_kgm2 = 0").contains("angular")
+        );
+        assert_eq!(faults("approach_speed_mm_s = 2\nlinear_inertia_kg = 0"), "");
+        assert_eq!(faults("approach_speed_mm_s = 20"), "");
+    }
+}
