@@ -5,7 +5,7 @@
 //!   has failed
 
 use crate::cube::Facelets;
-use crate::record::summary::{EndedBy, Outcome, Summary};
+use crate::record::summary::{EndedBy, Exertion, Outcome, Summary};
 use serde::{Deserialize, Serialize};
 
 /// The longest reason that is kept (characters).
@@ -73,6 +73,9 @@ pub struct Figures {
     /// builds have neither this nor the three that follow.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peak_contact_n: Option<f64>,
+    /// How much the arms exerted themselves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exertion: Option<Exertion>,
     /// What the scenario allows, `control.force_limit_n` (N).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_limit_n: Option<f64>,
@@ -191,6 +194,7 @@ impl RunResult {
                 peak_force_n: number(summary.peak_force_n),
                 peak_torque_nm: number(summary.peak_torque_nm),
                 peak_contact_n: contacts.reduce(f64::max),
+                exertion: summary.exertion,
                 force_limit_n: summary.force_limit_n,
                 drops_noticed: summary.drops_noticed,
                 clearance_mm: summary.clearance_mm,

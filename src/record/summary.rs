@@ -74,6 +74,20 @@ pub struct Accident {
     pub what: String,
 }
 
+/// The greatest values of a run, over all motors of all arms, by the plant.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Exertion {
+    /// Current, as a share of what trips a motor's power stage.
+    pub current_share: f64,
+    /// Heat of a winding, as a share of what trips it.
+    pub heat_share: f64,
+    /// Speed of a motor (rad/s).
+    pub motor_speed_rad_s: f64,
+    /// Speed of a tool within 175 mm of the place where a person holds the cube (mm/s).
+    pub near_person_mm_s: f64,
+}
+
 /// What a run comes to. Cubes are 54 letters URFDLB, named by the colours of the centres.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -117,6 +131,9 @@ pub struct Summary {
     pub peak_torque_nm: Option<f64>,
     /// Largest contact at each tool.
     pub sensors: Vec<SensorPeak>,
+    /// How much the arms exerted themselves, by the plant. Summaries of older builds have none.
+    #[serde(default)]
+    pub exertion: Option<Exertion>,
     /// Times that a turn was commanded and unfinished, and the layer moved less than 1 deg in 3 s.
     pub jams: Option<u32>,
     /// Times that a grip slipped by more than 3 deg or 1 mm.
@@ -191,6 +208,7 @@ impl Summary {
             peak_force_n: none.map(f64::from),
             peak_torque_nm: none.map(f64::from),
             sensors: Vec::new(),
+            exertion: None,
             jams: none,
             slips: none,
             drops: none,
@@ -371,6 +389,12 @@ mod tests {
             drops: Some(0),
             drops_noticed: Some(0),
             returned: Some(true),
+            exertion: Some(Exertion {
+                current_share: 0.2,
+                heat_share: 0.01,
+                motor_speed_rad_s: 235.0,
+                near_person_mm_s: 120.0,
+            }),
             force_limit_n: Some(20.0),
             clearance_mm: Some(400.0),
             pops: Some(0),

@@ -8,9 +8,9 @@ use super::task::Performed;
 use crate::actors::mp::Ending;
 use crate::cube::{Facelets, format_turns};
 use crate::error::{Error, NonFatal};
-use crate::hw::plant::Verdict;
+use crate::hw::plant::{self, Verdict};
 use crate::operator::OutcomeView;
-use crate::record::summary::{Accident, EndedBy, Outcome, Phase, SensorPeak, Summary};
+use crate::record::summary::{Accident, EndedBy, Exertion, Outcome, Phase, SensorPeak, Summary};
 use crate::scenario::{ControllerConfig, Scenario};
 use crate::servo::period::Length;
 use crate::tasks::cube::mission::Goal;
@@ -107,6 +107,7 @@ pub(super) fn summary(
         peak_force_n: verdict.map(|v| v.peak_force),
         peak_torque_nm: verdict.map(|v| v.peak_torque),
         sensors: sensor_peaks(config, ending, verdict),
+        exertion: verdict.map(|v| exertion(&v.exertion)),
         jams: truth.map(|t| t.jams),
         slips: counts.map(|c| c.slips),
         drops: counts.map(|c| c.drops),
@@ -165,6 +166,16 @@ fn sensor_peaks(
         felt_torque_nm: ending.felt.arms[i].peak_torque,
     })
     .collect()
+}
+
+/// Returns the greatest values in the units of a summary.
+fn exertion(most: &plant::Exertion) -> Exertion {
+    Exertion {
+        current_share: most.current,
+        heat_share: most.heat,
+        motor_speed_rad_s: most.motor_speed,
+        near_person_mm_s: most.near_person * 1e3,
+    }
 }
 
 fn accidents(verdict: &Verdict, config: &ControllerConfig, period: f64) -> Vec<Accident> {
