@@ -6,7 +6,9 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use rubik_robot::cell::{Camera, Intrinsics, Mount};
-use rubik_robot::hw::plant::render::{Look, Renderer, cube_alone};
+use rubik_robot::hw::camera::FrameSource;
+use rubik_robot::hw::plant::render::{Look, PlantCamera, Renderer, cube_alone};
+use rubik_robot::motion::PERIOD;
 use rubik_robot::spatial::{Pose, pose_from_axes};
 use rubik_robot::vision::colours::{decide_cube, decide_face};
 use rubik_robot::vision::detect::window_around;
@@ -163,6 +165,47 @@ fn the_cube_is_localised_in_drawn_light() {
     assert!(Errors::rms(&faces.sideways) < 0.1 && Errors::p95(&faces.sideways) < 0.25);
     assert!(Errors::rms(&faces.depth) < 0.8 && Errors::p95(&faces.depth) < 2.0);
     assert!(cubes.depth.len() > 40 && Errors::rms(&cubes.sideways) < 0.2);
+}
+
+/// Takes a picture of a cube that crosses the sight at `speed` (m/s); returns by how much the light
+/// of the picture is later than its stamp (s), as the pose that is found in it says.
+fn light_after_stamp(speed: Vector3<f64>, exposure: f64, period: u64) -> f64 {
+    let at = |period: u64| {
+        let way = speed * (period as f64 * PERIOD - 2.0);
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.3);
+        Pose::from_parts((Vector3::new(0.0, 0.342 + EDGE / 2.0, 1.1) + way).into(), turn)
+    };
+    let facelets = std::array::from_fn(|i| ((i * 7 + i / 5) % 6) as u8);
+    let mut scene = cube_alone(at(period), EDGE, facelets);
+    scene.period = period;
+    scene.cube.velocity.linear = speed;
+    let renderer = Renderer::new(camera(), Look::draw(3), 3);
+    let (_, scenes) = triple_buffer::triple_buffer(&scene);
+    // The sensor asks for the picture of a later period; the stamp is that of the scene.
+    let frame = PlantCamera::new(renderer, scenes).grab(period + 7, exposure).unwrap();
+    assert_eq!(frame.period, period);
+
+    let camera = camera();
+    let Mount::World { world_from_camera } = camera.mount else { unreachable!() };
+    let cube = detect(&frame.image, None, &DetectorSettings::default())
+        .ok()
+        .and_then(|s| locate_in(&frame.image, &s, &camera.intrinsics, EDGE, None))
+        .unwrap();
+    let found = world_from_camera * Point3::from(cube.camera_from_face().translation.vector);
+    let offset = found - at(frame.period) * Point3::new(0.0, -EDGE / 2.0, 0.0);
+    offset.dot(&speed) / speed.norm_squared()
+}
+
+#[test]
+fn picture_shows_the_pose_of_its_stamp() {
+    // 0.1 mm of a pose is 0.5 ms of this motion; a stamp of another period is 2 ms off.
+    let speed = Vector3::new(0.2, 0.0, 0.05);
+    for exposure in [0.5, 1.0, 2.0] {
+        let late: Vec<f64> =
+            [990, 1000, 1013].map(|period| light_after_stamp(speed, exposure, period)).into();
+        println!("exposure {exposure}: the light is {:?} ms later", late);
+        assert!(late.iter().all(|late| late.abs() < 1e-3), "exposure {exposure}: {late:?}");
+    }
 }
 
 /// The postument's hand camera looks from 0.2 m at a face of the cube that the track's gripper holds from the
