@@ -203,7 +203,7 @@ fn picture_shows_the_pose_of_its_stamp() {
     for exposure in [0.5, 1.0, 2.0] {
         let late: Vec<f64> =
             [990, 1000, 1013].map(|period| light_after_stamp(speed, exposure, period)).into();
-        println!("exposure {exposure}: the light is {:?} ms later", late);
+        println!("exposure {exposure}: the light is {late:?} s later");
         assert!(late.iter().all(|late| late.abs() < 1e-3), "exposure {exposure}: {late:?}");
     }
 }
