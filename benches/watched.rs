@@ -33,7 +33,7 @@ impl Kind {
     }
 }
 
-/// What the servo told at the end (us).
+/// Figures that the servo reports at the end of a round (us).
 #[derive(Clone, Copy, Default)]
 struct Round {
     wake_up: Quantiles,

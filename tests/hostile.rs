@@ -528,8 +528,8 @@ fn answered(panel: &mut Panel, event: Event<()>) -> Action<()> {
     panel.next(event, &Readings { arms: &arms, forces: Forces::default() })
 }
 
-/// Checks what a waiting panel makes of an order: only existing arms move, to existing places, no farther than one order
-/// goes, and a refusal has its reason. The panel waits again afterwards.
+/// Checks what a waiting panel makes of an order: only existing arms move, to existing places, no
+/// farther than one order goes, and a refusal has its reason. The panel waits again afterwards.
 fn ordered(panel: &mut Panel, input: &operator::Input) {
     assert!(!input.describe().is_empty());
     let operator::Input::Manual { effector, order } = input else { return };

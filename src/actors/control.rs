@@ -141,7 +141,7 @@ pub struct Pacer {
 }
 
 impl Pacer {
-    /// What is ahead by less than this waits until it is worth a sleep (s).
+    /// Time by which a run must be ahead before it sleeps (s): a shorter sleep is not worth it.
     const AHEAD: f64 = 0.002;
 
     /// Listens to the operator.

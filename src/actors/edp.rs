@@ -23,8 +23,9 @@ use tracing::Instrument as _;
 const EARLY: u64 = 2;
 /// Periods that taking a bias lasts: ten samples and the filters before them.
 const BIAS_PERIODS: u64 = 16;
-/// A zero that has moved by more is told (N, Nm). In missions without faults it moves by 1.7 N and 0.13 Nm at most, by drift,
-/// by what the believed weights are wrong, and by a cube that is turned over; an operator who pulls meanwhile adds 6 N.
+/// A zero that has moved by more is told (N, Nm). In missions without faults it moves by 1.7 N and
+/// 0.13 Nm at most, by drift, by what the believed weights are wrong, and by a cube that is turned
+/// over; an operator who pulls meanwhile adds 6 N.
 const ZERO_MOVED: [f64; 2] = [8.0, 1.0];
 /// Periods between two looks at an arm that is being synchronised.
 const PROGRESS: u64 = 25;
@@ -346,8 +347,8 @@ impl Edp {
     }
 }
 
-/// The direction in which a zero has moved farthest, beyond [`ZERO_MOVED`], and by how much (N, Nm). A force comes first: it has a
-/// torque of its own about the tool's point.
+/// The direction in which a zero has moved farthest, beyond [`ZERO_MOVED`], and by how much (N,
+/// Nm). A force comes first: it has a torque of its own about the tool's point.
 fn far_off(by: &[f64; 6]) -> Option<(usize, f64)> {
     let farthest = |first: usize| {
         let moved = (first..first + 3).map(|i| (i, by[i].abs()));

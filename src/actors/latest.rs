@@ -37,7 +37,7 @@ pub struct Latest {
     pub sights: Vec<Option<Sight>>,
     /// The cell as a calibration found it, until the UI has taken it.
     pub calibrated: Option<Box<Cell>>,
-    /// Of a real-time run: how punctual the servo is, and the length of its period (s).
+    /// How punctual the servo of a real-time run is, and the length of its period (s).
     pub punctual: Option<(Arc<Switches>, f64)>,
 }
 

@@ -23,14 +23,14 @@ pub struct MoveInstruction {
     pace: u32,
     /// What is heeded near the operator's hand; nothing by what gives way there, or lets go.
     hand: Option<NearHand>,
-    /// Of a motion through free space: by how much the force may change on the way (N).
+    /// Largest change of the force on a way through free space (N); `None` for other motions.
     free: Option<f64>,
     /// Where it leads, and the force at first.
     begun: (Behaviour, Option<Vector3<f64>>),
 }
 
-/// Time in which a pause brings a motion to rest, and a resume to its full pace (s). From the full speed of axis 6 the
-/// regulators lag by 4 rad of the motor in 0.4 s, which is a following error.
+/// Time in which a pause brings a motion to rest, and a resume to its full pace (s). From the full
+/// speed of axis 6 the regulators lag by 4 rad of the motor in 0.4 s, which is a following error.
 const REST: f64 = 0.6;
 
 /// How the generators of an effector behave.
@@ -83,7 +83,8 @@ pub struct NearHand {
 }
 
 impl NearHand {
-    /// So near is a tool whose fingers, cube or palm may touch a hand in the zone, and the speed of a braking arm (m).
+    /// So near is a tool whose fingers, cube or palm may touch a hand in the zone, and the speed of
+    /// a braking arm (m).
     const NEAR: f64 = 0.15;
 
     /// Whether an arm that is there feels more force than it may (N).

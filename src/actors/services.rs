@@ -1,4 +1,5 @@
-//! Services that every actor of a run is given: time, the operator's will, the trace, and supervision.
+//! Services that every actor of a run is given: time, the operator's will, the trace, and
+//! supervision.
 
 use super::clock::Clock;
 use super::control::{Control, Tempo};

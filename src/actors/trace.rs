@@ -118,8 +118,8 @@ impl Trace {
         }
     }
 
-    /// Writes the time that it took to read a face (s): for the report alone, since in a run it takes
-    /// as long as the scenario declares.
+    /// Writes the time that it took to read a face (s): for the report alone, since in a run it
+    /// takes as long as the scenario declares.
     pub(crate) fn face_took(&self, period: u64, seconds: f64) {
         self.recorder.note(period, || Entry::FaceTook(seconds));
     }

@@ -76,7 +76,7 @@ pub struct Figures {
     /// How much the arms exerted themselves.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exertion: Option<Exertion>,
-    /// What the scenario allows, `control.force_limit_n` (N).
+    /// Force limit of the scenario, `control.force_limit_n` (N).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_limit_n: Option<f64>,
     /// How often the controller told that the cube had fallen.

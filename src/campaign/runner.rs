@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 /// Time between two looks at a process.
 const LOOK: Duration = Duration::from_millis(10);
-/// What is kept of the end of a process's output (bytes).
+/// Length of the end of a process's output that is kept (bytes).
 const KEPT: usize = 1 << 20;
 
 /// A run to be performed.

@@ -7,7 +7,8 @@ use std::fs::File;
 use std::io::{Cursor, Read};
 use std::path::Path;
 
-/// Largest picture that is taken (px): more than a still camera has, less than fills a small machine's memory.
+/// Largest picture that is taken (px): more than a still camera has, less than fills a small
+/// machine's memory.
 const MOST_PIXELS: u64 = 50_000_000;
 
 /// Largest file that is read (bytes).

@@ -10,8 +10,8 @@ use crate::motion::PERIOD;
 
 /// Time that a pull must last (s).
 const PULL_SECONDS: f64 = 0.3;
-/// An arm that yields relieves what strains it: only a force beyond the limits for so long is one it cannot yield to (s).
-/// More than a pull lasts: a hard one is a pull, too.
+/// An arm that yields relieves what strains it: only a force beyond the limits for so long is one
+/// it cannot yield to (s). More than a pull lasts: a hard one is a pull, too.
 const STRAIN_SECONDS: f64 = 0.5;
 
 /// Memory of a yielding arm.

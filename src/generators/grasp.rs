@@ -151,7 +151,8 @@ mod tests {
 
     const LEAST: f64 = 0.055;
 
-    /// Closes jaws that follow their set value down to `stop` (m); the outcome and the lowest set value.
+    /// Closes jaws that follow their set value down to `stop` (m); the outcome and the lowest set
+    /// value.
     fn close(stop: f64) -> (Outcome, f64) {
         let mut grasp = Grasp::new(30.0, LEAST, [true; 6], Depth::One, compliance());
         let mut arm = ArmState { jaw_opening: 0.07, ..ArmState::default() };

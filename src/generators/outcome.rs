@@ -38,7 +38,7 @@ pub enum Outcome {
     Stalled(f64, f64),
     /// A force (N) or torque (Nm) beyond the set limit, in this direction.
     OverForce(usize, f64),
-    /// What the jaws hold has forced them apart by this since the behaviour began (m): it turns
+    /// The object in the jaws has forced them apart by this since the behaviour began (m): it turns
     /// between them.
     ForcedApart(f64),
     /// Ended from above.

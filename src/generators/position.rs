@@ -15,15 +15,15 @@ use serde::{Deserialize, Serialize};
 /// Full speeds of position control.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Speeds {
-    /// Of each joint (m/s or rad/s).
+    /// Speed of each joint (m/s or rad/s).
     pub joint: [f64; AXES],
     /// (m/s2 or rad/s2).
     pub joint_acceleration: [f64; AXES],
-    /// Of the tool point (m/s).
+    /// Speed of the tool point (m/s).
     pub linear: f64,
     /// (m/s2).
     pub linear_acceleration: f64,
-    /// Of the tool's rotation (rad/s).
+    /// Angular speed of the tool (rad/s).
     pub angular: f64,
     /// (rad/s2).
     pub angular_acceleration: f64,

@@ -23,8 +23,9 @@ const SLOWING: f64 = 4.0;
 const CREEP: f64 = 0.02;
 /// Acceleration at the beginning [rad/s2]: the roll's gear of 289 makes 0.5 rad/s 144 rad/s of its motor.
 const ACCELERATION: f64 = 1.0;
-/// The layer lags behind the wrist by the twist of both grips: rubber pads of 120 Nm/rad in series, the cube and the
-/// arms; the wrist goes on by what the measured torque says (Nm/rad), at most by [`MOST_TWIST`] (rad).
+/// The layer lags behind the wrist by the twist of both grips: rubber pads of 120 Nm/rad in series,
+/// the cube and the arms; the wrist goes on by what the measured torque says (Nm/rad), at most by
+/// [`MOST_TWIST`] (rad).
 const TWIST_STIFFNESS: f64 = 42.0;
 const MOST_TWIST: f64 = 0.035;
 /// Share of the turn, at its beginning and at its end, whose torque tells nothing of the face: backlash of the grips,
@@ -36,7 +37,8 @@ const LEAST_SAID: f64 = 0.5;
 /// 40 N carry 1.8 Nm about the palm's axis, 1.1 Nm about the jaws' (Nm, s).
 const MOST_TORQUE: f64 = 1.25;
 const TOO_LONG: f64 = 0.2;
-/// How a turn that must not go on comes to rest: stopped dead, the roll's motor would trip (rad/s2).
+/// How a turn that must not go on comes to rest: stopped dead, the roll's motor would trip
+/// (rad/s2).
 const BRAKING: f64 = 4.0;
 /// Time to come to rest at the end (s).
 const SETTLE: f64 = 0.15;
@@ -242,7 +244,8 @@ mod tests {
     use crate::motion::Motion;
     use std::f64::consts::FRAC_PI_2;
 
-    /// Turns a layer that follows without resistance; the outcome and the greatest speed ordered (rad/s).
+    /// Turns a layer that follows without resistance; the outcome and the greatest speed ordered
+    /// (rad/s).
     fn turned(angle: f64, speed: f64, stiff: bool) -> (Outcome, f64) {
         let selector = [true; 6];
         let order = Order { angle, speed, torque: 2.5, least_torque: 0.0, selector, stiff };

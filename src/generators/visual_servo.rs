@@ -25,17 +25,20 @@ pub struct Order {
     pub approach: Vector3<f64>,
     /// Wanted direction of the jaws in the world; the cube's nearest axis across the approach is taken.
     pub jaws: Vector3<f64>,
-    /// From the cube's centre back to the tool point, along the tool's z, when the cube is seated (m).
+    /// From the cube's centre back to the tool point, along the tool's z, when the cube is seated
+    /// (m).
     pub seat: f64,
     /// Distance short of the seat at which the gripper waits and follows (m).
     pub vicinity: f64,
-    /// Distance short of the seat below which the last pose is frozen: the gripper hides the cube (m).
+    /// Distance short of the seat below which the last pose is frozen: the gripper hides the cube
+    /// (m).
     pub frozen: f64,
     /// A cube that is seen within this distance of one place counts as standing (m) ...
     pub still: f64,
     /// ... for this long (s).
     pub still_seconds: f64,
-    /// A move of the cube that breaks off the approach (m); close to it, where it is hidden, 0.05 m at least.
+    /// A move of the cube that breaks off the approach (m); close to it, where it is hidden, 0.05 m
+    /// at least.
     pub retreat: f64,
     /// Largest speed of the tool (m/s) and of its rotation (rad/s).
     pub speed: (f64, f64),
@@ -51,8 +54,8 @@ pub struct Order {
     pub stale: f64,
     /// Time without any target after which the servo gives up (s).
     pub patience: f64,
-    /// Where cubes are handed over: `world_from_zone` and the half extents of a box in its axes (m). A cube outside is
-    /// watched from the zone's edge, since the arm may not reach it.
+    /// Where cubes are handed over: `world_from_zone` and the half extents of a box in its axes
+    /// (m). A cube outside is watched from the zone's edge, since the arm may not reach it.
     pub zone: (Pose, Vector3<f64>),
 }
 
@@ -109,19 +112,21 @@ const FOLLOW_GAIN: f64 = 2.5;
 /// The gripper is in the vicinity when it is this close to the waiting pose (m), (rad).
 const THERE: (f64, f64) = (0.006, 0.03);
 
-/// An arm that does not fold far enough to wait in the vicinity waits nearer by this at each refusal (m), at most so
-/// near as this part of the vicinity: the fingers must not reach the cube yet.
+/// An arm that does not fold far enough to wait in the vicinity waits nearer by this at each
+/// refusal (m), at most so near as this part of the vicinity: the fingers must not reach the cube
+/// yet.
 const NEARER: f64 = 0.005;
 const NEAREST: f64 = 2.0 / 3.0;
 
 /// Deceleration where the cube is seen no more (m/s2, rad/s2). Set values change their speed once a
 /// macrostep, by 13 mm/s then, which the wrist feels as 3 N; from 120 mm/s it is 9 mm of way.
 const RUN_OUT: (f64, f64) = (0.8, 4.0);
-/// While nothing is seen, exposures are tried in turn, each for this long (s): a workshop's light is not the one that
-/// the nominal exposure was chosen for.
+/// While nothing is seen, exposures are tried in turn, each for this long (s): a workshop's light
+/// is not the one that the nominal exposure was chosen for.
 const EXPOSURES: [f64; 4] = [1.0, 1.0, 1.8, 0.55];
 const TRY: f64 = 0.4;
-/// How far from its last place the cube is searched for (m): a hand at 0.25 m/s within a frame, and the filter's lag.
+/// How far from its last place the cube is searched for (m): a hand at 0.25 m/s within a frame, and
+/// the filter's lag.
 const REACH: f64 = 0.05;
 /// A cube that is seen and never stands still is followed for this many times the patience.
 const RESTLESS: f64 = 5.0;
@@ -476,7 +481,7 @@ impl VisualServo {
     }
 }
 
-/// What is left to a pose (m), (rad).
+/// Returns the way (m) and the turn (rad) that are left to a pose.
 fn way_and_turn(from: &Pose, to: &Pose) -> (Vector3<f64>, Vector3<f64>) {
     let way = to.translation.vector - from.translation.vector;
     (way, from.rotation.rotation_to(&to.rotation).scaled_axis())

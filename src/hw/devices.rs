@@ -73,8 +73,9 @@ pub struct EffectorDevices {
     /// has it; without one they come by the line.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ft_parallel: Option<u16>,
-    /// Motor currents of axes 0..=6 and the jaw at which their controllers stop (A); the first may be 0 where there is no
-    /// track. Where they are left out they are the original's: its serial controllers' or its ISA cards'.
+    /// Motor currents of axes 0..=6 and the jaw at which their controllers stop (A); the first may
+    /// be 0 where there is no track. Where they are left out they are the original's: its serial
+    /// controllers' or its ISA cards'.
     #[serde(deserialize_with = "currents")]
     pub max_currents: Vec<f64>,
     /// Its ISA card. For bridge.kind = "isa".

@@ -137,9 +137,11 @@ pub struct ArmView {
     pub grip: f64,
     /// What the tool exerts on its surroundings, at the tool in tool axes: force (N), torque (Nm).
     pub wrench: [f64; 6],
-    /// Largest norms of force (N) and torque (Nm) since the last snapshot: what falls between snapshots is not lost.
+    /// Largest norms of force (N) and torque (Nm) since the last snapshot: what falls between
+    /// snapshots is not lost.
     pub peak: (f64, f64),
-    /// Distance between set and measured place of the tool (m), the largest since the last snapshot.
+    /// Distance between set and measured place of the tool (m), the largest since the last
+    /// snapshot.
     pub following: f64,
     /// Whether its axes know where they are.
     pub synchronised: bool,
@@ -169,7 +171,8 @@ pub struct CubeView {
 pub struct LayerTurn {
     /// Its face, 0..=5 = URFDLB.
     pub face: usize,
-    /// How far it is turned from where [`CubeView::facelets`] has it, clockwise seen from outside (rad).
+    /// How far it is turned from where [`CubeView::facelets`] has it, clockwise seen from outside
+    /// (rad).
     pub angle: f64,
 }
 

@@ -36,7 +36,8 @@ impl Capsule {
     }
 }
 
-/// Radii of column, lower arm, upper arm, wrist (m): assumed, since no drawing of the arm is public.
+/// Radii of column, lower arm, upper arm, wrist (m): assumed, since no drawing of the arm is
+/// public.
 const LINK_RADII: [f64; 4] = [0.12, 0.09, 0.08, 0.07];
 /// Radius that the gripper's body sweeps, with the camera beside it (0.055 m off the axis) (m).
 const GRIPPER_RADIUS: f64 = 0.075;
@@ -94,7 +95,8 @@ impl Bodies {
         }
     }
 
-    /// Places on wrist, gripper, fingers and cube, and how far what they stand for reaches from there (m).
+    /// Places on wrist, gripper, fingers and cube, and how far what they stand for reaches from
+    /// there (m).
     pub(super) fn hand(&self) -> [(Point3<f64>, f64); 7] {
         let [.., wrist, gripper] = &self.links;
         let ends = |c: &Capsule| c.ends.map(|end| (end, c.radius));
@@ -102,14 +104,16 @@ impl Bodies {
         [a, b, c, d, e, f, (self.cube.middle, self.cube.radius)]
     }
 
-    /// Lowest place on the axes of wrist and gripper, and of the cube's centre, above the floor (m).
+    /// Lowest place on the axes of wrist and gripper, and of the cube's centre, above the floor
+    /// (m).
     pub(super) fn lowest_axis(&self) -> f64 {
         let ends = self.links[3..].iter().flat_map(|c| c.ends).chain(self.cube.ends);
         ends.map(|p| p.z).fold(f64::INFINITY, f64::min)
     }
 
-    /// Lowest point above the floor (m): of upper arm, wrist, gripper, palm and fingers; and of the cube, which is to come down
-    /// to a table by its own height, so that not much more than its middle counts.
+    /// Lowest point above the floor (m): of upper arm, wrist, gripper, palm and fingers; and of the
+    /// cube, which is to come down to a table by its own height, so that not much more than its
+    /// middle counts.
     pub(super) fn lowest(&self) -> f64 {
         let parts = self.links[2..].iter().chain(&self.plate).chain([&self.fingers]);
         let lowest = parts.map(Capsule::lowest).fold(f64::INFINITY, f64::min);

@@ -15,8 +15,9 @@ pub struct Fold {
 impl Fold {
     /// Distance between the places that are looked at (m).
     const STEP: f64 = 0.002;
-    /// What stays free before the place where a joint meets its limit (m): the arm sets out from where the servo has it
-    /// by then, not from where it was asked, and must not be refused for a tenth of a millimetre.
+    /// What stays free before the place where a joint meets its limit (m): the arm sets out from
+    /// where the servo has it by then, not from where it was asked, and must not be refused for a
+    /// tenth of a millimetre.
     const SPARE: f64 = 0.004;
 
     /// Of an arm with its tool.
@@ -39,8 +40,8 @@ impl Fold {
         (joints, arm.model.base_from_flange(&joints) * arm.flange_from_tool)
     }
 
-    /// How much of so long a way the tool can go back along its own z and still have 4 mm to the limit (m); the arm stands
-    /// at these joint positions, its tool at `base_from_tool`.
+    /// How much of so long a way the tool can go back along its own z and still have 4 mm to the
+    /// limit (m); the arm stands at these joint positions, its tool at `base_from_tool`.
     #[must_use]
     pub fn way(&self, base_from_tool: &Pose, joints: &JointPositions, way: f64) -> f64 {
         let goes = self.limit(base_from_tool, joints, way + Self::SPARE);

@@ -19,11 +19,13 @@ use std::sync::Arc;
 const LEAST: f64 = 0.005;
 /// Least height of upper arm, wrist, hand and cube above the table (m).
 const ABOVE_TABLE: f64 = 0.005;
-/// Least distance from the box in which the operator's hand may be of what has no business there (m).
+/// Least distance from the box in which the operator's hand may be of what has no business there
+/// (m).
 const OFF_ZONE: f64 = 0.005;
 /// The arm that takes the cube out of the operator's hand, and gives it back.
 const TAKER: usize = 0;
-/// Jaws that hold a cube are as wide as it, give or take this much (m): a grasp that is askew, and a calibration that is off.
+/// Jaws that hold a cube are as wide as it, give or take this much (m): a grasp that is askew, and
+/// a calibration that is off.
 const AS_A_CUBE: f64 = 0.006;
 /// Places at which a way is looked at.
 const STEPS: u32 = 24;
@@ -31,8 +33,8 @@ const STEPS: u32 = 24;
 const MOMENTS: u32 = 60;
 /// So near to where the operator's hand may be, an arm is slow (m).
 const NEAR: f64 = 0.10;
-/// What is too near may come nearer by so much on a way that is asked for, and on one that is watched (m): a hand that is turned
-/// out of a corner may dip first.
+/// What is too near may come nearer by so much on a way that is asked for, and on one that is
+/// watched (m): a hand that is turned out of a corner may dip first.
 const ON_A_WAY: f64 = 1e-4;
 const WATCHED: f64 = 2e-3;
 
@@ -49,8 +51,8 @@ pub struct Guard {
     hold: [bool; 2],
 }
 
-/// How far everything that is guarded is off what it must not meet (m); nothing of an arm that is not there, or of which nobody
-/// knows how it stands.
+/// How far everything that is guarded is off what it must not meet (m); nothing of an arm that is
+/// not there, or of which nobody knows how it stands.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Room {
     table: [Option<f64>; 2],
@@ -164,7 +166,8 @@ impl Guard {
         Self { never_meet: true, ..self }
     }
 
-    /// Looks from now on after cubes in hands whose jaws are open as wide as one, and where nobody knows how wide they are (m).
+    /// Looks from now on after cubes in hands whose jaws are open as wide as one, and where nobody
+    /// knows how wide they are (m).
     pub fn holding(&mut self, openings: [Option<f64>; 2]) {
         let is_wide = |opening: f64| (opening - self.cell.cube.edge).abs() < AS_A_CUBE;
         self.hold = openings.map(|opening| opening.is_none_or(is_wide));

@@ -142,15 +142,16 @@ fn fine(have: f64, good: f64) -> f64 {
     2.0 * (1.0 - have / good).max(0.0)
 }
 
-/// Time from one place to another at [`SPEEDS`], the slowest joint's, and a little of all others' (s).
+/// Time from one place to another at [`SPEEDS`], the slowest joint's, and a little of all others'
+/// (s).
 pub(super) fn way(a: &JointPositions, b: &JointPositions) -> f64 {
     let times = std::array::from_fn::<f64, 7, _>(|i| (a.0[i] - b.0[i]).abs() / SPEEDS[i]);
     let slowest = times.iter().copied().fold(0.0, f64::max);
     slowest + 0.1 * times.iter().sum::<f64>()
 }
 
-/// Distance to the nearest limit of a joint but the last (m or rad); negative outside the limits of any
-/// joint, or nearer to a motor's limit than its margin.
+/// Distance to the nearest limit of a joint but the last (m or rad); negative outside the limits of
+/// any joint, or nearer to a motor's limit than its margin.
 fn margin(arm: &Arm, joints: &JointPositions) -> f64 {
     let model = &arm.model;
     let first = usize::from(!model.has_track);

@@ -10,8 +10,8 @@ use nalgebra::Vector3;
 /// Places at which a way is looked at: joints go by up to 4 rad, wrists by less than 0.1 m from one to the next.
 const STEPS: u32 = 16;
 
-/// Least distance between the arms, and of each hand from its own arm, on the way from one meeting to another, whichever of them holds the cube (m).
-/// It is the same on the way back.
+/// Least distance between the arms, and of each hand from its own arm, on the way from one meeting
+/// to another, whichever of them holds the cube (m). It is the same on the way back.
 pub(super) fn way_clearance(cell: &Cell, separation: f64, a: &Meeting, b: &Meeting) -> f64 {
     let mut least = f64::INFINITY;
     for newcomer in 0..2 {

@@ -68,8 +68,9 @@ fn reach(
     fitting.min_by(|a, b| apart(a).total_cmp(&apart(b))).copied()
 }
 
-/// Every second view is so near to where the hand brings the cube (m), and to how it is taken there (rad), each axis: an
-/// arm sags otherwise elsewhere, and it is there that camera and arm must agree.
+/// Every second view is so near to where the hand brings the cube (m), and to how it is taken there
+/// (rad), each axis: an arm sags otherwise elsewhere, and it is there that camera and arm must
+/// agree.
 const NEAR: f64 = 0.06;
 const TURNED: f64 = 0.35;
 

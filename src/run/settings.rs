@@ -25,7 +25,8 @@ use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
-/// How fast the visual servo may go and turn (m/s, rad/s), so that no part of a hand is too fast where the operator's may be.
+/// How fast the visual servo may go and turn (m/s, rad/s), so that no part of a hand is too fast
+/// where the operator's may be.
 fn following(config: &ControllerConfig) -> (f64, f64) {
     /// How far parts of a hand and its cube are off the tool that turns (m).
     const REACH: f64 = 0.15;
@@ -274,8 +275,8 @@ pub(super) fn panel(config: &ControllerConfig) -> Panel {
     Panel::new(config.cell.arms.iter().map(bench).collect())
 }
 
-/// What the cube's kernel is to do; `None` when the task is another one. A face turn by `angle` (rad) is positive
-/// clockwise seen from outside, which is positive about the tool's z.
+/// What the cube's kernel is to do; `None` when the task is another one. A face turn by `angle`
+/// (rad) is positive clockwise seen from outside, which is positive about the tool's z.
 pub(super) fn goal(config: &ControllerConfig, angle: f64) -> Option<Goal> {
     Some(match config.task {
         keys::Task::Solve => Goal::Solve,

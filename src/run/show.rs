@@ -485,8 +485,8 @@ impl<'a> Stand<'a> {
 }
 
 impl Show {
-    /// Moments in the middle of the plan's steps, so many at most, spread from the first step to the last: time (s), the
-    /// step in words, and what the operator saw.
+    /// Moments in the middle of the plan's steps, so many at most, spread from the first step to
+    /// the last: time (s), the step in words, and what the operator saw.
     #[must_use]
     pub fn moments(&self, most: usize) -> Vec<(f64, String, Arc<Snapshot>)> {
         let steps = self.steps();

@@ -78,10 +78,11 @@ impl ArmServo {
     pub const EARLY: u64 = 2;
     /// Share of a speed that is left after 2 ms of braking: 0.1 s for all but a hundredth of it.
     const FADE: f64 = 0.92;
-    /// How long an arm whose partner is stopped yields before it holds (ns): forces between them fall off, and a zero
-    /// that is a little wrong does not carry it away.
+    /// How long an arm whose partner is stopped yields before it holds (ns): forces between them
+    /// fall off, and a zero that is a little wrong does not carry it away.
     const YIELDS: u64 = 500_000_000;
-    /// Speed from which a motor is not stopped dead (rad/s): motions that reach their goal end slower.
+    /// Speed from which a motor is not stopped dead (rad/s): motions that reach their goal end
+    /// slower.
     const SUDDEN: f64 = 20.0;
     /// A step of a motor that counts as none (rad).
     const STANDS: f64 = 1e-5;

@@ -22,7 +22,8 @@ const RAMP: f64 = 10.0;
 const STANDS: (u32, u32) = (250, 25);
 /// Periods that a switch must be read alike.
 const DEBOUNCE: u32 = 2;
-/// From the switch's edge there must be a zero within this (rad): a revolution and what the ramp takes.
+/// From the switch's edge there must be a zero within this (rad): a revolution and what the ramp
+/// takes.
 const TO_ZERO: f64 = 1.25 * TAU;
 /// No cam is longer than an axis goes in this time at its fine speed (s).
 const CAM: f64 = 20.0;

@@ -14,9 +14,11 @@ use std::f64::consts::TAU;
 /// Speed of the set value that is still taken [rad/s of the motor]: the original's limit, 20 rad in 2 ms.
 const FASTEST: f64 = 1e4;
 
-/// What stands at an end of its stroke is seen a little beyond it, and a motion begins where it is seen (m). It is led back.
+/// What stands at an end of its stroke is seen a little beyond it, and a motion begins where it is
+/// seen (m). It is led back.
 const BEYOND: f64 = 1e-3;
-/// How much faster than told a jaw may seem, and by how much time two readings may be further apart (s).
+/// How much faster than told a jaw may seem, and by how much time two readings may be further apart
+/// (s).
 const FASTER: f64 = 1.3;
 const LATE: f64 = 0.002;
 /// Pulse width under which any jaw opens, and how long its encoder may show nothing of it (s).

@@ -30,8 +30,8 @@ pub struct RegulatorGains {
     pub k1: f64,
     /// Weight of the last step error.
     pub k2: f64,
-    /// Motor current at which its power stage stops (A): the regulator keeps away from it. Infinite where the sign of a
-    /// current is not known.
+    /// Motor current at which its power stage stops (A): the regulator keeps away from it. Infinite
+    /// where the sign of a current is not known.
     pub trip_current: f64,
 }
 
@@ -60,12 +60,14 @@ impl RegulatorGains {
 pub struct JawGains {
     /// Weight of the position error (pulse width per rad of the motor).
     pub position: f64,
-    /// Weight of the position error's sum over time, while nothing limits the pulse width (per rad s of the motor).
+    /// Weight of the position error's sum over time, while nothing limits the pulse width (per rad
+    /// s of the motor).
     pub integral: f64,
     /// Weight of the measured speed, which brakes (pulse width per rad/s of the motor).
     pub speed: f64,
-    /// By how much the pulse width gives way to a current that is too large (pulse width per A); a third of the motor's
-    /// own figure at rest settles in some periods and bears readings that are three of them late.
+    /// By how much the pulse width gives way to a current that is too large (pulse width per A); a
+    /// third of the motor's own figure at rest settles in some periods and bears readings that are
+    /// three of them late.
     pub current: f64,
     /// Most change of the pulse width in 2 ms: so fast a grip builds up.
     pub slew: f64,
@@ -159,9 +161,9 @@ impl Regulator {
         (EASES * left).max(-BACK).min(self.slew)
     }
 
-    /// Pulse width for a period, from the wanted and the measured step (increments) and the motor's current (A); where
-    /// nothing was heard of the axis there is none, and the pulse width stays: its stage may have taken no newer one, and
-    /// must not find a reversal in the next.
+    /// Pulse width for a period, from the wanted and the measured step (increments) and the motor's
+    /// current (A); where nothing was heard of the axis there is none, and the pulse width stays:
+    /// its stage may have taken no newer one, and must not find a reversal in the next.
     pub fn step(&mut self, wanted: f64, measured: f64, current: Option<f64>) -> i16 {
         let RegulatorGains { a, b0, b1, ratio, k1, k2, .. } = self.gains;
         let error = wanted - measured;
@@ -239,7 +241,8 @@ mod tests {
         ServoGains::parse(IRP6).unwrap()
     }
 
-    /// Runs a set value through an axis; returns the largest error on the way and the error at its end (rad).
+    /// Runs a set value through an axis; returns the largest error on the way and the error at its
+    /// end (rad).
     fn follow(
         gains: RegulatorGains,
         increments: f64,

@@ -163,7 +163,8 @@ pub fn self_excitation(admittance: f64, inertia: f64, arm: &Mechanics) -> f64 {
     most
 }
 
-/// Time in which a speed falls to 1/e where set values would else stop dead, which trips power stages (s).
+/// Time in which a speed falls to 1/e where set values would else stop dead, which trips power
+/// stages (s).
 pub(super) const FALLS: f64 = 0.024;
 
 /// A velocity that is to fall off suddenly falls off within some hundredths of a second: a motion that is broken off

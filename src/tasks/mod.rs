@@ -63,7 +63,8 @@ pub struct Entry {
     pub hand_over: Option<JointPositions>,
     /// Where the track's tool closed on the cube as it was given, in its base (m).
     pub taken_at: Option<[f64; 3]>,
-    /// By how much less than usual the track drew back from there, since the arm folds no farther (m).
+    /// By how much less than usual the track drew back from there, since the arm folds no farther
+    /// (m).
     #[serde(default)]
     pub short: f64,
     /// Where the stops of each palm were put last: how deep a hand reaches whose hold is not believed yet.

@@ -103,7 +103,8 @@ impl App {
         }
     }
 
-    /// Keys of a replay of this length (s): there is nothing to stop in it, and it may be left at any time.
+    /// Keys of a replay of this length (s): there is nothing to stop in it, and it may be left at
+    /// any time.
     fn replay(&self, code: KeyCode, length: f64) -> Option<Input> {
         let now = self.snapshot.time;
         let to = |time: f64| Some(Input::Seek { time: time.clamp(0.0, length) });

@@ -687,7 +687,8 @@ fn a_run_with_faults_repeats_to_the_bit_and_a_fault_that_never_comes_changes_not
     });
 }
 
-/// The fastest that a tool goes, over 20 ms, where the operator's hand may be or within 0.1 m of it (m/s).
+/// The fastest that a tool goes, over 20 ms, where the operator's hand may be or within 0.1 m of it
+/// (m/s).
 fn fastest_near_the_operator(keys: &[&str], seed: u64) -> f64 {
     let seed = format!("seed={seed}");
     let keys = keys.iter().copied().chain([seed.as_str()]);

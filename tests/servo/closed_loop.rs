@@ -124,7 +124,8 @@ impl Closed {
         rig
     }
 
-    /// Makes `arms` compliant in x, y, z and about the approach axis; force at arm 1 in each period (N).
+    /// Makes `arms` compliant in x, y, z and about the approach axis; force at arm 1 in each period
+    /// (N).
     fn relax(&mut self, arms: &[usize], admittance: f64, periods: u32) -> Vec<f64> {
         let linear = Direction::Guarded { velocity: 0.0, admittance, inertia: 20.0 };
         let about =

@@ -1,5 +1,5 @@
-//! The terminal UI on a pseudo-terminal: a run that cannot start, a signal, a replay and a mistake in
-//! the arguments leave behind a program that has ended and a terminal as it was.
+//! The terminal UI on a pseudo-terminal: a run that cannot start, a signal, a replay and a mistake
+//! in the arguments leave behind a program that has ended and a terminal as it was.
 
 use crate::program::program;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};

@@ -134,7 +134,7 @@ impl Clock {
         time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
     }
 
-    /// What it resolves (ns).
+    /// Returns the resolution of the clock (ns).
     #[must_use]
     pub fn resolution(self) -> u64 {
         let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };

@@ -123,7 +123,8 @@ impl<P> Drop for Wall<P> {
     }
 }
 
-/// Goes on along the grid of so long periods until `next` lies ahead of `now`, all in (ns); how many points that passes over.
+/// Goes on along the grid of so long periods until `next` lies ahead of `now`, all in (ns); how
+/// many points that passes over.
 pub(crate) fn pass(next: &mut u64, length: u64, now: u64) -> u64 {
     let missed = if now < *next { 0 } else { (now - *next) / length + 1 };
     *next += missed * length;

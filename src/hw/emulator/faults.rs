@@ -45,7 +45,8 @@ pub(super) struct Chance {
     random: Pcg64,
 }
 
-/// Takes out what is due so long after the first order (periods): each happens once, and none is passed over.
+/// Takes out what is due so long after the first order (periods): each happens once, and none is
+/// passed over.
 pub(super) fn due(faults: &mut Vec<At>, now: u64) -> impl Iterator<Item = At> {
     faults.extract_if(.., move |at| (at.time / PERIOD) as u64 <= now)
 }

@@ -357,9 +357,9 @@ impl Arm {
     }
 }
 
-/// How far the world's periods are shifted (ns) so that they begin soon after the orders' arrival, which was at `at`
-/// while a period began at `begun`: what is ordered then holds at once, and an order that is a little late misses
-/// nothing. Slow, since single orders may be very late.
+/// How far the world's periods are shifted (ns) so that they begin soon after the orders' arrival,
+/// which was at `at` while a period began at `begun`: what is ordered then holds at once, and an
+/// order that is a little late misses nothing. Slow, since single orders may be very late.
 fn shift(at: u64, begun: u64) -> i64 {
     let (period, wanted) = (PERIOD_NANOS as i64, at as i64 + AFTER);
     let behind = (wanted - begun as i64 + period / 2).rem_euclid(period) - period / 2;
@@ -404,7 +404,8 @@ mod tests {
     use crate::hw::serial::{AXIS_BAUD, Line, Lines};
     use std::time::{Duration, Instant};
 
-    /// Where the world's periods come to lie beside orders that arrive at `arrival` of each 2 ms (ns).
+    /// Where the world's periods come to lie beside orders that arrive at `arrival` of each 2 ms
+    /// (ns).
     fn settled(arrival: u64, begin: u64) -> i64 {
         let mut next = begin;
         for k in 0..4000 {

@@ -35,7 +35,8 @@ pub struct Wired<P> {
 }
 
 impl<P: Port> Wired<P> {
-    /// Puts a world behind the protocol; each arm has a track or not, and a sensor of a range (N, Nm).
+    /// Puts a world behind the protocol; each arm has a track or not, and a sensor of a range (N,
+    /// Nm).
     pub fn new(
         world: P,
         arms: impl IntoIterator<Item = (bool, [f64; 6])>,

@@ -245,7 +245,8 @@ mod tests {
     use crate::spatial::Pose;
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
-    /// A hand from above has let go of a cube that stood on the table, tilted so about the jaws' line (rad).
+    /// A hand from above has let go of a cube that stood on the table, tilted so about the jaws'
+    /// line (rad).
     fn let_go_on_the_table(tilt: f64) -> Verdict {
         let mut cell = cell();
         cell.arms.truncate(1);

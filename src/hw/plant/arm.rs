@@ -74,7 +74,8 @@ pub(super) struct SavedArm {
     pub(super) encoders: Vec<Encoder>,
 }
 
-/// Joints of links at rest whose weight stretches the springs behind the encoders, and their weight there (Nm, N).
+/// Joints of links at rest whose weight stretches the springs behind the encoders, and their weight
+/// there (Nm, N).
 fn at_rest(
     model: &ArmModel,
     dynamics: &ArmDynamics,

@@ -285,7 +285,8 @@ pub struct Jaws {
     pub palm: f64,
     /// Largest grip of the jaw's slipping clutch (N).
     pub greatest_grip: f64,
-    /// Moving mass that the jaw's motor stands for at the pads (kg): 1e-8 kg m2 behind 69,000 rad/m.
+    /// Moving mass that the jaw's motor stands for at the pads (kg): 1e-8 kg m2 behind 69,000
+    /// rad/m.
     pub mass: f64,
     /// Speed of the jaw motor without load at pulse width 255 (rad/s).
     pub no_load_speed: f64,
@@ -342,7 +343,8 @@ pub struct SensorNoise {
     pub force_bias: f64,
     /// The same of torques (Nm).
     pub torque_bias: f64,
-    /// Drift of the bias in 10 minutes, each component (N); torques drift by a twentieth of this (Nm).
+    /// Drift of the bias in 10 minutes, each component (N); torques drift by a twentieth of this
+    /// (Nm).
     pub force_drift: f64,
     /// Servo periods by which a reading is late.
     pub delay_periods: usize,
@@ -387,7 +389,8 @@ pub struct HandScript {
     pub appears: f64,
     /// How long it takes to the place (s).
     pub arrival: f64,
-    /// From where it comes, relative to the place, in world axes (m); it leaves towards there as well.
+    /// From where it comes, relative to the place, in world axes (m); it leaves towards there as
+    /// well.
     pub start_offset: Vector3<f64>,
     /// Slow sway on the way and after the arrival, r.m.s. per axis (m).
     pub sway: f64,

@@ -11,7 +11,8 @@ use crate::cube::{Axis, Face};
 use nalgebra::Vector3;
 use std::f64::consts::FRAC_PI_2;
 
-/// Radius at which lateral force rubs, that at which tilt and axial force rub, and the tilt's lever (m).
+/// Radius at which lateral force rubs, that at which tilt and axial force rub, and the tilt's lever
+/// (m).
 const RUB: (f64, f64, f64) = (0.020, 0.026, 0.020);
 /// Another layer's misalignment adds this to the friction (Nm/rad).
 const CORNER_FRICTION: f64 = 0.05 * 57.295_779_513_082_32;

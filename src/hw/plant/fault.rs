@@ -19,7 +19,8 @@ pub struct Fault {
     pub what: What,
     /// When it begins.
     pub when: When,
-    /// How long it lasts (s); infinite for good. What happens at once (a jump, a drop) takes no notice.
+    /// How long it lasts (s); infinite for good. What happens at once (a jump, a drop) takes no
+    /// notice.
     pub lasts: f64,
 }
 
@@ -140,7 +141,8 @@ pub enum What {
         /// How much more.
         torque: f64,
     },
-    /// The layer that has been turned slips back under the jaws to where it was, in so much time (s).
+    /// The layer that has been turned slips back under the jaws to where it was, in so much time
+    /// (s).
     TurnUndone {
         /// How long it takes.
         takes: f64,
@@ -287,7 +289,8 @@ impl Faults {
         }
     }
 
-    /// The period that ends at `time` is over; `turned` is the layer's angle between two hands (rad).
+    /// The period that ends at `time` is over; `turned` is the layer's angle between two hands
+    /// (rad).
     pub(super) fn decide(&mut self, time: f64, turned: f64) {
         if self.armed.is_empty() {
             return;

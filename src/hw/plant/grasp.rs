@@ -28,7 +28,8 @@ use std::f64::consts::FRAC_PI_2;
 const FREE: f64 = 1e-3;
 /// The palm's stops touch the face at +- this from the axis (m).
 const STOP_SPACING: f64 = 0.020;
-/// A finger's end that meets the cube's face from the front, or its edge that meets another face (N/m).
+/// A finger's end that meets the cube's face from the front, or its edge that meets another face
+/// (N/m).
 pub(super) const FRONT_STIFFNESS: f64 = 5e4;
 /// A grip that has not grown for this long has settled (s).
 const SETTLING: f64 = 0.02;
@@ -67,7 +68,8 @@ pub(super) struct Grasp {
     slid: [f64; 5],
     /// Rotations about x and z when the pads closed.
     closed_tilt: [f64; 2],
-    /// How far what is between the pads stands askew about x and z, as their rubber follows it (rad).
+    /// How far what is between the pads stands askew about x and z, as their rubber follows it
+    /// (rad).
     askew: [f64; 2],
     /// Greatest grip so far (N), and for how long it has not grown (s).
     grown: (f64, f64),
@@ -102,11 +104,13 @@ pub(super) struct Touch {
     pub(super) pads: [f64; 2],
     /// Force of the palm's stops (N).
     pub(super) palm: f64,
-    /// How far the nearest of the palm's stops is off the face (m), below 0 where it presses; infinite far from it.
+    /// How far the nearest of the palm's stops is off the face (m), below 0 where it presses;
+    /// infinite far from it.
     pub(super) gap: f64,
     /// Force on the ends and edges of the fingers (N).
     pub(super) front: f64,
-    /// How far apart what stands between the pads forces them (m): the edge, or more where it stands askew.
+    /// How far apart what stands between the pads forces them (m): the edge, or more where it
+    /// stands askew.
     pub(super) width: f64,
     /// How far it stands askew about x and z, beyond the give of the rubber (rad).
     askew: [f64; 2],
@@ -377,7 +381,8 @@ fn beyond_give(angle: f64) -> f64 {
     (angle.abs() - GIVE).max(0.0)
 }
 
-/// How far a square that has turned by `angle` (rad) forces flat fingers apart that are so wide (m).
+/// How far a square that has turned by `angle` (rad) forces flat fingers apart that are so wide
+/// (m).
 fn turned_width(side: f64, finger: f64, angle: f64) -> f64 {
     let angle = angle % FRAC_PI_2;
     let (s, c) = libm::sincos(angle.min(FRAC_PI_2 - angle));

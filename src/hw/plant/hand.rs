@@ -25,7 +25,8 @@ const CALM: f64 = 0.1;
 const EMPTY_TRIP: f64 = 1.5;
 /// A cube slower than this is nearly still (m/s), for this long (s).
 const STILL: (f64, f64) = (0.005, 1.0);
-/// A cube that was never carried away is meant for it when it stands still in front of it for so long after it might be (s).
+/// A cube that was never carried away is meant for it when it stands still in front of it for so
+/// long after it might be (s).
 const HELD_OUT: f64 = 5.0;
 /// How long the load must last before it lets go (s).
 const LOAD_TIME: f64 = 0.3;
@@ -439,7 +440,8 @@ mod tests {
         }
     }
 
-    /// When it comes for a cube that is held still in front of it from the beginning (s); `None` if it does not.
+    /// When it comes for a cube that is held still in front of it from the beginning (s); `None` if
+    /// it does not.
     fn comes_for(held: &Sight, left_zone: bool, let_go_at: f64) -> Option<f64> {
         let mut hand = hand(1);
         hand.stay_away();

@@ -14,10 +14,11 @@ use nalgebra::Vector3;
 
 /// Pads that press more than this are on the cube (N).
 const CLOSED: f64 = 0.2;
-/// Jaws wider than the cube by this have let go (m): the layer between them may lie askew by its play, and must be clear
-/// of both pads before it counts as part of the cube again.
+/// Jaws wider than the cube by this have let go (m): the layer between them may lie askew by its
+/// play, and must be clear of both pads before it counts as part of the cube again.
 const OPEN_GAP: f64 = 1.5e-3;
-/// Stops nearer than this to the layer that the jaws have left may touch it once it lies on the core again (m).
+/// Stops nearer than this to the layer that the jaws have left may touch it once it lies on the
+/// core again (m).
 const PALM_GAP: f64 = 1e-3;
 /// Overlap of a pad with a layer from which on it holds the layer (m).
 const OVERLAP: f64 = 1e-3;
@@ -206,8 +207,8 @@ impl Plant {
         })
     }
 
-    /// A layer that was turned between two hands slips back under the jaws, by so much at most (rad): it and what the
-    /// jaws hold of it go back together, so nobody feels it.
+    /// A layer that was turned between two hands slips back under the jaws, by so much at most
+    /// (rad): it and what the jaws hold of it go back together, so nobody feels it.
     pub(super) fn undo_turn(&mut self, most: f64) {
         let Some(split) = self.balance.split else { return };
         let turned = self.relative_angle() - self.angle_at_split;

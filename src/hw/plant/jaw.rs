@@ -55,8 +55,8 @@ impl PlantJaw {
         c0 + self.motor * (c1 + c2 * self.motor) + self.gripper.opening_offset
     }
 
-    /// One substep; `push` is the mean force of the cube on the pads (N), `stiffness` its slope over the
-    /// opening (N/m).
+    /// One substep; `push` is the mean force of the cube on the pads (N), `stiffness` its slope
+    /// over the opening (N/m).
     pub(super) fn step(&mut self, drive: &ArmDrive, push: f64, stiffness: f64, dt: f64) {
         if !drive.enabled {
             (self.speed, self.force, self.above) = (0.0, 0.0, 0.0);

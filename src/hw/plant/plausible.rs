@@ -9,7 +9,8 @@ use serde_json::Value;
 /// A place in a file, and what is wrong there.
 pub(super) type Wrong = (String, String);
 
-/// The greatest size of a number of this name: lengths (m), angles (rad), loads (N, Nm), times (s), counts.
+/// The greatest size of a number of this name: lengths (m), angles (rad), loads (N, Nm), times (s),
+/// counts.
 fn most(key: &str, in_grasp: bool) -> f64 {
     match key {
         "joints" | "angles" | "closed_tilt" | "askew" | "angle_at_split" => 50.0,

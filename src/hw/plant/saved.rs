@@ -25,7 +25,8 @@ use std::path::Path;
 /// Longest saved state (bytes): a typical one has 5000.
 const LONGEST: u64 = 1 << 20;
 
-/// A hand that has hold of the cube is not farther from it than this (m); nor are the cube's parts from each other.
+/// A hand that has hold of the cube is not farther from it than this (m); nor are the cube's parts
+/// from each other.
 const AT_HAND: f64 = 0.2;
 
 /// Counts up whenever the same file means something else.

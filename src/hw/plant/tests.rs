@@ -524,7 +524,8 @@ fn a_cube_lies_where_and_how_the_seed_says_and_no_hand_is_there() {
     }
 }
 
-/// How far a cube that lies on any of its faces is turned about the vertical, to the nearest quarter (rad).
+/// How far a cube that lies on any of its faces is turned about the vertical, to the nearest
+/// quarter (rad).
 fn yaw(rotation: &UnitQuaternion<f64>) -> f64 {
     let sides = [Vector3::x(), Vector3::y()].map(|axis| rotation * axis);
     let level = if sides[0].z.abs() < 0.5 { sides[0] } else { sides[1] };

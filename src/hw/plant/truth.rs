@@ -90,9 +90,9 @@ impl ErrorSpreads {
 pub struct GraspError {
     /// Sideways, in a seeded direction across the tool's z (m).
     pub lateral: f64,
-    /// Along the tool's z (m): positive is deeper. A run that *starts* at the meeting should start short of it
-    /// (negative): a hand that is too deep would begin with its palm's stops inside the cube, a load that
-    /// no approach could have reached.
+    /// Along the tool's z (m): positive is deeper. A run that *starts* at the meeting should start
+    /// short of it (negative): a hand that is too deep would begin with its palm's stops inside the
+    /// cube, a load that no approach could have reached.
     pub axial: f64,
     /// Tilt about a seeded axis across the tool's z (rad).
     pub tilt: f64,

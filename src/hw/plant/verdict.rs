@@ -25,8 +25,8 @@ pub struct Verdict {
     pub both_hold: bool,
     /// The axis that layers turn about, or were turned about last.
     pub turning: Axis,
-    /// Angles of the negative and the positive outer layer of that axis against the middle layer (rad), since
-    /// the axis became active.
+    /// Angles of the negative and the positive outer layer of that axis against the middle layer
+    /// (rad), since the axis became active.
     pub layer_angles: [f64; 2],
     /// Relative rotation of the two grasped parts about that axis since both hold, of the second arm's part
     /// against the first's, right-handed about the cube's axis (rad).
@@ -35,7 +35,8 @@ pub struct Verdict {
     pub counts: Counts,
     /// Jaw closings on the cube, per arm.
     pub grasps: [u32; 2],
-    /// Norms of the contact wrench at a tool while both arms hold the cube, grip squeeze excluded (N, Nm).
+    /// Norms of the contact wrench at a tool while both arms hold the cube, grip squeeze excluded
+    /// (N, Nm).
     pub peak_force: f64,
     /// As above.
     pub peak_torque: f64,
@@ -308,8 +309,8 @@ impl Verdict {
         }
     }
 
-    /// What happened, with the names of the arms and a period's length (s): each with its time (s), whether it is an
-    /// accident, and in words.
+    /// What happened, with the names of the arms and a period's length (s): each with its time (s),
+    /// whether it is an accident, and in words.
     pub fn told(&self, arms: &[&str], period: f64) -> impl Iterator<Item = (f64, bool, String)> {
         self.events.iter().map(move |Event { period: at, what }| {
             (*at as f64 * period, what.is_accident(), what.words(arms))

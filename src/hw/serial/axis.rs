@@ -155,7 +155,8 @@ pub struct Axis {
 const NOISE: f64 = 8.0;
 /// Periods for which a counter goes on as before.
 const GOES_ON: f64 = 10.0;
-/// How far a counter may be off where it was expected a period later, for all that a motor can gain in it (increments).
+/// How far a counter may be off where it was expected a period later, for all that a motor can gain
+/// in it (increments).
 const LEAP: f64 = 64.0;
 /// Answers nearer together than this say nothing of the speed (periods).
 const APART: f64 = 0.5;

@@ -47,7 +47,8 @@ impl Carrier {
         let mut rows: [u16; BITS] =
             std::array::from_fn(|p| (0..BITS).fold(0, |row, k| row | (columns[k] >> p & 1) << k));
         let mut steps = Vec::new();
-        // matrix = steps[0] * steps(1) * ...; each step is taken off from the left, by its own inverse.
+        // matrix = steps[0] * steps[1] * ...; each step is taken off from the left, by its own
+        // inverse.
         if let Some(p) = rows.iter().position(|r| r.count_ones() > 1) {
             let single = (0..BITS).find(|&k| rows.iter().all(|r| *r != 1 << k)).unwrap_or(0);
             let others = rows[p] & !(1 << single);

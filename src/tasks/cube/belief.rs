@@ -14,8 +14,8 @@ use crate::motion::ArmState;
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
-/// Numbers of the filter: base error x, y, z (m), about x, y, z (rad); then x (m) and tilt (rad) of the cube in the
-/// track's hand and in the postument's.
+/// Numbers of the filter: base error x, y, z (m), about x, y, z (rad); then x (m) and tilt (rad) of
+/// the cube in the track's hand and in the postument's.
 const STATES: usize = 10;
 type State = SVector<f64, STATES>;
 type Covariance = SMatrix<f64, STATES, STATES>;
@@ -23,15 +23,16 @@ type Residual = SVector<f64, 6>;
 
 /// Standard deviations of what is believed at first: base (m), (rad).
 const BASE: (f64, f64) = (0.0015, 0.009);
-/// The cube in a hand that has just taken it from the operator: along the finger's width (m), tilt (rad).
+/// The cube in a hand that has just taken it from the operator: along the finger's width (m), tilt
+/// (rad).
 const TAKEN: (f64, f64) = (0.004, 0.03);
 /// A hand that has just closed while the partner held: before the kinematics say more.
 const CLOSED: (f64, f64) = (0.03, 0.2);
-/// What a closed and secured hold tells of the cube in it: x, y, z (m), about x, y, z (rad). The arms' sag and the
-/// pads' give are in these.
+/// What a closed and secured hold tells of the cube in it: x, y, z (m), about x, y, z (rad). The
+/// arms' sag and the pads' give are in these.
 const CONTACT: [f64; 6] = [0.0007, 0.0005, 0.0007, 0.008, 0.008, 0.008];
-/// What a camera in a hand tells of a face: across, across, along the line of sight (m), about the same axes (rad);
-/// mostly the error of where the camera sits in the hand.
+/// What a camera in a hand tells of a face: across, across, along the line of sight (m), about the
+/// same axes (rad); mostly the error of where the camera sits in the hand.
 const SIGHT: [f64; 6] = [0.0013, 0.0013, 0.002, 0.012, 0.012, 0.006];
 
 /// A hold of the cube by one hand.
@@ -169,7 +170,8 @@ impl Belief {
 
     /// `hand` has closed and secured its hold while the partner went on holding.
     ///
-    /// Returns the distance between where the cube had been expected in the hand and where contact shows it (m).
+    /// Returns the distance between where the cube had been expected in the hand and where contact
+    /// shows it (m).
     pub fn secured(&mut self, hand: Hand, hold: Hold, half_roll: bool, arms: &[ArmState]) -> f64 {
         self.held[hand.index()] = Some(Held { hold, half_roll });
         self.forget(hand, CLOSED);

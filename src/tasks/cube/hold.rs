@@ -59,9 +59,9 @@ pub struct Hold {
 }
 
 impl Hold {
-    /// `cube_from_tool` of this hold; `half_roll` picks the second of the two equivalent tool frames.
-    /// `edge` is the cube's edge (m). The tool point lies on the palm's axis, in the outer layer's centre
-    /// plane (one layer) or in the middle layer's (two).
+    /// `cube_from_tool` of this hold; `half_roll` picks the second of the two equivalent tool
+    /// frames. `edge` is the cube's edge (m). The tool point lies on the palm's axis, in the outer
+    /// layer's centre plane (one layer) or in the middle layer's (two).
     #[must_use]
     pub fn cube_from_tool(self, half_roll: bool, edge: f64) -> Pose {
         let z = -self.palm.normal();

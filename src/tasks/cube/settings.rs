@@ -101,7 +101,8 @@ pub struct CubeSettings {
     pub calibrated_at: Point3<f64>,
     /// From whom the cube is taken, and to whom it goes back.
     pub keeper: Keeper,
-    /// How deep the fingers reach beyond the face under the palm, with one and with two layers between them (m).
+    /// How deep the fingers reach beyond the face under the palm, with one and with two layers
+    /// between them (m).
     pub finger_depth: [f64; 2],
     /// Extent of a finger along the tool's x (m).
     pub finger_width: f64,
@@ -109,11 +110,13 @@ pub struct CubeSettings {
 
 /// Time in which a hand opens to leave its partner or the operator (s), at least.
 pub(super) const LEAVE_SECONDS: f64 = 1.2;
-/// What the plant was seen to take beyond the ways themselves (s): two biases, the build-up of the grip, seating.
+/// What the plant was seen to take beyond the ways themselves (s): two biases, the build-up of the
+/// grip, seating.
 const BIAS: f64 = 0.07;
 const BUILD_UP: f64 = 0.45;
 const SEATING: f64 = 1.0;
-/// A turn speeds up, slows down and settles (s); the torque of a layer of 2007 slows it down in between.
+/// A turn speeds up, slows down and settles (s); the torque of a layer of 2007 slows it down in
+/// between.
 const TURN_ENDS: f64 = 1.0;
 const LAYER_TORQUE: f64 = 0.4;
 

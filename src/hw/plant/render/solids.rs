@@ -21,7 +21,8 @@ pub struct Setting {
     pub table_size: (f64, f64),
     /// Inner size of the tray on the table along x and y (m); it lies in the table's middle.
     pub tray_size: (f64, f64),
-    /// By how much the tray's felt stands above the table top (m): it is let in where the cube lies on the table.
+    /// By how much the tray's felt stands above the table top (m): it is let in where the cube lies
+    /// on the table.
     pub felt: f64,
     /// Inner corners of the room's walls and ceiling: low and high (m); the floor is z = 0.
     pub room: (Point3<f64>, Point3<f64>),

@@ -1,7 +1,8 @@
 //! Why a procedure of the mission could not go on.
 //!
-//! A failure travels by `?` to the place that can mend it: [`super::realign`] catches what fails while
-//! a layer is brought back into line, [`super::read`] a hidden face, [`super::mend`] everything else.
+//! A failure travels by `?` to the place that can mend it: [`super::realign`] catches what fails
+//! while a layer is brought back into line, [`super::read`] a hidden face, [`super::mend`]
+//! everything else.
 
 use super::shared::Doing;
 use crate::cube::Face;

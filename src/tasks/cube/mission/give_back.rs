@@ -346,8 +346,8 @@ mod tests {
         actions.iter().any(opens)
     }
 
-    /// Hands the cube back; each line and each pull ends as told, in turn, and well afterwards. Jaws
-    /// that let go open whatever strains them.
+    /// Hands the cube back; each line and each pull ends as told, in turn, and well afterwards.
+    /// Jaws that let go open whatever strains them.
     fn held_out(
         lines: &[Outcome],
         pulls: &[Outcome],

@@ -20,8 +20,8 @@
 //! | `shared`, `sight`, `questions`, `failure` | what is shown and noted, seen, asked, and what can fail |
 //! | `assignment`, `station`, `turn_in_progress` | what is to be done, and how far it is |
 //!
-//! A file uses those after it only: `mod`, `mend`, `resume`, `realign`, `give_back`, `read`, `steps`,
-//! the parts of a step with `take` and `questions`, `actions`, `robot`, the types.
+//! A file uses those after it only: `mod`, `mend`, `resume`, `realign`, `give_back`, `read`,
+//! `steps`, the parts of a step with `take` and `questions`, `actions`, `robot`, the types.
 
 mod actions;
 mod assignment;

@@ -2,8 +2,8 @@
 
 use crate::tasks::Finish;
 
-/// Where a mission stands between two procedures. A resumed one enters at a station, or at a turn that
-/// fails while it takes stock.
+/// Where a mission stands between two procedures. A resumed one enters at a station, or at a turn
+/// that fails while it takes stock.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Station {
     /// The track stands before the place of hand-over, and the cube is to be taken.

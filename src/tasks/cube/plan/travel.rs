@@ -15,7 +15,8 @@ use crate::reach::{Meeting, MeetingTable};
 use nalgebra::UnitQuaternion;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// How far both tools can roll about their own axes where the arms meet, relative (rad); both contain 0.
+/// How far both tools can roll about their own axes where the arms meet, relative (rad); both
+/// contain 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RollLimits {
     /// Of the track arm.
