@@ -7,6 +7,7 @@ use crate::error::Error;
 use crate::hw::emulator::{At, EmulatorOptions, LineFaults, SensorKind};
 use crate::motion::AXES;
 use crate::run::emulate::{Emulated, emulate};
+use crate::run::exertion;
 use crate::scenario::Override;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -204,10 +205,7 @@ fn json(done: &Emulated) -> serde_json::Value {
         "peak_torque_nm": v.peak_torque,
         "arm_peak_force_n": v.arm_peak_force,
         "arm_peak_torque_nm": v.arm_peak_torque,
-        "current_share": v.exertion.current,
-        "heat_share": v.exertion.heat,
-        "motor_speed_rad_s": v.exertion.motor_speed,
-        "near_person_mm_s": v.exertion.near_person * 1e3,
+        "exertion": exertion(&v.exertion),
         "grasps": v.grasps,
         "stuck": v.counts.stuck,
         "slips": v.counts.slips,

@@ -33,6 +33,13 @@ pub struct Compliance {
 /// that turns between fingers of 12 mm about the palm's axis stands askew by 6 deg then.
 pub const FORCED_APART: f64 = 0.001;
 
+/// Returns the admittance of a direction that goes at a speed (m/s) until it feels a force (N): in
+/// contact it would settle at speed over admittance, twice that force (m/(s N)).
+#[must_use]
+pub fn guarded_admittance(speed: f64, force: f64) -> f64 {
+    speed / (2.0 * force)
+}
+
 /// Which directions of the tool frame yield: x, y, z, then rotations about them.
 pub type Selector = [bool; 6];
 
@@ -53,6 +60,17 @@ impl Compliance {
             (self.angular_admittance, self.angular_inertia)
         };
         Direction::Contact { wanted, admittance, inertia }
+    }
+
+    /// Returns a linear direction that goes at a velocity (m/s) and stops at contact: see
+    /// [`guarded_admittance`].
+    #[must_use]
+    pub fn guarded(&self, velocity: f64, force: f64) -> Direction {
+        Direction::Guarded {
+            velocity,
+            admittance: guarded_admittance(velocity.abs(), force),
+            inertia: self.linear_inertia,
+        }
     }
 
     /// A task motion in the tool frame for one macrostep.
@@ -91,5 +109,25 @@ impl Compliance {
             .map(|(first, vector, limit)| (first + vector.iamax(), vector.norm(), limit))
             .find(|(direction, much, limit)| much > limit && !selector[*direction])
             .map(|(direction, much, _)| Outcome::OverForce(direction, much))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::compliance;
+    use super::*;
+
+    #[test]
+    fn guarded_direction_settles_at_twice_the_force() {
+        let compliance = compliance();
+        for velocity in [0.02, -0.01] {
+            let Direction::Guarded { velocity: v, admittance, inertia } =
+                compliance.guarded(velocity, 4.0)
+            else {
+                panic!("it yields to a force alone")
+            };
+            assert_eq!((v, inertia), (velocity, compliance.linear_inertia));
+            assert!((velocity.abs() / admittance - 8.0).abs() < 1e-12);
+        }
     }
 }

@@ -25,6 +25,6 @@ pub mod turn;
 pub mod visual_servo;
 
 pub use behaviour::{Behaviour, Generator};
-pub use compliance::{Compliance, FORCED_APART, Selector};
+pub use compliance::{Compliance, FORCED_APART, Selector, guarded_admittance};
 pub use inputs::{Inputs, Mode, Sensing, Target, Window};
 pub use outcome::{Next, Outcome};

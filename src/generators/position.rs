@@ -47,26 +47,29 @@ impl Speeds {
     /// the full speeds (s).
     #[must_use]
     pub fn line_seconds(&self, way: f64, turn: f64, fraction: f64) -> f64 {
-        let [linear, angular] = [
-            (way, self.linear, self.linear_acceleration),
-            (turn, self.angular, self.angular_acceleration),
-        ]
-        .map(|(way, speed, acceleration)| {
+        let seconds = |(way, speed, acceleration): (f64, f64, f64)| {
             self.profile.seconds(way, speed * fraction, acceleration * fraction)
-        });
+        };
+        let [linear, angular] = self.line(way, turn).map(seconds);
         linear.max(angular)
     }
 
     /// Returns the fraction of the full speeds at which such a way takes this time (s), in 0..=1.
     #[must_use]
     pub fn line_fraction(&self, way: f64, turn: f64, seconds: f64) -> f64 {
-        let linear = (way, self.linear, self.linear_acceleration);
-        let angular = (turn, self.angular, self.angular_acceleration);
-        [linear, angular]
-            .map(|(way, speed, most)| self.profile.fraction(way, speed, most, seconds))
-            .into_iter()
-            .fold(0.0, f64::max)
-            .min(1.0)
+        let fraction = |(way, speed, acceleration): (f64, f64, f64)| {
+            self.profile.fraction(way, speed, acceleration, seconds)
+        };
+        let [linear, angular] = self.line(way, turn).map(fraction);
+        linear.max(angular).min(1.0)
+    }
+
+    /// Returns both parts of a straight way, each with its full speed and acceleration.
+    fn line(&self, way: f64, turn: f64) -> [(f64, f64, f64); 2] {
+        [
+            (way, self.linear, self.linear_acceleration),
+            (turn, self.angular, self.angular_acceleration),
+        ]
     }
 }
 

@@ -8,7 +8,7 @@
 use super::compliance::{Compliance, Selector};
 use super::inputs::Inputs;
 use super::outcome::{Next, Outcome};
-use crate::motion::{Depth, Direction, JawCommand, PERIOD};
+use crate::motion::{Depth, JawCommand, PERIOD};
 use nalgebra::Vector3;
 
 /// Readings in a row that must show contact: a single noisy sample is none.
@@ -103,12 +103,7 @@ impl Secure {
                 if way >= distance || seconds > 3.0 * distance / speed + 2.0 {
                     return Next::Done(Outcome::NotTouched);
                 }
-                // In contact the guarded direction settles at velocity / admittance: twice the force looked for.
-                directions[2] = Direction::Guarded {
-                    velocity: sense * speed,
-                    admittance: speed / (2.0 * force),
-                    inertia: self.compliance.linear_inertia,
-                };
+                directions[2] = self.compliance.guarded(sense * speed, force);
                 Next::Go(self.compliance.task(directions, None))
             }
             Mode::Press { press, force, stops } => {

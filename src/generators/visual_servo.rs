@@ -468,11 +468,7 @@ impl VisualServo {
         let directions = [
             linear(left.translation.x),
             linear(left.translation.y),
-            Direction::Guarded {
-                velocity: forward,
-                admittance: forward / (2.0 * order.touch),
-                inertia: c.linear_inertia,
-            },
+            c.guarded(forward, order.touch),
             angular(rotation.x),
             angular(rotation.y),
             angular(rotation.z),

@@ -37,7 +37,7 @@ mod world_file;
 
 pub(crate) use interrupt::{SIGNALS, heard};
 pub use options::{PlantProbe, RunContext, RunOptions, SavedFiles};
-pub(crate) use outcome::not_begun;
+pub(crate) use outcome::{exertion, not_begun};
 pub use settings::planner;
 
 use crate::actors::trace::Trace;

@@ -169,7 +169,7 @@ fn sensor_peaks(
 }
 
 /// Returns the greatest values in the units of a summary.
-fn exertion(most: &plant::Exertion) -> Exertion {
+pub(crate) fn exertion(most: &plant::Exertion) -> Exertion {
     Exertion {
         current_share: most.current,
         heat_share: most.heat,

@@ -154,6 +154,7 @@ pub(super) fn cube_settings(
 fn visual_order(config: &ControllerConfig) -> visual_servo::Order {
     let (c, v) = (&config.control, &config.visual_servo);
     let (approach, jaws) = config.cell.taking();
+    let (approach_speed, touch) = c.visual_approach();
     let keeper = config.cell.keeper;
     visual_servo::Order {
         world_from_base: Pose::identity(),
@@ -171,9 +172,8 @@ fn visual_order(config: &ControllerConfig) -> visual_servo::Order {
         retreat: v.withdraw,
         speed: following(config),
         acceleration: c.linear_acceleration,
-        approach_speed: 2.0 * c.approach_speed,
-        // A hand gives way: at 300 N/m the arm would push it 13 mm before 4 N are felt.
-        touch: 0.5 * c.approach_force,
+        approach_speed,
+        touch,
         // Nothing below the seat but the table.
         overrun: match keeper {
             Keeper::Person => 0.015,

@@ -12,6 +12,7 @@
 use super::keys::Control;
 use super::section::Reader;
 use crate::cell::{Arm, ForceSensor};
+use crate::generators::guarded_admittance;
 use crate::kinematics::ArmModel;
 use crate::motion::PERIOD;
 use crate::servo::tff;
@@ -23,8 +24,6 @@ const ROLL: usize = 6;
 /// Delay of the force loop, in servo periods: one for the sensor, one for the exchange, half of one
 /// for the mean of two samples.
 const DELAY: f64 = 2.5;
-/// Standard gravity (m/s2).
-const GRAVITY: f64 = 9.81;
 /// Radius of gyration of a gripper about its own centre (m): 0.006 kg m2 a 1.1 kg.
 const GYRATION: f64 = 0.074;
 
@@ -87,34 +86,30 @@ fn too_fast(model: &ArmModel, axis: usize, speed: f64) -> Option<(f64, f64)> {
 /// Checks each direction that a force moves: see [`tff::self_excitation`].
 pub(super) fn self_excitation(control: &Control, arms: &[Option<Arm>], reader: &mut Reader) {
     let c = control;
-    // The visual servo goes twice as fast as a grasp's approach, and stops at half of its force.
-    let approach = c.approach_speed / (2.0 * c.approach_force);
-    let linear = [
-        ("approach_speed_mm_s", 4.0 * approach, c.linear_inertia),
-        ("linear_admittance_mm_sn", c.linear_admittance, c.linear_inertia),
-    ];
-    let angular = [
-        ("turn_speed_deg_s", c.turn_speed / c.turn_torque, 0.0),
-        ("angular_admittance_rad_snm", c.angular_admittance, c.angular_inertia),
-    ];
+    // The visual servo's approach is the fastest of those that a force stops.
+    let (speed, force) = c.visual_approach();
+    let approach = guarded_admittance(speed, force);
     for arm in arms.iter().flatten() {
         let (mass, moment, about_z) = inertia(&arm.sensor);
-        let excitation = |admittance: f64, inertia: f64, tool: f64| {
-            let (frequency, damping) = (c.resonance, c.resonance_damping);
-            let arm = tff::Mechanics { tool, frequency, damping, delay: DELAY * PERIOD };
-            tff::self_excitation(admittance, inertia, &arm)
-        };
-        let linear = linear.iter().map(|&(key, b, m)| (key, excitation(b, m, mass)));
-        let angular = angular.iter().map(|&(key, b, m)| {
-            let tool = if key.starts_with("turn") { about_z } else { moment };
-            (key, excitation(b, m, tool))
-        });
+        let rows = [
+            ("approach_speed_mm_s", approach, c.linear_inertia, mass),
+            ("linear_admittance_mm_sn", c.linear_admittance, c.linear_inertia, mass),
+            ("turn_speed_deg_s", c.turn_speed / c.turn_torque, 0.0, about_z),
+            ("angular_admittance_rad_snm", c.angular_admittance, c.angular_inertia, moment),
+        ];
         let most = tff::MOST_SELF_EXCITATION;
-        for (key, gain) in linear.chain(angular).filter(|(_, gain)| *gain > most) {
+        for (key, admittance, inertia, tool) in rows {
+            let (frequency, damping) = (c.resonance, c.resonance_damping);
+            let mechanics = tff::Mechanics { tool, frequency, damping, delay: DELAY * PERIOD };
+            let gain = tff::self_excitation(admittance, inertia, &mechanics);
+            if gain <= most {
+                continue;
+            }
             let reason = format!(
-                "`control.{key}`: the {} would shake itself at about {:.0} Hz by the inertia of \
-                 its own tool: the gain of that loop is {gain:.2}, and {most} at most is safe",
-                arm.name, c.resonance
+                "`control.{key}`: the {} would shake itself at about {frequency:.0} Hz by the \
+                 inertia of its own tool: the gain of that loop is {gain:.2}, and {most} at most \
+                 is safe",
+                arm.name
             );
             let advice = "lower it, or raise the virtual inertia (control.linear_inertia_kg, \
                           control.angular_inertia_kgm2)";
@@ -126,7 +121,7 @@ pub(super) fn self_excitation(control: &Control, arms: &[Option<Arm>], reader: &
 /// Returns mass (kg) and greatest moment of inertia about the sensor of what hangs beyond it, and
 /// the moment about its axis (kg m2).
 fn inertia(sensor: &ForceSensor) -> (f64, f64, f64) {
-    let mass = sensor.weight / GRAVITY;
+    let mass = sensor.mass();
     let own = mass * GYRATION * GYRATION;
     let off = sensor.centre_in_flange.coords - sensor.flange_from_sensor.translation.vector;
     (mass, own + mass * off.norm_squared(), own)

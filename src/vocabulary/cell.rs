@@ -6,7 +6,7 @@
 use crate::cube::Keeper;
 use crate::kinematics::ArmModel;
 use crate::motion::JointPositions;
-use crate::spatial::Pose;
+use crate::spatial::{GRAVITY, Pose};
 use nalgebra::{Point3, Vector3};
 
 /// Everything that is built into the cell.
@@ -103,6 +103,14 @@ pub struct ForceSensor {
     pub centre_in_flange: Point3<f64>,
     /// Largest force along x, y, z and torque about x, y, z (N, Nm).
     pub range: [f64; 6],
+}
+
+impl ForceSensor {
+    /// Returns the mass of all that hangs beyond the sensor (kg).
+    #[must_use]
+    pub fn mass(&self) -> f64 {
+        self.weight / GRAVITY
+    }
 }
 
 /// Where a camera is fixed.

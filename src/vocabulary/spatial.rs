@@ -9,6 +9,9 @@ use serde::{Deserialize, Serialize};
 /// A rigid transform `to_from`: it takes coordinates in `from` to coordinates in `to` (m).
 pub type Pose = Isometry3<f64>;
 
+/// Acceleration of free fall (m/s2).
+pub const GRAVITY: f64 = 9.81;
+
 /// Returns whether a pose is made of numbers, with a rotation of unit length: for `debug_assert!`
 /// where poses cross from one part to another.
 #[must_use]

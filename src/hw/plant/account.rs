@@ -87,10 +87,7 @@ impl Plant {
         let person = self.config.cell.keeper == Keeper::Person;
         let most = &mut self.verdict.exertion;
         for arm in &self.arms {
-            let (current, heat, speed) = arm.exertion();
-            most.current = most.current.max(current);
-            most.heat = most.heat.max(heat);
-            most.motor_speed = most.motor_speed.max(speed);
+            arm.exert(most);
             let tool = arm.world_from_tool.p;
             if person
                 && zone.off(&zone.world_from_cube.inverse_transform_point(&tool.into()))

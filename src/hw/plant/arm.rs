@@ -8,15 +8,16 @@
 //!   0.04 kg m2 stays stable at 0.5 ms. The motors' side is eliminated (4 x 4 and scalars), 7 x 7 remains.
 
 use super::config::{ArmDynamics, MotorDynamics};
-use super::dynamics::{GRAVITY, Placement, Screw};
+use super::dynamics::{Placement, Screw};
 use super::encoder::Encoder;
 use super::frame::{Frame, solve};
 use super::plausible::Wrong;
+use super::verdict::Exertion;
 use crate::cell::Arm;
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions, MotorPositions};
 use crate::servo::io::{ArmDrive, ArmReading};
-use crate::spatial::Pose;
+use crate::spatial::{GRAVITY, Pose};
 use nalgebra::{Matrix6, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -426,15 +427,13 @@ impl PlantArm {
         }
     }
 
-    /// Returns the largest current as a share of what trips its power stage, the greatest heat of a
-    /// winding as a share of what trips it, and the largest speed of a motor (rad/s).
-    pub(super) fn exertion(&self) -> (f64, f64, f64) {
-        let most = |share: &dyn Fn(usize) -> f64| (0..AXES).map(share).fold(0.0, f64::max);
-        (
-            most(&|j| self.currents[j].abs() / self.dynamics.motors[j].trip_current),
-            most(&|j| self.heat[j]),
-            most(&|j| self.vm[j].abs()),
-        )
+    /// Raises the greatest current, heat and motor speed of a run to the present ones.
+    pub(super) fn exert(&self, most: &mut Exertion) {
+        for (j, motor) in self.dynamics.motors.iter().enumerate() {
+            most.current = most.current.max(self.currents[j].abs() / motor.trip_current);
+            most.heat = most.heat.max(self.heat[j]);
+            most.motor_speed = most.motor_speed.max(self.vm[j].abs());
+        }
     }
 
     /// Adds `factor J^T K J` of a contact stiffness.

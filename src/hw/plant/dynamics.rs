@@ -14,9 +14,6 @@ use crate::motion::AXES;
 use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
-/// Standard gravity as the plant has it (m/s2).
-pub(super) const GRAVITY: f64 = 9.81;
-
 /// A link's mass properties in its own frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Link {

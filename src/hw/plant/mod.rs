@@ -48,7 +48,6 @@ use self::arm::PlantArm;
 use self::balance::{Balance, HandHold, Surroundings, moved};
 use self::collision::Collisions;
 use self::cube::Puzzle;
-use self::dynamics::GRAVITY;
 use self::fault::{Faults, Upset};
 use self::frame::{Frame, about};
 use self::grasp::{Grasp, Hands, Touch};
@@ -62,7 +61,7 @@ use crate::cell::{Cell, Gripper};
 use crate::cube::{Axis, Face, Keeper};
 use crate::motion::{AXES, Depth};
 use crate::servo::io::{ArmDrive, ArmReading, JAW};
-use crate::spatial::Twist;
+use crate::spatial::{GRAVITY, Twist};
 use nalgebra::{Point3, Vector3};
 
 /// Where the cube is, as a state.

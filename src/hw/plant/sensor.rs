@@ -10,7 +10,7 @@
 //! over its sample. The inertia of a cube in the jaws, a tenth of the tool's, is left out.
 
 use super::config::SensorNoise;
-use super::dynamics::{GRAVITY, Link};
+use super::dynamics::Link;
 use super::frame::Frame;
 use crate::cell::ForceSensor;
 use crate::servo::period::Length;
@@ -78,7 +78,7 @@ impl WristSensor {
         period: Length,
         mut rng: Pcg64,
     ) -> Self {
-        let mass = sensor.weight / GRAVITY;
+        let mass = sensor.mass();
         let mut normal = |force: f64, torque: f64| -> [f64; 6] {
             std::array::from_fn(|i| {
                 let x: f64 = StandardNormal.sample(&mut rng);
@@ -174,6 +174,7 @@ mod tests {
     use super::*;
     use crate::hw::plant::dynamics::LINKS;
     use crate::motion::{AXES, PERIOD};
+    use crate::spatial::GRAVITY;
     use nalgebra::Point3;
 
     #[test]

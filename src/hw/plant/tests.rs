@@ -718,7 +718,7 @@ fn swung(mass_factor: f64) -> (Vector3<f64>, Vector3<f64>, f64) {
     let fastest = (5..100).max_by(|a, b| at(*a).0.norm().total_cmp(&at(*b).0.norm())).unwrap();
     let (acceleration, force) = at(fastest);
     let weight = Vector3::new(0.0, 0.0, -servo.plant.cell().arms[0].sensor.weight);
-    (acceleration, force - weight, -weight.z / 9.81)
+    (acceleration, force - weight, servo.plant.cell().arms[0].sensor.mass())
 }
 
 /// Frequency (Hz) and damping (share of the critical one) of an arm's modes with locked motors, the
@@ -754,7 +754,7 @@ fn arms_with_locked_motors_ring_like_arms() {
     for (arm, dynamics) in plant.arms.iter().zip(&config.arms) {
         let modes = modes(arm, dynamics);
 
-        // Industrial arms of this size have their first mode at 5 to 20 Hz, damped by 2 to 10 %.
+        // Springs and masses are assumptions: these bounds tell a slip of a unit in them.
         assert!((5.0..20.0).contains(&modes[0].0), "{modes:?}");
         assert!(modes.iter().all(|(_, damping)| (0.02..0.2).contains(damping)), "{modes:?}");
     }
@@ -769,6 +769,89 @@ fn sensor_in_free_motion_reads_mass_times_acceleration() {
         let wanted = -mass * acceleration;
         assert!((force - wanted).norm() < 0.02 * wanted.norm(), "{force} {wanted}");
     }
+}
+
+/// Drives motor 1 of the postument against its hard stop with a share of the full pulse width;
+/// returns since when its power stage reports too much current (s), and the plant.
+fn strained(share: f64, seconds: f64) -> (Option<f64>, Plant) {
+    let mut cell = cell();
+    cell.arms.remove(0);
+    let mut plant = Plant::new(quiet(cell), 1).unwrap();
+    let mut drive = ArmDrive { enabled: true, ..ArmDrive::OFF };
+    drive.pwm[1] = (255.0 * share) as i16;
+    let mut readings = [ArmReading::default()];
+    let mut since = None;
+    for period in 0..(seconds / PERIOD) as u64 {
+        plant.exchange(period, &[drive], &mut readings).unwrap();
+        let trips = readings[0].over_currents & 1 << 1 != 0;
+        since = since.or_else(|| trips.then_some(period as f64 * PERIOD));
+    }
+    (since, plant)
+}
+
+#[test]
+fn motor_that_strains_too_long_trips() {
+    // A share d of the pulse width is 1.5 d of the trip's current at a motor that stands, and
+    // (1.5 d / 0.4)^2 of the rated heat in the end: 3.5 at a half, and 0.86 at a quarter.
+    let (since, plant) = strained(0.5, 20.0);
+    let heats = -MotorDynamics::HEATS * libm::log(1.0 - 1.0 / 3.488);
+    let since = since.unwrap();
+    assert!((heats..heats + 8.0).contains(&since), "{since} s, not {heats} s and the way there");
+
+    let most = plant.verdict().exertion;
+    assert!((most.current - 0.75).abs() < 0.01 && most.heat > 1.0, "{most:?}");
+    assert!((100.0..165.0).contains(&most.motor_speed), "330 rad/s at full width: {most:?}");
+
+    let (since, plant) = strained(0.25, 150.0);
+    assert_eq!(since, None);
+    let heat = plant.verdict().exertion.heat;
+    assert!((heat - 0.85).abs() < 0.02, "{heat}");
+}
+
+#[test]
+fn joint_takes_up_the_play_before_it_resists() {
+    let mut config = PlantConfig::new(cell());
+    config.arms[1].gravity = 0.0;
+    let play = config.arms[1].play[6];
+    let stiffness = config.arms[1].stiffness[6];
+    let mut arm = PlantArm::new(&config.cell.arms[1], &config.arms[1], true);
+    let from = arm.q[6];
+    let mut outside = [0.0; AXES];
+    for torque in [2.0, -2.0] {
+        outside[6] = torque;
+        for _ in 0..20_000 {
+            arm.step(&ArmDrive::OFF, &outside, None, 5e-4);
+        }
+        let wanted = torque.signum() * play + torque / stiffness;
+        assert!((arm.q[6] - from - wanted).abs() < 0.02 * play, "{} {wanted}", arm.q[6] - from);
+    }
+}
+
+#[test]
+fn near_person_speed_is_the_tools() {
+    let swing = |beside: f64| {
+        let mut cell = cell();
+        cell.arms.remove(0);
+        cell.hand.world_from_cube = world_from_tool(&cell.arms[0]);
+        cell.hand.world_from_cube.translation.vector.z += beside + cell.hand.half_extent.max();
+        let mut servo = TestServo::new(Plant::new(quiet(cell), 1).unwrap());
+        let from = servo.joints(0);
+        let mut fastest = 0.0_f64;
+        for k in 0..250 {
+            let mut q = from;
+            q.0[1] += 0.05 * (1.0 - (4.0 * f64::from(k) * PERIOD).cos());
+            let before = servo.plant.arms[0].world_from_tool.p;
+            servo.aim(0, &q);
+            servo.tick();
+            let way = servo.plant.arms[0].world_from_tool.p - before;
+            fastest = fastest.max(way.norm() / PERIOD);
+        }
+        (servo.plant.verdict().exertion.near_person, fastest)
+    };
+
+    let (near, fastest) = swing(0.1);
+    assert!(fastest > 0.1 && (near - fastest).abs() < 0.03 * fastest, "{near} {fastest}");
+    assert_eq!(swing(0.5).0, 0.0, "that far from it nobody is near");
 }
 
 #[test]
