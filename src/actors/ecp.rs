@@ -262,7 +262,8 @@ impl Ecp {
             self.fault.occur().await;
             self.alive.fetch_add(1, Ordering::Relaxed);
             motion.heed(*self.parts.services.control.borrow());
-            if matches!(self.mailbox.try_recv(), Ok(Request::End)) {
+            let is_over = matches!(self.mailbox.try_recv(), Ok(Request::End)) && motion.end();
+            if is_over || motion.has_ended() {
                 return Ok((Outcome::Ended, state));
             }
             let target = self.parts.tracker.as_ref().and_then(VspHandle::target);

@@ -23,6 +23,16 @@ use tracing::Instrument as _;
 const EARLY: u64 = 2;
 /// Periods that taking a bias lasts: ten samples and the filters before them.
 const BIAS_PERIODS: u64 = 16;
+/// An arm stands if no joint moves by more (m, rad) in so many periods: a tool of 1.1 kg that comes
+/// to rest so feels less than 0.1 N of its inertia. The roll settles last, and its axis goes
+/// through the tool's centre of mass.
+const RESTS: f64 = 2.5e-4;
+const ROLL_RESTS: f64 = 2.5e-3;
+const REST_PERIODS: u64 = 12;
+/// How often that is looked at, before the sensor of an arm that is never still is zeroed anyhow.
+const REST_TRIES: u32 = 10;
+/// Index of the tool's roll among the joints.
+const ROLL: usize = 6;
 /// A zero that has moved by more is told (N, Nm). In missions without faults it moves by 1.7 N and
 /// 0.13 Nm at most, by drift, by what the believed weights are wrong, and by a cube that is turned
 /// over; an operator who pulls meanwhile adds 6 N.
@@ -35,6 +45,8 @@ const POLL: Duration = Duration::from_millis(1);
 const SILENCE: f64 = 0.5;
 /// How long what is no motion takes at most.
 const SERVICE: Duration = Duration::from_millis(100);
+/// How much longer the zero of a sensor may take, whose arm comes to rest.
+const REST: Duration = Duration::from_millis(300);
 /// Capacity of the mailbox: an ECP has at most one request under way.
 const MAILBOX: usize = 4;
 
@@ -82,7 +94,7 @@ impl EdpHandle {
     /// # Errors
     /// Fatal when the arm has stopped; non-fatal when the sensor is silent, or when it is zeroed, but far from the zero before.
     pub async fn bias(&self) -> Result<ArmState, Error> {
-        self.ask("bias", Some(SERVICE), |reply| Request::Bias { reply }).await
+        self.ask("bias", Some(SERVICE + REST), |reply| Request::Bias { reply }).await
     }
 
     /// Finds the synchronisation position, axis by axis; at once when the arm knows it. Until then the arm takes
@@ -245,8 +257,25 @@ impl Edp {
         self.check("service")
     }
 
+    /// Waits until an arm stands that has come from a way: the zero of a sensor in motion would
+    /// hold the inertia of the tool.
+    async fn come_to_rest(&mut self) {
+        let mut before = self.link.state().joints;
+        for _ in 0..REST_TRIES {
+            let soon = self.clock.until(self.clock.period() + REST_PERIODS);
+            self.heartbeat.away(soon).await;
+            let now = self.link.state().joints;
+            let moves = |axis: usize| (now.0[axis] - before.0[axis]).abs();
+            if moves(ROLL) < ROLL_RESTS && (0..ROLL).all(|axis| moves(axis) < RESTS) {
+                return;
+            }
+            before = now;
+        }
+    }
+
     /// A zero of a sensor that says nothing would be the old one.
     async fn bias(&mut self) -> Result<ArmState, Error> {
+        self.come_to_rest().await;
         let before = self.link.state().wrench_in_tool;
         let sent = self.send("bias", ServoCommand::Bias);
         let state = self.after(sent, BIAS_PERIODS).await?;

@@ -161,7 +161,7 @@ impl<S: RecordSink> RecordSink for Seen<S> {
 
 fn words(behaviour: &Behaviour) -> &'static str {
     match behaviour {
-        Behaviour::Joints { .. } => "joint motion",
+        Behaviour::Joints { .. } | Behaviour::Legs { .. } => "joint motion",
         Behaviour::Line { .. } => "straight line",
         Behaviour::Jaw { .. } => "moves the jaws",
         Behaviour::Approach { .. } => "approaches",

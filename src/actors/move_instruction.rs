@@ -21,6 +21,8 @@ pub struct MoveInstruction {
     /// Macrosteps from full pace to rest, and how many of them the motion is away from rest.
     ramp: u32,
     pace: u32,
+    /// Whether it has been ended from above, and comes to rest.
+    ending: bool,
     /// What is heeded near the operator's hand; nothing by what gives way there, or lets go.
     hand: Option<NearHand>,
     /// Largest change of the force on a way through free space (N); `None` for other motions.
@@ -32,6 +34,10 @@ pub struct MoveInstruction {
 /// Time in which a pause brings a motion to rest, and a resume to its full pace (s). From the full
 /// speed of axis 6 the regulators lag by 4 rad of the motor in 0.4 s, which is a following error.
 const REST: f64 = 0.6;
+
+/// Time in which a motion comes to rest that is ended from above (s): stopped dead, a fast motor
+/// trips.
+const ENDS: f64 = 0.12;
 
 /// How the generators of an effector behave.
 #[derive(Debug, Clone, Copy)]
@@ -55,6 +61,7 @@ pub fn example_manner() -> Manner {
             angular_admittance: 0.05,
             angular_inertia: 0.5,
             macrostep: 8,
+            jaw_reach_speed: 0.012,
             jaw_close_speed: 0.012,
             jaw_open_speed: 0.03,
             force_limit: 20.0,
@@ -105,6 +112,9 @@ impl Manner {
             Behaviour::Joints { target, speed, seconds } => {
                 self.speeds.joints_seconds(&arm.desired_joints, &target, speed).max(seconds)
             }
+            Behaviour::Legs { legs, seconds } => {
+                self.speeds.legs_seconds(&arm.desired_joints, &legs).max(seconds)
+            }
             Behaviour::Line { target, speed } => {
                 let (way, turn) = off(arm, &target);
                 self.speeds.line_seconds(way, turn, speed)
@@ -116,7 +126,7 @@ impl Manner {
     /// Gives such a motion so much time (s).
     pub fn last(&self, order: &mut Behaviour, arm: &ArmState, lasts: f64) {
         match order {
-            Behaviour::Joints { seconds, .. } => *seconds = lasts,
+            Behaviour::Joints { seconds, .. } | Behaviour::Legs { seconds, .. } => *seconds = lasts,
             Behaviour::Line { target, speed } => {
                 let (way, turn) = off(arm, target);
                 *speed = self.speeds.line_fraction(way, turn, lasts);
@@ -152,9 +162,13 @@ impl MoveInstruction {
         );
         let hand = manner.hand.filter(|_| !yields);
         // What is there from the beginning is a sensor that lies, or a strain that the motion is to relieve.
-        let free = matches!(behaviour, Behaviour::Joints { .. } | Behaviour::Line { .. })
-            .then_some(manner.compliance.force_limit);
-        Self { generator, ramp, pace: ramp, hand, free, begun: (*behaviour, None) }
+        let free = matches!(
+            behaviour,
+            Behaviour::Joints { .. } | Behaviour::Legs { .. } | Behaviour::Line { .. }
+        )
+        .then_some(manner.compliance.force_limit);
+        let begun = (*behaviour, None);
+        Self { generator, ramp, pace: ramp, ending: false, hand, free, begun }
     }
 
     /// Whether it stands still because of [`MoveInstruction::heed`].
@@ -163,8 +177,31 @@ impl MoveInstruction {
         self.pace == 0
     }
 
+    /// Ends it; `true` if it is over at once, since it does not move by itself.
+    pub fn end(&mut self) -> bool {
+        self.ending = matches!(
+            self.begun.0,
+            Behaviour::Turn { .. }
+                | Behaviour::Joints { .. }
+                | Behaviour::Legs { .. }
+                | Behaviour::Line { .. }
+                | Behaviour::VisualServo(_)
+        );
+        !self.ending || self.pace == 0
+    }
+
+    /// Whether it has been ended and has come to rest.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        self.ending && self.pace == 0
+    }
+
     /// One macrostep nearer to full pace, or to rest.
     pub fn heed(&mut self, control: Control) {
+        if self.ending {
+            self.pace = self.pace.saturating_sub((REST / ENDS).ceil() as u32);
+            return;
+        }
         self.pace = match control {
             Control::Running => (self.pace + 1).min(self.ramp),
             Control::Waiting | Control::Paused | Control::Terminated => self.pace.saturating_sub(1),
@@ -220,7 +257,7 @@ impl MoveInstruction {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::{AXES, Depth, JawCommand, JointPositions};
+    use crate::motion::{AXES, Depth, JawCommand, JointPositions, Motion};
 
     fn manner() -> Manner {
         let speeds = Speeds {
@@ -297,5 +334,39 @@ mod tests {
             Behaviour::Approach { speed: 0.02, distance: 0.05, force: 30.0, selector: [false; 6] };
         assert_eq!(ends(&joints, 0.8, [11.0, 11.0]), None);
         assert_eq!(ends(&seeks, 0.8, [11.0, 11.0]), Some(Outcome::OverForce(1, 11.0)));
+    }
+
+    #[test]
+    fn motion_that_is_ended_comes_to_rest_first() {
+        let target = JointPositions([0.5; AXES]);
+        let joints = Behaviour::Joints { target, speed: 1.0, seconds: 0.0 };
+        let mut motion = MoveInstruction::begin(&joints, &manner());
+        let mut arm = ArmState::default();
+        let mut step = |motion: &mut MoveInstruction| {
+            motion.heed(Control::Running);
+            let Ok((MoveCommand { motion: Motion::Joints(to), .. }, _)) = motion.step(&arm, None)
+            else {
+                panic!()
+            };
+            let way = to.0[1] - arm.desired_joints.0[1];
+            arm.desired_joints = to;
+            way
+        };
+        for _ in 0..40 {
+            step(&mut motion);
+        }
+
+        assert!(!motion.end());
+        let mut ways = vec![step(&mut motion)];
+        while !motion.has_ended() {
+            ways.push(step(&mut motion));
+        }
+
+        assert!(ways.is_sorted_by(|a, b| a >= b), "{ways:?}");
+        assert!(ways[0] > 1e-3 && ways.last().is_some_and(|way| *way < 0.1 * ways[0]), "{ways:?}");
+        assert!(ways.len() as f64 * 0.016 < ENDS + 0.03, "{ways:?}");
+        let mut yields =
+            MoveInstruction::begin(&Behaviour::Comply { selector: [true; 6] }, &manner());
+        assert!(yields.end(), "what does not move by itself is over at once");
     }
 }

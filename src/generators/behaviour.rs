@@ -5,6 +5,7 @@
 
 use super::compliance::{Compliance, Selector};
 use super::inputs::{Inputs, Sensing};
+use super::legs::Legs;
 use super::outcome::{Next, Outcome};
 use super::{comply, grasp, position, secure, swing, turn, visual_servo};
 use crate::motion::{Depth, Direction, JawCommand, JointPositions, Motion, MoveRefused};
@@ -20,6 +21,13 @@ pub enum Behaviour {
         target: JointPositions,
         /// Fraction of the full speed, 0..=1.
         speed: f64,
+        /// Least duration (s): two arms that must keep pace get the same.
+        seconds: f64,
+    },
+    /// Goes through joint positions, in legs that overlap.
+    Legs {
+        /// The legs.
+        legs: Legs,
         /// Least duration (s): two arms that must keep pace get the same.
         seconds: f64,
     },
@@ -91,6 +99,8 @@ pub enum Behaviour {
         angle: f64,
         /// Speed in free motion (rad/s).
         speed: f64,
+        /// Acceleration at both ends (rad/s2).
+        acceleration: f64,
         /// Torque at which the turn stands still (Nm).
         torque: f64,
         /// Least mean torque that a turning face must show (Nm).
@@ -147,6 +157,12 @@ impl Behaviour {
                 speeds,
                 compliance.macrostep,
             )),
+            Self::Legs { legs, seconds } => Kind::Position(position::Position::legs(
+                legs,
+                seconds,
+                speeds,
+                compliance.macrostep,
+            )),
             Self::Line { target, speed } => Kind::Position(position::Position::line(
                 target,
                 speed,
@@ -168,8 +184,16 @@ impl Behaviour {
             Self::Secure { press, force, selector, stops } => {
                 Kind::Secure(secure::Secure::press(press, force, selector, stops, *compliance))
             }
-            Self::Turn { angle, speed, torque, least_torque, selector, stiff } => {
-                let order = turn::Order { angle, speed, torque, least_torque, selector, stiff };
+            Self::Turn { angle, speed, acceleration, torque, least_torque, selector, stiff } => {
+                let order = turn::Order {
+                    angle,
+                    speed,
+                    acceleration,
+                    torque,
+                    least_torque,
+                    selector,
+                    stiff,
+                };
                 Kind::Turn(turn::Turn::new(order, *compliance))
             }
             Self::Comply { selector } => {

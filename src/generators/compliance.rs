@@ -19,8 +19,10 @@ pub struct Compliance {
     pub angular_inertia: f64,
     /// Periods of a macrostep.
     pub macrostep: u32,
-    /// Speed of closing jaws, distance of the pads (m/s).
+    /// Speed of jaws that close on a cube, distance of the pads (m/s).
     pub jaw_close_speed: f64,
+    /// Speed of closing jaws that are still well open (m/s).
+    pub jaw_reach_speed: f64,
     /// Largest speed of opening jaws (m/s).
     pub jaw_open_speed: f64,
     /// Force at which a behaviour gives up (N).

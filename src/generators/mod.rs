@@ -14,6 +14,7 @@ mod compliance;
 pub mod comply;
 pub mod grasp;
 mod inputs;
+pub mod legs;
 mod outcome;
 pub mod position;
 pub mod profile;

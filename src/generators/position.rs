@@ -6,6 +6,7 @@
 //!   speeds and accelerations
 
 use super::inputs::Inputs;
+use super::legs::Legs;
 use super::outcome::{Next, Outcome};
 use super::profile::Profile;
 use crate::motion::{AXES, JointPositions, Motion, MoveCommand, PERIOD};
@@ -43,6 +44,12 @@ impl Speeds {
         (0..AXES).map(seconds).fold(0.0, f64::max)
     }
 
+    /// Returns how long a motion in legs takes at the full speeds (s).
+    #[must_use]
+    pub fn legs_seconds(&self, from: &JointPositions, legs: &Legs) -> f64 {
+        legs.seconds(from, &self.joint, &self.joint_acceleration)
+    }
+
     /// Returns how long a straight way of the tool (m) with a rotation (rad) takes at a fraction of
     /// the full speeds (s).
     #[must_use]
@@ -77,6 +84,7 @@ impl Speeds {
 enum Goal {
     Joints { start: Option<JointPositions>, target: JointPositions },
     Line { start: Option<Pose>, target: Pose },
+    Legs { start: Option<JointPositions>, legs: Legs },
 }
 
 /// Memory of a motion.
@@ -106,6 +114,13 @@ impl Position {
         Self { goal, speeds: *speeds, fraction, least, macrostep, steps: 0.0, done: 0.0 }
     }
 
+    /// Through joint positions, in `least` seconds at the shortest.
+    #[must_use]
+    pub fn legs(legs: Legs, least: f64, speeds: &Speeds, macrostep: u32) -> Self {
+        let goal = Goal::Legs { start: None, legs };
+        Self { goal, speeds: *speeds, fraction: 1.0, least, macrostep, steps: 0.0, done: 0.0 }
+    }
+
     /// Along a straight line to `base_from_tool`.
     #[must_use]
     pub fn line(target: Pose, fraction: f64, speeds: &Speeds, macrostep: u32) -> Self {
@@ -122,7 +137,8 @@ impl Position {
             return Next::Done(Outcome::Reached);
         }
         self.done = (self.done + inputs.pace).min(self.steps);
-        let s = self.speeds.profile.share(self.done / self.steps, self.steps * self.step());
+        let part = self.done / self.steps;
+        let s = self.speeds.profile.share(part, self.steps * self.step());
         let motion = match self.goal {
             Goal::Joints { start: Some(start), target } => {
                 Motion::Joints(JointPositions(std::array::from_fn(|i| {
@@ -133,7 +149,8 @@ impl Position {
                 start.translation.vector.lerp(&target.translation.vector, s).into(),
                 start.rotation.slerp(&target.rotation, s),
             )),
-            Goal::Joints { .. } | Goal::Line { .. } => Motion::Hold,
+            Goal::Legs { start: Some(start), legs } => Motion::Joints(legs.at(&start, part)),
+            Goal::Joints { .. } | Goal::Line { .. } | Goal::Legs { .. } => Motion::Hold,
         };
         Next::Go(MoveCommand { motion, periods: self.macrostep, jaw: None })
     }
@@ -144,6 +161,11 @@ impl Position {
                 let from = inputs.arm.desired_joints;
                 *start = Some(from);
                 self.speeds.joints_seconds(&from, target, self.fraction)
+            }
+            Goal::Legs { start, legs } => {
+                let from = inputs.arm.desired_joints;
+                *start = Some(from);
+                self.speeds.legs_seconds(&from, legs)
             }
             Goal::Line { start, target } => {
                 let from = inputs.arm.desired_base_from_tool;

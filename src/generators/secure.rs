@@ -8,20 +8,37 @@
 use super::compliance::{Compliance, Selector};
 use super::inputs::Inputs;
 use super::outcome::{Next, Outcome};
-use crate::motion::{Depth, JawCommand, PERIOD};
+use crate::motion::{Depth, Direction, JawCommand, PERIOD};
 use nalgebra::Vector3;
 
 /// Readings in a row that must show contact: a single noisy sample is none.
 const CONFIRM: u32 = 2;
-/// Time to press (s), and to clench (s).
+/// Longest time to press, and to clench (s).
 const PRESS: f64 = 0.5;
 const CLENCH: f64 = 0.5;
+/// Both end earlier once the force has been where it is wanted for so long (s). The arms' own
+/// vibration has 31 Hz: three of its periods do not look like rest by chance.
+const SETTLED: f64 = 0.1;
+/// So near to the wanted force it has settled (N); the sensor's noise is 0.1 N.
+const NEAR: f64 = 1.0;
+/// The jaws need so long for their grip (s).
+const GRIP: f64 = 0.15;
 
 #[derive(Debug, Clone, Copy)]
 enum Mode {
     Approach { speed: f64, distance: f64, force: f64 },
     Withdraw { speed: f64, distance: f64, force: f64 },
-    Press { press: f64, force: f64, stops: Depth },
+    Press(Seat),
+}
+
+/// How a cube is seated in the palm.
+#[derive(Debug, Clone, Copy)]
+struct Seat {
+    /// Pressing force (N).
+    press: f64,
+    /// Grip force (N).
+    force: f64,
+    stops: Depth,
 }
 
 /// Memory of a contact along z.
@@ -34,6 +51,10 @@ pub struct Secure {
     opening: f64,
     steps: u32,
     confirmed: u32,
+    /// The step in which the jaws began to clench.
+    clenching: Option<u32>,
+    /// For how many steps the force has been where it is wanted.
+    settled: u32,
 }
 
 impl Secure {
@@ -70,11 +91,21 @@ impl Secure {
         stops: Depth,
         compliance: Compliance,
     ) -> Self {
-        Self::with(Mode::Press { press, force, stops }, selector, compliance)
+        Self::with(Mode::Press(Seat { press, force, stops }), selector, compliance)
     }
 
     fn with(mode: Mode, selector: Selector, compliance: Compliance) -> Self {
-        Self { mode, selector, compliance, start: None, opening: 0.0, steps: 0, confirmed: 0 }
+        Self {
+            mode,
+            selector,
+            compliance,
+            start: None,
+            opening: 0.0,
+            steps: 0,
+            confirmed: 0,
+            clenching: None,
+            settled: 0,
+        }
     }
 
     /// See [`super::Generator::next`].
@@ -106,21 +137,88 @@ impl Secure {
                 directions[2] = self.compliance.guarded(sense * speed, force);
                 Next::Go(self.compliance.task(directions, None))
             }
-            Mode::Press { press, force, stops } => {
-                if seconds > PRESS + CLENCH {
+            Mode::Press(seat) => self.seat(&seat, directions, arm.wrench_in_tool.force.z),
+        }
+    }
+
+    /// Presses the cube into the palm until the force has settled, then clenches until it has gone.
+    fn seat(&mut self, seat: &Seat, mut directions: [Direction; 6], felt: f64) -> Next {
+        let step = f64::from(self.compliance.macrostep) * PERIOD;
+        let wanted = if self.clenching.is_some() { 0.0 } else { seat.press };
+        let near = self.selector[2] && (felt - wanted).abs() < NEAR;
+        self.settled = if near { self.settled + 1 } else { 0 };
+        let rests = f64::from(self.settled) * step >= SETTLED;
+        match self.clenching {
+            None if rests || f64::from(self.steps) * step > PRESS => {
+                (self.clenching, self.settled) = (Some(self.steps), 0);
+            }
+            Some(since) => {
+                let seconds = f64::from(self.steps - since) * step;
+                if rests && seconds >= GRIP || seconds > CLENCH {
                     return Next::Done(Outcome::Secured);
                 }
-                let wanted = if seconds > PRESS { 0.0 } else { press };
-                if self.selector[2] {
-                    directions[2] = self.compliance.contact(2, wanted);
-                }
-                let jaw = (seconds > PRESS).then_some(JawCommand {
-                    opening: self.opening - super::grasp::SQUEEZE,
-                    force_limit: force,
-                    stops,
-                });
-                Next::Go(self.compliance.task(directions, jaw))
+            }
+            None => {}
+        }
+        if self.selector[2] {
+            directions[2] = self.compliance.contact(2, wanted);
+        }
+        let jaw = self.clenching.map(|_| JawCommand {
+            opening: self.opening - super::grasp::SQUEEZE,
+            force_limit: seat.force,
+            stops: seat.stops,
+        });
+        Next::Go(self.compliance.task(directions, jaw))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::compliance;
+    use super::*;
+    use crate::motion::{ArmState, Motion};
+
+    /// Seats a cube whose palm feels, after so many seconds of a wanted force, that force. Returns
+    /// the outcome and how long it took (s).
+    fn seats(lag: f64, yields: bool) -> (Outcome, f64) {
+        let mut secure = Secure::press(8.0, 40.0, [yields; 6], Depth::One, compliance());
+        let step = 8.0 * PERIOD;
+        let (mut arm, mut wanted_for, mut last) = (ArmState::default(), 0.0, f64::NAN);
+        for steps in 1..1000 {
+            let inputs = Inputs { arm: &arm, target: None, period: 8 * steps, pace: 1.0 };
+            let command = match secure.next(&inputs) {
+                Next::Done(outcome) => return (outcome, steps as f64 * step),
+                Next::Go(command) => command,
+            };
+            let Motion::Task { directions, .. } = command.motion else { panic!("{command:?}") };
+            let wanted = match directions[2] {
+                Direction::Contact { wanted, .. } => wanted,
+                _ => 0.0,
+            };
+            wanted_for = if wanted == last { wanted_for + step } else { 0.0 };
+            last = wanted;
+            if wanted_for >= lag {
+                arm.wrench_in_tool.force.z = wanted;
             }
         }
+        panic!("it never ends")
+    }
+
+    #[test]
+    fn cube_is_seated_once_the_force_settles() {
+        let (soon, late, never) = (seats(0.05, true), seats(0.2, true), seats(9.0, true));
+
+        assert!([soon, late, never].iter().all(|end| end.0 == Outcome::Secured));
+        assert!(soon.1 > 0.25 && soon.1 < 0.4, "{soon:?}");
+        assert!(late.1 > soon.1 + 0.2 && late.1 < 0.8, "{late:?}");
+        assert!(never.1 > PRESS && never.1 < PRESS + CLENCH + 0.1, "{never:?}");
+    }
+
+    #[test]
+    fn seat_that_cannot_yield_takes_its_time() {
+        let (outcome, seconds) = seats(0.0, false);
+
+        assert_eq!(outcome, Outcome::Secured);
+        assert!(seconds > PRESS + CLENCH, "{seconds}");
     }
 }

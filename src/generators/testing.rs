@@ -5,6 +5,7 @@ use super::compliance::Compliance;
 /// Returns the compliance of an arm in tests.
 pub(super) fn compliance() -> Compliance {
     Compliance {
+        jaw_reach_speed: 0.012,
         jaw_close_speed: 0.012,
         jaw_open_speed: 0.03,
         linear_admittance: 0.001,

@@ -17,12 +17,10 @@ const STALL_ANGLE: f64 = 0.0175;
 const STALL_SECONDS: f64 = 3.0;
 /// The turn ends this close (rad).
 const TOLERANCE: f64 = 0.003;
-/// Slowing down: speed per remaining angle (1/s).
+/// Slowing down: speed per remaining angle and acceleration (s).
 const SLOWING: f64 = 4.0;
 /// Slowest speed (rad/s).
 const CREEP: f64 = 0.02;
-/// Acceleration at the beginning [rad/s2]: the roll's gear of 289 makes 0.5 rad/s 144 rad/s of its motor.
-const ACCELERATION: f64 = 1.0;
 /// The layer lags behind the wrist by the twist of both grips: rubber pads of 120 Nm/rad in series,
 /// the cube and the arms; the wrist goes on by what the measured torque says (Nm/rad), at most by
 /// [`MOST_TWIST`] (rad).
@@ -40,6 +38,10 @@ const TOO_LONG: f64 = 0.2;
 /// How a turn that must not go on comes to rest: stopped dead, the roll's motor would trip
 /// (rad/s2).
 const BRAKING: f64 = 4.0;
+/// Resistance of a layer that a turn makes up for, as a share of the torque at which it stands
+/// still: 0.4 Nm of 2.5 Nm. Made up for at once (s), a turn would not give way at all.
+const RESISTANCE: f64 = 0.16;
+const FOLLOWS: f64 = 0.1;
 /// Time to come to rest at the end (s).
 const SETTLE: f64 = 0.15;
 
@@ -50,6 +52,8 @@ pub struct Order {
     pub angle: f64,
     /// Speed in free motion (rad/s).
     pub speed: f64,
+    /// Acceleration at both ends (rad/s2).
+    pub acceleration: f64,
     /// Torque at which the turn stands still (Nm).
     pub torque: f64,
     /// Least mean torque that a turning face must show (Nm).
@@ -77,8 +81,10 @@ pub struct Turn {
     progress: f64,
     /// The step in which the angle was reached.
     arrived: Option<u32>,
-    /// Speed that was ordered last (rad/s).
+    /// Speed at which the wrist went last (rad/s).
     ordered: f64,
+    /// Mean resistance of the layer lately, as far as it is made up for (Nm).
+    resisted: f64,
     /// For how many steps the torque has been too high.
     strained: u32,
     /// When and at which speed the turn was broken off, and why.
@@ -112,6 +118,7 @@ impl Turn {
             progress: 0.0,
             arrived: None,
             ordered: 0.0,
+            resisted: 0.0,
             strained: 0,
             broken_off: None,
         }
@@ -133,13 +140,16 @@ impl Turn {
             return self.brake(broken_off);
         }
         self.note(&progress);
+        let felt = (progress.torque * self.order.angle.signum())
+            .clamp(0.0, RESISTANCE * self.order.torque);
+        self.resisted += (felt - self.resisted) * (self.seconds() / FOLLOWS).min(1.0);
         if let Some(arrived) = self.arrived {
             return self.settle(arrived, &progress);
         }
         if f64::from(self.steps - self.progress_at) * self.seconds() > STALL_SECONDS {
             return Next::Done(self.stalled(&progress));
         }
-        let velocity = self.velocity(progress.left);
+        let velocity = self.velocity(&progress);
         self.go(velocity)
     }
 
@@ -209,19 +219,26 @@ impl Turn {
         Next::Done(Outcome::Turned((progress.turned - progress.twist) * angle.signum()))
     }
 
-    /// Returns the motion about z with `left` to go: slow at both ends.
-    fn velocity(&mut self, left: f64) -> Direction {
-        let Order { angle, speed, torque, stiff, .. } = self.order;
-        let ramp = ACCELERATION * f64::from(self.steps) * self.seconds();
+    /// Returns the motion about z: slow at both ends.
+    fn velocity(&mut self, progress: &Progress) -> Direction {
+        let Order { angle, speed, acceleration, torque, stiff, .. } = self.order;
+        let ramp = acceleration * f64::from(self.steps) * self.seconds();
+        let left = progress.left;
+        let slowing =
+            (SLOWING * acceleration * left).min((2.0 * acceleration * left.max(0.0)).sqrt());
         // A turn may be wanted slower than it creeps at its ends.
-        let speed = (SLOWING * left).min(ramp).clamp(CREEP.min(speed), speed);
+        let speed = slowing.min(ramp).clamp(CREEP.min(speed), speed);
         let velocity = speed * angle.signum();
-        self.ordered = speed;
         if stiff {
+            self.ordered = speed;
             Direction::Unguarded { velocity }
         } else {
             // Stands still at the set torque whatever the speed.
-            Direction::Guarded { velocity, admittance: speed / torque, inertia: 0.0 }
+            let most = most_ordered(speed);
+            let admittance = most / torque;
+            let ordered = (speed + admittance * self.resisted).min(most);
+            self.ordered = (ordered - admittance * progress.torque.abs()).clamp(0.0, speed);
+            Direction::Guarded { velocity: ordered * angle.signum(), admittance, inertia: 0.0 }
         }
     }
 
@@ -237,6 +254,13 @@ impl Turn {
     }
 }
 
+/// Returns the speed that a turn of this speed orders against the greatest resistance that it makes
+/// up for (rad/s).
+#[must_use]
+pub fn most_ordered(speed: f64) -> f64 {
+    speed / (1.0 - RESISTANCE)
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::testing::compliance;
@@ -248,7 +272,9 @@ mod tests {
     /// (rad/s).
     fn turned(angle: f64, speed: f64, stiff: bool) -> (Outcome, f64) {
         let selector = [true; 6];
-        let order = Order { angle, speed, torque: 2.5, least_torque: 0.0, selector, stiff };
+        let acceleration = 1.0;
+        let order =
+            Order { angle, speed, acceleration, torque: 2.5, least_torque: 0.0, selector, stiff };
         let mut turn = Turn::new(order, compliance());
         let (mut arm, mut fastest) = (ArmState::default(), 0.0_f64);
         for period in (0..100_000).step_by(8) {
@@ -288,5 +314,49 @@ mod tests {
                 assert!(fastest <= speed + 1e-12, "{fastest} at {degrees} deg/s");
             }
         }
+    }
+
+    /// The greatest speed of a wrist that turns a layer against a torque (rad/s), and the outcome.
+    fn against(torque: f64) -> (f64, Outcome) {
+        let (speed, selector) = (0.7, [false; 6]);
+        let order = Order {
+            angle: 3.0,
+            speed,
+            acceleration: 3.0,
+            torque: 2.5,
+            least_torque: 0.0,
+            selector,
+            stiff: false,
+        };
+        let mut turn = Turn::new(order, compliance());
+        let (mut arm, mut fastest) = (ArmState::default(), 0.0_f64);
+        arm.wrench_in_tool.torque.z = torque;
+        for period in (0..20_000).step_by(8) {
+            let command = match turn.next(&Inputs { arm: &arm, target: None, period, pace: 1.0 }) {
+                Next::Done(outcome) => return (fastest, outcome),
+                Next::Go(command) => command,
+            };
+            let Motion::Task { directions, .. } = command.motion else { panic!("{command:?}") };
+            let velocity = match directions[5] {
+                Direction::Guarded { velocity, admittance, .. } => velocity - admittance * torque,
+                Direction::Unguarded { velocity } => velocity,
+                Direction::Contact { .. } => 0.0,
+            };
+            fastest = fastest.max(velocity);
+            arm.joints.0[6] += velocity * 8.0 * PERIOD;
+        }
+        panic!("it never ends")
+    }
+
+    #[test]
+    fn layer_that_resists_is_turned_no_slower() {
+        for torque in [0.0, 0.2, 0.4] {
+            let (fastest, outcome) = against(torque);
+            assert!(matches!(outcome, Outcome::Turned(_)), "{torque}: {outcome:?}");
+            assert!((fastest - 0.7).abs() < 0.01, "{torque}: {fastest}");
+        }
+        let (fastest, outcome) = against(1.2);
+        assert!(fastest < 0.6 && fastest > 0.3, "it yields: {fastest}");
+        assert!(matches!(outcome, Outcome::Turned(_)), "{outcome:?}");
     }
 }

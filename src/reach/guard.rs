@@ -1,7 +1,8 @@
 //! A guard over both arms: where they may stand, which ways they may go, and how fast near the operator's hand.
 //!
 //! - in: the believed cell, the joints of both arms, the ways that are asked for
-//! - out: what would come too near to what; how much too fast a way is
+//! - out: what would come too near to what; how much too fast a way is for the operator and for the
+//!   motors
 //! - the parts are those of the search for meetings (`bodies`). Fingers and cubes meet by design where both hands are at one
 //!   cube: they are left out of what begins or ends there, and looked at in everything else. Meetings keep 20 mm,
 //!   corrections are smaller than the rest: the guard never speaks in a sound run
@@ -10,6 +11,7 @@
 use super::bodies::{Bodies, at_the_cube, hands};
 use crate::cell::Cell;
 use crate::cube::Keeper;
+use crate::generators::legs::Legs;
 use crate::motion::JointPositions;
 use crate::spatial::Pose;
 use nalgebra::Point3;
@@ -31,8 +33,11 @@ const AS_A_CUBE: f64 = 0.006;
 const STEPS: u32 = 24;
 /// Moments at which the speed of a way is looked at.
 const MOMENTS: u32 = 60;
+/// Share of the motors' speed limit that a way uses at most: the servo refuses set values beyond
+/// the limit, and corrections come on top of a way.
+pub(super) const MOTORS: f64 = 0.95;
 /// So near to where the operator's hand may be, an arm is slow (m).
-const NEAR: f64 = 0.10;
+const NEAR: f64 = 0.18;
 /// What is too near may come nearer by so much on a way that is asked for, and on one that is
 /// watched (m): a hand that is turned out of a corner may dip first.
 const ON_A_WAY: f64 = 1e-4;
@@ -148,6 +153,8 @@ pub enum PlannedMotion {
     Stays,
     /// All joints evenly to there.
     Joints(JointPositions),
+    /// In legs, evenly in their common time.
+    Legs(Legs),
     /// The tool straight to `base_from_tool`; d0 stays.
     Line(Pose),
 }
@@ -350,6 +357,44 @@ impl Course<'_> {
             .fold(0.0, f64::max)
     }
 
+    /// Returns how many times too fast the fastest motor of the arm is, if its way takes `seconds`
+    /// and it has gone `share` of the way after a share of that time: 1 or less where all are slow
+    /// enough.
+    #[must_use]
+    pub fn rush(mut self, seconds: f64, share: impl Fn(f64) -> f64) -> f64 {
+        let model = &self.guard.cell.arms[self.arm].model;
+        let allowed = MOTORS * model.motor_speed_limit * seconds / f64::from(MOMENTS);
+        let mut last = model.motors(&self.from);
+        (1..=MOMENTS)
+            .map(|moment| {
+                let here = model.motors(&self.at(share(f64::from(moment) / f64::from(MOMENTS))));
+                let steps = here.0.iter().zip(last.0).map(|(here, last)| (here - last).abs());
+                let fastest = steps.fold(0.0, f64::max);
+                last = here;
+                fastest / allowed
+            })
+            .fold(0.0, f64::max)
+    }
+
+    /// Returns the shares of the way until which, and from which on, a part of the hand is near to
+    /// where the operator's may be: (0, 1) where it is so at neither end.
+    #[must_use]
+    pub fn near_ends(mut self) -> (f64, f64) {
+        let (guard, arm) = (self.guard, self.arm);
+        let share = |moment: u32| f64::from(moment) / f64::from(MOMENTS);
+        let near: Vec<bool> = (0..=MOMENTS)
+            .map(|moment| {
+                let here = guard.bodies(arm, &self.at(share(moment)));
+                guard.near_hand(&here, &here).is_some()
+            })
+            .collect();
+        let begin = near.iter().take_while(|near| **near).count() as u32;
+        let end = near.iter().rev().take_while(|near| **near).count() as u32;
+        // A step more, since nobody looked in between.
+        let until = if begin == 0 { 0.0 } else { share(begin.min(MOMENTS)) };
+        (until, if end == 0 { 1.0 } else { 1.0 - share(end.min(MOMENTS)) })
+    }
+
     /// Returns the joint positions after a share of the way. Where a line leaves the arm's reach,
     /// the arm stays at the last place within: its servo refuses the rest.
     fn at(&mut self, part: f64) -> JointPositions {
@@ -358,6 +403,7 @@ impl Course<'_> {
             PlannedMotion::Joints(to) => JointPositions(std::array::from_fn(|j| {
                 self.from.0[j] + part * (to.0[j] - self.from.0[j])
             })),
+            PlannedMotion::Legs(legs) => legs.at(&self.from, part),
             PlannedMotion::Line(to) => {
                 let arm = &self.guard.cell.arms[self.arm];
                 let tool = Pose::from_parts(

@@ -1,5 +1,9 @@
-//! Meetings of two arms, the table of all of them, and what a meeting must offer.
+//! Meetings of two arms, the table of all of them, and the ways between them.
 
+use super::settings::ReachSettings;
+use super::way::{Ends, Way};
+use crate::cell::Cell;
+use crate::generators::position::Speeds;
 use crate::motion::JointPositions;
 use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};
@@ -26,6 +30,16 @@ pub struct Meeting {
     pub clearance: f64,
 }
 
+impl Meeting {
+    /// Whether this is the same meeting: both arms stand in the same place.
+    fn is_at(&self, other: &Self) -> bool {
+        (self.track, self.postument) == (other.track, other.postument)
+    }
+}
+
+/// How many places a table has for meetings: 24 grasps, and three views for either holder.
+const MEETINGS: usize = 24 + 6;
+
 /// All meetings of a cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeetingTable {
@@ -41,46 +55,53 @@ pub struct MeetingTable {
     pub views: [[Option<Meeting>; 3]; 2],
     /// How far the track draws back along -y between meetings, so that both arms move freely (m).
     pub separation: f64,
-}
-
-/// What a meeting must offer, and how hard it is searched for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ReachSettings {
-    /// How far the track draws back along -y between meetings (m).
-    pub separation: f64,
-    /// How far each arm can draw back along its own tool axis (m).
-    pub back: f64,
-    /// Distance from a hand's camera to the face that it looks at (m).
-    pub view_distance: f64,
-    /// By how much the tools can be shifted along each axis, for other depths and corrections (m).
-    pub shift: f64,
-    /// Least distance between the capsules of the arms (m).
-    pub clearance: f64,
-    /// Height above the table that wrists and tools keep (m).
-    pub above_table: f64,
-    /// Random poses that are tried for each meeting, near to and far from those that are already
-    /// known.
-    pub samples: u32,
-    /// Seed of the search.
-    pub seed: u64,
-}
-
-impl Default for ReachSettings {
-    fn default() -> Self {
-        Self {
-            separation: 0.35,
-            back: 0.12,
-            view_distance: 0.20,
-            shift: 0.025,
-            clearance: 0.02,
-            above_table: 0.15,
-            samples: 3000,
-            seed: 2007,
-        }
-    }
+    /// The quickest ways that are free, two from each meeting to each: see [`MeetingTable::way`].
+    /// Empty where `separation` is kept on all ways.
+    pub ways: Vec<Option<Way>>,
 }
 
 impl MeetingTable {
+    /// Finds the quickest free way between any two meetings, for arms of these speeds.
+    pub fn find_ways(&mut self, cell: &Cell, settings: &ReachSettings, speeds: &Speeds) {
+        let numbers = || 0..MEETINGS;
+        let pairs = numbers().flat_map(|from| numbers().map(move |to| (from, to)));
+        let journeys = pairs.flat_map(|(from, to)| [(from, to, 0), (from, to, 1)]);
+        let ways = journeys.map(|(from, to, newcomer)| {
+            let (from, to) = (self.place(from, newcomer)?, self.place(to, newcomer)?);
+            Way::quickest(cell, settings, speeds, &Ends { from, to, newcomer })
+        });
+        self.ways = ways.collect();
+    }
+
+    /// Returns the quickest free way from one meeting to another whose newcomer is this arm, if
+    /// there is one but the usual one: apart by the whole separation, across, and together.
+    #[must_use]
+    pub fn way(&self, from: &Meeting, to: &Meeting, newcomer: usize) -> Option<&Way> {
+        let number = |meeting: &Meeting| {
+            self.meetings().position(|known| known.as_ref().is_some_and(|k| k.is_at(meeting)))
+        };
+        if self.ways.is_empty() {
+            return None;
+        }
+        self.ways[(number(from)? * MEETINGS + number(to)?) * 2 + newcomer].as_ref()
+    }
+
+    /// Returns where both arms stand before they come nearer at a meeting: a newcomer to a grasp
+    /// stands short of the cube, one that only looks does not.
+    fn place(&self, number: usize, newcomer: usize) -> Option<[JointPositions; 2]> {
+        let meeting = self.meetings().nth(number)?.as_ref()?;
+        Some(match newcomer {
+            _ if number >= self.grasps.len() => [meeting.track, meeting.postument],
+            0 => [meeting.track_back, meeting.postument],
+            _ => [meeting.track, meeting.postument_back],
+        })
+    }
+
+    /// All meetings: the grasps, then the views.
+    fn meetings(&self) -> impl Iterator<Item = &Option<Meeting>> {
+        self.grasps.iter().chain(self.views.iter().flatten())
+    }
+
     /// How many grasps and how many views were found.
     #[must_use]
     pub fn found(&self) -> (usize, usize) {

@@ -12,12 +12,16 @@ mod fold;
 pub mod guard;
 mod meeting;
 mod search;
+mod settings;
 mod stance;
+mod way;
 mod ways;
 
 pub use example::example_cell;
 pub use fold::Fold;
-pub use meeting::{Meeting, MeetingTable, ReachSettings};
+pub use meeting::{Meeting, MeetingTable};
+pub use settings::ReachSettings;
+pub use way::Way;
 
 /// The 24 rotations and their order, as indices of [`MeetingTable::grasps`].
 pub use crate::cube::{rotation_index, rotations};

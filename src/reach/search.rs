@@ -5,7 +5,8 @@
 //! reference, so that motions between meetings are short, and fines for narrow margins.
 
 use super::bodies::{Bodies, apart, at_the_cube, hands_fit};
-use super::meeting::{Meeting, MeetingTable, ReachSettings};
+use super::meeting::{Meeting, MeetingTable};
+use super::settings::ReachSettings;
 use super::stance::{Demand, Roll, Stance, stances};
 use super::ways::way_clearance;
 use crate::cell::{Arm, Cell, Mount};
@@ -62,8 +63,12 @@ impl MeetingTable {
 
 /// Searches all meetings.
 fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
-    let mut table =
-        MeetingTable { grasps: [None; 24], views: [[None; 3]; 2], separation: settings.separation };
+    let mut table = MeetingTable {
+        grasps: [None; 24],
+        views: [[None; 3]; 2],
+        separation: settings.separation,
+        ways: Vec::new(),
+    };
     if cell.arms.len() < 2 || !cell.arms[0].model.has_track {
         return table;
     }

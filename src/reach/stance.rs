@@ -1,6 +1,6 @@
 //! One arm at one place: which joint positions take its tool there with room to work.
 
-use super::meeting::ReachSettings;
+use super::settings::ReachSettings;
 use crate::cell::Arm;
 use crate::motion::JointPositions;
 use crate::spatial::Pose;

@@ -5,7 +5,8 @@
 //! - a kept table says of which cell and by which build of the program it was made; any other is made anew
 
 use crate::cell::Cell;
-use crate::reach::{Meeting, MeetingTable, ReachSettings};
+use crate::generators::position::Speeds;
+use crate::reach::{Meeting, MeetingTable, ReachSettings, Way};
 use crate::record::running_program;
 use crate::tables::Store;
 use serde::{Deserialize, Serialize};
@@ -27,17 +28,23 @@ struct Kept {
     grasps: [Option<Meeting>; 24],
     views: [[Option<Meeting>; 3]; 2],
     separation: f64,
+    ways: Vec<Option<Way>>,
 }
 
-/// The meetings of a cell.
+/// The meetings of a cell; with the quickest ways between them for arms of these speeds.
 #[must_use]
-pub(crate) fn of(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
-    in_folder(Store::of_user().folder(), cell, settings)
+pub(crate) fn of(cell: &Cell, settings: &ReachSettings, speeds: Option<&Speeds>) -> MeetingTable {
+    in_folder(Store::of_user().folder(), cell, settings, speeds)
 }
 
-fn in_folder(folder: &Path, cell: &Cell, settings: &ReachSettings) -> MeetingTable {
+fn in_folder(
+    folder: &Path,
+    cell: &Cell,
+    settings: &ReachSettings,
+    speeds: Option<&Speeds>,
+) -> MeetingTable {
     // All that the search reads, in full: numbers are written so that equal text means equal bits.
-    let made_of = format!("{cell:?} {settings:?}");
+    let made_of = format!("{cell:?} {settings:?} {speeds:?}");
     let made_by = build_of_this_program();
     let path = path(folder, &made_of);
     let kept = fs::read_to_string(&path).ok().and_then(|t| serde_json::from_str::<Kept>(&t).ok());
@@ -46,15 +53,20 @@ fn in_folder(folder: &Path, cell: &Cell, settings: &ReachSettings) -> MeetingTab
             grasps: kept.grasps,
             views: kept.views,
             separation: kept.separation,
+            ways: kept.ways,
         };
     }
-    let table = MeetingTable::compute(cell, settings);
+    let mut table = MeetingTable::compute(cell, settings);
+    if let Some(speeds) = speeds {
+        table.find_ways(cell, settings, speeds);
+    }
     let kept = Kept {
         made_of,
         made_by,
         grasps: table.grasps,
         views: table.views,
         separation: table.separation,
+        ways: table.ways.clone(),
     };
     if let Err(error) = keep(&path, &kept) {
         tracing::info!("the meetings of the cell are not kept: {}: {error}", path.display());
@@ -120,15 +132,15 @@ mod tests {
             (example_cell(), ReachSettings { samples: 150, ..Default::default() });
         let searched = MeetingTable::compute(&cell, &settings);
 
-        let first = in_folder(&folder, &cell, &settings);
-        let file = path(&folder, &format!("{cell:?} {settings:?}"));
+        let first = in_folder(&folder, &cell, &settings, None);
+        let file = path(&folder, &format!("{cell:?} {settings:?} None"));
         let text = fs::read_to_string(&file).unwrap();
         // Only a table that is read, not one that is searched, can have this.
         fs::write(&file, text.replace("\"separation\":0.35", "\"separation\":0.36")).unwrap();
-        let found_again = in_folder(&folder, &cell, &settings);
+        let found_again = in_folder(&folder, &cell, &settings, None);
         fs::write(&file, &text[..text.len() / 2]).unwrap();
-        let after_damage = in_folder(&folder, &cell, &settings);
-        let other = in_folder(&folder, &cell, &ReachSettings { samples: 151, ..settings });
+        let after_damage = in_folder(&folder, &cell, &settings, None);
+        let other = in_folder(&folder, &cell, &ReachSettings { samples: 151, ..settings }, None);
 
         assert!(searched.found().0 > 0);
         assert_eq!(first, searched);

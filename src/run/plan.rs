@@ -2,7 +2,7 @@
 
 use super::failure::not_created;
 use super::settings::{self, FaceTurnStart};
-use super::{meeting_cache, simulation};
+use super::simulation;
 use crate::error::Error;
 use crate::hw::plant::Plant;
 use crate::reach::{MeetingTable, ReachSettings};
@@ -26,7 +26,7 @@ impl Plan {
     /// If the arms cannot meet as the face turn needs it.
     pub(super) fn of(config: &ControllerConfig) -> Result<Self, Error> {
         let meetings = (config.cell.arms.len() == 2)
-            .then(|| meeting_cache::of(&config.cell, &ReachSettings::default()));
+            .then(|| settings::meetings(config, &ReachSettings::default()));
         let face_turn = (config.task == Task::FaceTurn)
             .then(|| {
                 let meetings = meetings.as_ref().ok_or("both arms are needed".to_owned())?;

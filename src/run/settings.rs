@@ -63,6 +63,7 @@ pub(super) fn manner(config: &ControllerConfig, effector: usize) -> Manner {
             angular_inertia: c.angular_inertia,
             macrostep: c.macrostep_periods,
             jaw_close_speed: c.jaw_close_speed,
+            jaw_reach_speed: c.jaw_reach_speed,
             jaw_open_speed: c.jaw_open_speed,
             force_limit: c.force_limit,
             torque_limit: c.torque_limit,
@@ -94,6 +95,16 @@ fn arm_belief(cell: &Cell, index: usize) -> Option<ArmBelief> {
     })
 }
 
+/// Returns the meetings of a cell, searched unless they are known.
+pub(super) fn meetings(config: &ControllerConfig, reach: &ReachSettings) -> MeetingTable {
+    let speeds = manner(config, 0).speeds;
+    let least = config.control.separation == keys::Separation::Least;
+    super::meeting_cache::of(&config.cell, reach, least.then_some(&speeds))
+}
+
+/// How much wider than the cube the jaws open to take it from a person or a table (m).
+const TAKING_ROOM: f64 = 0.031;
+
 /// Settings of the cube task; `None` without two arms.
 pub(super) fn cube_settings(
     config: &ControllerConfig,
@@ -110,17 +121,21 @@ pub(super) fn cube_settings(
         meetings,
         edge: config.cell.cube.edge,
         grip: c.grip,
-        opening: (arm.gripper.opening.1 - 0.003).min(config.cell.cube.edge + 0.031),
+        opening: (arm.gripper.opening.1 - 0.003).min(config.cell.cube.edge + TAKING_ROOM),
+        regrasp_opening: (arm.gripper.opening.1 - 0.003).min(config.cell.cube.edge + c.jaw_room),
+        jaw_leave: c.jaw_leave,
         back,
-        pre_grasp: 0.012,
+        pre_grasp: c.pre_grasp,
         approach_speed: c.approach_speed,
         touch: c.approach_force,
         press: 2.0 * c.approach_force,
         turn_speed: c.turn_speed,
+        turn_acceleration: c.turn_acceleration,
         turn_torque: c.turn_torque,
         turn_least_torque: c.turn_least_torque,
         pull: c.approach_force,
         speed: 1.0,
+        gentle: (c.hand_line_speed / c.linear_speed).min(1.0),
         speeds: manner(config, 0).speeds,
         jaw_speeds: (c.jaw_close_speed, c.jaw_open_speed),
         finger_depth: [Gripper::FACE_BEHIND_TOOL_ONE, Gripper::FACE_BEHIND_TOOL_TWO]
@@ -219,7 +234,7 @@ fn strategy(config: &ControllerConfig) -> Strategy {
 /// When the cell has no two arms.
 pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
     let reach = ReachSettings::default();
-    let meetings = super::meeting_cache::of(&config.cell, &reach);
+    let meetings = meetings(config, &reach);
     cube_settings(config, meetings, reach.back)
         .map(|settings| Planner::new(&settings))
         .ok_or_else(|| "a plan is for two effectors".to_owned())
@@ -363,7 +378,7 @@ mod tests {
         let text = "[planner]\nnode_budget = 1000\ncandidates = 1\n";
         let scenario = crate::scenario::read(std::path::Path::new("t.toml"), text, &[]).unwrap();
         let reach = ReachSettings::default();
-        let meetings = super::super::meeting_cache::of(&scenario.controller.cell, &reach);
+        let meetings = meetings(&scenario.controller, &reach);
         let settings = cube_settings(&scenario.controller, meetings, reach.back).unwrap();
         let assignment = Assignment { patience, ..Assignment::new(Goal::Solve) };
         let mut mission = Mission::new(settings, assignment);
@@ -398,9 +413,10 @@ mod tests {
 
     fn ends_well(order: &Behaviour) -> Outcome {
         match order {
-            Behaviour::Joints { .. } | Behaviour::Line { .. } | Behaviour::Jaw { .. } => {
-                Outcome::Reached
-            }
+            Behaviour::Joints { .. }
+            | Behaviour::Legs { .. }
+            | Behaviour::Line { .. }
+            | Behaviour::Jaw { .. } => Outcome::Reached,
             Behaviour::Approach { .. } | Behaviour::VisualServo(_) => Outcome::Touched(0.0),
             Behaviour::Withdraw { .. } => Outcome::NotTouched,
             Behaviour::Grasp { .. } => Outcome::Grasped(0.057),

@@ -41,6 +41,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     check::force_sign(&root.control, reader);
     check::periods(root, reader);
     check::faults(&draft, &arms, reader);
+    motion::profile(root, reader);
     motion::speeds(&root.control, &arms, reader);
     motion::self_excitation(&root.control, &arms, reader);
     let (keeper, hand) = place(&root.hand, root.cell.table_height, root.cube.edge, reader);

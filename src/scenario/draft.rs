@@ -3,6 +3,7 @@
 
 use super::fault::{Source, nearest};
 use super::injected::FaultKeys;
+use super::keys::Profile;
 use super::lists::{CameraKeys, Effector, LISTS, Vsp};
 use super::root::Root;
 use super::section::{Key, Reader, Section};
@@ -59,6 +60,9 @@ pub(super) fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Dr
     let (cell_root, _) = split(built_in, &mut silent);
     draft.root.overlay(&cell_root, "", &mut silent);
     let (root, lists) = split(document, reader);
+    if let Some(profile) = profile(&draft.root, &root, &mut silent) {
+        draft.root.overlay(&profile, "", &mut silent);
+    }
     draft.root.overlay(&root, "", reader);
     draft.effectors = list("effector", lists[0].as_ref(), built_in, reader, |e: &Effector| &e.name);
     draft.cameras = list("camera", lists[1].as_ref(), built_in, reader, |c: &CameraKeys| &c.name);
@@ -68,6 +72,20 @@ pub(super) fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Dr
     // A fault of the built-in cell is a fault of the program.
     reader.faults.0.extend(silent.faults.0);
     draft
+}
+
+/// Returns the keys of the profile that a document chooses, over the built-in cell. Faults of the
+/// document itself are found when it is read.
+fn profile(cell: &Root, document: &Node, silent: &mut Reader) -> Option<Node> {
+    let mut chosen = cell.clone();
+    chosen.overlay(document, "", &mut Reader::default());
+    let profile = chosen.control.profile.unwrap_or(Profile::usual(chosen.bridge.kind));
+    let source = Rc::new(Source {
+        name: format!("the built-in profiles/{}.toml", profile.word()),
+        text: profile.text().to_owned(),
+        is_file: true,
+    });
+    (!source.text.is_empty()).then(|| tree::parse(&source, &mut silent.faults))
 }
 
 /// Reads the list of faults, each with its dotted name.

@@ -189,9 +189,49 @@ section! {
     }
 }
 
+words! {
+    /// Which defaults the section `control` has.
+    pub Profile {
+        /// Gentle: arms of any workshop can do it.
+        Workshop = "workshop",
+        /// Fast: as fast as motors and permitted force allow, and for the simulated plant only.
+        Swift = "swift",
+    }
+}
+
+impl Profile {
+    /// Returns the profile where none is chosen.
+    #[must_use]
+    pub(crate) fn usual(bridge: BridgeKind) -> Self {
+        if bridge.is_hardware() { Self::Workshop } else { Self::Swift }
+    }
+
+    /// Returns the keys that differ from the defaults, in TOML.
+    #[must_use]
+    pub(crate) fn text(self) -> &'static str {
+        match self {
+            Self::Workshop => "",
+            Self::Swift => include_str!("../../scenarios/profiles/swift.toml"),
+        }
+    }
+}
+
+words! {
+    /// How far the track draws back between two meetings of the hands.
+    pub Separation {
+        /// By the same way each time.
+        Full = "full",
+        /// As far as the way from grasp to grasp needs it.
+        Least = "least",
+    }
+}
+
 section! {
     /// The controller's gains, speeds and limits.
     pub Control {
+        /// Which defaults the other keys of this section have. When not given: "swift" in
+        /// simulation, "workshop" on hardware.
+        profile: Option<Profile> = None;
         /// Servo periods (2 ms) in one command of a generator.
         macrostep_periods: u32 = 8, 1.0..=100.0;
         /// Which arm yields while both hold the cube.
@@ -218,6 +258,8 @@ section! {
         turn_least_torque [nm]: f64 = 0.04, 0.0..=1.0;
         /// Speed of a turn in free motion.
         turn_speed [deg_s]: f64 = 25.0, 1.0..=180.0;
+        /// Acceleration at both ends of a turn.
+        turn_acceleration [deg_s2]: f64 = 57.3, 10.0..=400.0;
         /// Grip force of the jaws on the cube.
         grip [n]: f64 = 40.0, 1.0..=100.0;
         /// Force at which a step with contact is broken off.
@@ -227,18 +269,30 @@ section! {
         /// Largest speed of an arm where the operator's hand may be: what ISO 10218 calls reduced
         /// speed.
         hand_speed [mm_s]: f64 = 250.0, 10.0..=1000.0;
+        /// Speed of straight lines to and from the operator's hand.
+        hand_line_speed [mm_s]: f64 = 150.0, 1.0..=500.0;
         /// Force at which any motion of an arm is broken off there.
         hand_force [n]: f64 = 20.0, 1.0..=65.0;
         /// Force with which the last approach and the hand-over stop at contact.
         approach_force [n]: f64 = 4.0, 0.5..=20.0;
         /// Speed of the last approach of a grasp.
         approach_speed [mm_s]: f64 = 10.0, 0.5..=50.0;
-        /// Speed of closing jaws (original: 0.05 mm per 16 ms).
+        /// How far the track draws back between two meetings of the hands.
+        separation: Separation = Separation::Full;
+        /// Distance from the cube at which the last approach of a grasp begins.
+        pre_grasp [mm]: f64 = 12.0, 2.0..=30.0;
+        /// Speed of closing jaws near the cube (original: 0.05 mm per 16 ms).
         jaw_close_speed [mm_s]: f64 = 12.0, 0.5..=50.0;
+        /// Speed of closing jaws until they are 5 mm wider than the cube.
+        jaw_reach_speed [mm_s]: f64 = 12.0, 0.5..=100.0;
+        /// How much wider than the cube the jaws open to pass it from hand to hand.
+        jaw_room [mm]: f64 = 31.0, 8.0..=31.0;
+        /// Least time in which a hand opens to leave its partner.
+        jaw_leave [ms]: f64 = 1200.0, 100.0..=5000.0;
         /// Largest speed of opening jaws (original: 20 mm in 2 s).
         jaw_open_speed [mm_s]: f64 = 30.0, 0.5..=50.0;
         /// Speed of joints in free motion (original: half of 1.5 rad/s).
-        joint_speed [deg_s]: f64 = 43.0, 1.0..=90.0;
+        joint_speed [deg_s]: f64 = 43.0, 1.0..=200.0;
         /// Most of it for the tool's roll, whose gear allows half of what the other axes can do.
         roll_speed [deg_s]: f64 = 45.0, 1.0..=90.0;
         /// Acceleration of joints in free motion (original: a tenth of 7 rad/s2).

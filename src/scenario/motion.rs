@@ -3,16 +3,18 @@
 //!
 //! | key | refused |
 //! |---|---|
+//! | `profile` | "swift" would drive hardware |
 //! | `turn_speed`, `roll_speed`, `track_speed` | a motor would have to be faster than its limit |
 //! | `approach_speed`, `turn_speed` | a tool would shake itself: [`tff::self_excitation`] |
 //! | `linear_admittance`, `angular_admittance` | the same |
 //!
 //! The joints that share motors are checked along each way, by the servo and the guard of ways.
 
-use super::keys::Control;
+use super::keys::{Control, Profile};
+use super::root::Root;
 use super::section::Reader;
 use crate::cell::{Arm, ForceSensor};
-use crate::generators::guarded_admittance;
+use crate::generators::{guarded_admittance, turn};
 use crate::kinematics::ArmModel;
 use crate::motion::PERIOD;
 use crate::servo::tff;
@@ -27,16 +29,34 @@ const DELAY: f64 = 2.5;
 /// Radius of gyration of a gripper about its own centre (m): 0.006 kg m2 a 1.1 kg.
 const GYRATION: f64 = 0.074;
 
+/// Checks that hardware moves gently.
+pub(super) fn profile(root: &Root, reader: &mut Reader) {
+    let kind = root.bridge.kind;
+    let profile = root.control.profile.unwrap_or(Profile::usual(kind));
+    if profile != Profile::Workshop && kind.is_hardware() {
+        let reason = format!(
+            "`control.profile`: \"{}\" has been measured on the simulated plant alone, and \
+             `bridge.kind` is \"{}\"",
+            profile.word(),
+            root.bridge.kind.word()
+        );
+        let advice = "profile = \"workshop\", and raise single keys step by step";
+        reader.fault_with_help("control.profile", reason, advice);
+    }
+}
+
 /// Checks that the motors of all arms are fast enough.
 pub(super) fn speeds(control: &Control, arms: &[Option<Arm>], reader: &mut Reader) {
     for arm in arms.iter().flatten() {
         let c = control;
-        for (key, axis, speed, unit) in [
-            ("turn_speed_deg_s", ROLL, c.turn_speed, Unit::Degrees),
-            ("roll_speed_deg_s", ROLL, c.roll_speed, Unit::Degrees),
-            ("track_speed_mm_s", TRACK, c.track_speed, Unit::Millimetres),
+        // A turn orders more than its speed, since a layer resists it.
+        let resisted = turn::most_ordered(1.0);
+        for (key, axis, speed, ordered, unit) in [
+            ("turn_speed_deg_s", ROLL, c.turn_speed, resisted, Unit::Degrees),
+            ("roll_speed_deg_s", ROLL, c.roll_speed, 1.0, Unit::Degrees),
+            ("track_speed_mm_s", TRACK, c.track_speed, 1.0, Unit::Millimetres),
         ] {
-            if let Some((needed, most)) = too_fast(&arm.model, axis, speed) {
+            if let Some((needed, most)) = too_fast(&arm.model, axis, ordered * speed) {
                 let limit = arm.model.motor_speed_limit;
                 let reason = format!(
                     "`control.{key}`: {} needs {needed:.0} rad/s of motor {axis} of the {}, which \
@@ -44,7 +64,7 @@ pub(super) fn speeds(control: &Control, arms: &[Option<Arm>], reader: &mut Reade
                     unit.write(speed),
                     arm.name
                 );
-                let advice = format!("{} at most", unit.write(most));
+                let advice = format!("{} at most", unit.write(most / ordered));
                 reader.fault_with_help(&format!("control.{key}"), reason, &advice);
             }
         }
@@ -89,12 +109,13 @@ pub(super) fn self_excitation(control: &Control, arms: &[Option<Arm>], reader: &
     // The visual servo's approach is the fastest of those that a force stops.
     let (speed, force) = c.visual_approach();
     let approach = guarded_admittance(speed, force);
+    let turn_admittance = turn::most_ordered(c.turn_speed) / c.turn_torque;
     for arm in arms.iter().flatten() {
         let (mass, moment, about_z) = inertia(&arm.sensor);
         let rows = [
             ("approach_speed_mm_s", approach, c.linear_inertia, mass),
             ("linear_admittance_mm_sn", c.linear_admittance, c.linear_inertia, mass),
-            ("turn_speed_deg_s", c.turn_speed / c.turn_torque, 0.0, about_z),
+            ("turn_speed_deg_s", turn_admittance, 0.0, about_z),
             ("angular_admittance_rad_snm", c.angular_admittance, c.angular_inertia, moment),
         ];
         let most = tff::MOST_SELF_EXCITATION;
@@ -143,8 +164,8 @@ mod tests {
         let told = faults("turn_speed_deg_s = 60");
         assert!(told.contains("t.toml:2:20: `control.turn_speed_deg_s`: 60 deg/s needs"), "{told}");
         assert!(told.contains("of motor 6 of the track, which does 250"), "{told}");
-        assert!(told.contains("49.5 deg/s at most"), "{told}");
-        assert_eq!(faults("turn_speed_deg_s = 49.5"), "");
+        assert!(told.contains("41.6 deg/s at most"), "{told}");
+        assert_eq!(faults("turn_speed_deg_s = 41.6"), "");
         assert!(faults("roll_speed_deg_s = 50").contains("`control.roll_speed_deg_s`"));
     }
 

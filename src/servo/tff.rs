@@ -165,7 +165,7 @@ pub fn self_excitation(admittance: f64, inertia: f64, arm: &Mechanics) -> f64 {
 
 /// Time in which a speed falls to 1/e where set values would else stop dead, which trips power
 /// stages (s).
-pub(super) const FALLS: f64 = 0.024;
+pub(super) const FALLS: f64 = 0.035;
 
 /// A velocity that is to fall off suddenly falls off within some hundredths of a second: a motion that is broken off
 /// must not stop its motors dead, which trips their power stages. What generators end by themselves ends slower.

@@ -93,13 +93,13 @@ fn a_force_of_the_wrong_sign_runs_away() {
 
 #[test]
 fn late_forces_oscillate() {
-    let summary = is_spoilt(&["control.force_delay_periods=60"]);
+    let summary = is_spoilt(&["control.force_delay_periods=60", "control.profile=workshop"]);
     assert!(summary.reason.contains("oscillation"), "{}", summary.reason);
 }
 
 #[test]
 fn a_weak_grip_slips() {
-    let summary = run("face_turn.toml", &["control.grip_n=5"]);
+    let summary = run("face_turn.toml", &["control.grip_n=5", "control.profile=workshop"]);
 
     assert_eq!(summary.outcome, Outcome::Failed);
     assert!(summary.reason.starts_with("slip"), "{}", summary.reason);

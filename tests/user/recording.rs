@@ -769,8 +769,8 @@ fn a_recording_is_shown_paused_and_sought() {
     };
 
     until(&|| snapshot().time > 0.1);
-    assert!(ui.send(Input::Seek { time: 9.0 }));
-    until(&|| snapshot().time > 8.9);
+    assert!(ui.send(Input::Seek { time: 5.0 }));
+    until(&|| snapshot().time > 4.9);
     assert_eq!(snapshot().phase, "turn");
     assert_eq!(ui.stage.borrow().pace, "replay");
     // Nobody recorded what the ECPs were ordered; they do not idle while their arms move.

@@ -33,6 +33,16 @@ impl Running {
         alarms || led || self.motions.iter().all(Option::is_none)
     }
 
+    /// Ends what still goes on; `true` once nothing moves any more.
+    fn end(&mut self) -> bool {
+        for (motion, outcome) in self.motions.iter_mut().zip(&mut self.outcomes) {
+            if motion.as_mut().is_some_and(MoveInstruction::end) {
+                (*motion, *outcome) = (None, Some(Outcome::Ended));
+            }
+        }
+        self.motions.iter().all(Option::is_none)
+    }
+
     /// Returns the outcomes; a motion that still goes on has been ended.
     fn ended(mut self) -> [Option<Outcome>; 2] {
         for (effector, motion) in self.motions.iter().enumerate() {
@@ -99,7 +109,7 @@ impl Mp {
             self.heartbeat.works();
             self.fault.occur().await;
             let commands = self.step(&mut running);
-            if running.is_over(until) {
+            if running.is_over(until) && running.end() {
                 break;
             }
             self.transmit(commands, &running).await?;
@@ -129,6 +139,11 @@ impl Mp {
         let mut commands = [None, None];
         for (effector, sent) in commands.iter_mut().enumerate() {
             let Some(motion) = &mut running.motions[effector] else { continue };
+            if motion.has_ended() {
+                running.outcomes[effector] = Some(Outcome::Ended);
+                running.motions[effector] = None;
+                continue;
+            }
             match motion.step(&self.arms[effector], target.as_ref()) {
                 Ok((command, sensing)) => {
                     if let (Some(sensing), Some(tracker)) = (sensing, tracker) {

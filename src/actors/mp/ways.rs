@@ -6,7 +6,9 @@
 
 use crate::actors::move_instruction::Manner;
 use crate::generators::Behaviour;
-use crate::motion::ArmState;
+use crate::generators::legs::{Leg, Legs};
+use crate::generators::profile::Profile;
+use crate::motion::{ArmState, JointPositions};
 use crate::reach::guard::{Guard, Near, PlannedMotion};
 use crate::spatial::Pose;
 
@@ -32,15 +34,16 @@ pub(super) fn check(
     Ok(guard.keep_apart(from, led.each_ref()))
 }
 
-/// Gives more time to ways that are too fast beside the operator's hand, to both arms as much, since
-/// they are free when both go evenly. The visual servo has its own speed, and its way is not known
-/// before.
+/// Gives more time to ways that are too fast beside the operator's hand or for a motor, to both
+/// arms as much, since they are free when both go evenly. The visual servo has its own speed, and
+/// its way is not known before.
 pub(super) fn slow_down(
     guard: &Guard,
     known: [Option<&ArmState>; 2],
     manners: &[Manner],
     orders: &mut [Option<Behaviour>; 2],
 ) {
+    slow_ends(guard, known, manners, orders);
     let ways = ways_of(known, orders, way);
     let lasts: [f64; 2] = std::array::from_fn(|i| match (&orders[i], manners.get(i), known[i]) {
         (Some(order), Some(manner), Some(arm)) => manner.seconds(order, arm),
@@ -52,8 +55,10 @@ pub(super) fn slow_down(
             .filter(|&i| lasts[i] > 0.0)
             .filter_map(|i| {
                 let (seconds, profile) = (slower * lasts[i], manners.get(i)?.speeds.profile);
-                let course = guard.course(i, &known[i]?.desired_joints, &ways[i]);
-                Some(course.haste(seconds, |part| profile.share(part, seconds)))
+                let legs = matches!(orders[i], Some(Behaviour::Legs { .. }));
+                let share = |part| if legs { part } else { profile.share(part, seconds) };
+                let course = || Some(guard.course(i, &known[i]?.desired_joints, &ways[i]));
+                Some(course()?.haste(seconds, share).max(course()?.rush(seconds, share)))
             })
             .fold(1.0, f64::max);
         if haste <= ENOUGH {
@@ -71,6 +76,102 @@ pub(super) fn slow_down(
     }
 }
 
+/// Gives more time to the beginning and the end alone of motions of joints that begin or end beside
+/// the operator's hand: the way stays the same, and so does the share of it that both arms have
+/// gone.
+fn slow_ends(
+    guard: &Guard,
+    known: [Option<&ArmState>; 2],
+    manners: &[Manner],
+    orders: &mut [Option<Behaviour>; 2],
+) {
+    let moves: Vec<JointsMove<'_>> = (0..2)
+        .filter_map(|arm| match orders[arm]? {
+            Behaviour::Joints { target, speed, seconds } => {
+                let (from, manner) = (&known[arm]?.desired_joints, manners.get(arm)?);
+                Some(JointsMove { arm, from, target, speed, seconds, manner })
+            }
+            _ => None,
+        })
+        .collect();
+    let others = orders.iter().flatten().count() > moves.len();
+    let Some(first) = moves.first().filter(|_| !others) else { return };
+    let profile = first.manner.speeds.profile;
+    let all =
+        |begin: f64, end: f64| moves.iter().map(|m| m.seconds(begin, end)).fold(0.0, f64::max);
+    let haste = |begin: f64, end: f64, seconds: f64| {
+        let of = |m: &JointsMove<'_>| {
+            let way = PlannedMotion::Joints(m.at(end));
+            guard
+                .course(m.arm, &m.at(begin), &way)
+                .haste(seconds, |part| profile.share(part, seconds))
+        };
+        moves.iter().map(of).fold(0.0, f64::max)
+    };
+    let whole = all(0.0, 1.0);
+    if haste(0.0, 1.0, whole) <= ENOUGH || moves.iter().any(|m| m.seconds > 1.01 * whole) {
+        return;
+    }
+    let (until, from) = moves.iter().fold((0.0_f64, 1.0_f64), |(until, from), m| {
+        let way = PlannedMotion::Joints(m.target);
+        let (begin, end) = guard.course(m.arm, m.from, &way).near_ends();
+        (until.max(begin), from.min(end))
+    });
+    if until >= from {
+        return;
+    }
+    // Each end is slow enough by itself, and then as a part of the whole.
+    let slow = |begin: f64, end: f64| {
+        let mut seconds = all(begin, end);
+        for _ in 0..ROUNDS {
+            seconds *= haste(begin, end, seconds).max(1.0);
+        }
+        if begin < end { seconds } else { 0.0 }
+    };
+    let lasts = [slow(0.0, until), all(until, from), slow(from, 1.0)];
+    let at_once = |a: f64, b: f64| 0.5 * profile.ramp.min(0.5 * a).min(0.5 * b);
+    let overlaps = [at_once(lasts[0], lasts[1]), at_once(lasts[1], lasts[2])];
+    let total = lasts.iter().sum::<f64>() - overlaps[0] - overlaps[1];
+    if total >= whole * haste(0.0, 1.0, whole) {
+        return;
+    }
+    let begins = [0.0, lasts[0] - overlaps[0], total - lasts[2]].map(|begin| begin / total);
+    let ends = [until, from, 1.0];
+    for m in &moves {
+        let leg = |i: usize| Leg {
+            to: if i == 2 { m.target } else { m.at(ends[i]) },
+            window: (begins[i], (begins[i] + lasts[i] / total).min(1.0)),
+        };
+        let profile = Profile { ramp: profile.ramp / total };
+        let legs = Legs { legs: [0, 1, 2].map(leg), profile, roll: profile };
+        orders[m.arm] = Some(Behaviour::Legs { legs, seconds: total });
+    }
+}
+
+/// A motion of joints that is ordered.
+struct JointsMove<'a> {
+    arm: usize,
+    from: &'a JointPositions,
+    target: JointPositions,
+    speed: f64,
+    seconds: f64,
+    manner: &'a Manner,
+}
+
+impl JointsMove<'_> {
+    /// Returns where the arm is after a share of its way.
+    fn at(&self, share: f64) -> JointPositions {
+        JointPositions(std::array::from_fn(|i| {
+            self.from.0[i] + share * (self.target.0[i] - self.from.0[i])
+        }))
+    }
+
+    /// Returns how long the way from one share to another takes by itself (s).
+    fn seconds(&self, begin: f64, end: f64) -> f64 {
+        self.manner.speeds.joints_seconds(&self.at(begin), &self.at(end), self.speed)
+    }
+}
+
 fn ways_of(
     known: [Option<&ArmState>; 2],
     orders: &[Option<Behaviour>; 2],
@@ -84,6 +185,7 @@ fn ways_of(
 fn way(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
     match order {
         Some(Behaviour::Joints { target, .. }) => PlannedMotion::Joints(*target),
+        Some(Behaviour::Legs { legs, .. }) => PlannedMotion::Legs(*legs),
         Some(Behaviour::Line { target, .. }) => PlannedMotion::Line(*target),
         Some(Behaviour::Withdraw { distance, .. }) => {
             PlannedMotion::Line(arm.desired_base_from_tool * Pose::translation(0.0, 0.0, -distance))

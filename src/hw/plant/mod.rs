@@ -228,7 +228,8 @@ impl Plant {
         let axis = self.balance.split.map_or_else(|| self.puzzle.turned_axis(), |s| s.axis);
         verdict.turning = Axis::ALL[axis];
         verdict.layer_angles = self.puzzle.angles[axis];
-        verdict.returned = self.hand.has_it_back();
+        let holds = self.grasps.iter().any(Grasp::holds);
+        verdict.returned = self.hand.has_it_back() || self.hand.carries() && !holds;
         verdict.both_hold = self.both_hold();
         verdict.cube = match self.state {
             State::Tray { down, fell } => Whereabouts::Tray { down, fell },

@@ -55,8 +55,12 @@ pub struct CubeSettings {
     pub edge: f64,
     /// Grip force (N).
     pub grip: f64,
-    /// Distance of the pads with open jaws (m).
+    /// Distance of the pads of jaws that are to take the cube from a person or a table (m).
     pub opening: f64,
+    /// Distance of the pads of jaws that are open beside a cube in the other hand (m).
+    pub regrasp_opening: f64,
+    /// Time in which a hand opens to leave its partner or the operator, at least (s).
+    pub jaw_leave: f64,
     /// How far a hand draws back from the cube along its approach (m).
     pub back: f64,
     /// Distance short of the seat at which the guarded approach begins (m).
@@ -69,6 +73,8 @@ pub struct CubeSettings {
     pub press: f64,
     /// Speed of a face turn (rad/s).
     pub turn_speed: f64,
+    /// Acceleration at both ends of a turn (rad/s2).
+    pub turn_acceleration: f64,
     /// Torque at which a turn stands still (Nm).
     pub turn_torque: f64,
     /// Least mean torque of a face that turns (Nm).
@@ -77,6 +83,8 @@ pub struct CubeSettings {
     pub pull: f64,
     /// Fraction of the full speeds in free motion.
     pub speed: f64,
+    /// Fraction of the full speeds on lines to and from the operator's hand.
+    pub gentle: f64,
     /// Those full speeds.
     pub speeds: Speeds,
     /// Speed of closing and of opening jaws, distance of the pads (m/s).
@@ -108,17 +116,15 @@ pub struct CubeSettings {
     pub finger_width: f64,
 }
 
-/// Time in which a hand opens to leave its partner or the operator (s), at least.
-pub(super) const LEAVE_SECONDS: f64 = 1.2;
 /// What the plant was seen to take beyond the ways themselves (s): two biases, the build-up of the
 /// grip, seating.
 const BIAS: f64 = 0.07;
 const BUILD_UP: f64 = 0.45;
-const SEATING: f64 = 1.0;
-/// A turn speeds up, slows down and settles (s); the torque of a layer of 2007 slows it down in
-/// between.
-const TURN_ENDS: f64 = 1.0;
-const LAYER_TORQUE: f64 = 0.4;
+const SEATING: f64 = 0.5;
+/// A turn speeds up and slows down as the square root of its acceleration lets it, and settles (s
+/// at 1 rad/s2, s).
+const TURN_ENDS: f64 = 0.85;
+const TURN_SETTLES: f64 = 0.15;
 
 impl CubeSettings {
     /// The terms of the plan: the rule, and what motions cost with these speeds.
@@ -134,15 +140,14 @@ impl CubeSettings {
     /// What motions cost.
     fn costs(&self) -> Costs {
         let line = |way: f64| self.speeds.line_seconds(way, 0.0, self.speed);
-        let stroke = self.opening - self.edge;
-        let open = (stroke / self.jaw_speeds.1).max(LEAVE_SECONDS);
+        let stroke = self.regrasp_opening - self.edge;
+        let open = (stroke / self.jaw_speeds.1).max(self.jaw_leave);
         let close = stroke / self.jaw_speeds.0 + BUILD_UP;
         let approach = self.pre_grasp / self.approach_speed;
         let leave = open + line(self.back);
         let come = open + BIAS + line(self.back - self.pre_grasp) + approach + close + SEATING;
         let turn = |angle: f64| {
-            let speed = self.turn_speed * (1.0 - LAYER_TORQUE / self.turn_torque).max(0.1);
-            angle / speed + TURN_ENDS
+            angle / self.turn_speed + TURN_ENDS / self.turn_acceleration.sqrt() + TURN_SETTLES
         };
         Costs {
             grasp: leave + come,

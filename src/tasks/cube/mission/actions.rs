@@ -11,14 +11,15 @@
 
 use super::failure::{Alarm, Failure, alarm};
 use super::failure::{Orders, Outcomes, alone};
-use super::robot::{LEAST_WIDTH, Robot, Trust};
+use super::robot::{LEAST_WIDTH, Robot, Trust, UNSURE};
 use super::shared::Doing;
 use crate::generators::{Behaviour, Outcome, visual_servo};
 use crate::motion::{Depth, JawCommand, JointPositions};
+use crate::reach::Way;
 use crate::spatial::Pose;
 use crate::tasks::Until;
 use crate::tasks::cube::hold::{Grip, Hand, Hold};
-use crate::tasks::cube::settings::{ComplianceChoice, CompliantArm, LEAVE_SECONDS};
+use crate::tasks::cube::settings::{ComplianceChoice, CompliantArm};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// How often a hand gives way to what it meets on one way.
@@ -30,6 +31,10 @@ const EASE_SECONDS: f64 = 0.6;
 /// How often strained jaws try to open again, and how long they give way in between (s).
 pub(super) const MOST_STRAINED: u32 = 6;
 const STRAINED_SECONDS: f64 = 0.3;
+/// Jaws stand open if they are narrower than they are to be by less (m).
+const OPEN_ENOUGH: f64 = 0.0015;
+/// Room beside the miss that is expected of a cube (m).
+const SURE: f64 = 0.002;
 /// Length of the small pull that tells whether somebody holds the cube (m).
 const PULL_WAY: f64 = 0.02;
 /// How long the cube is held out (s).
@@ -150,6 +155,34 @@ impl Robot {
         self.track_joints(target, Doing::Travelling).await
     }
 
+    /// Brings both arms from one meeting to another in one go. `false`: the way was refused, or
+    /// they met something on it and gave way to it, and stand there.
+    pub(super) async fn cross(
+        &mut self,
+        way: &Way,
+        to: [JointPositions; 2],
+    ) -> Result<bool, Failure> {
+        let from = [0, 1].map(|arm: usize| self.arms[arm].desired_joints);
+        let speeds = &self.settings.speeds;
+        let seconds = way.least_seconds(speeds, &from, &to);
+        let orders =
+            way.legs(speeds, &from, &to).map(|legs| Some(Behaviour::Legs { legs, seconds }));
+        let outcomes = match self.behave(orders, Until::All, Doing::Travelling).await {
+            // The way is one of the table's, and the arms do not stand quite where it begins.
+            Err(Failure::Final(why)) => {
+                self.note(format!("{why}: the hands go apart first"));
+                return Ok(false);
+            }
+            outcomes => outcomes?,
+        };
+        let Some(met) = alarm(&outcomes, Doing::Travelling) else { return Ok(true) };
+        if !self.may_give_way() {
+            return Err(Failure::Final(met.why));
+        }
+        self.give_way(met).await?;
+        Ok(false)
+    }
+
     /// Moves the track up to the meeting.
     pub(super) async fn move_together(&mut self, track: JointPositions) -> Result<(), Failure> {
         self.check_hold()?;
@@ -162,10 +195,23 @@ impl Robot {
         Behaviour::Line { target, speed: self.settings.speed }
     }
 
+    /// Orders a line to or from where the operator's hand may be.
+    pub(super) fn gentle_line(&self, target: Pose) -> Behaviour {
+        Behaviour::Line { target, speed: self.settings.gentle }
+    }
+
     /// Follows a line that is given relative to the set pose of the tool.
     async fn relative(&mut self, hand: Hand, by: Pose, doing: Doing) -> Result<(), Failure> {
         let line = self.line(self.arms[hand.index()].desired_base_from_tool * by);
         self.follow(alone(hand, line), Until::Effector(hand.index()), doing).await
+    }
+
+    /// Moves a hand along its tool's own z (m) where the operator's hand may be.
+    pub(super) async fn along_gently(&mut self, hand: Hand, way: f64) -> Result<(), Failure> {
+        let tool = self.arms[hand.index()].desired_base_from_tool;
+        let line = self.gentle_line(tool * Pose::translation(0.0, 0.0, way));
+        let until = Until::Effector(hand.index());
+        self.follow(alone(hand, line), until, Doing::Travelling).await
     }
 
     /// Moves a hand along its tool's own z (m).
@@ -188,9 +234,16 @@ impl Robot {
     /// Moves a hand to where its guarded approach to the partner's cube begins.
     pub(super) async fn pre_grasp(&mut self, hand: Hand, grip: Grip) -> Result<(), Failure> {
         let seat = self.grasp_pose(hand, grip)?;
-        let line = self.line(seat * Pose::translation(0.0, 0.0, -self.settings.pre_grasp));
+        let line = self.line(seat * Pose::translation(0.0, 0.0, -self.short_of_cube()));
         let until = Until::Effector(hand.index());
         self.follow(alone(hand, line), until, Doing::Adjusting).await
+    }
+
+    /// Returns how far short of the cube its guarded approach begins (m): the cube may stand nearer
+    /// than it is believed to by what the last grasps were off.
+    fn short_of_cube(&self) -> f64 {
+        let least = self.settings.pre_grasp;
+        (1.5 * self.miss + SURE).clamp(least, least.max(UNSURE))
     }
 
     fn grasp_pose(&self, hand: Hand, grip: Grip) -> Result<Pose, Failure> {
@@ -206,7 +259,7 @@ impl Robot {
         } else {
             Behaviour::Approach {
                 speed: s.approach_speed,
-                distance: s.pre_grasp + 0.015,
+                distance: self.short_of_cube() + 0.015,
                 force: s.touch,
                 selector: [false; 6],
             }
@@ -290,6 +343,7 @@ impl Robot {
             return Err(Failure::NotGrasped { hand, why: met.why });
         }
         let miss = self.belief.secured(hand, hold, half_roll, &self.arms);
+        self.miss = miss.max(0.5 * self.miss);
         if miss > 0.004 {
             let (name, mm) = (hand.name(), miss * 1e3);
             self.note(format!(
@@ -327,16 +381,26 @@ impl Robot {
         Ok(())
     }
 
+    /// Whether the jaws of a hand stand open beside the partner's cube, and the palm's stops where
+    /// they are wanted.
+    pub(super) fn stands_open(&self, hand: Hand, stops: Depth) -> bool {
+        let (i, s) = (hand.index(), &self.settings);
+        self.stops[i] == stops && self.arms[i].jaw_opening > s.regrasp_opening - OPEN_ENOUGH
+    }
+
     fn jaws_open(&self, hand: Hand, stops: Depth, theirs: bool) -> Behaviour {
         // While the partner or the operator holds the cube too, what is strained between the hands
         // gives way before the pads do.
-        let chained = self.belief.held[hand.other().index()].is_some() && !self.apart;
+        let partner_holds = self.belief.held[hand.other().index()].is_some();
+        let chained = partner_holds && !self.apart;
         let yields = (chained || theirs) && self.trust == Trust::Believed;
-        let (opening, force_limit) = (self.settings.opening, self.settings.grip);
+        let s = &self.settings;
+        // Between the hands it is known to a millimetre or two where the cube is.
+        let opening = if partner_holds { s.regrasp_opening } else { s.opening };
         Behaviour::Jaw {
-            jaw: JawCommand { opening, force_limit, stops },
-            seconds: LEAVE_SECONDS,
-            selector: if yields { self.settings.grasp_selector() } else { [false; 6] },
+            jaw: JawCommand { opening, force_limit: s.grip, stops },
+            seconds: s.jaw_leave,
+            selector: if yields { s.grasp_selector() } else { [false; 6] },
             // A strain that is only believed does not hinder either.
             strained: theirs || self.trust == Trust::Doubted,
         }
@@ -401,7 +465,9 @@ impl Robot {
             turner,
             Behaviour::Turn {
                 angle,
-                speed: s.turn_speed,
+                // A hand that is to yield to less turns slower: its admittance stays.
+                speed: s.turn_speed * (torque / s.turn_torque).min(1.0),
+                acceleration: s.turn_acceleration,
                 torque,
                 least_torque: s.turn_least_torque,
                 selector: turner_selector,

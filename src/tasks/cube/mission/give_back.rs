@@ -13,7 +13,7 @@
 use super::actions::GIVE_WAY_SECONDS;
 use super::failure::{Alarm, Failure, alarm};
 use super::regrasp;
-use super::robot::Robot;
+use super::robot::{Robot, UNSURE};
 use super::shared::Doing;
 use super::steps;
 use crate::cube::Keeper;
@@ -91,12 +91,17 @@ async fn hand_back(robot: &mut Robot) -> Result<(), Failure> {
             robot.phase("lay down").await?;
             robot.move_apart().await?;
             robot.joints([Some(place), None]).await?;
-            robot.along(Hand::Track, robot.way_back() - robot.settings.pre_grasp).await?;
+            robot.along(Hand::Track, robot.way_back() - before_the_table(robot)).await?;
             robot.zero_forces([true, false]).await?;
             lay_down(robot).await?;
         }
     }
     regrasp::let_go(robot, Hand::Track).await
+}
+
+/// Returns how far above the table a cube that is laid down is lowered by touch alone (m).
+fn before_the_table(robot: &Robot) -> f64 {
+    robot.settings.pre_grasp.max(UNSURE)
 }
 
 /// Lowers the cube until it touches the table.
@@ -105,7 +110,7 @@ async fn lay_down(robot: &mut Robot) -> Result<(), Failure> {
     robot.given_back = true;
     let s = &robot.settings;
     // A table that was not touched by then is not there.
-    let distance = s.pre_grasp + s.edge / 3.0 + 0.01;
+    let distance = before_the_table(robot) + s.edge / 3.0 + 0.01;
     let order = Behaviour::Approach {
         speed: s.approach_speed,
         distance,
@@ -193,7 +198,7 @@ async fn wait_for_a_pull(robot: &mut Robot, tries: u32) -> Result<Holder, Failur
 async fn withdraw(robot: &mut Robot) -> Result<Holder, Failure> {
     let goes = robot.free_way(Hand::Track, 2.0 * robot.settings.back);
     let from = robot.arms[Hand::Track.index()].desired_base_from_tool;
-    let line = robot.line(from * Pose::translation(0.0, 0.0, -goes));
+    let line = robot.gentle_line(from * Pose::translation(0.0, 0.0, -goes));
     let outcomes = robot.behave_alone(Hand::Track, line, Doing::Travelling).await?;
     // A person who takes hold of a cube that is drawn back is to have it.
     if let Some(met) = alarm(&outcomes, Doing::Travelling) {
@@ -239,7 +244,7 @@ async fn draw_in(robot: &mut Robot, way: WayOut) -> Result<Holder, Failure> {
 
 /// Moves the track along a line, and returns what it met.
 async fn move_track(robot: &mut Robot, target: Pose) -> Result<Option<Alarm>, Failure> {
-    let line = robot.line(target);
+    let line = robot.gentle_line(target);
     let outcomes = robot.behave_alone(Hand::Track, line, Doing::Travelling).await?;
     Ok(alarm(&outcomes, Doing::Travelling))
 }

@@ -23,6 +23,7 @@ use super::regrasp::{self, Coming};
 use super::robot::Robot;
 use super::sight::Palette;
 use crate::cube::Face;
+use crate::reach::Meeting;
 use crate::tasks::cube::hold::Hand;
 use crate::vision::sensor::FaceReading;
 use nalgebra::Vector3;
@@ -104,15 +105,32 @@ async fn look_at_sides(robot: &mut Robot) -> Result<Inspection, Failure> {
     let mut inspection = Inspection { uninspected: (!enough).then(none), unexpected: Vec::new() };
 
     robot.phase("inspect").await?;
-    for (side, meeting) in sides.iter().zip(views) {
-        let normal = rotation * side;
-        let face = Face::ALL.into_iter().find(|f| f.normal().dot(&normal) > 0.9);
-        if let (Some(face), Some(meeting)) = (face, meeting) {
-            regrasp::meet(robot, viewer, meeting, Coming::ToLook).await?;
-            check_side(robot, viewer, face, &mut inspection).await?;
-        }
+    let mut left: Vec<(Face, Meeting)> = sides
+        .iter()
+        .zip(views)
+        .filter_map(|(side, meeting)| {
+            let normal = rotation * side;
+            let face = Face::ALL.into_iter().find(|f| f.normal().dot(&normal) > 0.9);
+            face.zip(meeting)
+        })
+        .collect();
+    while let Some(nearest) = nearest(robot, viewer, &left) {
+        let (face, meeting) = left.remove(nearest);
+        regrasp::meet(robot, viewer, meeting, Coming::ToLook).await?;
+        check_side(robot, viewer, face, &mut inspection).await?;
     }
     Ok(inspection)
+}
+
+/// Returns the number of the look to which the way is the shortest, the first one where none is
+/// known.
+fn nearest(robot: &Robot, viewer: Hand, looks: &[(Face, Meeting)]) -> Option<usize> {
+    let seconds = |to: &Meeting| {
+        let way = robot.settings.meetings.way(robot.meeting.as_ref()?, to, viewer.index())?;
+        Some(way.seconds)
+    };
+    let seconds = looks.iter().map(|(_, meeting)| seconds(meeting).unwrap_or(f64::INFINITY));
+    seconds.enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).map(|(number, _)| number)
 }
 
 /// Compares one side with what it should look like, each time from elsewhere.

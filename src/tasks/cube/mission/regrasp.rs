@@ -31,9 +31,17 @@ pub(super) async fn meet(
     let short = |hand: Hand| hand == newcomer && coming == Coming::ToGrasp;
     let track = if short(Hand::Track) { meeting.track_back } else { meeting.track };
     let postument = if short(Hand::Postument) { meeting.postument_back } else { meeting.postument };
+    let meetings = &robot.settings.meetings;
+    let quick = robot.meeting.filter(|_| !robot.apart);
+    let quick = quick.and_then(|last| meetings.way(&last, &meeting, newcomer.index()).copied());
     let mut apart = track;
-    apart.0[0] -= robot.settings.meetings.separation;
+    apart.0[0] -= meetings.separation;
     robot.meeting = Some(meeting);
+    if let Some(way) = quick
+        && robot.cross(&way, [track, postument]).await?
+    {
+        return Ok(());
+    }
     robot.move_apart().await?;
     robot.joints([Some(apart), Some(postument)]).await?;
     robot.move_together(track).await
@@ -75,7 +83,9 @@ pub(super) async fn grasp(robot: &mut Robot, hand: Hand, grip: Grip) -> Result<(
     free(robot, hand).await?;
     meet(robot, hand, meeting, Coming::ToGrasp).await?;
     // The palm's stops stand where the grasp has them before the hand comes near.
-    robot.open(hand, grip.hold.depth).await?;
+    if !robot.stands_open(hand, grip.hold.depth) {
+        robot.open(hand, grip.hold.depth).await?;
+    }
     robot.zero_forces([true, true]).await?;
     close_on(robot, hand, grip).await?;
     robot.secure(hand, grip).await

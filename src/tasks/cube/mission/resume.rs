@@ -63,7 +63,9 @@ fn restore(robot: &mut Robot, last: &Entry) {
     let places = meetings.grasps.iter().flatten().map(|m| m.track_back.0[0]);
     let least = places.fold(f64::INFINITY, f64::min) - meetings.separation;
     let track = robot.arms[Hand::Track.index()].desired_joints.0[0];
-    robot.apart = track < least + 0.5 * meetings.separation;
+    // An arm that was on one of the short ways is not as far back as any way needs it.
+    let share = if meetings.ways.is_empty() { 0.5 } else { 0.1 };
+    robot.apart = track < least + share * meetings.separation;
     robot.least_track = Some(least);
 }
 

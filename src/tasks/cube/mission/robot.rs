@@ -39,6 +39,8 @@ pub(super) type MissionPort = Port<Thought, Conclusion, Shared>;
 pub(super) const MOST_RECOVERIES: u32 = 3;
 /// Letters of a reason that the journal keeps.
 const MOST_NOTED: usize = 500;
+/// How far off a cube may be that no grasp has found yet (m).
+pub(super) const UNSURE: f64 = 0.012;
 /// Least width of a cube between the jaws, as a share of its edge.
 pub(super) const LEAST_WIDTH: f64 = 0.948;
 /// A cube that is given may be wider than its edge by this (m).
@@ -112,6 +114,8 @@ pub(super) struct Robot {
     pub(super) recoveries: u32,
     /// How often something was met on the present way.
     pub(super) contacts: u32,
+    /// How far the last grasps found the cube off from where it was expected (m).
+    pub(super) miss: f64,
     pub(super) trust: Trust,
     /// Time that the operator has for an answer (s); `None` when nobody can be asked.
     pub(super) patience: Option<f64>,
@@ -167,6 +171,7 @@ impl Robot {
             stalled: None,
             recoveries: 0,
             contacts: 0,
+            miss: UNSURE,
             trust: Trust::Believed,
             patience,
             questions: 0,
@@ -345,6 +350,7 @@ impl Robot {
     pub(super) fn forget_cube(&mut self) {
         self.recoveries += 1;
         self.log.recoveries += 1;
+        self.miss = UNSURE;
         self.sight = Sight::default();
         (self.given, self.given_back) = (None, false);
         self.maybe_offered = None;

@@ -202,7 +202,7 @@ pub(super) async fn draw_back(robot: &mut Robot, way: f64) -> Result<(), Failure
     if robot.belief.held[Hand::Track.index()].is_some() {
         robot.retract_shortfall += way - goes;
     }
-    robot.along(Hand::Track, -goes).await
+    robot.along_gently(Hand::Track, -goes).await
 }
 
 impl Robot {

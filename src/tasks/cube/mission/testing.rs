@@ -51,16 +51,21 @@ pub(super) fn settings() -> CubeSettings {
             grasps: [meeting; 24],
             views: [[meeting; 3]; 2],
             separation: 0.35,
+            ways: Vec::new(),
         },
         edge: 0.057,
         grip: 60.0,
         opening: 0.09,
+        regrasp_opening: 0.09,
+        gentle: 1.0,
+        jaw_leave: 1.2,
         back: 0.1,
         pre_grasp: 0.03,
         approach_speed: 0.02,
         touch: 3.0,
         press: 10.0,
         turn_speed: 1.0,
+        turn_acceleration: 1.0,
         turn_torque: 2.0,
         turn_least_torque: 0.0,
         pull: 10.0,
@@ -262,9 +267,10 @@ pub(super) fn goes_well(action: &Action<Thought>, arms: &mut [ArmState; 2]) -> E
 
 fn ends_well(order: &Behaviour) -> Outcome {
     match order {
-        Behaviour::Joints { .. } | Behaviour::Line { .. } | Behaviour::Jaw { .. } => {
-            Outcome::Reached
-        }
+        Behaviour::Joints { .. }
+        | Behaviour::Legs { .. }
+        | Behaviour::Line { .. }
+        | Behaviour::Jaw { .. } => Outcome::Reached,
         Behaviour::Approach { .. } | Behaviour::VisualServo(_) => Outcome::Touched(0.0),
         Behaviour::Withdraw { .. } => Outcome::NotTouched,
         Behaviour::Grasp { .. } => Outcome::Grasped(WIDTH),

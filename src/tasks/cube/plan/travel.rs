@@ -4,8 +4,9 @@
 //! - out: for each pair of grips how far both wrists can roll there ([`Reach::grasp`]); seconds from meeting to
 //!   meeting ([`Reach::travel`])
 //!
-//! Between two meetings the track draws back by the table's separation, both arms go to their new places together,
-//! and the track comes up again: see the mission's jobs. The wrists start as the last turns have left them.
+//! Between two meetings the track draws back, both arms go to their new places together, and the
+//! track comes up again: see the mission's `regrasp`. The wrists start as the last turns have left
+//! them.
 
 use super::super::hold::Hand;
 use crate::cube::rotation_index;
@@ -139,19 +140,24 @@ impl Reachable {
 /// one of them.
 fn way(table: &MeetingTable, speeds: &Speeds, from: Stand, newcomer: Hand, to: u8) -> Option<f64> {
     let meeting = |number: u8| table.grasps.get(usize::from(number))?.as_ref();
+    let (start, end) = (meeting(from.meeting)?, meeting(to)?);
+    let quick = table.way(start, end, newcomer.index());
     let place = |meeting: &Meeting, rolled: [i8; 2]| {
         let back = newcomer == Hand::Track;
         let mut both = [
             if back { meeting.track_back } else { meeting.track },
             if back { meeting.postument } else { meeting.postument_back },
         ];
-        both[0].0[0] -= table.separation;
         for (arm, quarters) in both.iter_mut().zip(rolled) {
             arm.0[6] += f64::from(quarters) * FRAC_PI_2;
         }
         both
     };
-    let (start, end) = (place(meeting(from.meeting)?, from.rolled), place(meeting(to)?, [0; 2]));
+    let (start, end) = (place(start, from.rolled), place(end, [0; 2]));
+    if let Some(quick) = quick {
+        let rolls = [0, 1].map(|arm: usize| end[arm].0[6] - start[arm].0[6]);
+        return Some(quick.seconds_with_rolls(speeds, rolls));
+    }
     let together = start.iter().zip(&end).map(|(a, b)| speeds.joints_seconds(a, b, 1.0));
     let mut apart = JointPositions::default();
     apart.0[0] = table.separation;

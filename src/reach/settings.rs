@@ -1,0 +1,38 @@
+//! The settings of the search for meetings.
+
+/// What a meeting must offer, and how hard it is searched for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReachSettings {
+    /// How far the track draws back along -y between meetings (m).
+    pub separation: f64,
+    /// How far each arm can draw back along its own tool axis (m).
+    pub back: f64,
+    /// Distance from a hand's camera to the face that it looks at (m).
+    pub view_distance: f64,
+    /// By how much the tools can be shifted along each axis, for other depths and corrections (m).
+    pub shift: f64,
+    /// Least distance between the capsules of the arms (m).
+    pub clearance: f64,
+    /// Height above the table that wrists and tools keep (m).
+    pub above_table: f64,
+    /// Random poses that are tried for each meeting, near to and far from those that are already
+    /// known.
+    pub samples: u32,
+    /// Seed of the search.
+    pub seed: u64,
+}
+
+impl Default for ReachSettings {
+    fn default() -> Self {
+        Self {
+            separation: 0.35,
+            back: 0.12,
+            view_distance: 0.20,
+            shift: 0.025,
+            clearance: 0.02,
+            above_table: 0.15,
+            samples: 3000,
+            seed: 2007,
+        }
+    }
+}

@@ -1,0 +1,259 @@
+//! The quickest way from one meeting to another: the track draws back only as far as it must, while
+//! all joints go across.
+//!
+//! - in: the believed cell, both ends, the arms' speeds
+//! - out: a [`Way`]: windows of its legs, and how long it takes
+
+use super::bodies::{Bodies, apart};
+use super::guard::MOTORS;
+use super::settings::ReachSettings;
+use crate::cell::Cell;
+use crate::generators::legs::{Leg, Legs};
+use crate::generators::position::Speeds;
+use crate::generators::profile::Profile;
+use crate::motion::JointPositions;
+use serde::{Deserialize, Serialize};
+
+/// Where both arms stand at the beginning and at the end of a way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Ends {
+    pub(super) from: [JointPositions; 2],
+    pub(super) to: [JointPositions; 2],
+    /// The arm whose hand is free: 0 track, 1 postument.
+    pub(super) newcomer: usize,
+}
+
+/// How both arms go from one meeting to another: the track draws back and comes up again while all
+/// joints go across, as early and as late as it is free. Times are shares of the whole.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Way {
+    /// How far the track draws back (m).
+    pub separation: f64,
+    /// How long it draws back, and how long it comes up.
+    pub stroke: f64,
+    /// When all joints begin to go across; they end as long before the end.
+    pub across: f64,
+    /// How long motions take to come to their full speed.
+    pub ramp: f64,
+    /// How long arms with these motors take at least, if the wrists have not to roll (s).
+    pub seconds: f64,
+}
+
+/// Index of the tool's roll among the joints: it moves no part of an arm that could meet another.
+const ROLL: usize = 6;
+/// Steps of the separations that are tried (m).
+const FINE: f64 = 0.02;
+/// How much of a stroke, or of half of the way across, may be gone at once with the other.
+const OVERLAPS: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.0];
+/// How much longer than usual a motion may take to come to its full speed: where it is as short as
+/// ever, the acceleration of joints bounds their speed.
+const RAMPS: [f64; 3] = [1.0, 1.5, 2.2];
+/// Times at which a separation is looked at while it grows and shrinks.
+const MOMENTS: u32 = 60;
+
+impl Way {
+    /// Returns the quickest way that keeps the clearance, if it is quicker than the usual one.
+    pub(super) fn quickest(
+        cell: &Cell,
+        settings: &ReachSettings,
+        speeds: &Speeds,
+        ends: &Ends,
+    ) -> Option<Self> {
+        let Ends { from, mut to, newcomer } = *ends;
+        for arm in 0..2 {
+            to[arm].0[ROLL] = from[arm].0[ROLL];
+        }
+        let ends = Ends { from, to, newcomer };
+        let mut ways: Vec<Self> = Self::all(settings, speeds, &from, &to).collect();
+        for way in &mut ways {
+            way.seconds =
+                way.least_seconds(speeds, &from, &to).max(way.motor_seconds(cell, speeds, &ends));
+        }
+        ways.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+        ways.into_iter().find(|way| way.is_free(cell, settings, speeds, &ends))
+    }
+
+    /// Returns how long the motors of both arms take at least (s).
+    fn motor_seconds(&self, cell: &Cell, speeds: &Speeds, Ends { from, to, .. }: &Ends) -> f64 {
+        let legs = self.legs(speeds, from, to);
+        let seconds = |arm: usize| {
+            let model = &cell.arms[arm].model;
+            let motors = |moment: u32| {
+                let part = f64::from(moment) / f64::from(MOMENTS);
+                model.motors(&legs[arm].at(&from[arm], part))
+            };
+            let fastest = (1..=MOMENTS)
+                .scan(motors(0), |last, moment| {
+                    let here = motors(moment);
+                    let steps = here.0.iter().zip(last.0).map(|(here, last)| (here - last).abs());
+                    *last = here;
+                    Some(steps.fold(0.0, f64::max))
+                })
+                .fold(0.0, f64::max);
+            fastest * f64::from(MOMENTS) / (MOTORS * model.motor_speed_limit)
+        };
+        seconds(0).max(seconds(1))
+    }
+
+    /// Returns all ways that are tried.
+    fn all(
+        settings: &ReachSettings,
+        speeds: &Speeds,
+        from: &[JointPositions; 2],
+        to: &[JointPositions; 2],
+    ) -> impl Iterator<Item = Self> {
+        let across = from.iter().zip(to).map(|(from, to)| speeds.joints_seconds(from, to, 1.0));
+        let across = across.fold(0.0, f64::max).max(0.1);
+        let (speeds, most) = (*speeds, settings.separation);
+        (0..)
+            .map(|step| f64::from(step) * FINE)
+            .take_while(move |separation| *separation < most + 0.5 * FINE)
+            .flat_map(move |separation| {
+                let mut drawn_back = JointPositions::default();
+                drawn_back.0[0] = separation;
+                let stroke = speeds.joints_seconds(&JointPositions::default(), &drawn_back, 1.0);
+                OVERLAPS.into_iter().flat_map(move |overlap| {
+                    let at_once = overlap * stroke.min(0.5 * across);
+                    let seconds = across + 2.0 * (stroke - at_once);
+                    RAMPS.map(|longer| Self {
+                        separation,
+                        stroke: stroke / seconds,
+                        across: (stroke - at_once) / seconds,
+                        ramp: longer * speeds.profile.ramp / seconds,
+                        seconds,
+                    })
+                })
+            })
+    }
+
+    /// Returns the legs of both arms between these joint positions.
+    #[must_use]
+    pub fn legs(
+        &self,
+        speeds: &Speeds,
+        from: &[JointPositions; 2],
+        to: &[JointPositions; 2],
+    ) -> [Legs; 2] {
+        let rolls = [0, 1].map(|arm: usize| to[arm].0[ROLL] - from[arm].0[ROLL]);
+        let roll = Profile { ramp: speeds.profile.ramp / self.seconds_with_rolls(speeds, rolls) };
+        let windows =
+            [(0.0, self.stroke), (self.across, 1.0 - self.across), (1.0 - self.stroke, 1.0)];
+        [0, 1].map(|arm: usize| {
+            let drawn_back = |mut joints: JointPositions| {
+                joints.0[0] -= if arm == 0 { self.separation } else { 0.0 };
+                joints
+            };
+            let ends = [drawn_back(from[arm]), drawn_back(to[arm]), to[arm]];
+            let leg = |i: usize| Leg { to: ends[i], window: windows[i] };
+            Legs { legs: [0, 1, 2].map(leg), profile: Profile { ramp: self.ramp }, roll }
+        })
+    }
+
+    /// Returns how long the way takes if both wrists have to roll by these angles, too (s).
+    #[must_use]
+    pub fn seconds_with_rolls(&self, speeds: &Speeds, rolls: [f64; 2]) -> f64 {
+        let (speed, acceleration) = (speeds.joint[ROLL], speeds.joint_acceleration[ROLL]);
+        let seconds = |roll: f64| speeds.profile.seconds(roll, speed, acceleration);
+        rolls.into_iter().map(seconds).fold(self.seconds, f64::max)
+    }
+
+    /// Returns how long arms of these speeds, whatever their motors do, take between these joint
+    /// positions at least (s).
+    #[must_use]
+    pub fn least_seconds(
+        &self,
+        speeds: &Speeds,
+        from: &[JointPositions; 2],
+        to: &[JointPositions; 2],
+    ) -> f64 {
+        let legs = self.legs(speeds, from, to);
+        (0..2).map(|arm| speeds.legs_seconds(&from[arm], &legs[arm])).fold(0.0, f64::max)
+    }
+
+    fn is_free(&self, cell: &Cell, settings: &ReachSettings, speeds: &Speeds, ends: &Ends) -> bool {
+        let Ends { from, to, newcomer } = ends;
+        let legs = self.legs(speeds, from, to);
+        (0..=MOMENTS).all(|moment| {
+            let part = f64::from(moment) / f64::from(MOMENTS);
+            let [track, postument] = [0, 1].map(|arm: usize| {
+                let joints = legs[arm].at(&from[arm], part);
+                Bodies::of(cell, &cell.arms[arm], &joints)
+            });
+            let least = track.own().min(postument.own()).min(match newcomer {
+                0 => apart(&postument, &track),
+                _ => apart(&track, &postument),
+            });
+            least >= settings.clearance
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{MeetingTable, example_cell};
+    use super::*;
+
+    fn speeds() -> Speeds {
+        Speeds {
+            joint: [0.15, 2.6, 2.6, 2.6, 2.6, 2.6, 0.8],
+            joint_acceleration: [0.8, 7.0, 7.0, 7.0, 7.0, 7.0, 7.0],
+            linear: 0.3,
+            linear_acceleration: 1.0,
+            angular: 1.0,
+            angular_acceleration: 2.0,
+            profile: Profile { ramp: 0.35 },
+        }
+    }
+
+    #[test]
+    fn quickest_way_is_free_for_all_motors() {
+        let (cell, settings, speeds) = (example_cell(), ReachSettings::default(), speeds());
+        let table = MeetingTable::compute(&cell, &settings);
+        let grasps: Vec<_> = table.grasps.iter().flatten().collect();
+        let (mut found, mut saved) = (0, 0.0);
+        for (i, (a, b)) in grasps.iter().zip(&grasps[1..]).enumerate() {
+            let newcomer = i % 2;
+            let place = |m: &super::super::Meeting| match newcomer {
+                0 => [m.track_back, m.postument],
+                _ => [m.track, m.postument_back],
+            };
+            let ends = Ends { from: place(a), to: place(b), newcomer };
+            let Some(way) = Way::quickest(&cell, &settings, &speeds, &ends) else { continue };
+            found += 1;
+            let Ends { from, to, .. } = ends;
+            let legs = way.legs(&speeds, &from, &to);
+            let rolls = [0, 1].map(|arm: usize| to[arm].0[ROLL] - from[arm].0[ROLL]);
+            let seconds = way.seconds_with_rolls(&speeds, rolls);
+            // Looked at nearer than the search does.
+            let mut last = [0, 1].map(|arm: usize| cell.arms[arm].model.motors(&from[arm]));
+            for moment in 1..=400 {
+                let part = f64::from(moment) / 400.0;
+                let joints = [0, 1].map(|arm: usize| legs[arm].at(&from[arm], part));
+                let bodies =
+                    [0, 1].map(|arm: usize| Bodies::of(&cell, &cell.arms[arm], &joints[arm]));
+                let least = match newcomer {
+                    0 => apart(&bodies[1], &bodies[0]),
+                    _ => apart(&bodies[0], &bodies[1]),
+                };
+                assert!(least > settings.clearance - 0.004, "{least} at {part}: {way:?}");
+                for arm in 0..2 {
+                    let model = &cell.arms[arm].model;
+                    let here = model.motors(&joints[arm]);
+                    for (axis, (now, before)) in here.0.iter().zip(last[arm].0).enumerate() {
+                        let speed = (now - before).abs() * 400.0 / seconds;
+                        assert!(speed < model.motor_speed_limit, "{axis}: {speed} at {part}");
+                    }
+                    last[arm] = here;
+                }
+            }
+            assert_eq!([0, 1].map(|arm: usize| *legs[arm].end()), to);
+            let across = (0..2).map(|arm| speeds.joints_seconds(&from[arm], &to[arm], 1.0));
+            let mut back = JointPositions::default();
+            back.0[0] = settings.separation;
+            let stroke = speeds.joints_seconds(&JointPositions::default(), &back, 1.0);
+            saved += across.fold(0.0, f64::max) + 2.0 * stroke - seconds;
+        }
+        assert!(found >= 10, "{found}");
+        assert!(saved / f64::from(found) > 2.0, "mean of {saved} s over {found} ways");
+    }
+}
