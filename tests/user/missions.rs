@@ -92,9 +92,9 @@ fn a_force_of_the_wrong_sign_runs_away() {
 }
 
 #[test]
-fn late_forces_oscillate() {
-    let summary = is_spoilt(&["control.force_delay_periods=60", "control.profile=workshop"]);
-    assert!(summary.reason.contains("oscillation"), "{}", summary.reason);
+fn late_forces_are_too_great() {
+    let summary = is_spoilt(&["control.force_delay_periods=60"]);
+    assert!(summary.reason.contains("over-force"), "{}", summary.reason);
 }
 
 #[test]
