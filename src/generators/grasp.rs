@@ -14,7 +14,7 @@ use crate::motion::{ArmState, Depth, JawCommand, PERIOD};
 pub(super) const SQUEEZE: f64 = 0.002;
 /// How far below the least width it goes at the lowest: the jaws' stroke ends there (m).
 const BELOW: f64 = 0.001;
-/// Jaws are near the cube when they are wider than the least width by less [m]: 3 mm to the width
+/// Jaws are near the cube when they are wider than the least width by less (m): 3 mm to the width
 /// of a cube, and 5 mm for one that stands off the middle. Met at full speed a cube is pushed with
 /// half of the speed over the admittance.
 const NEAR: f64 = 0.008;
