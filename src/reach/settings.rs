@@ -1,6 +1,6 @@
 //! The settings of the search for meetings.
 
-/// What a meeting must offer, and how hard it is searched for.
+/// Demands on meetings, and the effort of the search for them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReachSettings {
     /// How far the track draws back along -y between meetings (m).

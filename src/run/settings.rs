@@ -290,8 +290,8 @@ pub(super) fn panel(config: &ControllerConfig) -> Panel {
     Panel::new(config.cell.arms.iter().map(bench).collect())
 }
 
-/// What the cube's kernel is to do; `None` when the task is another one. A face turn by `angle`
-/// (rad) is positive clockwise seen from outside, which is positive about the tool's z.
+/// Returns the goal of the cube's kernel; `None` when the task is another one. A face turn by
+/// `angle` (rad) is positive clockwise seen from outside, which is positive about the tool's z.
 pub(super) fn goal(config: &ControllerConfig, angle: f64) -> Option<Goal> {
     Some(match config.task {
         keys::Task::Solve => Goal::Solve,

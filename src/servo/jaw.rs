@@ -14,8 +14,8 @@ use std::f64::consts::TAU;
 /// Speed of the set value that is still taken [rad/s of the motor]: the original's limit, 20 rad in 2 ms.
 const FASTEST: f64 = 1e4;
 
-/// What stands at an end of its stroke is seen a little beyond it, and a motion begins where it is
-/// seen (m). It is led back.
+/// How far beyond the end of its stroke a jaw may be seen that stands there (m). A motion begins
+/// where the jaw is seen, and leads it back.
 const BEYOND: f64 = 1e-3;
 /// How much faster than told a jaw may seem, and by how much time two readings may be further apart
 /// (s).

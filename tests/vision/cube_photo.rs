@@ -383,8 +383,8 @@ fn rounded(a: f64, b: f64, half: f64, radius: f64) -> f64 {
 }
 
 impl Scene {
-    /// Of a kind; `posed` are the width of the dominant face (px) and its tilt (rad) when they are
-    /// not drawn.
+    /// Draws a scene of a kind. `posed` are the width of the dominant face (px) and its tilt (rad)
+    /// where they are given, not drawn.
     fn draw(kind: Kind, seed: u64, posed: Option<(f64, f64)>) -> (Self, Pcg64) {
         let mut random = Pcg64::seed_from_u64(seed.wrapping_mul(0x9E37_79B9) ^ kind as u64);
         let mut recipe = Recipe::draw(kind, &mut random);
