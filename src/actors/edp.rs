@@ -11,7 +11,7 @@ use super::trace::Trace;
 use super::watchdog::{Heartbeat, Supervision, answer_of};
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::hw::driver::{HEART, ServoLink};
-use crate::motion::{ArmFault, ArmState, MoveCommand, MoveRefused, PERIOD, Synchronisation};
+use crate::motion::{ArmFault, ArmState, MoveCommand, MoveRefused, PERIOD, ROLL, Synchronisation};
 use crate::servo::ServoCommand;
 use crate::spatial::Pose;
 use std::sync::Arc;
@@ -31,8 +31,6 @@ const ROLL_RESTS: f64 = 2.5e-3;
 const REST_PERIODS: u64 = 12;
 /// How often that is looked at, before the sensor of an arm that is never still is zeroed anyhow.
 const REST_TRIES: u32 = 10;
-/// Index of the tool's roll among the joints.
-const ROLL: usize = 6;
 /// A zero that has moved by more is told (N, Nm). In missions without faults it moves by 1.7 N and
 /// 0.13 Nm at most, by drift, by what the believed weights are wrong, and by a cube that is turned
 /// over; an operator who pulls meanwhile adds 6 N.

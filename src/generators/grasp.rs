@@ -140,12 +140,8 @@ impl Grasp {
         let lowest = floor.max(arm.jaw_opening - SQUEEZE);
         let near = least_width + NEAR;
         let (slow, fast) = (self.compliance.jaw_close_speed, self.compliance.jaw_reach_speed);
-        let next = if self.set > near {
-            // As far as the fast step would lead, or the slow one where that is farther.
-            (self.set - fast.max(slow) * step).max((near).min(self.set - slow * step))
-        } else {
-            self.set - slow * step
-        };
+        // As far as a fast step leads, but near the cube no farther than a slow one.
+        let next = (self.set - slow * step).min((self.set - fast * step).max(near));
         // Never up again: what gives way would lead itself.
         self.set = self.set.min(next.max(lowest));
         self.command(JawCommand { opening: self.set, force_limit: force, stops })

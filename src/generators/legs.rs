@@ -9,11 +9,9 @@
 //!   sum of its legs
 
 use super::profile::Profile;
-use crate::motion::{AXES, JointPositions};
+use crate::motion::{AXES, JointPositions, ROLL};
 use serde::{Deserialize, Serialize};
 
-/// Index of the tool's roll among the joints.
-const ROLL: usize = 6;
 /// Legs of a motion.
 const LEGS: usize = 3;
 

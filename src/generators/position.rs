@@ -141,9 +141,7 @@ impl Position {
         let s = self.speeds.profile.share(part, self.steps * self.step());
         let motion = match self.goal {
             Goal::Joints { start: Some(start), target } => {
-                Motion::Joints(JointPositions(std::array::from_fn(|i| {
-                    start.0[i] + s * (target.0[i] - start.0[i])
-                })))
+                Motion::Joints(start.towards(&target, s))
             }
             Goal::Line { start: Some(start), target } => Motion::Pose(Pose::from_parts(
                 start.translation.vector.lerp(&target.translation.vector, s).into(),

@@ -216,6 +216,14 @@ pub(super) fn apart(holder: &Bodies, other: &Bodies) -> f64 {
     nearest.0
 }
 
+/// Returns the same where the newcomer's hand (0 track, 1 postument) is the empty one (m).
+pub(super) fn newcomer_apart(newcomer: usize, track: &Bodies, postument: &Bodies) -> f64 {
+    match newcomer {
+        0 => apart(postument, track),
+        _ => apart(track, postument),
+    }
+}
+
 /// Distances above this are not told apart: that saves most of the work (m).
 const FAR: f64 = 0.10;
 

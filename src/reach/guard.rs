@@ -9,6 +9,7 @@
 //! - a person's hand: the arm that has no business there stays out of its zone whole, the other one with all but its hand
 
 use super::bodies::{Bodies, at_the_cube, hands};
+use super::motors::{MOMENTS, MOTORS, farthest_turn};
 use crate::cell::Cell;
 use crate::cube::Keeper;
 use crate::generators::legs::Legs;
@@ -31,15 +32,10 @@ const TAKER: usize = 0;
 const AS_A_CUBE: f64 = 0.006;
 /// Places at which a way is looked at.
 const STEPS: u32 = 24;
-/// Moments at which the speed of a way is looked at.
-const MOMENTS: u32 = 60;
-/// Share of the motors' speed limit that a way uses at most: the servo refuses set values beyond
-/// the limit, and corrections come on top of a way.
-pub(super) const MOTORS: f64 = 0.95;
 /// So near to where the operator's hand may be, an arm is slow (m).
 const NEAR: f64 = 0.18;
-/// What is too near may come nearer by so much on a way that is asked for, and on one that is
-/// watched (m): a hand that is turned out of a corner may dip first.
+/// By how much two bodies that are too near may come nearer (m): on a way that is asked for, and on
+/// one that is watched. A hand that is turned out of a corner may dip first.
 const ON_A_WAY: f64 = 1e-4;
 const WATCHED: f64 = 2e-3;
 
@@ -362,18 +358,9 @@ impl Course<'_> {
     /// enough.
     #[must_use]
     pub fn rush(mut self, seconds: f64, share: impl Fn(f64) -> f64) -> f64 {
-        let model = &self.guard.cell.arms[self.arm].model;
+        let (model, from) = (&self.guard.cell.arms[self.arm].model, self.from);
         let allowed = MOTORS * model.motor_speed_limit * seconds / f64::from(MOMENTS);
-        let mut last = model.motors(&self.from);
-        (1..=MOMENTS)
-            .map(|moment| {
-                let here = model.motors(&self.at(share(f64::from(moment) / f64::from(MOMENTS))));
-                let steps = here.0.iter().zip(last.0).map(|(here, last)| (here - last).abs());
-                let fastest = steps.fold(0.0, f64::max);
-                last = here;
-                fastest / allowed
-            })
-            .fold(0.0, f64::max)
+        farthest_turn(model, &from, |part| self.at(share(part))) / allowed
     }
 
     /// Returns the shares of the way until which, and from which on, a part of the hand is near to
@@ -400,9 +387,7 @@ impl Course<'_> {
     fn at(&mut self, part: f64) -> JointPositions {
         self.last = match self.way {
             PlannedMotion::Stays => self.from,
-            PlannedMotion::Joints(to) => JointPositions(std::array::from_fn(|j| {
-                self.from.0[j] + part * (to.0[j] - self.from.0[j])
-            })),
+            PlannedMotion::Joints(to) => self.from.towards(&to, part),
             PlannedMotion::Legs(legs) => legs.at(&self.from, part),
             PlannedMotion::Line(to) => {
                 let arm = &self.guard.cell.arms[self.arm];

@@ -31,6 +31,16 @@ pub struct Meeting {
 }
 
 impl Meeting {
+    /// Returns where both arms stand when the newcomer's hand (0 track, 1 postument) is still short
+    /// of the cube.
+    #[must_use]
+    pub fn short_of(&self, newcomer: usize) -> [JointPositions; 2] {
+        match newcomer {
+            0 => [self.track_back, self.postument],
+            _ => [self.track, self.postument_back],
+        }
+    }
+
     /// Whether this is the same meeting: both arms stand in the same place.
     fn is_at(&self, other: &Self) -> bool {
         (self.track, self.postument) == (other.track, other.postument)
@@ -80,21 +90,21 @@ impl MeetingTable {
         let number = |meeting: &Meeting| {
             self.meetings().position(|known| known.as_ref().is_some_and(|k| k.is_at(meeting)))
         };
-        if self.ways.is_empty() {
-            return None;
-        }
-        self.ways[(number(from)? * MEETINGS + number(to)?) * 2 + newcomer].as_ref()
+        self.way_between(number(from)?, number(to)?, newcomer)
+    }
+
+    /// Returns the same for the numbers of two meetings: those of the grasps are their rotations'.
+    #[must_use]
+    pub fn way_between(&self, from: usize, to: usize, newcomer: usize) -> Option<&Way> {
+        self.ways.get((from * MEETINGS + to) * 2 + newcomer)?.as_ref()
     }
 
     /// Returns where both arms stand before they come nearer at a meeting: a newcomer to a grasp
     /// stands short of the cube, one that only looks does not.
     fn place(&self, number: usize, newcomer: usize) -> Option<[JointPositions; 2]> {
         let meeting = self.meetings().nth(number)?.as_ref()?;
-        Some(match newcomer {
-            _ if number >= self.grasps.len() => [meeting.track, meeting.postument],
-            0 => [meeting.track_back, meeting.postument],
-            _ => [meeting.track, meeting.postument_back],
-        })
+        let looks = number >= self.grasps.len();
+        Some(if looks { [meeting.track, meeting.postument] } else { meeting.short_of(newcomer) })
     }
 
     /// All meetings: the grasps, then the views.

@@ -11,6 +11,7 @@ mod example;
 mod fold;
 pub mod guard;
 mod meeting;
+mod motors;
 mod search;
 mod settings;
 mod stance;

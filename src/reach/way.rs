@@ -4,14 +4,14 @@
 //! - in: the believed cell, both ends, the arms' speeds
 //! - out: a [`Way`]: windows of its legs, and how long it takes
 
-use super::bodies::{Bodies, apart};
-use super::guard::MOTORS;
+use super::bodies::{Bodies, newcomer_apart};
+use super::motors::{MOMENTS, MOTORS, farthest_turn};
 use super::settings::ReachSettings;
 use crate::cell::Cell;
 use crate::generators::legs::{Leg, Legs};
 use crate::generators::position::Speeds;
 use crate::generators::profile::Profile;
-use crate::motion::JointPositions;
+use crate::motion::{JointPositions, ROLL};
 use serde::{Deserialize, Serialize};
 
 /// Where both arms stand at the beginning and at the end of a way.
@@ -39,8 +39,6 @@ pub struct Way {
     pub seconds: f64,
 }
 
-/// Index of the tool's roll among the joints: it moves no part of an arm that could meet another.
-const ROLL: usize = 6;
 /// Steps of the separations that are tried (m).
 const FINE: f64 = 0.02;
 /// How much of a stroke, or of half of the way across, may be gone at once with the other.
@@ -48,8 +46,6 @@ const OVERLAPS: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.0];
 /// How much longer than usual a motion may take to come to its full speed: where it is as short as
 /// ever, the acceleration of joints bounds their speed.
 const RAMPS: [f64; 3] = [1.0, 1.5, 2.2];
-/// Times at which a separation is looked at while it grows and shrinks.
-const MOMENTS: u32 = 60;
 
 impl Way {
     /// Returns the quickest way that keeps the clearance, if it is quicker than the usual one.
@@ -60,6 +56,7 @@ impl Way {
         ends: &Ends,
     ) -> Option<Self> {
         let Ends { from, mut to, newcomer } = *ends;
+        // The roll moves no part of an arm that could meet another.
         for arm in 0..2 {
             to[arm].0[ROLL] = from[arm].0[ROLL];
         }
@@ -78,19 +75,8 @@ impl Way {
         let legs = self.legs(speeds, from, to);
         let seconds = |arm: usize| {
             let model = &cell.arms[arm].model;
-            let motors = |moment: u32| {
-                let part = f64::from(moment) / f64::from(MOMENTS);
-                model.motors(&legs[arm].at(&from[arm], part))
-            };
-            let fastest = (1..=MOMENTS)
-                .scan(motors(0), |last, moment| {
-                    let here = motors(moment);
-                    let steps = here.0.iter().zip(last.0).map(|(here, last)| (here - last).abs());
-                    *last = here;
-                    Some(steps.fold(0.0, f64::max))
-                })
-                .fold(0.0, f64::max);
-            fastest * f64::from(MOMENTS) / (MOTORS * model.motor_speed_limit)
+            let turn = farthest_turn(model, &from[arm], |part| legs[arm].at(&from[arm], part));
+            turn * f64::from(MOMENTS) / (MOTORS * model.motor_speed_limit)
         };
         seconds(0).max(seconds(1))
     }
@@ -179,11 +165,8 @@ impl Way {
                 let joints = legs[arm].at(&from[arm], part);
                 Bodies::of(cell, &cell.arms[arm], &joints)
             });
-            let least = track.own().min(postument.own()).min(match newcomer {
-                0 => apart(&postument, &track),
-                _ => apart(&track, &postument),
-            });
-            least >= settings.clearance
+            let apart = newcomer_apart(*newcomer, &track, &postument);
+            track.own().min(postument.own()).min(apart) >= settings.clearance
         })
     }
 }
@@ -213,11 +196,7 @@ mod tests {
         let (mut found, mut saved) = (0, 0.0);
         for (i, (a, b)) in grasps.iter().zip(&grasps[1..]).enumerate() {
             let newcomer = i % 2;
-            let place = |m: &super::super::Meeting| match newcomer {
-                0 => [m.track_back, m.postument],
-                _ => [m.track, m.postument_back],
-            };
-            let ends = Ends { from: place(a), to: place(b), newcomer };
+            let ends = Ends { from: a.short_of(newcomer), to: b.short_of(newcomer), newcomer };
             let Some(way) = Way::quickest(&cell, &settings, &speeds, &ends) else { continue };
             found += 1;
             let Ends { from, to, .. } = ends;
@@ -231,10 +210,7 @@ mod tests {
                 let joints = [0, 1].map(|arm: usize| legs[arm].at(&from[arm], part));
                 let bodies =
                     [0, 1].map(|arm: usize| Bodies::of(&cell, &cell.arms[arm], &joints[arm]));
-                let least = match newcomer {
-                    0 => apart(&bodies[1], &bodies[0]),
-                    _ => apart(&bodies[0], &bodies[1]),
-                };
+                let least = newcomer_apart(newcomer, &bodies[0], &bodies[1]);
                 assert!(least > settings.clearance - 0.004, "{least} at {part}: {way:?}");
                 for arm in 0..2 {
                     let model = &cell.arms[arm].model;

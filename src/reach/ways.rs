@@ -1,10 +1,9 @@
 //! The ways between meetings: the track drawn back by the separation, the newcomer drawn back along its tool
 //! axis, the holder with the cube; then all joints go evenly from one meeting to the next.
 
-use super::bodies::{Bodies, apart};
+use super::bodies::{Bodies, newcomer_apart};
 use super::meeting::Meeting;
 use crate::cell::Cell;
-use crate::motion::JointPositions;
 use nalgebra::Vector3;
 
 /// Places at which a way is looked at: joints go by up to 4 rad, wrists by less than 0.1 m from one to the next.
@@ -15,28 +14,17 @@ const STEPS: u32 = 16;
 pub(super) fn way_clearance(cell: &Cell, separation: f64, a: &Meeting, b: &Meeting) -> f64 {
     let mut least = f64::INFINITY;
     for newcomer in 0..2 {
-        let ends = |m: &Meeting| match newcomer {
-            0 => [m.track_back, m.postument],
-            _ => [m.track, m.postument_back],
-        };
-        let (from, to) = (ends(a), ends(b));
+        let (from, to) = (a.short_of(newcomer), b.short_of(newcomer));
         for step in 0..=STEPS {
             let part = f64::from(step) / f64::from(STEPS);
             let [track, postument] = [0, 1].map(|arm: usize| {
-                let joints = between(&from[arm], &to[arm], part);
+                let joints = from[arm].towards(&to[arm], part);
                 Bodies::of(cell, &cell.arms[arm], &joints)
             });
             least = least.min(track.own()).min(postument.own());
             let track = track.moved(cell.arms[0].world_from_base * (-separation * Vector3::y()));
-            least = least.min(match newcomer {
-                0 => apart(&postument, &track),
-                _ => apart(&track, &postument),
-            });
+            least = least.min(newcomer_apart(newcomer, &track, &postument));
         }
     }
     least
-}
-
-fn between(a: &JointPositions, b: &JointPositions, part: f64) -> JointPositions {
-    JointPositions(std::array::from_fn(|i| a.0[i] + part * (b.0[i] - a.0[i])))
 }

@@ -3,7 +3,6 @@
 
 use super::fault::{Source, nearest};
 use super::injected::FaultKeys;
-use super::keys::Profile;
 use super::lists::{CameraKeys, Effector, LISTS, Vsp};
 use super::root::Root;
 use super::section::{Key, Reader, Section};
@@ -79,7 +78,7 @@ pub(super) fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Dr
 fn profile(cell: &Root, document: &Node, silent: &mut Reader) -> Option<Node> {
     let mut chosen = cell.clone();
     chosen.overlay(document, "", &mut Reader::default());
-    let profile = chosen.control.profile.unwrap_or(Profile::usual(chosen.bridge.kind));
+    let profile = chosen.profile();
     let source = Rc::new(Source {
         name: format!("the built-in profiles/{}.toml", profile.word()),
         text: profile.text().to_owned(),

@@ -16,12 +16,12 @@ use super::section::Reader;
 use crate::cell::{Arm, ForceSensor};
 use crate::generators::{guarded_admittance, turn};
 use crate::kinematics::ArmModel;
-use crate::motion::PERIOD;
+use crate::motion::{PERIOD, ROLL};
 use crate::servo::tff;
 
-/// Axes whose motors turn nothing else: their speeds do not depend on the posture.
+/// Index of the track; like the roll's, its motor turns nothing else: the speeds of these two do not
+/// depend on the posture.
 const TRACK: usize = 0;
-const ROLL: usize = 6;
 
 /// Delay of the force loop, in servo periods: one for the sensor, one for the exchange, half of one
 /// for the mean of two samples.
@@ -31,8 +31,7 @@ const GYRATION: f64 = 0.074;
 
 /// Checks that hardware moves gently.
 pub(super) fn profile(root: &Root, reader: &mut Reader) {
-    let kind = root.bridge.kind;
-    let profile = root.control.profile.unwrap_or(Profile::usual(kind));
+    let (kind, profile) = (root.bridge.kind, root.profile());
     if profile != Profile::Workshop && kind.is_hardware() {
         let reason = format!(
             "`control.profile`: \"{}\" has been measured on the simulated plant alone, and \

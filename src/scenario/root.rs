@@ -2,7 +2,7 @@
 
 use super::keys::{
     Bridge, CellKeys, Control, Coordination, CubeKeys, FaceTurn, HandKeys, Idle, Pace, Planner,
-    RealTime, Servo, Task, VisionKeys, VisualServo,
+    Profile, RealTime, Servo, Task, VisionKeys, VisualServo,
 };
 use super::plant::PlantKeys;
 use super::section::section;
@@ -45,5 +45,12 @@ section! {
         real_time: RealTime,
         /// What only the simulated plant may read.
         plant: PlantKeys,
+    }
+}
+
+impl Root {
+    /// Returns the profile of speeds that is chosen, or the usual one of the bridge.
+    pub(super) fn profile(&self) -> Profile {
+        self.control.profile.unwrap_or(Profile::usual(self.bridge.kind))
     }
 }

@@ -14,10 +14,20 @@ pub const PERIOD: f64 = 0.002;
 /// Axes of an arm without its jaw: index 0 is the prismatic track, 1..=6 the six rotary axes.
 /// The postument arm has no axis 0; its entry is 0.
 pub const AXES: usize = 7;
+/// Index of the tool's roll among the joints, which no other axis takes part in.
+pub const ROLL: usize = 6;
 
 /// Joint variables: `[0]` the track d0 (m), `[1..=6]` q1..q6 (rad) (q3, q4 relative, as in the URDF).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct JointPositions(pub [f64; AXES]);
+
+impl JointPositions {
+    /// Returns the joint positions after a share of the way to others, all joints evenly.
+    #[must_use]
+    pub fn towards(&self, to: &Self, share: f64) -> Self {
+        Self(std::array::from_fn(|i| self.0[i] + share * (to.0[i] - self.0[i])))
+    }
+}
 
 /// Motor shaft angles (rad) in the same order.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]

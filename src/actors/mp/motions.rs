@@ -139,11 +139,6 @@ impl Mp {
         let mut commands = [None, None];
         for (effector, sent) in commands.iter_mut().enumerate() {
             let Some(motion) = &mut running.motions[effector] else { continue };
-            if motion.has_ended() {
-                running.outcomes[effector] = Some(Outcome::Ended);
-                running.motions[effector] = None;
-                continue;
-            }
             match motion.step(&self.arms[effector], target.as_ref()) {
                 Ok((command, sensing)) => {
                     if let (Some(sensing), Some(tracker)) = (sensing, tracker) {

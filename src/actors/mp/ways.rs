@@ -161,9 +161,7 @@ struct JointsMove<'a> {
 impl JointsMove<'_> {
     /// Returns where the arm is after a share of its way.
     fn at(&self, share: f64) -> JointPositions {
-        JointPositions(std::array::from_fn(|i| {
-            self.from.0[i] + share * (self.target.0[i] - self.from.0[i])
-        }))
+        self.from.towards(&self.target, share)
     }
 
     /// Returns how long the way from one share to another takes by itself (s).

@@ -200,35 +200,39 @@ impl Robot {
         Behaviour::Line { target, speed: self.settings.gentle }
     }
 
-    /// Follows a line that is given relative to the set pose of the tool.
-    async fn relative(&mut self, hand: Hand, by: Pose, doing: Doing) -> Result<(), Failure> {
-        let line = self.line(self.arms[hand.index()].desired_base_from_tool * by);
+    /// Follows a line that is ordered to a pose relative to the set one of the tool.
+    async fn relative(
+        &mut self,
+        hand: Hand,
+        by: Pose,
+        order: impl Fn(&Self, Pose) -> Behaviour,
+        doing: Doing,
+    ) -> Result<(), Failure> {
+        let line = order(self, self.arms[hand.index()].desired_base_from_tool * by);
         self.follow(alone(hand, line), Until::Effector(hand.index()), doing).await
     }
 
     /// Moves a hand along its tool's own z (m) where the operator's hand may be.
     pub(super) async fn along_gently(&mut self, hand: Hand, way: f64) -> Result<(), Failure> {
-        let tool = self.arms[hand.index()].desired_base_from_tool;
-        let line = self.gentle_line(tool * Pose::translation(0.0, 0.0, way));
-        let until = Until::Effector(hand.index());
-        self.follow(alone(hand, line), until, Doing::Travelling).await
+        let by = Pose::translation(0.0, 0.0, way);
+        self.relative(hand, by, Self::gentle_line, Doing::Travelling).await
     }
 
     /// Moves a hand along its tool's own z (m).
     pub(super) async fn along(&mut self, hand: Hand, way: f64) -> Result<(), Failure> {
-        self.relative(hand, Pose::translation(0.0, 0.0, way), Doing::Travelling).await
+        self.relative(hand, Pose::translation(0.0, 0.0, way), Self::line, Doing::Travelling).await
     }
 
     /// Moves a hand along its tool's axes by a small step (m).
     pub(super) async fn nudge(&mut self, hand: Hand, [x, y, z]: [f64; 3]) -> Result<(), Failure> {
-        self.relative(hand, Pose::translation(x, y, z), Doing::Adjusting).await
+        self.relative(hand, Pose::translation(x, y, z), Self::line, Doing::Adjusting).await
     }
 
     /// Rolls a hand about its tool's own z (rad).
     pub(super) async fn roll(&mut self, hand: Hand, angle: f64) -> Result<(), Failure> {
         let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
         let by = Pose::from_parts(nalgebra::Translation3::identity(), roll);
-        self.relative(hand, by, Doing::Adjusting).await
+        self.relative(hand, by, Self::line, Doing::Adjusting).await
     }
 
     /// Moves a hand to where its guarded approach to the partner's cube begins.

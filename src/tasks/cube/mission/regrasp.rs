@@ -28,9 +28,10 @@ pub(super) async fn meet(
     coming: Coming,
 ) -> Result<(), Failure> {
     robot.check_hold()?;
-    let short = |hand: Hand| hand == newcomer && coming == Coming::ToGrasp;
-    let track = if short(Hand::Track) { meeting.track_back } else { meeting.track };
-    let postument = if short(Hand::Postument) { meeting.postument_back } else { meeting.postument };
+    let [track, postument] = match coming {
+        Coming::ToLook => [meeting.track, meeting.postument],
+        Coming::ToGrasp => meeting.short_of(newcomer.index()),
+    };
     let meetings = &robot.settings.meetings;
     let quick = robot.meeting.filter(|_| !robot.apart);
     let quick = quick.and_then(|last| meetings.way(&last, &meeting, newcomer.index()).copied());

@@ -11,7 +11,7 @@
 use super::super::hold::Hand;
 use crate::cube::rotation_index;
 use crate::generators::position::Speeds;
-use crate::motion::JointPositions;
+use crate::motion::{JointPositions, ROLL};
 use crate::reach::{Meeting, MeetingTable};
 use nalgebra::UnitQuaternion;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -141,21 +141,17 @@ impl Reachable {
 fn way(table: &MeetingTable, speeds: &Speeds, from: Stand, newcomer: Hand, to: u8) -> Option<f64> {
     let meeting = |number: u8| table.grasps.get(usize::from(number))?.as_ref();
     let (start, end) = (meeting(from.meeting)?, meeting(to)?);
-    let quick = table.way(start, end, newcomer.index());
+    let quick = table.way_between(usize::from(from.meeting), usize::from(to), newcomer.index());
     let place = |meeting: &Meeting, rolled: [i8; 2]| {
-        let back = newcomer == Hand::Track;
-        let mut both = [
-            if back { meeting.track_back } else { meeting.track },
-            if back { meeting.postument } else { meeting.postument_back },
-        ];
+        let mut both = meeting.short_of(newcomer.index());
         for (arm, quarters) in both.iter_mut().zip(rolled) {
-            arm.0[6] += f64::from(quarters) * FRAC_PI_2;
+            arm.0[ROLL] += f64::from(quarters) * FRAC_PI_2;
         }
         both
     };
     let (start, end) = (place(start, from.rolled), place(end, [0; 2]));
     if let Some(quick) = quick {
-        let rolls = [0, 1].map(|arm: usize| end[arm].0[6] - start[arm].0[6]);
+        let rolls = [0, 1].map(|arm: usize| end[arm].0[ROLL] - start[arm].0[ROLL]);
         return Some(quick.seconds_with_rolls(speeds, rolls));
     }
     let together = start.iter().zip(&end).map(|(a, b)| speeds.joints_seconds(a, b, 1.0));
