@@ -11,7 +11,9 @@ use super::trace::Trace;
 use super::watchdog::{Heartbeat, Supervision, answer_of};
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::hw::driver::{HEART, ServoLink};
-use crate::motion::{ArmFault, ArmState, MoveCommand, MoveRefused, PERIOD, ROLL, Synchronisation};
+use crate::motion::{
+    ArmFault, ArmState, JointPositions, MoveCommand, MoveRefused, PERIOD, ROLL, Synchronisation,
+};
 use crate::servo::ServoCommand;
 use crate::spatial::Pose;
 use std::sync::Arc;
@@ -263,8 +265,7 @@ impl Edp {
             let soon = self.clock.until(self.clock.period() + REST_PERIODS);
             self.heartbeat.away(soon).await;
             let now = self.link.state().joints;
-            let moves = |axis: usize| (now.0[axis] - before.0[axis]).abs();
-            if moves(ROLL) < ROLL_RESTS && (0..ROLL).all(|axis| moves(axis) < RESTS) {
+            if stood(&before, &now) {
                 return;
             }
             before = now;
@@ -374,6 +375,12 @@ impl Edp {
     }
 }
 
+/// Whether an arm stood that went so far in [`REST_PERIODS`].
+fn stood(before: &JointPositions, now: &JointPositions) -> bool {
+    let moved = |axis: usize| (now.0[axis] - before.0[axis]).abs();
+    moved(ROLL) < ROLL_RESTS && (0..ROLL).all(|axis| moved(axis) < RESTS)
+}
+
 /// The direction in which a zero has moved farthest, beyond [`ZERO_MOVED`], and by how much (N,
 /// Nm). A force comes first: it has a torque of its own about the tool's point.
 fn far_off(by: &[f64; 6]) -> Option<(usize, f64)> {
@@ -407,6 +414,20 @@ mod tests {
 
         let told = edp.state().await.unwrap_err().to_string();
         assert_eq!(told, "system, edp track, state: no answer from the servo in 0.5 s");
+    }
+
+    #[test]
+    fn arm_stands_whose_roll_alone_still_settles() {
+        let moved = |axis: usize, by: f64| {
+            let mut now = JointPositions([0.5; 7]);
+            now.0[axis] += by;
+            stood(&JointPositions([0.5; 7]), &now)
+        };
+        for axis in 0..7 {
+            assert!(moved(axis, 1e-4) && moved(axis, -1e-4), "{axis}");
+            assert_eq!(moved(axis, -1e-3), axis == ROLL, "{axis}");
+            assert!(!moved(axis, 5e-3), "{axis}");
+        }
     }
 
     #[test]

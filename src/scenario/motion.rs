@@ -169,6 +169,26 @@ mod tests {
     }
 
     #[test]
+    fn hardware_is_gentle_and_simulation_swift() {
+        let speed = |bridge: &str, keys: &str| {
+            let pace = if bridge == "plant" { "virtual" } else { "real-time" };
+            let text =
+                format!("pace = \"{pace}\"\n[bridge]\nkind = \"{bridge}\"\n[control]\n{keys}\n");
+            read(Path::new("t.toml"), &text, &[])
+                .map(|scenario| scenario.controller.control.turn_speed.to_degrees().round())
+                .map_err(|faults| faults.to_string())
+        };
+        assert_eq!(speed("plant", ""), Ok(41.0));
+        assert_eq!(speed("plant", "profile = \"workshop\""), Ok(25.0));
+        assert_eq!(speed("plant", "turn_speed_deg_s = 30"), Ok(30.0), "a key overrules it");
+        assert_eq!(speed("serial", ""), Ok(25.0));
+        assert_eq!(speed("serial", "turn_speed_deg_s = 30"), Ok(30.0));
+        let told = speed("serial", "profile = \"swift\"").unwrap_err();
+        assert!(told.contains("t.toml:5:11: `control.profile`: \"swift\" has been"), "{told}");
+        assert!(told.contains("`bridge.kind` is \"serial\""), "{told}");
+    }
+
+    #[test]
     fn guarded_speed_that_shakes_the_tool_is_refused() {
         let told = faults("approach_speed_mm_s = 10\nlinear_inertia_kg = 0");
         assert!(told.contains("t.toml:2:23: `control.approach_speed_mm_s`"), "{told}");

@@ -514,6 +514,7 @@ mod tests {
     use super::*;
     use crate::hw::driver::{self, Switches};
     use crate::motion::JointPositions;
+    use crate::reach::guard::PlannedMotion;
     use crate::reach::{Meeting, MeetingTable, ReachSettings, example_cell};
     use crate::record::run_hash::RunHash;
 
@@ -652,6 +653,42 @@ mod tests {
         assert!(slower[0] > 1.2, "{slower:?}");
         // Their ways are free when both go evenly.
         assert!((slower[0] - slower[1]).abs() < 1e-9, "{slower:?}");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn motion_that_leaves_the_operator_is_slow_there_alone() {
+        let (meeting, _) = meeting();
+        let mut cell = example_cell();
+        // The hand-over is where the arm begins.
+        let track = JointPositions([0.2, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
+        let arm_of = &cell.arms[0];
+        let tool = arm_of.model.base_from_flange(&track) * arm_of.flange_from_tool;
+        cell.hand.world_from_cube.translation = (arm_of.world_from_base * tool).translation;
+        let arms = [arm(track), arm(meeting.postument)];
+        let mp = standing(Guard::of(&cell, 0.05), arms);
+        let mut target = track;
+        target.0[1] += 1.2;
+        let asked = to(target);
+        let mut orders = [Some(asked), None];
+
+        mp.guarded(&mut orders).unwrap();
+
+        let Some(Behaviour::Legs { legs, seconds }) = orders[0] else { panic!("{orders:?}") };
+        assert_eq!(*legs.end(), target);
+        let guard = mp.guard().unwrap();
+        let way = PlannedMotion::Joints(target);
+        let whole = manner().seconds(&asked, &arms[0]);
+        let profile = manner().speeds.profile;
+        let share = |part| profile.share(part, whole);
+        let stretched = whole * guard.course(0, &track, &way).haste(whole, share);
+        assert!(seconds < 0.6 * stretched, "{seconds} s, {stretched} s if slow all the way");
+        // The way is the same, and the hand is slow enough where it matters.
+        for part in [0.1, 0.3, 0.6, 0.9] {
+            let at = legs.at(&track, part);
+            assert!(at.0.iter().zip(track.0).skip(2).all(|(a, b)| (a - b).abs() < 1e-12));
+        }
+        let haste = guard.course(0, &track, &PlannedMotion::Legs(legs)).haste(seconds, |part| part);
+        assert!(haste <= 1.0 + 1e-6 && haste > 0.3, "{haste}");
     }
 
     #[tokio::test(start_paused = true)]

@@ -485,11 +485,13 @@ impl Robot {
 
 #[cfg(test)]
 mod tests {
-    use super::super::give_back;
     use super::super::testing::{Stage, goes_well, order, settings, taken, track, words};
+    use super::super::{give_back, regrasp};
     use super::*;
     use crate::cube::Keeper;
     use crate::tasks::cube::settings::CubeSettings;
+    use crate::tasks::cube::think::Conclusion;
+    use crate::tasks::{Action, Event};
 
     /// Plays a motion with the cube in the track hand, or a procedure of motions. Returns the word
     /// of each action, and whether an entry for another run was published before it. Nobody takes a
@@ -579,5 +581,78 @@ mod tests {
             ("line", true),
         ];
         assert_eq!(noted(Keeper::Table, solved), laid_down);
+    }
+
+    #[test]
+    fn approach_begins_farther_from_a_cube_that_was_off() {
+        let distance = |miss: f64, pre_grasp: f64| {
+            let mut stage = Stage::holding(CubeSettings { pre_grasp, ..settings() });
+            stage.robot.miss = miss;
+            let grip = Grip { hold: taken(), half_roll: false };
+            let mut found = None;
+            let approach = async |robot: &mut Robot| robot.approach(Hand::Postument, grip).await;
+            let (end, _) = stage.play(approach, &mut |action, arms| {
+                if let Action::Behave { orders, .. } = action
+                    && let Some(Behaviour::Approach { distance, .. }) = orders[1]
+                {
+                    found = Some(distance - 0.015);
+                }
+                goes_well(action, arms)
+            });
+            assert!(end.is_ok(), "{end:?}");
+            found.unwrap()
+        };
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
+        near(distance(0.0, 0.004), 0.004);
+        near(distance(0.004, 0.004), 0.008);
+        near(distance(UNSURE, 0.004), UNSURE);
+        near(distance(0.0, 0.012), 0.012);
+        near(distance(0.0, 0.03), 0.03);
+    }
+
+    /// Brings the hands to a grasp by a way whose legs come to this event. Returns the words of the
+    /// orders, and how the way ended.
+    fn meets(legs: Event<Conclusion>) -> (Vec<&'static str>, Result<(), Failure>) {
+        let way = Way { separation: 0.1, stroke: 0.3, across: 0.1, ramp: 0.1, seconds: 2.0 };
+        let mut settings = settings();
+        settings.meetings.ways = vec![Some(way); 30 * 30 * 2];
+        let mut stage = Stage::holding(settings);
+        let meeting = stage.robot.settings.meetings.grasps[0].unwrap();
+        (stage.robot.meeting, stage.robot.apart) = (Some(meeting), false);
+        let (mut orders, mut legs) = (Vec::new(), Some(legs));
+        let meet = async |robot: &mut Robot| {
+            regrasp::meet(robot, Hand::Postument, meeting, regrasp::Coming::ToGrasp).await
+        };
+        let (end, _) = stage.play(meet, &mut |action, arms| {
+            let Action::Behave { orders: sent, .. } = action else {
+                return goes_well(action, arms);
+            };
+            let goes_across = matches!(sent, [Some(Behaviour::Legs { .. }), ..]);
+            orders.push(match sent {
+                _ if goes_across => "legs",
+                [Some(Behaviour::Present { .. }), ..] => "gives way",
+                _ => "joints",
+            });
+            match legs.take_if(|_| goes_across) {
+                Some(event) => event,
+                None => goes_well(action, arms),
+            }
+        });
+        (orders, end)
+    }
+
+    #[test]
+    fn way_that_is_refused_is_gone_in_turn() {
+        let in_turn = ["joints"; 3];
+        let (orders, end) = meets(Event::Behaved([Some(Outcome::Reached); 2]));
+        assert!(end.is_ok() && orders == ["legs"], "{orders:?}");
+
+        let (orders, end) = meets(Event::Trouble("too near".to_owned()));
+        assert!(end.is_ok() && orders == [&["legs"][..], &in_turn].concat(), "{orders:?}");
+
+        let met = Event::Behaved([Some(Outcome::OverForce(2, 31.0)), Some(Outcome::Ended)]);
+        let (orders, end) = meets(met);
+        let way = [&["legs", "gives way"][..], &in_turn].concat();
+        assert!(end.is_ok() && orders == way, "{orders:?}");
     }
 }
