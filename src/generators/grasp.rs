@@ -188,6 +188,30 @@ mod tests {
     }
 
     #[test]
+    fn jaws_close_slowly_near_the_cube_alone() {
+        let (slow, fast) = (0.012, 0.04);
+        let compliance = Compliance { jaw_reach_speed: fast, ..compliance() };
+        let mut grasp = Grasp::new(30.0, LEAST, [true; 6], Depth::One, compliance);
+        let mut arm = ArmState { jaw_opening: 0.07, ..ArmState::default() };
+        let (step, near) = (8.0 * PERIOD, LEAST + NEAR);
+        let (mut last, mut fastest) = (arm.jaw_opening, 0.0_f64);
+        for period in (0..400).step_by(8) {
+            let next = grasp.next(&Inputs { arm: &arm, target: None, period, pace: 1.0 });
+            let Next::Go(MoveCommand { jaw: Some(jaw), .. }) = next else { break };
+            let speed = (last - jaw.opening) / step;
+            assert!(speed <= if last > near { fast } else { slow } + 1e-9, "{speed} at {last}");
+            assert!(
+                jaw.opening >= near - slow * step || last <= near,
+                "{} from {last}",
+                jaw.opening
+            );
+            fastest = fastest.max(speed);
+            (last, arm.jaw_opening) = (jaw.opening, jaw.opening);
+        }
+        assert!((fastest - fast).abs() < 1e-9 && last < near - 1e-3, "{fastest}, {last}");
+    }
+
+    #[test]
     fn jaws_that_are_pushed_open_are_not_told_to_open() {
         let mut grasp = Grasp::new(30.0, LEAST, [true; 6], Depth::One, compliance());
         let mut set = f64::INFINITY;

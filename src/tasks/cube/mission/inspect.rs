@@ -217,10 +217,40 @@ mod tests {
     use super::*;
     use crate::cube::{Axis, Facelets, Turn};
     use crate::generators::{Behaviour, Outcome};
-    use crate::motion::Depth;
+    use crate::motion::{Depth, JointPositions};
     use crate::operator::Answer;
+    use crate::reach::Way;
     use crate::tasks::cube::hold::{Hold, Step};
     use crate::tasks::{Action, Event};
+
+    #[test]
+    fn nearest_side_is_looked_at_first() {
+        let mut stage = stage(None);
+        let at = |track: f64| {
+            let meeting = stage.robot.settings.meetings.grasps[0].unwrap();
+            Meeting { track: JointPositions([track; 7]), ..meeting }
+        };
+        let looks: Vec<(Face, Meeting)> =
+            [0.1, 0.2, 0.3].into_iter().map(|track| (Face::U, at(track))).collect();
+        let here = at(0.0);
+        let table = &mut stage.robot.settings.meetings;
+        table.grasps[0] = Some(here);
+        table.views[0] = [0, 1, 2].map(|side: usize| Some(looks[side].1));
+        stage.robot.meeting = Some(here);
+        assert_eq!(nearest(&stage.robot, Hand::Track, &looks), Some(0), "no way is known");
+
+        let way = |seconds| Way { separation: 0.1, stroke: 0.3, across: 0.1, ramp: 0.1, seconds };
+        let seconds = |i: usize| match i / 2 {
+            24 => 3.0,
+            25 => 1.0,
+            _ => 2.0,
+        };
+        stage.robot.settings.meetings.ways =
+            (0..30 * 30 * 2).map(|i| Some(way(seconds(i)))).collect();
+        assert_eq!(nearest(&stage.robot, Hand::Track, &looks), Some(1));
+        assert_eq!(nearest(&stage.robot, Hand::Track, &looks[..1]), Some(0));
+        assert_eq!(nearest(&stage.robot, Hand::Track, &[]), None);
+    }
 
     const SOLVED: &str = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
 

@@ -310,6 +310,25 @@ mod tests {
     }
 
     #[test]
+    fn hand_draws_back_from_the_operator_gently() {
+        let mut stage = Stage::new(settings());
+        let (gentle, full) = (stage.robot.settings.gentle, stage.robot.settings.speed);
+
+        let draws_back = async |robot: &mut Robot| {
+            draw_back(robot, 0.05).await?;
+            robot.along(Hand::Track, -0.05).await
+        };
+        let (end, actions) = stage.play(draws_back, &mut goes_well);
+
+        let speed = |action| match order(action) {
+            Some(Behaviour::Line { speed, .. }) => *speed,
+            other => panic!("{other:?}"),
+        };
+        assert!(end.is_ok(), "{end:?}");
+        assert_eq!(actions.iter().map(speed).collect::<Vec<_>>(), [gentle, full]);
+    }
+
+    #[test]
     fn missed_cube_is_approached_again_with_zeroed_force() {
         let mut tries = 0;
         let mut stage = Stage::new(settings());

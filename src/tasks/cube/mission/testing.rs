@@ -57,7 +57,7 @@ pub(super) fn settings() -> CubeSettings {
         grip: 60.0,
         opening: 0.09,
         regrasp_opening: 0.09,
-        gentle: 1.0,
+        gentle: 0.25,
         jaw_leave: 1.2,
         back: 0.1,
         pre_grasp: 0.03,
