@@ -15,9 +15,9 @@ pub struct Fold {
 impl Fold {
     /// Distance between the places that are looked at (m).
     const STEP: f64 = 0.002;
-    /// Way that stays free before the place where a joint meets its limit (m): the arm sets out from
-    /// where the servo has it by then, not from where it was asked, and must not be refused for a
-    /// tenth of a millimetre.
+    /// Way that stays free before the place where a joint meets its limit (m): the arm sets out
+    /// from where the servo has it by then, not from where it was asked, and must not be refused
+    /// for a tenth of a millimetre.
     const SPARE: f64 = 0.004;
 
     /// Of an arm with its tool.

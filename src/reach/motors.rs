@@ -12,8 +12,8 @@ pub(super) const MOMENTS: u32 = 60;
 /// the limit, and corrections come on top of a way.
 pub(super) const MOTORS: f64 = 0.95;
 
-/// Returns the farthest that any motor turns from one of [`MOMENTS`] to the next (rad) on a way that
-/// begins at `from` and is `at` there after a share of its time.
+/// Returns the farthest that any motor turns from one of [`MOMENTS`] to the next (rad) on a way
+/// that begins at `from` and is `at` there after a share of its time.
 pub(super) fn farthest_turn(
     model: &ArmModel,
     from: &JointPositions,

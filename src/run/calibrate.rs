@@ -68,8 +68,8 @@ pub(crate) struct Errors {
     pub(crate) place: f64,
     /// Its orientation (rad).
     pub(crate) tilt: f64,
-    /// Error of the measured place of a cube in the middle of the picture at working distance, which
-    /// follows from all these: across the sight (m).
+    /// Error of the measured place of a cube in the middle of the picture at working distance,
+    /// which follows from all these: across the sight (m).
     pub(crate) lateral: f64,
     /// The same along the sight (m).
     pub(crate) depth: f64,

@@ -19,8 +19,8 @@ use crate::kinematics::ArmModel;
 use crate::motion::{PERIOD, ROLL};
 use crate::servo::tff;
 
-/// Index of the track; like the roll's, its motor turns nothing else: the speeds of these two do not
-/// depend on the posture.
+/// Index of the track; like the roll's, its motor turns nothing else: the speeds of these two do
+/// not depend on the posture.
 const TRACK: usize = 0;
 
 /// Delay of the force loop, in servo periods: one for the sensor, one for the exchange, half of one

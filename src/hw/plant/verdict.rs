@@ -309,8 +309,8 @@ impl Verdict {
         }
     }
 
-    /// Returns the events, each with its time (s), whether it is an accident, and in words. `arms` are
-    /// the names of the arms, `period` is the length of a period (s).
+    /// Returns the events, each with its time (s), whether it is an accident, and in words. `arms`
+    /// are the names of the arms, `period` is the length of a period (s).
     pub fn told(&self, arms: &[&str], period: f64) -> impl Iterator<Item = (f64, bool, String)> {
         self.events.iter().map(move |Event { period: at, what }| {
             (*at as f64 * period, what.is_accident(), what.words(arms))

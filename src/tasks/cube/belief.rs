@@ -31,8 +31,9 @@ const CLOSED: (f64, f64) = (0.03, 0.2);
 /// Standard deviations of the place of the cube in a closed and secured hold: x, y, z (m), about x,
 /// y, z (rad). The arms' sag and the give of the pads are in these.
 const CONTACT: [f64; 6] = [0.0007, 0.0005, 0.0007, 0.008, 0.008, 0.008];
-/// Standard deviations of the place of a face that a camera in a hand sees: across, across, along the
-/// line of sight (m), about the same axes (rad). Most of it is the error of the camera's own place.
+/// Standard deviations of the place of a face that a camera in a hand sees: across, across, along
+/// the line of sight (m), about the same axes (rad). Most of it is the error of the camera's own
+/// place.
 const SIGHT: [f64; 6] = [0.0013, 0.0013, 0.002, 0.012, 0.012, 0.006];
 
 /// A hold of the cube by one hand.

@@ -116,8 +116,8 @@ pub struct CubeSettings {
     pub finger_width: f64,
 }
 
-/// Times that a grasp takes beyond the ways themselves, as measured in the plant (s): two biases, the
-/// build-up of the grip, seating.
+/// Times that a grasp takes beyond the ways themselves, as measured in the plant (s): two biases,
+/// the build-up of the grip, seating.
 const BIAS: f64 = 0.07;
 const BUILD_UP: f64 = 0.45;
 const SEATING: f64 = 0.5;

@@ -584,7 +584,7 @@ mod tests {
     }
 
     #[test]
-    fn approach_begins_farther_from_a_cube_that_was_off() {
+    fn cube_that_was_off_is_approached_from_farther() {
         let distance = |miss: f64, pre_grasp: f64| {
             let mut stage = Stage::holding(CubeSettings { pre_grasp, ..settings() });
             stage.robot.miss = miss;
