@@ -71,17 +71,18 @@ impl Legs {
         let step = 1.0 / f64::from(MOMENTS);
         let at = |moment: u32| self.at(start, f64::from(moment) * step);
         let (mut before, mut now) = (*start, at(1));
-        let mut least = 0.0_f64;
+        let (mut fastest, mut steepest) = (0.0_f64, 0.0_f64);
         for moment in 2..=MOMENTS + 1 {
             let next = at(moment.min(MOMENTS));
             for i in 0..AXES {
                 let speed = (now.0[i] - before.0[i]).abs() / step;
                 let acceleration = (next.0[i] - 2.0 * now.0[i] + before.0[i]).abs() / (step * step);
-                least = least.max(speed / speeds[i]).max((acceleration / accelerations[i]).sqrt());
+                fastest = fastest.max(speed / speeds[i]);
+                steepest = steepest.max(acceleration / accelerations[i]);
             }
             (before, now) = (now, next);
         }
-        least
+        fastest.max(steepest.sqrt())
     }
 }
 

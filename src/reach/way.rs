@@ -46,6 +46,11 @@ const OVERLAPS: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.0];
 /// How much longer than usual a motion may take to come to its full speed: where it is as short as
 /// ever, the acceleration of joints bounds their speed.
 const RAMPS: [f64; 3] = [1.0, 1.5, 2.2];
+/// Step from moment to moment, which has no divisor in common with their number.
+const STRIDE: u32 = 23;
+/// Share of the greatest speed and acceleration that the moments at which a motion is timed see at
+/// least.
+const MISSED: f64 = 0.85;
 
 impl Way {
     /// Returns the quickest way that keeps the clearance, if it is quicker than the usual one.
@@ -61,13 +66,46 @@ impl Way {
             to[arm].0[ROLL] = from[arm].0[ROLL];
         }
         let ends = Ends { from, to, newcomer };
-        let mut ways: Vec<Self> = Self::all(settings, speeds, &from, &to).collect();
-        for way in &mut ways {
-            way.seconds =
-                way.least_seconds(speeds, &from, &to).max(way.motor_seconds(cell, speeds, &ends));
+        // The quickest last, and those that are yet to be timed by their bound.
+        let mut ways = Vec::new();
+        let rank = |&(way, timed, order): &(Self, bool, usize)| (way.seconds, timed, order);
+        let insert = |ways: &mut Vec<_>, new| {
+            let place = ways.partition_point(|other| rank(other) > rank(&new));
+            ways.insert(place, new);
+        };
+        for (order, mut way) in Self::all(settings, speeds, &from, &to).enumerate() {
+            way.seconds = way.bound(speeds, &ends);
+            insert(&mut ways, (way, false, order));
         }
-        ways.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
-        ways.into_iter().find(|way| way.is_free(cell, settings, speeds, &ends))
+        while let Some((mut way, timed, order)) = ways.pop() {
+            if timed && way.is_free(cell, settings, speeds, &ends) {
+                return Some(way);
+            }
+            if !timed {
+                way.seconds = way
+                    .least_seconds(speeds, &from, &to)
+                    .max(way.motor_seconds(cell, speeds, &ends));
+                insert(&mut ways, (way, true, order));
+            }
+        }
+        None
+    }
+
+    /// Returns a time that no arm is quicker than: of the way across, or of the stroke (s).
+    fn bound(&self, speeds: &Speeds, Ends { from, to, .. }: &Ends) -> f64 {
+        let profile = Profile { ramp: self.ramp };
+        let least = |way: f64, axis: usize, window: f64| {
+            let (speed, acceleration) = (speeds.joint[axis], speeds.joint_acceleration[axis]);
+            let by_speed = profile.fraction(way, speed, f64::INFINITY, window);
+            by_speed.max(profile.fraction(way, f64::INFINITY, acceleration, window).sqrt())
+        };
+        let stroke =
+            if self.separation > 0.0 { least(self.separation, 0, self.stroke) } else { 0.0 };
+        let across = (0..2).flat_map(|arm| (1..ROLL).map(move |axis| (arm, axis)));
+        let across = across.map(|(arm, axis): (usize, usize)| {
+            least(to[arm].0[axis] - from[arm].0[axis], axis, 1.0 - 2.0 * self.across)
+        });
+        across.fold(stroke, f64::max) * MISSED
     }
 
     /// Returns how long the motors of both arms take at least (s).
@@ -159,8 +197,9 @@ impl Way {
     fn is_free(&self, cell: &Cell, settings: &ReachSettings, speeds: &Speeds, ends: &Ends) -> bool {
         let Ends { from, to, newcomer } = ends;
         let legs = self.legs(speeds, from, to);
-        (0..=MOMENTS).all(|moment| {
-            let part = f64::from(moment) / f64::from(MOMENTS);
+        // In long steps, so that a way is soon found blocked.
+        (0..=MOMENTS).all(|step| {
+            let part = f64::from(step * STRIDE % (MOMENTS + 1)) / f64::from(MOMENTS);
             let [track, postument] = [0, 1].map(|arm: usize| {
                 let joints = legs[arm].at(&from[arm], part);
                 Bodies::of(cell, &cell.arms[arm], &joints)

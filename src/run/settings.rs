@@ -98,7 +98,9 @@ fn arm_belief(cell: &Cell, index: usize) -> Option<ArmBelief> {
 /// Returns the meetings of a cell, searched unless they are known.
 pub(super) fn meetings(config: &ControllerConfig, reach: &ReachSettings) -> MeetingTable {
     let speeds = manner(config, 0).speeds;
-    let least = config.control.separation == keys::Separation::Least;
+    // Missions alone go from meeting to meeting.
+    let least =
+        config.control.separation == keys::Separation::Least && config.task == keys::Task::Solve;
     super::meeting_cache::of(&config.cell, reach, least.then_some(&speeds))
 }
 
