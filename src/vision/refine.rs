@@ -4,6 +4,10 @@
 //! what blur adds to them are estimated along with the pose. Faces that the detector missed take part as soon as
 //! edges are where the pose says, which also decides between the two poses that one face leaves.
 //!
+//! Tiles repeat: a pose that is one tile off along an edge of the cube has edges where two thirds of
+//! its own should be, and is a best fit of its neighbourhood. Where a face that must be seen is not
+//! seen whole, the fit is held against those one tile off.
+//!
 //! - in: image, [`Lens`], the cube's edge (m), first poses from centroids
 //! - out: [`CubeLocation`] with its covariance
 //! - source: own work; robust weights after Cauchy
@@ -44,6 +48,13 @@ const TELLING: usize = 3;
 const SETTLED: f64 = 0.04;
 /// Least cosine between the sight and a face's normal.
 const LEAST_FACING: f64 = 0.22;
+/// A face that looks so much at the camera is seen whole unless something hides it ...
+const SEEN: f64 = 0.3;
+/// ... and has then so many crossings that fit; one that is a tile off has 18.
+const WHOLE: usize = 20;
+/// A pose that is right has so many times the support of one a tile off; where the cube is mostly
+/// hidden, nothing tells them apart, and the first one stands.
+const BETTER: f64 = 1.4;
 
 /// Localises the cube from the faces found in an image, refined on the image's edges; as [`locate_cube`] otherwise.
 /// The covariance then knows of noise and of the model's imperfections, not of errors of calibration.
@@ -89,6 +100,7 @@ pub fn locate_in(
     poses.sort_by(|a, b| b.1.support.total_cmp(&a.1.support));
     let mut poses = poses.into_iter().map(|p| p.1);
     let Some(fitted) = poses.next() else { return Some(coarse) };
+    let fitted = best_of_lattice(image, lens, edge, fitted, share);
     // Only a pose that the edges bear out as well, or nearly so, remains a second one.
     let other = poses
         .filter(|r| r.support > RIVAL * fitted.support)
@@ -118,8 +130,36 @@ pub fn refine_in(
 ) -> Option<CubeLocation> {
     let lens = &camera.into();
     let fitted = fit(image, lens, edge, camera_from_cube, 0.86)?;
+    let fitted = best_of_lattice(image, lens, edge, fitted, 0.86);
     let crossings: usize = fitted.faces.iter().map(|(_, n)| n).sum();
     (crossings >= TRACKED * fitted.faces.len()).then(|| fitted.location(None))
+}
+
+/// Returns the best of a fit and those that are whole tiles off.
+fn best_of_lattice(
+    image: &RgbImage,
+    lens: &Lens,
+    edge: f64,
+    mut best: Fitted,
+    share: f64,
+) -> Fitted {
+    while best.may_be_off(edge) {
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let off = axes.into_iter().flat_map(|axis| [axis, -axis]).filter_map(|axis| {
+            let start = best.pose * Translation3::from(axis * (edge / 3.0));
+            fit(image, lens, edge, &start, share)
+        });
+        match off.max_by(|a, b| a.support.total_cmp(&b.support)) {
+            Some(other) if other.support > BETTER * best.support => best = other,
+            _ => break,
+        }
+    }
+    best
+}
+
+/// Returns the faces of a cube, as `cube_from_face`.
+fn faces(edge: f64) -> impl Iterator<Item = Pose> {
+    cube_rotations().step_by(4).map(move |r| cube_from_face(&r.to_rotation_matrix(), edge))
 }
 
 /// The other pose that fits one face nearly as well: its tilt against the sight turned round.
@@ -140,11 +180,8 @@ fn mirrored(camera_from_cube: &Pose, cube_from_face: &Pose) -> Pose {
 /// if these are a few pixels deep only.
 fn sides(image: &RgbImage, lens: &Lens, edge: f64, camera_from_cube: &Pose, share: f64) -> usize {
     let probe = Probe::new(image, lens, edge / 3.0).grazing();
-    let mut faces: Vec<Pose> = cube_rotations()
-        .step_by(4)
-        .map(|r| camera_from_cube * cube_from_face(&r.to_rotation_matrix(), edge))
-        .filter(|face| facing(face) > 0.0)
-        .collect();
+    let mut faces: Vec<Pose> =
+        faces(edge).map(|face| camera_from_cube * face).filter(|face| facing(face) > 0.0).collect();
     faces.sort_by(|a, b| facing(b).total_cmp(&facing(a)));
     let mut crossings = Vec::new();
     for (face, camera_from_face) in faces.iter().enumerate().skip(1) {
@@ -166,6 +203,13 @@ struct Fitted {
 }
 
 impl Fitted {
+    /// Whether a face that must be seen is not seen whole: hidden, or the pose is a tile off.
+    fn may_be_off(&self, edge: f64) -> bool {
+        let crossings =
+            |face: &Pose| self.faces.iter().find(|(f, _)| f == face).map_or(0, |(_, n)| *n);
+        faces(edge).any(|face| facing(&(self.pose * face)) > SEEN && crossings(&face) < WHOLE)
+    }
+
     fn location(self, other: Option<Pose>) -> CubeLocation {
         // The dominant face looks most towards the camera.
         let mut used: Vec<Pose> = self.faces.iter().map(|(face, _)| *face).collect();
@@ -194,10 +238,7 @@ type Unknowns = SVector<f64, 9>;
 
 fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Option<Fitted> {
     let probe = Probe::new(image, lens, edge / 3.0);
-    let all: Vec<Pose> = cube_rotations()
-        .step_by(4)
-        .map(|r| cube_from_face(&r.to_rotation_matrix(), edge))
-        .collect();
+    let all: Vec<Pose> = faces(edge).collect();
     let mut model = Model {
         lens,
         pitch: edge / 3.0,
@@ -478,6 +519,23 @@ mod tests {
 
         assert!(error(&found.camera_from_cube, &truth).xy().norm() < 0.2e-3);
         assert_eq!(refine_in(&image, &CAMERA, EDGE, &far), None);
+    }
+
+    #[test]
+    fn a_pose_one_tile_off_is_put_right() {
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+        for (seed, tilt) in [(5, (0.5, 0.45)), (6, (0.3, 0.6)), (7, (0.6, 0.2)), (9, (0.45, 0.1))] {
+            let truth = pose(tilt, 0.1);
+            let image = drawing(&truth, seed).render();
+            for axis in axes.into_iter().flat_map(|axis| [axis, -axis]) {
+                let start = truth * Translation3::from(axis * (EDGE / 3.0));
+
+                let found = refine_in(&image, &CAMERA, EDGE, &start).unwrap();
+
+                let error = error(&found.camera_from_cube, &truth);
+                assert!(error.xyz().norm() < 1e-3, "seed {seed}, {axis}: {error}");
+            }
+        }
     }
 
     #[test]
