@@ -124,6 +124,12 @@ impl Balance {
         self.rest.borne
     }
 
+    /// Whether a gripper alone holds the cube, which then goes where its tool goes.
+    pub(super) fn hangs_on(&self, gripper: usize) -> bool {
+        let others = (0..2).any(|i| i != gripper && self.touches[i].any());
+        !others && self.hand_force == Vector3::zeros() && self.borne() == 0.0
+    }
+
     /// At rest with bodies that were kept.
     pub(super) fn restore(&mut self, nodes: [Frame; 2], split: Option<Split>) {
         *self = Self { nodes, split, ..Self::new(nodes[0], self.edge, self.rest.height) };

@@ -298,8 +298,10 @@ impl Plant {
                     *sum += more;
                 }
                 let local = arm.world_from_base().to_local(&tool);
-                let grip = moved(&touch.stiffness, &local.r, &local.p, &local.p);
-                arm.step(&drives[i], &outside, Some(&grip), dt);
+                // What goes where the tool goes holds it back by nothing.
+                let grip = (!self.balance.hangs_on(i))
+                    .then(|| moved(&touch.stiffness, &local.r, &local.p, &local.p));
+                arm.step(&drives[i], &outside, grip.as_ref(), dt);
             } else {
                 arm.step(&drives[i], &self.collisions.torques[i], None, dt);
             }

@@ -613,6 +613,7 @@ fn a_cube_is_carried_at_a_metre_a_second_without_a_strain() {
     }
     servo.run(0.5);
     let (mut fastest, mut strain) = (0.0_f64, 0.0_f64);
+    let mut current = 0.0;
     for k in 0..700_u32 {
         // Trunk, upper arm and wrist turn at up to 1.2 rad/s, the trunk a metre from the cube.
         let t = f64::from(k) * PERIOD;
@@ -625,9 +626,13 @@ fn a_cube_is_carried_at_a_metre_a_second_without_a_strain() {
         servo.tick();
         fastest = fastest.max(servo.plant.scene().cube.velocity.linear.norm());
         strain = strain.max(servo.plant.balance.touches[0].force.norm());
+        if k >= 500 {
+            current += f64::from(servo.readings[0].currents[1]) / 200.0;
+        }
     }
     let v = servo.plant.verdict();
 
+    assert!(current.abs() < 0.5, "{current} A turn the trunk, which has friction alone to overcome");
     assert!(fastest > 0.9, "{fastest} m/s");
     assert_eq!((v.counts.slips, v.counts.drops), (0, 0), "{:?}", v.events);
     assert!(strain < 1.5, "{strain} N");
