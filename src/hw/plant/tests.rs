@@ -632,7 +632,10 @@ fn a_cube_is_carried_at_a_metre_a_second_without_a_strain() {
     }
     let v = servo.plant.verdict();
 
-    assert!(current.abs() < 0.5, "{current} A turn the trunk, which has friction alone to overcome");
+    assert!(
+        current.abs() < 0.5,
+        "{current} A turn the trunk, which has friction alone to overcome"
+    );
     assert!(fastest > 0.9, "{fastest} m/s");
     assert_eq!((v.counts.slips, v.counts.drops), (0, 0), "{:?}", v.events);
     assert!(strain < 1.5, "{strain} N");
