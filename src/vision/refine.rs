@@ -4,9 +4,9 @@
 //! what blur adds to them are estimated along with the pose. Faces that the detector missed take part as soon as
 //! edges are where the pose says, which also decides between the two poses that one face leaves.
 //!
-//! Tiles repeat: a pose that is one tile off along an edge of the cube has edges where two thirds of
-//! its own should be, and is a best fit of its neighbourhood. Where a face that must be seen is not
-//! seen whole, the fit is held against those one tile off.
+//! Tiles repeat: a pose that is one tile off along an edge of the cube has edges where two thirds
+//! of its own should be, and is a best fit of its neighbourhood. Where a face that must be seen is
+//! not seen whole, the fit is held against those one tile off.
 //!
 //! - in: image, [`Lens`], the cube's edge (m), first poses from centroids
 //! - out: [`CubeLocation`] with its covariance

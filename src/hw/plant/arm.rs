@@ -277,8 +277,8 @@ impl PlantArm {
     }
 
     /// Takes one substep of `dt` seconds under joint torques from outside (contact). `grip` is the
-    /// stiffness of a contact with what stands, about the base's origin in base axes, which the step
-    /// takes implicitly.
+    /// stiffness of a contact with what stands, about the base's origin in base axes, which the
+    /// step takes implicitly.
     pub(super) fn step(
         &mut self,
         drive: &ArmDrive,

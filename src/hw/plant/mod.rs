@@ -298,7 +298,7 @@ impl Plant {
                     *sum += more;
                 }
                 let local = arm.world_from_base().to_local(&tool);
-                // What goes where the tool goes holds it back by nothing.
+                // A cube that goes where the tool goes does not hold it back.
                 let grip = (!self.balance.hangs_on(i))
                     .then(|| moved(&touch.stiffness, &local.r, &local.p, &local.p));
                 arm.step(&drives[i], &outside, grip.as_ref(), dt);
