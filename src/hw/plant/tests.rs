@@ -627,7 +627,7 @@ fn a_cube_is_carried_at_a_metre_a_second_without_a_strain() {
         fastest = fastest.max(servo.plant.scene().cube.velocity.linear.norm());
         strain = strain.max(servo.plant.balance.touches[0].force.norm());
         if k >= 500 {
-            current += f64::from(servo.readings[0].currents[1]) / 200.0;
+            current += servo.readings[0].currents[1] / 200.0;
         }
     }
     let v = servo.plant.verdict();
