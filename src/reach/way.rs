@@ -228,6 +228,26 @@ mod tests {
     }
 
     #[test]
+    fn no_way_is_quicker_than_its_bound() {
+        let (cell, settings, speeds) = (example_cell(), ReachSettings::default(), speeds());
+        let table = MeetingTable::compute(&cell, &settings);
+        let grasps: Vec<_> = table.grasps.iter().flatten().collect();
+        let (mut ways, mut nearest) = (0, 0.0_f64);
+        for (a, b) in grasps.iter().zip(&grasps[1..]) {
+            let ends = Ends { from: a.short_of(0), to: b.short_of(0), newcomer: 0 };
+            for way in Way::all(&settings, &speeds, &ends.from, &ends.to) {
+                let least = way
+                    .least_seconds(&speeds, &ends.from, &ends.to)
+                    .max(way.motor_seconds(&cell, &speeds, &ends));
+                let bound = way.bound(&speeds, &ends);
+                assert!(bound <= least, "{bound}, {least} s: {way:?}");
+                (ways, nearest) = (ways + 1, nearest.max(bound / least));
+            }
+        }
+        assert!(ways > 1000 && nearest > 0.8, "{nearest} of the time at most in {ways} ways");
+    }
+
+    #[test]
     fn quickest_way_is_free_for_all_motors() {
         let (cell, settings, speeds) = (example_cell(), ReachSettings::default(), speeds());
         let table = MeetingTable::compute(&cell, &settings);

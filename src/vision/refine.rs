@@ -34,6 +34,8 @@ const OUTER: f64 = 0.1;
 const PASSES: [f64; 3] = [0.16, 0.09, 0.06];
 /// A face takes part with so many crossings that fit.
 const LEAST_CROSSINGS: usize = 9;
+/// Share of the pitch that a sticker is thought to have before any is seen.
+const SHARE: f64 = 0.86;
 /// A pose is believed without a detection with so many fitting crossings a face; a whole face has 24.
 const TRACKED: usize = 13;
 /// A crossing fits within so many standard deviations.
@@ -129,8 +131,8 @@ pub fn refine_in(
     camera_from_cube: &Pose,
 ) -> Option<CubeLocation> {
     let lens = &camera.into();
-    let fitted = fit(image, lens, edge, camera_from_cube, 0.86)?;
-    let fitted = best_of_lattice(image, lens, edge, fitted, 0.86);
+    let fitted = fit(image, lens, edge, camera_from_cube, SHARE)?;
+    let fitted = best_of_lattice(image, lens, edge, fitted, SHARE);
     let crossings: usize = fitted.faces.iter().map(|(_, n)| n).sum();
     (crossings >= TRACKED * fitted.faces.len()).then(|| fitted.location(None))
 }
