@@ -144,6 +144,7 @@ impl Robot {
         if let Some((hand, hold, half_roll)) = held {
             belief.taken(hand, hold, half_roll);
         }
+        let fresh = earlier.is_none() && (goal == Goal::Solve || goal == Goal::Acquire);
         Self {
             port,
             settings,
@@ -162,7 +163,7 @@ impl Robot {
             widths: [None; 2],
             stops: [Depth::One; 2],
             drop_site: None,
-            untouched: earlier.is_none() && (goal == Goal::Solve || goal == Goal::Acquire),
+            untouched: fresh,
             given_back: false,
             failure: None,
             turning: None,
@@ -171,7 +172,7 @@ impl Robot {
             stalled: None,
             recoveries: 0,
             contacts: 0,
-            miss: UNSURE,
+            miss: if fresh { 0.0 } else { UNSURE },
             trust: Trust::Believed,
             patience,
             questions: 0,
