@@ -134,7 +134,12 @@ impl Secure {
                 if way >= distance || seconds > 3.0 * distance / speed + 2.0 {
                     return Next::Done(Outcome::NotTouched);
                 }
-                directions[2] = self.compliance.guarded(sense * speed, force);
+                // The hand stands until a second reading confirms the contact.
+                directions[2] = if self.confirmed > 0 {
+                    Direction::HOLD
+                } else {
+                    self.compliance.guarded(sense * speed, force)
+                };
                 Next::Go(self.compliance.task(directions, None))
             }
             Mode::Press(seat) => self.seat(&seat, directions, arm.wrench_in_tool.force.z),
@@ -202,6 +207,33 @@ mod tests {
             }
         }
         panic!("it never ends")
+    }
+
+    #[test]
+    fn approach_stops_at_the_first_reading_of_contact() {
+        let goes = |forces: &[f64]| {
+            let mut approach = Secure::approach(0.01, 0.05, 4.0, [false; 6], compliance());
+            let mut arm = ArmState::default();
+            let mut ways = Vec::new();
+            for (&force, steps) in forces.iter().zip(0..) {
+                arm.wrench_in_tool.force.z = force;
+                let inputs = Inputs { arm: &arm, target: None, period: 8 * steps, pace: 1.0 };
+                match approach.next(&inputs) {
+                    Next::Done(Outcome::Touched(_)) => ways.push("touched"),
+                    Next::Done(other) => panic!("{other:?}"),
+                    Next::Go(command) => match command.motion {
+                        Motion::Task { directions, .. } if directions[2] == Direction::HOLD => {
+                            ways.push("stands");
+                        }
+                        _ => ways.push("goes"),
+                    },
+                }
+            }
+            ways
+        };
+
+        assert_eq!(goes(&[0.0, 5.0, 5.0]), ["goes", "stands", "touched"]);
+        assert_eq!(goes(&[0.0, 5.0, 0.0, 0.0]), ["goes", "stands", "goes", "goes"], "one spike");
     }
 
     #[test]

@@ -8,7 +8,7 @@
 //! - source: Zieliński et al. (2007), pp. 371-373: position-based, end-effector open loop, stand-alone camera; the
 //!   stages (lead, follow, back off, approach, frozen close to the cube) after the 2008 sources
 
-use super::compliance::Compliance;
+use super::compliance::{Compliance, guarded_admittance};
 use super::inputs::{Inputs, Mode, Sensing, Target, Window};
 use super::outcome::{Next, Outcome};
 use crate::motion::{Direction, Motion, MoveCommand, MoveRefused, PERIOD};
@@ -16,7 +16,7 @@ use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// What the visual servo is asked to do.
+/// Order for the visual servo.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Order {
     /// `world_from_base` as the controller believes it.
@@ -48,6 +48,8 @@ pub struct Order {
     pub approach_speed: f64,
     /// Contact force that ends the approach (N).
     pub touch: f64,
+    /// Virtual mass of the approach (kg).
+    pub inertia: f64,
     /// Way beyond the seat at which the approach is given up (m).
     pub overrun: f64,
     /// Age beyond which a target is not followed (s).
@@ -455,7 +457,7 @@ impl VisualServo {
         let linear = |error: f64| Direction::Guarded {
             velocity: (FOLLOW_GAIN * error).clamp(-limit, limit),
             admittance: c.linear_admittance,
-            inertia: c.linear_inertia,
+            inertia: order.inertia,
         };
         let angular = |error: f64| Direction::Guarded {
             velocity: (FOLLOW_GAIN * error).clamp(-0.2, 0.2),
@@ -468,7 +470,16 @@ impl VisualServo {
         let directions = [
             linear(left.translation.x),
             linear(left.translation.y),
-            c.guarded(forward, order.touch),
+            if self.confirmed > 0 {
+                // The hand stands until a second reading confirms the contact.
+                Direction::HOLD
+            } else {
+                Direction::Guarded {
+                    velocity: forward,
+                    admittance: guarded_admittance(forward, order.touch),
+                    inertia: order.inertia,
+                }
+            },
             angular(rotation.x),
             angular(rotation.y),
             angular(rotation.z),
@@ -562,6 +573,7 @@ mod tests {
             acceleration: 0.5,
             approach_speed: 0.02,
             touch: 3.0,
+            inertia: 20.0,
             overrun: 0.015,
             stale: 0.1,
             patience: 5.0,

@@ -191,6 +191,7 @@ fn visual_order(config: &ControllerConfig) -> visual_servo::Order {
         acceleration: c.linear_acceleration,
         approach_speed,
         touch,
+        inertia: v.inertia,
         // Nothing below the seat but the table.
         overrun: match keeper {
             Keeper::Person => 0.015,

@@ -342,6 +342,9 @@ section! {
         /// The arm backs off when the cube moves this far; where the gripper hides it, 50 mm at
         /// least, and 300 at most.
         withdraw [mm]: f64 = 50.0, 1.0..=250.0;
+        /// Virtual mass of the approach to the cube. That approach goes twice as fast as the one to
+        /// a partner's cube, and stops at half of the force.
+        inertia [kg]: f64 = 20.0, 0.0..=1000.0;
         /// A pose older than this is no longer followed; they come each 40 ms.
         pose_age [ms]: f64 = 100.0, 60.0..=2000.0;
         /// The task fails when no cube came within this time, when a limit kept the arm from it for

@@ -10,7 +10,7 @@
 //!
 //! The joints that share motors are checked along each way, by the servo and the guard of ways.
 
-use super::keys::{Control, Profile};
+use super::keys::{Control, Profile, VisualServo};
 use super::root::Root;
 use super::section::Reader;
 use crate::cell::{Arm, ForceSensor};
@@ -48,14 +48,14 @@ pub(super) fn profile(root: &Root, reader: &mut Reader) {
 pub(super) fn speeds(control: &Control, arms: &[Option<Arm>], reader: &mut Reader) {
     for arm in arms.iter().flatten() {
         let c = control;
-        // A turn orders more than its speed, since a layer resists it.
-        let resisted = turn::most_ordered(1.0);
-        for (key, axis, speed, ordered, unit) in [
-            ("turn_speed_deg_s", ROLL, c.turn_speed, resisted, Unit::Degrees),
-            ("roll_speed_deg_s", ROLL, c.roll_speed, 1.0, Unit::Degrees),
-            ("track_speed_mm_s", TRACK, c.track_speed, 1.0, Unit::Millimetres),
+        // A turn orders more than its speed, since a layer resists it: the servo bounds what comes
+        // of that (servo::path).
+        for (key, axis, speed, unit) in [
+            ("turn_speed_deg_s", ROLL, c.turn_speed, Unit::Degrees),
+            ("roll_speed_deg_s", ROLL, c.roll_speed, Unit::Degrees),
+            ("track_speed_mm_s", TRACK, c.track_speed, Unit::Millimetres),
         ] {
-            if let Some((needed, most)) = too_fast(&arm.model, axis, ordered * speed) {
+            if let Some((needed, most)) = too_fast(&arm.model, axis, speed) {
                 let limit = arm.model.motor_speed_limit;
                 let reason = format!(
                     "`control.{key}`: {} needs {needed:.0} rad/s of motor {axis} of the {}, which \
@@ -63,7 +63,7 @@ pub(super) fn speeds(control: &Control, arms: &[Option<Arm>], reader: &mut Reade
                     unit.write(speed),
                     arm.name
                 );
-                let advice = format!("{} at most", unit.write(most / ordered));
+                let advice = format!("{} at most", unit.write(most));
                 reader.fault_with_help(&format!("control.{key}"), reason, &advice);
             }
         }
@@ -103,19 +103,25 @@ fn too_fast(model: &ArmModel, axis: usize, speed: f64) -> Option<(f64, f64)> {
 }
 
 /// Checks each direction that a force moves: see [`tff::self_excitation`].
-pub(super) fn self_excitation(control: &Control, arms: &[Option<Arm>], reader: &mut Reader) {
+pub(super) fn self_excitation(
+    control: &Control,
+    visual_servo: &VisualServo,
+    arms: &[Option<Arm>],
+    reader: &mut Reader,
+) {
     let c = control;
-    // The visual servo's approach is the fastest of those that a force stops.
+    let approach = guarded_admittance(c.approach_speed, c.approach_force);
     let (speed, force) = c.visual_approach();
-    let approach = guarded_admittance(speed, force);
+    let visual = guarded_admittance(speed, force);
     let turn_admittance = turn::most_ordered(c.turn_speed) / c.turn_torque;
     for arm in arms.iter().flatten() {
         let (mass, moment, about_z) = inertia(&arm.sensor);
         let rows = [
-            ("approach_speed_mm_s", approach, c.linear_inertia, mass),
-            ("linear_admittance_mm_sn", c.linear_admittance, c.linear_inertia, mass),
-            ("turn_speed_deg_s", turn_admittance, 0.0, about_z),
-            ("angular_admittance_rad_snm", c.angular_admittance, c.angular_inertia, moment),
+            ("visual_servo.inertia_kg", visual, visual_servo.inertia, mass),
+            ("control.approach_speed_mm_s", approach, c.linear_inertia, mass),
+            ("control.linear_admittance_mm_sn", c.linear_admittance, c.linear_inertia, mass),
+            ("control.turn_speed_deg_s", turn_admittance, 0.0, about_z),
+            ("control.angular_admittance_rad_snm", c.angular_admittance, c.angular_inertia, moment),
         ];
         let most = tff::MOST_SELF_EXCITATION;
         for (key, admittance, inertia, tool) in rows {
@@ -126,14 +132,18 @@ pub(super) fn self_excitation(control: &Control, arms: &[Option<Arm>], reader: &
                 continue;
             }
             let reason = format!(
-                "`control.{key}`: the {} would shake itself at about {frequency:.0} Hz by the \
+                "`{key}`: the {} would shake itself at about {frequency:.0} Hz by the \
                  inertia of its own tool: the gain of that loop is {gain:.2}, and {most} at most \
                  is safe",
                 arm.name
             );
-            let advice = "lower it, or raise the virtual inertia (control.linear_inertia_kg, \
-                          control.angular_inertia_kgm2)";
-            reader.fault_with_help(&format!("control.{key}"), reason, advice);
+            let advice = if key == "visual_servo.inertia_kg" {
+                "raise it, or lower control.approach_speed_mm_s"
+            } else {
+                "lower it, or raise the virtual inertia (control.linear_inertia_kg, \
+                 control.angular_inertia_kgm2)"
+            };
+            reader.fault_with_help(key, reason, advice);
         }
     }
 }
@@ -163,8 +173,8 @@ mod tests {
         let told = faults("turn_speed_deg_s = 60");
         assert!(told.contains("t.toml:2:20: `control.turn_speed_deg_s`: 60 deg/s needs"), "{told}");
         assert!(told.contains("of motor 6 of the track, which does 250"), "{told}");
-        assert!(told.contains("41.6 deg/s at most"), "{told}");
-        assert_eq!(faults("turn_speed_deg_s = 41.6"), "");
+        assert!(told.contains("49.5 deg/s at most"), "{told}");
+        assert_eq!(faults("turn_speed_deg_s = 49"), "");
         assert!(faults("roll_speed_deg_s = 50").contains("`control.roll_speed_deg_s`"));
     }
 
@@ -178,7 +188,7 @@ mod tests {
                 .map(|scenario| scenario.controller.control.turn_speed.to_degrees().round())
                 .map_err(|faults| faults.to_string())
         };
-        assert_eq!(speed("plant", ""), Ok(41.0));
+        assert_eq!(speed("plant", ""), Ok(47.0));
         assert_eq!(speed("plant", "profile = \"workshop\""), Ok(25.0));
         assert_eq!(speed("plant", "turn_speed_deg_s = 30"), Ok(30.0), "a key overrules it");
         assert_eq!(speed("serial", ""), Ok(25.0));
@@ -190,13 +200,14 @@ mod tests {
 
     #[test]
     fn guarded_speed_that_shakes_the_tool_is_refused() {
-        let told = faults("approach_speed_mm_s = 10\nlinear_inertia_kg = 0");
+        let told = faults("approach_speed_mm_s = 40\nlinear_inertia_kg = 0");
         assert!(told.contains("t.toml:2:23: `control.approach_speed_mm_s`"), "{told}");
         assert!(told.contains("shake itself at about 31 Hz"), "{told}");
+        assert!(faults("[visual_servo]\ninertia_kg = 5").contains("`visual_servo.inertia_kg`"));
         assert!(
             faults("angular_admittance_rad_snm = 5\nangular_inertia_kgm2 = 0").contains("angular")
         );
-        assert_eq!(faults("approach_speed_mm_s = 2\nlinear_inertia_kg = 0"), "");
+        assert_eq!(faults("approach_speed_mm_s = 10\nlinear_inertia_kg = 0"), "");
         assert_eq!(faults("approach_speed_mm_s = 20"), "");
     }
 }

@@ -1,6 +1,6 @@
 //! The course of a macrostep: set values of each of its periods, linearly between start and end.
 
-use super::tff::{FALLS, ForceFeedback, TaskMotion};
+use super::tff::{FALLS, ForceFeedback, TaskMotion, heeds_force};
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, Direction, JointPositions, Motion, MotorPositions, MoveRefused};
 use crate::spatial::Pose;
@@ -67,6 +67,24 @@ impl SetValues {
         Ok(Self { motors: model.motors(&joints), joints, base_from_tool })
     }
 
+    /// Returns the set values of a task motion's pose, near the last ones.
+    fn of_task(
+        chain: Chain<'_>,
+        mut base_from_tool: Pose,
+        last: &Self,
+    ) -> Result<Self, MoveRefused> {
+        // Rounding would make the rotation drift from unit length over a long contact.
+        base_from_tool.rotation.renormalize();
+        Self::of_pose(chain, base_from_tool, &last.joints)
+    }
+
+    /// Returns the speed of the fastest motor, as a share of its limit, coming from `last` in a
+    /// period of `seconds`.
+    fn haste(&self, model: &ArmModel, last: &Self, seconds: f64) -> f64 {
+        let moved = self.motors.0.iter().zip(&last.motors.0).map(|(to, from)| (to - from).abs());
+        moved.fold(0.0, f64::max) / (seconds * model.motor_speed_limit)
+    }
+
     /// Whether the drives may be asked for these, coming from `last` in a period of `seconds`.
     ///
     /// # Errors
@@ -100,6 +118,13 @@ impl SetValues {
         Ok(())
     }
 }
+
+/// Position-force control goes no faster than this share of what a motor does; the regulators need
+/// the rest.
+const GOVERNED: f64 = 0.975;
+/// Motions that want more than this many times that speed are refused, not slowed down: no motor
+/// does what was ordered, or the arm is near a singularity.
+const MOST_GOVERNED: f64 = 1.5;
 
 /// A macrostep under way.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -200,10 +225,16 @@ impl Path {
             }
             Kind::Task(task) => {
                 let ForceFeedback { law, wrench } = feedback;
-                let mut pose = law.step(period, task, wrench, &last.base_from_tool);
-                // Rounding would make the rotation drift from unit length over a long contact.
-                pose.rotation.renormalize();
-                SetValues::of_pose(chain, pose, &last.joints)
+                let from = &last.base_from_tool;
+                let to = SetValues::of_task(chain, law.step(period, task, wrench, from), last)?;
+                // A torque that falls off, or helps, makes a guarded direction faster than what was
+                // ordered. Nothing waits for it at a certain place, so it may go slower.
+                let haste = to.haste(chain.model, last, law.seconds()) / GOVERNED;
+                if heeds_force(&task.directions) && (1.0..MOST_GOVERNED).contains(&haste) {
+                    SetValues::of_task(chain, law.shorten(1.0 / haste, from), last)
+                } else {
+                    Ok(to)
+                }
             }
         }
     }
@@ -217,8 +248,9 @@ impl Path {
         }
     }
 
-    /// Position-force control goes on until period `end` without a velocity and towards no force. What it has of speed
-    /// falls off as that of any motion that is broken off: set values that stop dead trip the power stages.
+    /// Lets position-force control go on until period `end` without a velocity and towards no force.
+    /// Its speed falls off as that of any motion that is broken off: set values that stop dead trip
+    /// the power stages.
     pub fn yields(&mut self, end: u64) {
         self.end = end;
         if let Kind::Task(TaskMotion { directions, .. }) = &mut self.kind {

@@ -76,6 +76,20 @@ impl ForceLaw {
         self.last_period = period;
         base_from_tool * moved.rotated(&tool_from_axes).displacement()
     }
+
+    /// Returns the commanded `base_from_tool` when the arm goes only a share of the last step: as if
+    /// the law had asked for no more.
+    pub fn shorten(&mut self, share: f64, base_from_tool: &Pose) -> Pose {
+        let Twist { linear, angular } = self.last;
+        self.last = Twist { linear: linear * share, angular: angular * share };
+        base_from_tool * self.last.rotated(&base_from_tool.rotation.inverse()).displacement()
+    }
+
+    /// Returns the length of its periods (s).
+    #[must_use]
+    pub fn seconds(&self) -> f64 {
+        self.length.seconds()
+    }
 }
 
 /// Force feedback of one period: the law, and the wrench that it answers.

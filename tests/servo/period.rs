@@ -350,6 +350,32 @@ fn too_fast_on_the_way_is_broken_off() {
 }
 
 #[test]
+fn guarded_motion_goes_as_fast_as_motors_do() {
+    let limit = config().model.motor_speed_limit;
+    let guarded = |velocity| Direction::Guarded { velocity, admittance: 0.3, inertia: 0.1 };
+    let fastest = |velocity| {
+        let mut arm = Ideal::new();
+        let states = arm.run(task(Frame::Tool, &[(5, guarded(velocity))]), 200);
+        let refused = states.iter().any(|state| state.refused.is_some());
+        let fastest = largest_step(&arm.config, &states[100..]) / PERIOD;
+        let slows = arm.run(task(Frame::Tool, &[(5, guarded(0.0))]), 100);
+        (fastest / limit, refused, largest_step(&arm.config, &slows[50..]) / PERIOD / limit)
+    };
+
+    let (slow, ordered, ..) = fastest(0.6);
+    assert!(slow > 0.6 && slow < 0.8 && !ordered, "{slow}");
+    let (most, refused, left) = fastest(1.0);
+    assert!(most > 0.97 && most < 0.98 && !refused, "{most} of what a motor does");
+    // The law remembers the speed that it had, not the one that it wanted.
+    let lag = 0.3 * 0.1;
+    let expected = most * (lag / (lag + PERIOD)).powi(52);
+    assert!((left / expected - 1.0).abs() < 0.02, "{left} is left, not {expected}");
+    let at_once = Direction::Guarded { velocity: 1.5, admittance: 0.3, inertia: 0.0 };
+    let refused = Ideal::new().run(task(Frame::Tool, &[(5, at_once)]), 10)[0].refused;
+    assert!(matches!(refused, Some(MoveRefused::TooFast { .. })), "{refused:?}");
+}
+
+#[test]
 fn contact_finds_its_force_on_a_spring() {
     let mut arm = Ideal::new();
     let rest = arm.step(None).desired_base_from_tool.translation.vector;

@@ -111,6 +111,7 @@ fn take_order() -> visual_servo::Order {
         acceleration: 1.0,
         approach_speed: 0.02,
         touch: 3.0,
+        inertia: 20.0,
         overrun: 0.015,
         stale: 0.2,
         patience: 10.0,
