@@ -5,6 +5,7 @@
 //! - out: HTML
 
 use super::result::{Figures, RunResult, Verdict};
+use super::statistics::Spread;
 use super::tally::{QUANTITIES, Tally, figure, phase};
 use super::vary::{Choice, Vary, Way};
 use crate::record::report::{HEAD, STYLE, escaped, number, step};
@@ -112,6 +113,8 @@ fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
         let hours: f64 = figures(tally).map(|(_, f)| f.sim_time_s.min(1e9)).sum::<f64>() / 3600.0;
         fact("simulated time in all", format!("{hours:.1} h"));
         fact("drops", grouped(u64::from(tally.mishaps.drops)));
+        let plants: Vec<&str> = tally.plants().into_iter().collect();
+        fact("hash of the plant", plants.join(", "));
     }
     fact("recoveries", grouped(tally.recoveries));
     html.push_str("</dl></header>\n");
@@ -205,14 +208,18 @@ fn spreads(html: &mut String, tally: &Tally) {
     if figures(tally).next().is_none() {
         return;
     }
-    html.push_str("<section><h2>How the figures are spread</h2><p class=lead>Of all runs that ended with a verdict, solved or not; those that were not solved are red.</p><table class=spread><thead><tr><th><th class=n>min<th class=n>median<th class=n>95 %<th class=n>max</tr></thead><tbody>");
+    html.push_str("<section><h2>How the figures are spread</h2><p class=lead>Of all runs that ended with a verdict, solved or not; those that were not solved are red.</p><table class=spread><thead><tr><th>");
+    for name in Spread::COLUMNS {
+        let _ = write!(html, "<th class=n>{name}");
+    }
+    html.push_str("</tr></thead><tbody>");
     for (_, words, of, decimals) in QUANTITIES {
         let s = tally.spread(of);
         if s.is_empty() {
             continue;
         }
         let _ = write!(html, "<tr><th>{}", capital(words));
-        for value in [s.min, s.median, s.p95, s.max] {
+        for value in s.values() {
             let _ = write!(html, "<td class=n>{}", figure(value, decimals));
         }
         html.push_str("</tr>");

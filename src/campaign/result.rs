@@ -97,6 +97,9 @@ pub struct Figures {
     pub recoveries: u32,
     /// Over every servo record and message, hexadecimal.
     pub hash: String,
+    /// Over what bounds the plant's speed and force, hexadecimal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plant_hash: Option<String>,
 }
 
 impl Figures {
@@ -211,6 +214,7 @@ impl RunResult {
                 },
                 recoveries: summary.recoveries,
                 hash: summary.hash.clone(),
+                plant_hash: summary.plant_hash.clone(),
             }),
             wall_time_s: summary.wall_time_s,
         }

@@ -37,24 +37,41 @@ pub struct Spread {
     pub median: f64,
     /// The smallest that 95 % do not exceed.
     pub p95: f64,
+    /// The smallest that 99 % do not exceed.
+    pub p99: f64,
     /// Largest.
     pub max: f64,
 }
 
+impl From<[f64; 5]> for Spread {
+    fn from([min, median, p95, p99, max]: [f64; 5]) -> Self {
+        Self { min, median, p95, p99, max }
+    }
+}
+
 impl Spread {
+    /// Headings of its columns.
+    pub const COLUMNS: [&str; 5] = ["min", "median", "95 %", "99 %", "max"];
+
+    /// Returns its values in the order of the columns.
+    #[must_use]
+    pub fn values(&self) -> [f64; 5] {
+        [self.min, self.median, self.p95, self.p99, self.max]
+    }
+
     /// Of these values, in any order; NaN for each when there are none.
     #[must_use]
     pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
         let mut sorted: Vec<f64> = values.into_iter().collect();
         sorted.sort_by(f64::total_cmp);
         let [Some(&min), Some(&max)] = [sorted.first(), sorted.last()] else {
-            return Self { min: f64::NAN, median: f64::NAN, p95: f64::NAN, max: f64::NAN };
+            return [f64::NAN; 5].into();
         };
         let n = sorted.len();
         let median = f64::midpoint(sorted[(n - 1) / 2], sorted[n / 2]);
         // In whole numbers: 0.95 * 20 is a little more than 19.
-        let p95 = sorted[(95 * n).div_ceil(100) - 1];
-        Self { min, median, p95, max }
+        let share = |percent: usize| sorted[(percent * n).div_ceil(100) - 1];
+        [min, median, share(95), share(99), max].into()
     }
 
     /// Whether it is of nothing.
@@ -94,9 +111,9 @@ mod tests {
     #[test]
     fn a_spread_is_made_of_values_that_came() {
         let s = Spread::of((1..=20).rev().map(f64::from));
-        assert_eq!((s.min, s.median, s.p95, s.max), (1.0, 10.5, 19.0, 20.0));
-        let one = Spread::of([7.0]);
-        assert_eq!((one.min, one.median, one.p95, one.max), (7.0, 7.0, 7.0, 7.0));
+        assert_eq!(s.values(), [1.0, 10.5, 19.0, 20.0, 20.0]);
+        assert_eq!(Spread::of((1..=300).map(f64::from)).p99, 297.0);
+        assert_eq!(Spread::of([7.0]).values(), [7.0; 5]);
     }
 
     #[test]
@@ -105,7 +122,7 @@ mod tests {
         assert!(none.is_empty());
         assert_eq!(
             serde_json::to_string(&none).unwrap(),
-            r#"{"min":null,"median":null,"p95":null,"max":null}"#
+            r#"{"min":null,"median":null,"p95":null,"p99":null,"max":null}"#
         );
     }
 
@@ -123,7 +140,7 @@ mod tests {
         fn a_spread_is_in_order(values in proptest::collection::vec(-1e6..1e6f64, 1..60)) {
             let s = Spread::of(values.iter().copied());
 
-            prop_assert!(s.min <= s.median && s.median <= s.p95 && s.p95 <= s.max);
+            prop_assert!(s.values().is_sorted());
             let below = values.iter().filter(|v| **v <= s.p95).count();
             prop_assert!(below * 100 >= 95 * values.len());
         }

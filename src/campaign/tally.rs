@@ -8,7 +8,7 @@ use super::result::{Figures, Mishaps, RunResult, Verdict};
 use super::state::{Header, SEVERAL, State};
 use super::statistics::{Spread, wilson};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
 /// The sum of a campaign.
@@ -205,6 +205,7 @@ impl Tally {
             "runs_above_force_limit": self.above_limit(),
             "drops": self.mishaps.drops, "runs_with_unnoticed_drops": self.unnoticed(),
             "contact_unknown": self.contact_unknown(),
+            "plant_hashes": self.plants(), "runs_per_core_hour": self.runs_per_core_hour(),
         });
         for (name, _, of, _) in QUANTITIES {
             object[name] = json!(self.spread(of));
@@ -236,15 +237,33 @@ impl Tally {
         let ([low, high], share) = (self.interval.map(|x| 100.0 * x), 100.0 * self.success());
         let interval = format!("95 % interval {low:.2} .. {high:.2} %");
         row(t, "solved", &format!("{} ({share:.2} %), {interval}", self.solved));
+        if let Some(rate) = self.runs_per_core_hour() {
+            row(t, "runs per core-hour", &format!("{rate:.0}"));
+        }
+        let plants: Vec<&str> = self.plants().into_iter().collect();
+        if !plants.is_empty() {
+            row(t, "plant hash", &plants.join(", "));
+        }
+    }
+
+    /// Returns how many runs a core does in an hour, by the time that each took where it ran.
+    pub(crate) fn runs_per_core_hour(&self) -> Option<f64> {
+        let seconds: f64 = self.results.iter().map(|r| r.wall_time_s).sum();
+        (seconds > 0.0).then(|| 3600.0 * self.results.len() as f64 / seconds)
+    }
+
+    /// Returns the checksums of the plants: one where drives, trips and pads were always the same.
+    pub(crate) fn plants(&self) -> BTreeSet<&str> {
+        let figures = self.results.iter().filter_map(|r| r.figures.as_ref());
+        figures.filter_map(|f| f.plant_hash.as_deref()).collect()
     }
 
     fn add_spreads(&self, t: &mut String) {
-        row(t, "", &format!("{:>9} {:>9} {:>9} {:>9}", "min", "median", "95 %", "max"));
+        row(t, "", &Spread::COLUMNS.map(|name| format!("{name:>9}")).join(" "));
         for (_, words, of, decimals) in QUANTITIES {
             let s = self.spread(of);
             if !s.is_empty() {
-                let values = [s.min, s.median, s.p95, s.max];
-                let text = values.map(|v| format!("{:>9}", figure(v, decimals)));
+                let text = s.values().map(|v| format!("{:>9}", figure(v, decimals)));
                 row(t, words, &text.join(" "));
             }
         }
@@ -405,7 +424,7 @@ mod tests {
         );
         assert!(tally.table().contains("5 runs above 20.0 N"), "{}", tally.table());
         for name in ["peak_force_n", "peak_contact_n", "grasps", "turns", "sim_time_s"] {
-            for part in ["min", "median", "p95", "max"] {
+            for part in ["min", "median", "p95", "p99", "max"] {
                 assert!(object[name][part].is_f64(), "{name}.{part}");
             }
         }

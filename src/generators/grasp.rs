@@ -21,6 +21,18 @@ const NEAR: f64 = 0.008;
 /// The jaws count as standing when they move less than this in [`STILL`] seconds (m).
 const STAND: f64 = 0.0001;
 const STILL: f64 = 0.15;
+/// Room for cubes that are narrower than their edge says, in [`NEAR`] (m).
+const NARROWER: f64 = 0.003;
+/// The grip builds up in this time, as measured in the plant (s).
+const BUILD_UP: f64 = 0.13;
+
+/// Returns how long jaws take to close on a cube that they are wider than by `stroke` (m), at their
+/// speeds near the cube and before (m/s): seconds.
+#[must_use]
+pub fn closing_seconds(stroke: f64, slow: f64, fast: f64) -> f64 {
+    let near = stroke.min(NEAR - NARROWER);
+    (stroke - near) / fast + near / slow + BUILD_UP + STILL
+}
 
 #[derive(Debug, Clone, Copy)]
 enum Mode {

@@ -254,6 +254,15 @@ impl Turn {
     }
 }
 
+/// Returns how long a turn by an angle (rad) takes, with a speed (rad/s) and an acceleration
+/// (rad/s2): seconds, as measured in the plant.
+#[must_use]
+pub fn seconds(angle: f64, speed: f64, acceleration: f64) -> f64 {
+    /// Loss at both ends, at 1 rad/s2 (s).
+    const ENDS: f64 = 0.4;
+    angle / speed + ENDS / acceleration.sqrt() + SETTLE
+}
+
 /// Returns the speed that a turn of this speed orders against the greatest resistance that it makes
 /// up for (rad/s).
 #[must_use]

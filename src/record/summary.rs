@@ -110,6 +110,9 @@ pub struct Summary {
     pub identified: Option<String>,
     /// The first plan, face turns only: "R U2 F'"; `None` when it did not come to that.
     pub solution: Option<String>,
+    /// Time that this plan was expected to take (s): to be held against the phase "solve".
+    #[serde(default)]
+    pub expected_s: Option<f64>,
     /// What was turned in the end, as the controller counts it.
     pub executed: String,
     /// Number of face turns that were executed.
@@ -175,6 +178,10 @@ pub struct Summary {
     /// summaries of older builds.
     #[serde(default)]
     pub servo_hash: String,
+    /// Over what bounds the plant's speed and force, hexadecimal: drives, trips, friction, pads.
+    /// Figures of two runs are compared only where it is equal.
+    #[serde(default)]
+    pub plant_hash: Option<String>,
 }
 
 impl Summary {
@@ -199,6 +206,7 @@ impl Summary {
             cube_end: cube.map(str::to_owned),
             identified: None,
             solution: None,
+            expected_s: None,
             executed: String::new(),
             turns: 0,
             grasps: 0,
@@ -224,6 +232,7 @@ impl Summary {
             phases: Vec::new(),
             hash: String::new(),
             servo_hash: String::new(),
+            plant_hash: None,
         }
     }
 
@@ -287,6 +296,9 @@ impl Summary {
         row(&mut t, "cube at end", self.cube_end.as_deref().unwrap_or(UNKNOWN));
         row(&mut t, "hash", &self.hash);
         row(&mut t, "servo hash", &self.servo_hash);
+        if let Some(plant) = &self.plant_hash {
+            row(&mut t, "plant hash", plant);
+        }
         t.push('\n');
         let verdict = match (self.outcome, self.task.as_str()) {
             (Outcome::Solved, "solve") => "SOLVED",
@@ -305,6 +317,9 @@ impl Summary {
             row(t, &phase.name, &format!("{:8.1} s {factor:9.1} x", phase.sim_time_s));
         }
         row(t, "whole run", &format!("{:8.1} s", self.sim_time_s));
+        if let Some(seconds) = self.expected_s {
+            row(t, "the plan expected", &format!("{seconds:8.1} s of the phase \"solve\""));
+        }
     }
 
     fn add_figures(&self, t: &mut String) {
@@ -375,6 +390,7 @@ mod tests {
             cube_end: Some("U".repeat(54)),
             identified: None,
             solution: Some("R U2 F'".into()),
+            expected_s: Some(12.0),
             executed: "R U2 F'".into(),
             turns: 3,
             grasps: 4,
@@ -405,6 +421,7 @@ mod tests {
             phases: vec![Phase { name: "acquire".into(), sim_time_s: 10.0, wall_time_s: 0.5 }],
             hash: "ab".into(),
             servo_hash: "cd".into(),
+            plant_hash: None,
         }
     }
 

@@ -27,7 +27,7 @@ use crate::actors::work::Work;
 use crate::cube::Facelets;
 use crate::error::Error;
 use crate::hw::driver::{Switches, Timing};
-use crate::hw::plant::Verdict;
+use crate::hw::plant::{Plant, Verdict};
 use crate::hw::scene::{Scene, SceneArm};
 use crate::motion::PERIOD;
 use crate::record::playback::Playback;
@@ -64,6 +64,7 @@ pub(super) struct Composition<'a> {
 struct Beginning {
     start: Option<Facelets>,
     clearance: f64,
+    bounds: u32,
 }
 
 impl Beginning {
@@ -74,13 +75,15 @@ impl Beginning {
             .transpose()
             .map_err(|e| not_created("plant", &e.to_string()))?;
         let clearance = world.scene().map_or(f64::INFINITY, |scene| clearance(&scene));
-        Ok(Self { start, clearance })
+        let bounds = world.plant().map_or(0, Plant::bounds);
+        Ok(Self { start, clearance, bounds })
     }
 
     /// Returns what the plant knows at the end; `None` for hardware.
     fn truth(self, verdict: Option<Verdict>, jams: u32) -> Option<Truth> {
-        let Self { start, clearance } = self;
-        start.zip(verdict).map(|(start, verdict)| Truth { start, clearance, verdict, jams })
+        let Self { start, clearance, bounds } = self;
+        let truth = |(start, verdict)| Truth { start, clearance, bounds, verdict, jams };
+        start.zip(verdict).map(truth)
     }
 }
 

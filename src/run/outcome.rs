@@ -45,6 +45,8 @@ pub(super) struct Truth {
     pub(super) start: Facelets,
     /// Distance of the nearest tool from the cube's centre at the beginning (m).
     pub(super) clearance: f64,
+    /// Checksum of what bounds the plant's speed and force.
+    pub(super) bounds: u32,
     /// What happened to the cube.
     pub(super) verdict: Verdict,
     /// Turns that jammed.
@@ -98,6 +100,7 @@ pub(super) fn summary(
         cube_end: end.map(|end| end.to_string()),
         identified: log.identified.clone(),
         solution: log.identified.as_ref().map(|_| format_turns(&log.solution)),
+        expected_s: log.expected,
         executed: format_turns(&log.executed),
         turns: log.executed.len() as u32,
         grasps: log.grasps,
@@ -123,6 +126,7 @@ pub(super) fn summary(
         phases: phases(ending, *ended),
         hash: done.hash.clone(),
         servo_hash: done.servo_hash.clone(),
+        plant_hash: truth.map(|t| format!("{:08x}", t.bounds)),
     }
 }
 

@@ -140,6 +140,7 @@ pub(super) fn cube_settings(
         gentle: (c.hand_line_speed / c.linear_speed).min(1.0),
         speeds: manner(config, 0).speeds,
         jaw_speeds: (c.jaw_close_speed, c.jaw_open_speed),
+        jaw_reach: c.jaw_reach_speed,
         finger_depth: [Gripper::FACE_BEHIND_TOOL_ONE, Gripper::FACE_BEHIND_TOOL_TWO]
             .map(|behind| behind + arm.gripper.finger_tip),
         finger_width: arm.gripper.finger_width,

@@ -37,11 +37,11 @@ fn a_face_turns_by_90_degrees_and_below_20_newtons() {
 }
 
 /// The whole mission, judged by the plant's cube.
-fn solves(keys: &[&str]) {
-    solves_in("solve.toml", keys);
+fn solves(keys: &[&str]) -> Summary {
+    solves_in("solve.toml", keys)
 }
 
-fn solves_in(scenario: &str, keys: &[&str]) {
+fn solves_in(scenario: &str, keys: &[&str]) -> Summary {
     let summary = run(scenario, keys);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
@@ -53,11 +53,16 @@ fn solves_in(scenario: &str, keys: &[&str]) {
     assert!(peak > 1.0 && peak < 20.0, "{peak}");
     assert!(summary.turns as usize == summary.executed.split_whitespace().count());
     assert!(summary.grasps < summary.turns && summary.sim_time_s < 900.0);
+    summary
 }
 
 #[test]
 fn the_mission_solves_the_cube_under_sporadic_coordination() {
-    solves(&["seed=2"]);
+    let summary = solves(&["seed=2"]);
+    let solving = summary.phases.iter().find(|phase| phase.name == "solve").unwrap().sim_time_s;
+    let expected = summary.expected_s.unwrap();
+    assert!((expected / solving - 1.0).abs() < 0.04, "{expected} s expected, {solving} s needed");
+    assert!(summary.sim_time_s < 220.0 && summary.plant_hash.is_some(), "{}", summary.sim_time_s);
 }
 
 #[test]
@@ -94,7 +99,9 @@ fn a_force_of_the_wrong_sign_runs_away() {
 #[test]
 fn late_forces_are_too_great() {
     let summary = is_spoilt(&["control.force_delay_periods=60"]);
-    assert!(summary.reason.contains("over-force"), "{}", summary.reason);
+    // A hand that yields to what it felt 120 ms ago swings, or presses too hard before it does.
+    let told = summary.reason.contains("over-force") || summary.reason.contains("oscillation");
+    assert!(told, "{}", summary.reason);
 }
 
 #[test]

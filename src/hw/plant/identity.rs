@@ -49,6 +49,17 @@ impl Identity {
         Self { seed, cell: sum(&cell), mechanics }
     }
 
+    /// Returns a CRC-32 over what bounds a run's speed and force: drives with what trips them and
+    /// their friction, pads, ranges of the sensors, the step of time. Not what a campaign varies:
+    /// cube, noise, errors of the cell, the operator's hand.
+    #[must_use]
+    pub fn bounds(config: &PlantConfig) -> u32 {
+        let PlantConfig { cell, arms, jaws, substeps, .. } = config;
+        let limits: Vec<_> =
+            cell.arms.iter().map(|arm| (arm.model.motor_speed_limit, arm.sensor.range)).collect();
+        crc32fast::hash(format!("{arms:?} {jaws:?} {substeps:?} {limits:?}").as_bytes())
+    }
+
     /// Returns why a plant of this identity cannot go on with a state of `other`.
     pub(super) fn differs(&self, other: &Self) -> Option<String> {
         if self.seed != other.seed {

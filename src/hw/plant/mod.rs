@@ -189,6 +189,12 @@ impl Plant {
         })
     }
 
+    /// Returns the checksum of [`Identity::bounds`].
+    #[must_use]
+    pub fn bounds(&self) -> u32 {
+        Identity::bounds(&self.config)
+    }
+
     /// What there is to be seen now.
     #[must_use]
     pub fn scene(&self) -> Scene {

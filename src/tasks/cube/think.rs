@@ -84,6 +84,8 @@ pub struct Answer {
     pub steps: Vec<Step>,
     /// The same in words.
     pub lines: Vec<Line>,
+    /// Time that the steps are expected to take (s).
+    pub expected: f64,
 }
 
 /// Does it. A pure function: the same thought has the same conclusion and the same effort.
@@ -180,6 +182,7 @@ fn named(
         turns: plan.turns,
         steps: plan.steps,
         lines: plan.lines,
+        expected: plan.cost,
     };
     let seconds =
         nodes as f64 * thought.seconds_per_node + candidates.len() as f64 * SECONDS_PER_CANDIDATE;

@@ -135,6 +135,7 @@ fn decide(robot: &mut Robot, answer: Answer) -> Vec<Step> {
     if robot.log.identified.is_none() {
         robot.log.identified = Some(answer.identified);
         robot.log.solution = answer.turns;
+        robot.log.expected = Some(answer.expected);
         robot.log.plan = answer.lines;
         robot.log.grasps = 0;
     }

@@ -39,6 +39,8 @@ pub struct MissionLog {
     pub identified: Option<String>,
     /// Face turns of the first plan.
     pub solution: Vec<Turn>,
+    /// Time that the first plan was expected to take (s).
+    pub expected: Option<f64>,
     /// Turns that were carried out.
     pub executed: Vec<Turn>,
     /// Jaw closings on the cube between identification and hand-back.

@@ -80,6 +80,7 @@ pub(super) fn settings() -> CubeSettings {
             profile: Profile { ramp: 5.0 },
         },
         jaw_speeds: (0.05, 0.05),
+        jaw_reach: 0.05,
         compliant_arm: CompliantArm::Body,
         compliance: ComplianceChoice::Tff,
         visual: take_order(),

@@ -63,7 +63,7 @@ pub trait Reach {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Everywhere;
 
-/// Seconds of a typical way between meetings.
+/// Seconds of a way where nothing is known of the arms.
 const TYPICAL: f64 = 15.0;
 
 impl Reach for Everywhere {
@@ -91,6 +91,8 @@ pub struct Reachable {
     /// [`Reach::travel`] by [`slot`], and the least of them.
     seconds: Vec<f32>,
     least: f64,
+    /// Mean of them, for the first way, which begins at no meeting.
+    mean: f64,
 }
 
 /// Roll that is kept free at both ends: a wrist goes on by the twist of the grips, and stands otherwise than at the
@@ -118,6 +120,7 @@ impl Reachable {
     #[must_use]
     pub fn new(table: MeetingTable, speeds: &Speeds) -> Self {
         let mut seconds = vec![TYPICAL as f32; 24 * ROLLED * ROLLED * 2 * 24];
+        let (mut sum, mut known) = (0.0, 0_u32);
         for meeting in 0..24 {
             for to in 0..24 {
                 for newcomer in [Hand::Track, Hand::Postument] {
@@ -126,13 +129,15 @@ impl Reachable {
                         let from = Stand { meeting, rolled };
                         if let Some(way) = way(&table, speeds, from, newcomer, to) {
                             seconds[slot(from, newcomer, to)] = way as f32;
+                            (sum, known) = (sum + way, known + 1);
                         }
                     }
                 }
             }
         }
         let least = seconds.iter().copied().fold(TYPICAL as f32, f32::min);
-        Self { table, seconds, least: f64::from(least) }
+        let mean = if known > 0 { sum / f64::from(known) } else { TYPICAL };
+        Self { table, seconds, least: f64::from(least), mean }
     }
 }
 
@@ -180,7 +185,7 @@ impl Reach for Reachable {
     }
 
     fn travel(&self, from: Option<Stand>, newcomer: Hand, meeting: u8) -> f64 {
-        from.map_or(TYPICAL, |from| f64::from(self.seconds[slot(from, newcomer, meeting)]))
+        from.map_or(self.mean, |from| f64::from(self.seconds[slot(from, newcomer, meeting)]))
     }
 
     fn least_travel(&self) -> f64 {
