@@ -205,7 +205,7 @@ impl Tally {
             "runs_above_force_limit": self.above_limit(),
             "drops": self.mishaps.drops, "runs_with_unnoticed_drops": self.unnoticed(),
             "contact_unknown": self.contact_unknown(),
-            "plant_hashes": self.plants(), "runs_per_core_hour": self.runs_per_core_hour(),
+            "plant_hashes": self.plants(),
         });
         for (name, _, of, _) in QUANTITIES {
             object[name] = json!(self.spread(of));
@@ -237,19 +237,15 @@ impl Tally {
         let ([low, high], share) = (self.interval.map(|x| 100.0 * x), 100.0 * self.success());
         let interval = format!("95 % interval {low:.2} .. {high:.2} %");
         row(t, "solved", &format!("{} ({share:.2} %), {interval}", self.solved));
-        if let Some(rate) = self.runs_per_core_hour() {
-            row(t, "runs per core-hour", &format!("{rate:.0}"));
+        let seconds: f64 = self.results.iter().map(|r| r.wall_time_s).sum();
+        if seconds > 0.0 {
+            let rate = 3600.0 * self.results.len() as f64 / seconds;
+            row(t, "runs an hour, each process", &format!("{rate:.0}"));
         }
         let plants: Vec<&str> = self.plants().into_iter().collect();
         if !plants.is_empty() {
             row(t, "plant hash", &plants.join(", "));
         }
-    }
-
-    /// Returns how many runs a core does in an hour, by the time that each took where it ran.
-    pub(crate) fn runs_per_core_hour(&self) -> Option<f64> {
-        let seconds: f64 = self.results.iter().map(|r| r.wall_time_s).sum();
-        (seconds > 0.0).then(|| 3600.0 * self.results.len() as f64 / seconds)
     }
 
     /// Returns the checksums of the plants: one where drives, trips and pads were always the same.

@@ -31,7 +31,7 @@ const BUILD_UP: f64 = 0.13;
 #[must_use]
 pub fn closing_seconds(stroke: f64, slow: f64, fast: f64) -> f64 {
     let near = stroke.min(NEAR - NARROWER);
-    (stroke - near) / fast + near / slow + BUILD_UP + STILL
+    (stroke - near) / fast.max(slow) + near / slow + BUILD_UP + STILL
 }
 
 #[derive(Debug, Clone, Copy)]

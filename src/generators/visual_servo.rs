@@ -769,6 +769,24 @@ mod tests {
     }
 
     #[test]
+    fn approach_stands_while_contact_is_confirmed() {
+        let mut generator = VisualServo::new(order(), compliance());
+        let (mut arm, goal) = (ArmState::default(), Pose::translation(0.0, 0.0, 0.05));
+        let mut goes = |force: f64| {
+            arm.wrench_in_tool.force.z = force;
+            let inputs = Inputs { arm: &arm, target: None, period: 0, pace: 1.0 };
+            match generator.approach(&inputs, &goal, goal.translation.vector, false) {
+                Next::Go(MoveCommand { motion: Motion::Task { directions, .. }, .. }) => {
+                    directions[2] != Direction::HOLD
+                }
+                other => panic!("{other:?}"),
+            }
+        };
+
+        assert_eq!([0.0, 5.0, 0.0].map(&mut goes), [true, false, true]);
+    }
+
+    #[test]
     fn an_arm_at_its_limit_waits_until_the_cube_comes_back_into_its_reach() {
         let at = |x: f64, period| {
             let world_from_cube = Pose::translation(x, 0.0, 1.2);

@@ -182,6 +182,10 @@ pub struct Summary {
     /// Figures of two runs are compared only where it is equal.
     #[serde(default)]
     pub plant_hash: Option<String>,
+    /// Cameras that could not be calibrated before the run, each with the reason: the run used them
+    /// as the scenario has them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub uncalibrated: Vec<String>,
 }
 
 impl Summary {
@@ -233,6 +237,7 @@ impl Summary {
             hash: String::new(),
             servo_hash: String::new(),
             plant_hash: None,
+            uncalibrated: Vec::new(),
         }
     }
 
@@ -336,6 +341,9 @@ impl Summary {
             let words = format!("{exerted}; its sensor felt {felt}");
             row(t, &format!("peak at {}", sensor.effector), &words);
         }
+        for camera in &self.uncalibrated {
+            row(t, "not calibrated", camera);
+        }
         row(t, "jams, slips, drops", &counts([self.jams, self.slips, self.drops]));
         if self.drops.unwrap_or(0) > 0 || self.drops_noticed.unwrap_or(0) > 0 {
             row(t, "drops it noticed", &self.drops_noticed.unwrap_or(0).to_string());
@@ -422,6 +430,7 @@ mod tests {
             hash: "ab".into(),
             servo_hash: "cd".into(),
             plant_hash: None,
+            uncalibrated: Vec::new(),
         }
     }
 

@@ -125,13 +125,15 @@ pub(crate) fn run(
     Ok(reports)
 }
 
-/// The scenario with the cameras as a calibration in its cell finds them, where it wants one and hands over a cube: the
-/// workshop's work before a run. What the plant's truth is drawn around stays in the scenario as it was read.
-pub(super) fn believed(scenario: &Scenario) -> Cow<'_, Scenario> {
-    let mut believed = Cow::Borrowed(scenario);
+/// Returns the scenario with the cameras as a calibration in its cell finds them, where it wants one
+/// and hands over a cube: the workshop's work before a run. The plant's truth is drawn around the
+/// scenario as it was read. Also returns the cameras that could not be calibrated, each with the
+/// reason: the run uses them as the scenario has them.
+pub(super) fn believed(scenario: &Scenario) -> (Cow<'_, Scenario>, Vec<String>) {
+    let (mut believed, mut failed) = (Cow::Borrowed(scenario), Vec::new());
     let hands_over = matches!(scenario.controller.task, Task::Solve | Task::Acquire);
     if scenario.bridge.kind.is_hardware() || !hands_over {
-        return believed;
+        return (believed, failed);
     }
     for (index, views) in scenario.controller.calibrate_views.iter().enumerate() {
         let rendered = scenario.controller.cameras[index] == CameraSource::Renderer;
@@ -152,10 +154,13 @@ pub(super) fn believed(scenario: &Scenario) -> Cow<'_, Scenario> {
                 // Measured by the way the arm went with it: a cube believed too large is seen too far away.
                 cell.cube.edge = found.setup.edge;
             }
-            Err(reason) => tracing::warn!(camera = %camera.name, %reason, "not calibrated"),
+            Err(reason) => {
+                tracing::warn!(camera = %camera.name, %reason, "not calibrated");
+                failed.push(format!("{}: {reason}", camera.name));
+            }
         }
     }
-    believed
+    (believed, failed)
 }
 
 /// Returns the camera with the optics and at the place that were found.
@@ -512,11 +517,23 @@ mod tests {
         let of = |task| scenario::read(Path::new("test.toml"), &text(task), &[]).unwrap();
         let (acquire, idle) = (of("acquire"), of("idle"));
 
-        let believed = believed(&acquire);
+        let (believed, failed) = believed(&acquire);
 
+        assert_eq!(failed, [""; 0]);
         let [old, new] = [&acquire, &*believed].map(|s| place(&s.controller.cell.cameras[0]));
         assert!((old.translation.vector - new.translation.vector).norm() > 1e-3);
         assert_eq!(acquire.controller.cell.cameras[1..], believed.controller.cell.cameras[1..]);
-        assert!(matches!(super::believed(&idle), Cow::Borrowed(_)));
+        assert!(matches!(super::believed(&idle), (Cow::Borrowed(_), _)));
+    }
+
+    #[test]
+    fn camera_with_too_few_views_is_told_uncalibrated() {
+        let mut scenario = scenario::read(Path::new("test.toml"), "seed = 5", &[]).unwrap();
+        scenario.controller.calibrate_views[0] = 1;
+
+        let (believed, failed) = believed(&scenario);
+
+        assert!(failed.len() == 1 && failed[0].starts_with("standalone: "), "{failed:?}");
+        assert!(matches!(believed, Cow::Borrowed(_)), "the camera stays as the scenario has it");
     }
 }

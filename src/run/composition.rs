@@ -151,7 +151,8 @@ impl Composition<'_> {
         let truth = beginning.truth(verdict, jams.count());
         let hash = self.operator.trace.hash();
         let (hash, servo_hash) = (hash.hash(), hash.servo_hash());
-        Ok(Done { goal, performed, truth, by_hand, hash, servo_hash })
+        let uncalibrated = Vec::new();
+        Ok(Done { goal, performed, truth, by_hand, hash, servo_hash, uncalibrated })
     }
 
     /// Puts the gate between operator and run, under virtual time.

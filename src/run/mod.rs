@@ -183,19 +183,20 @@ fn carried_out(
         }
     };
     // From here on the controller: the world has its truth.
-    let believed = believed(scenario, &operator.trace);
+    let (believed, uncalibrated) = believed(scenario, &operator.trace);
     let runtime = runtime(scenario.pace, scenario.bridge.kind.is_hardware())?;
     let bridge_log = notes.map(|notes| BridgeLog::start(notes, &believed.controller.cell));
     let composition =
         Composition { scenario: &believed, options, operator, playback, faults, probe };
     let done = runtime.block_on(composition.perform((world, cameras), goal, plan, logbook));
     drop(bridge_log);
-    done
+    done.map(|done| Done { uncalibrated, ..done })
 }
 
-/// Returns the scenario with the cell as a calibration finds it, and reports that cell.
-fn believed<'a>(scenario: &'a Scenario, trace: &Trace) -> Cow<'a, Scenario> {
-    let believed = calibrate::believed(scenario);
+/// Returns the scenario with the cell as a calibration finds it, and the cameras that could not be
+/// calibrated; reports that cell.
+fn believed<'a>(scenario: &'a Scenario, trace: &Trace) -> (Cow<'a, Scenario>, Vec<String>) {
+    let (believed, uncalibrated) = calibrate::believed(scenario);
     if let Cow::Owned(Scenario { controller, .. }) = &believed {
         let facts = || Entry::Facts(calibration::NAME, calibration::facts(&controller.cell));
         trace.recorder().note(0, facts);
@@ -203,7 +204,7 @@ fn believed<'a>(scenario: &'a Scenario, trace: &Trace) -> Cow<'a, Scenario> {
             latest.lock().calibrated = Some(Box::new(controller.cell.clone()));
         }
     }
-    believed
+    (believed, uncalibrated)
 }
 
 /// Creates the runtime of the actors: one thread, and paused time unless the wall clock drives it.

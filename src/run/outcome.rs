@@ -37,6 +37,8 @@ pub(super) struct Done {
     pub(super) hash: String,
     /// Over servo records.
     pub(super) servo_hash: String,
+    /// Cameras that could not be calibrated before the run, each with the reason.
+    pub(super) uncalibrated: Vec<String>,
 }
 
 /// What a plant knows at the end.
@@ -126,6 +128,7 @@ pub(super) fn summary(
         phases: phases(ending, *ended),
         hash: done.hash.clone(),
         servo_hash: done.servo_hash.clone(),
+        uncalibrated: done.uncalibrated.clone(),
         plant_hash: truth.map(|t| format!("{:08x}", t.bounds)),
     }
 }

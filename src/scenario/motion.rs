@@ -5,7 +5,7 @@
 //! |---|---|
 //! | `profile` | "swift" would drive hardware |
 //! | `turn_speed`, `roll_speed`, `track_speed` | a motor would have to be faster than its limit |
-//! | `approach_speed`, `turn_speed` | a tool would shake itself: [`tff::self_excitation`] |
+//! | `approach_speed`, `turn_speed`, `visual_servo.inertia` | a tool would shake itself: [`tff::self_excitation`] |
 //! | `linear_admittance`, `angular_admittance` | the same |
 //!
 //! The joints that share motors are checked along each way, by the servo and the guard of ways.
@@ -17,6 +17,7 @@ use crate::cell::{Arm, ForceSensor};
 use crate::generators::{guarded_admittance, turn};
 use crate::kinematics::ArmModel;
 use crate::motion::{PERIOD, ROLL};
+use crate::servo::path::GOVERNED;
 use crate::servo::tff;
 
 /// Index of the track; like the roll's, its motor turns nothing else: the speeds of these two do
@@ -48,15 +49,15 @@ pub(super) fn profile(root: &Root, reader: &mut Reader) {
 pub(super) fn speeds(control: &Control, arms: &[Option<Arm>], reader: &mut Reader) {
     for arm in arms.iter().flatten() {
         let c = control;
-        // A turn orders more than its speed, since a layer resists it: the servo bounds what comes
-        // of that (servo::path).
-        for (key, axis, speed, unit) in [
-            ("turn_speed_deg_s", ROLL, c.turn_speed, Unit::Degrees),
-            ("roll_speed_deg_s", ROLL, c.roll_speed, Unit::Degrees),
-            ("track_speed_mm_s", TRACK, c.track_speed, Unit::Millimetres),
+        // The servo slows a turn down that wants to be faster than this share (servo::path).
+        for (key, axis, speed, share, unit) in [
+            ("turn_speed_deg_s", ROLL, c.turn_speed, GOVERNED, Unit::Degrees),
+            ("roll_speed_deg_s", ROLL, c.roll_speed, 1.0, Unit::Degrees),
+            ("track_speed_mm_s", TRACK, c.track_speed, 1.0, Unit::Millimetres),
         ] {
-            if let Some((needed, most)) = too_fast(&arm.model, axis, speed) {
-                let limit = arm.model.motor_speed_limit;
+            if let Some((needed, most)) = too_fast(&arm.model, axis, speed / share) {
+                let (needed, most) = (needed * share, most * share);
+                let limit = share * arm.model.motor_speed_limit;
                 let reason = format!(
                     "`control.{key}`: {} needs {needed:.0} rad/s of motor {axis} of the {}, which \
                      does {limit:.0}",
@@ -113,12 +114,15 @@ pub(super) fn self_excitation(
     let approach = guarded_admittance(c.approach_speed, c.approach_force);
     let (speed, force) = c.visual_approach();
     let visual = guarded_admittance(speed, force);
+    // A hand pulls at the cube in another's hand until it feels half of an approach's force.
+    let pull = guarded_admittance(c.approach_speed, 0.5 * c.approach_force);
     let turn_admittance = turn::most_ordered(c.turn_speed) / c.turn_torque;
     for arm in arms.iter().flatten() {
         let (mass, moment, about_z) = inertia(&arm.sensor);
         let rows = [
             ("visual_servo.inertia_kg", visual, visual_servo.inertia, mass),
-            ("control.approach_speed_mm_s", approach, c.linear_inertia, mass),
+            ("visual_servo.inertia_kg", c.linear_admittance, visual_servo.inertia, mass),
+            ("control.approach_speed_mm_s", approach.max(pull), c.linear_inertia, mass),
             ("control.linear_admittance_mm_sn", c.linear_admittance, c.linear_inertia, mass),
             ("control.turn_speed_deg_s", turn_admittance, 0.0, about_z),
             ("control.angular_admittance_rad_snm", c.angular_admittance, c.angular_inertia, moment),
@@ -138,7 +142,7 @@ pub(super) fn self_excitation(
                 arm.name
             );
             let advice = if key == "visual_servo.inertia_kg" {
-                "raise it, or lower control.approach_speed_mm_s"
+                "raise it, or lower control.approach_speed_mm_s or control.linear_admittance_mm_sn"
             } else {
                 "lower it, or raise the virtual inertia (control.linear_inertia_kg, \
                  control.angular_inertia_kgm2)"
@@ -172,9 +176,9 @@ mod tests {
     fn speed_that_no_motor_does_is_refused() {
         let told = faults("turn_speed_deg_s = 60");
         assert!(told.contains("t.toml:2:20: `control.turn_speed_deg_s`: 60 deg/s needs"), "{told}");
-        assert!(told.contains("of motor 6 of the track, which does 250"), "{told}");
-        assert!(told.contains("49.5 deg/s at most"), "{told}");
-        assert_eq!(faults("turn_speed_deg_s = 49"), "");
+        assert!(told.contains("of motor 6 of the track, which does 24"), "{told}");
+        assert!(told.contains("48.3 deg/s at most"), "{told}");
+        assert_eq!(faults("turn_speed_deg_s = 48"), "");
         assert!(faults("roll_speed_deg_s = 50").contains("`control.roll_speed_deg_s`"));
     }
 

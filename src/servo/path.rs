@@ -121,10 +121,12 @@ impl SetValues {
 
 /// Position-force control goes no faster than this share of what a motor does; the regulators need
 /// the rest.
-const GOVERNED: f64 = 0.975;
-/// Motions that want more than this many times that speed are refused, not slowed down: no motor
-/// does what was ordered, or the arm is near a singularity.
+pub const GOVERNED: f64 = 0.975;
+/// A step that wants more than this many times that speed is refused, not slowed down, and so is a
+/// motion that wants too much for so many periods: no motor does what was ordered, or the arm is near
+/// a singularity.
 const MOST_GOVERNED: f64 = 1.5;
+const GOVERNED_PERIODS: u32 = 250;
 
 /// A macrostep under way.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -227,10 +229,12 @@ impl Path {
                 let ForceFeedback { law, wrench } = feedback;
                 let from = &last.base_from_tool;
                 let to = SetValues::of_task(chain, law.step(period, task, wrench, from), last)?;
-                // A torque that falls off, or helps, makes a guarded direction faster than what was
-                // ordered. Nothing waits for it at a certain place, so it may go slower.
+                // A turn orders more than its speed against a layer's resistance, and a torque may help.
+                // Nothing waits for such a motion at a certain place, so it may go slower.
                 let haste = to.haste(chain.model, last, law.seconds()) / GOVERNED;
-                if heeds_force(&task.directions) && (1.0..MOST_GOVERNED).contains(&haste) {
+                let governed =
+                    heeds_force(&task.directions) && (1.0..MOST_GOVERNED).contains(&haste);
+                if law.shortened(governed) <= GOVERNED_PERIODS && governed {
                     SetValues::of_task(chain, law.shorten(1.0 / haste, from), last)
                 } else {
                     Ok(to)

@@ -38,6 +38,8 @@ pub struct ForceLaw {
     length: Length,
     last: Twist,
     last_period: u64,
+    /// For how many periods in a row its steps have been shortened.
+    shortened: u32,
 }
 
 impl ForceLaw {
@@ -83,6 +85,12 @@ impl ForceLaw {
         let Twist { linear, angular } = self.last;
         self.last = Twist { linear: linear * share, angular: angular * share };
         base_from_tool * self.last.rotated(&base_from_tool.rotation.inverse()).displacement()
+    }
+
+    /// Notes whether the step is to be shortened. Returns for how many periods in a row it was.
+    pub fn shortened(&mut self, now: bool) -> u32 {
+        self.shortened = if now { self.shortened + 1 } else { 0 };
+        self.shortened
     }
 
     /// Returns the length of its periods (s).

@@ -362,14 +362,18 @@ fn guarded_motion_goes_as_fast_as_motors_do() {
         (fastest / limit, refused, largest_step(&arm.config, &slows[50..]) / PERIOD / limit)
     };
 
-    let (slow, ordered, ..) = fastest(0.6);
-    assert!(slow > 0.6 && slow < 0.8 && !ordered, "{slow}");
+    let (slow, refused, _) = fastest(0.6);
+    assert!(slow > 0.6 && slow < 0.8 && !refused, "{slow}");
     let (most, refused, left) = fastest(1.0);
     assert!(most > 0.97 && most < 0.98 && !refused, "{most} of what a motor does");
     // The law remembers the speed that it had, not the one that it wanted.
     let lag = 0.3 * 0.1;
     let expected = most * (lag / (lag + PERIOD)).powi(52);
     assert!((left / expected - 1.0).abs() < 0.02, "{left} is left, not {expected}");
+    let mut arm = Ideal::new();
+    let states = arm.run(task(Frame::Tool, &[(5, guarded(1.0))]), 400);
+    let first = states.iter().position(|state| state.refused.is_some());
+    assert!(first.is_some_and(|period| (250..320).contains(&period)), "{first:?}: it goes on");
     let at_once = Direction::Guarded { velocity: 1.5, admittance: 0.3, inertia: 0.0 };
     let refused = Ideal::new().run(task(Frame::Tool, &[(5, at_once)]), 10)[0].refused;
     assert!(matches!(refused, Some(MoveRefused::TooFast { .. })), "{refused:?}");

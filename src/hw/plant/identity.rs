@@ -1,6 +1,6 @@
 //! Which plants a kept state goes with.
 
-use super::config::PlantConfig;
+use super::config::{MotorDynamics, PlantConfig};
 use crate::motion::JointPositions;
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
@@ -54,10 +54,25 @@ impl Identity {
     /// cube, noise, errors of the cell, the operator's hand.
     #[must_use]
     pub fn bounds(config: &PlantConfig) -> u32 {
-        let PlantConfig { cell, arms, jaws, substeps, .. } = config;
-        let limits: Vec<_> =
-            cell.arms.iter().map(|arm| (arm.model.motor_speed_limit, arm.sensor.range)).collect();
-        crc32fast::hash(format!("{arms:?} {jaws:?} {substeps:?} {limits:?}").as_bytes())
+        // All fields are named, so that a new one needs a decision here.
+        let PlantConfig {
+            cell,
+            arms,
+            jaws,
+            substeps,
+            cube: _,
+            noise: _,
+            hand: _,
+            start: _,
+            start_grip: _,
+            facelets: _,
+            synchronised: _,
+            faults: _,
+            period: _,
+        } = config;
+        let ranges: Vec<_> = cell.arms.iter().map(|arm| arm.sensor.range).collect();
+        let heats = MotorDynamics::HEATS;
+        crc32fast::hash(format!("{arms:?} {jaws:?} {substeps:?} {ranges:?} {heats}").as_bytes())
     }
 
     /// Returns why a plant of this identity cannot go on with a state of `other`.
@@ -70,5 +85,24 @@ impl Identity {
         }
         let same = self.mechanics == other.mechanics;
         (!same).then(|| "it was made with other plant keys".to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{cell, quiet};
+    use super::*;
+
+    #[test]
+    fn bounds_change_with_a_trip_and_nothing_drawn() {
+        let plain = quiet(cell());
+        let mut drawn = plain.clone();
+        drawn.cell.arms[0].world_from_base.translation.x += 0.001;
+        drawn.noise.force += 0.1;
+        let mut strict = plain.clone();
+        strict.arms[0].motors[1].trip_current *= 0.9;
+
+        assert_eq!(Identity::bounds(&plain), Identity::bounds(&drawn));
+        assert_ne!(Identity::bounds(&plain), Identity::bounds(&strict));
     }
 }

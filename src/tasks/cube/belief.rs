@@ -415,17 +415,21 @@ mod tests {
         let second = Hold { palm: Face::U, jaws: Axis::X, depth: Depth::One };
         belief.taken(Hand::Track, first, false);
         let track = look_at(Vector3::new(0.0, 0.8, 1.3), Vector3::new(0.0, 2.0, 1.3));
-        let arms = [posed(track), posed(Pose::identity())];
-        let seat = |b: &Belief| b.grasp_pose(Hand::Postument, second, false, &arms).unwrap();
-        let doubt = belief.doubt_ahead(Hand::Postument, second, false, &arms).unwrap();
+        let mut arms = [posed(track), posed(Pose::identity())];
+        // After a grasp the errors depend on each other.
+        arms[1] = posed(belief.grasp_pose(Hand::Postument, second, false, &arms).unwrap());
+        belief.secured(Hand::Postument, second, false, &arms);
+        belief.released(Hand::Postument);
+        let third = Hold { palm: Face::R, jaws: Axis::Y, depth: Depth::One };
+        let seat = |b: &Belief| b.grasp_pose(Hand::Postument, third, false, &arms).unwrap();
+        let doubt = belief.doubt_ahead(Hand::Postument, third, false, &arms).unwrap();
+        let factor = belief.covariance.cholesky().unwrap().l();
 
         // Worlds as likely as the filter takes them to be: how far ahead is the cube in each?
         let (mut drawn, mut squares) = (Drawn(1), 0.0);
         for _ in 0..2000 {
             let mut truth = belief.clone();
-            for i in 0..STATES {
-                truth.state[i] += belief.covariance[(i, i)].sqrt() * drawn.normal();
-            }
+            truth.state += factor * State::from_fn(|_, _| drawn.normal());
             squares += (seat(&belief).inverse() * seat(&truth)).translation.z.powi(2);
         }
 
