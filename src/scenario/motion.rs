@@ -5,7 +5,8 @@
 //! |---|---|
 //! | `profile` | "swift" would drive hardware |
 //! | `turn_speed`, `roll_speed`, `track_speed` | a motor would have to be faster than its limit |
-//! | `approach_speed`, `turn_speed`, `visual_servo.inertia` | a tool would shake itself: [`tff::self_excitation`] |
+//! | `approach_speed`, `turn_speed` | a tool would shake itself: [`tff::self_excitation`] |
+//! | `visual_servo.inertia` | the same |
 //! | `linear_admittance`, `angular_admittance` | the same |
 //!
 //! The joints that share motors are checked along each way, by the servo and the guard of ways.

@@ -123,8 +123,8 @@ impl SetValues {
 /// the rest.
 pub const GOVERNED: f64 = 0.975;
 /// A step that wants more than this many times that speed is refused, not slowed down, and so is a
-/// motion that wants too much for so many periods: no motor does what was ordered, or the arm is near
-/// a singularity.
+/// motion that wants too much for so many periods: no motor does what was ordered, or the arm is
+/// near a singularity.
 const MOST_GOVERNED: f64 = 1.5;
 const GOVERNED_PERIODS: u32 = 250;
 
@@ -229,7 +229,7 @@ impl Path {
                 let ForceFeedback { law, wrench } = feedback;
                 let from = &last.base_from_tool;
                 let to = SetValues::of_task(chain, law.step(period, task, wrench, from), last)?;
-                // A turn orders more than its speed against a layer's resistance, and a torque may help.
+                // A turn orders more than its speed against a layer's resistance, and torques help.
                 // Nothing waits for such a motion at a certain place, so it may go slower.
                 let haste = to.haste(chain.model, last, law.seconds()) / GOVERNED;
                 let governed =
@@ -252,7 +252,7 @@ impl Path {
         }
     }
 
-    /// Lets position-force control go on until period `end` without a velocity and towards no force.
+    /// Lets position-force control go on until period `end`, without velocity, towards no force.
     /// Its speed falls off as that of any motion that is broken off: set values that stop dead trip
     /// the power stages.
     pub fn yields(&mut self, end: u64) {

@@ -114,7 +114,7 @@ pub(super) struct Robot {
     pub(super) recoveries: u32,
     /// How often something was met on the present way.
     pub(super) contacts: u32,
-    /// How far the last grasps found the cube off along the hand's z from where it was expected (m).
+    /// How far off the last grasps found the cube, along the hand's z (m).
     pub(super) miss: f64,
     pub(super) trust: Trust,
     /// Time that the operator has for an answer (s); `None` when nobody can be asked.
