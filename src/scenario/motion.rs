@@ -193,7 +193,7 @@ mod tests {
                 .map(|scenario| scenario.controller.control.turn_speed.to_degrees().round())
                 .map_err(|faults| faults.to_string())
         };
-        assert_eq!(speed("plant", ""), Ok(47.0));
+        assert_eq!(speed("plant", ""), Ok(41.0));
         assert_eq!(speed("plant", "profile = \"workshop\""), Ok(25.0));
         assert_eq!(speed("plant", "turn_speed_deg_s = 30"), Ok(30.0), "a key overrules it");
         assert_eq!(speed("serial", ""), Ok(25.0));
