@@ -113,8 +113,7 @@ fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
         let hours: f64 = figures(tally).map(|(_, f)| f.sim_time_s.min(1e9)).sum::<f64>() / 3600.0;
         fact("simulated time in all", format!("{hours:.1} h"));
         fact("drops", grouped(u64::from(tally.mishaps.drops)));
-        let plants: Vec<&str> = tally.plants().into_iter().collect();
-        fact("hash of the plant", plants.join(", "));
+        fact("hash of the plant", tally.plants().join(", "));
     }
     fact("recoveries", grouped(tally.recoveries));
     html.push_str("</dl></header>\n");

@@ -273,7 +273,8 @@ fn results(t: &mut String, tally: &Tally, score: &Score) {
         score.longest_row,
         tally.solved,
     );
-    t.push_str("| figure | min | median | 95 % | 99 % | max |\n|---|---|---|---|---|---|\n");
+    let _ = writeln!(t, "| figure | {} |", Spread::COLUMNS.join(" | "));
+    let _ = writeln!(t, "|{}", "---|".repeat(1 + Spread::COLUMNS.len()));
     let mut row = |name: &str, s: Spread, decimals: usize| {
         if !s.is_empty() {
             let values = s.values().map(|v| figure(v, decimals)).join(" | ");

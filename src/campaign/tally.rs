@@ -242,16 +242,17 @@ impl Tally {
             let rate = 3600.0 * self.results.len() as f64 / seconds;
             row(t, "runs an hour, each process", &format!("{rate:.0}"));
         }
-        let plants: Vec<&str> = self.plants().into_iter().collect();
+        let plants = self.plants();
         if !plants.is_empty() {
             row(t, "plant hash", &plants.join(", "));
         }
     }
 
     /// Returns the checksums of the plants: one where drives, trips and pads were always the same.
-    pub(crate) fn plants(&self) -> BTreeSet<&str> {
+    pub(crate) fn plants(&self) -> Vec<&str> {
         let figures = self.results.iter().filter_map(|r| r.figures.as_ref());
-        figures.filter_map(|f| f.plant_hash.as_deref()).collect()
+        let plants: BTreeSet<&str> = figures.filter_map(|f| f.plant_hash.as_deref()).collect();
+        plants.into_iter().collect()
     }
 
     fn add_spreads(&self, t: &mut String) {
@@ -450,9 +451,13 @@ mod tests {
         // Whatever lacks one of both is not known, and not above any limit.
         of(12, &|f| (f.peak_contact_n, f.drops_noticed) = (None, Some(0)));
         of(13, &|f| (f.force_limit_n, f.drops_noticed) = (Some(20.0), None));
+        for (seed, plant) in [(5, "b"), (6, "a"), (7, "b")] {
+            of(seed, &|f| f.plant_hash = Some(plant.to_owned()));
+        }
 
         let object = Tally::of(&state).json();
 
+        assert_eq!(object["plant_hashes"], json!(["a", "b"]), "each plant once");
         assert_eq!(
             (&object["runs_with_mishaps"], &object["solved_with_mishaps"]),
             (&json!(5), &json!(4))

@@ -259,8 +259,8 @@ impl Turn {
 #[must_use]
 pub fn seconds(angle: f64, speed: f64, acceleration: f64) -> f64 {
     /// Loss at both ends, at 1 rad/s2 (s).
-    const ENDS: f64 = 0.4;
-    angle / speed + ENDS / acceleration.sqrt() + SETTLE
+    const LOST: f64 = 0.4;
+    angle / speed + LOST / acceleration.sqrt() + SETTLE
 }
 
 /// Returns the speed that a turn of this speed orders against the greatest resistance that it makes

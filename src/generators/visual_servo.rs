@@ -8,7 +8,7 @@
 //! - source: Zieliński et al. (2007), pp. 371-373: position-based, end-effector open loop, stand-alone camera; the
 //!   stages (lead, follow, back off, approach, frozen close to the cube) after the 2008 sources
 
-use super::compliance::{Compliance, guarded_admittance};
+use super::compliance::Compliance;
 use super::inputs::{Inputs, Mode, Sensing, Target, Window};
 use super::outcome::{Next, Outcome};
 use crate::motion::{Direction, Motion, MoveCommand, MoveRefused, PERIOD};
@@ -144,7 +144,7 @@ impl VisualServo {
     pub fn new(order: Order, compliance: Compliance) -> Self {
         Self {
             order,
-            compliance,
+            compliance: Compliance { linear_inertia: order.inertia, ..compliance },
             stage: Stage::Follow,
             goal: None,
             seen: 0,
@@ -457,7 +457,7 @@ impl VisualServo {
         let linear = |error: f64| Direction::Guarded {
             velocity: (FOLLOW_GAIN * error).clamp(-limit, limit),
             admittance: c.linear_admittance,
-            inertia: order.inertia,
+            inertia: c.linear_inertia,
         };
         let angular = |error: f64| Direction::Guarded {
             velocity: (FOLLOW_GAIN * error).clamp(-0.2, 0.2),
@@ -474,11 +474,7 @@ impl VisualServo {
                 // The hand stands until a second reading confirms the contact.
                 Direction::HOLD
             } else {
-                Direction::Guarded {
-                    velocity: forward,
-                    admittance: guarded_admittance(forward, order.touch),
-                    inertia: order.inertia,
-                }
+                c.guarded(forward, order.touch)
             },
             angular(rotation.x),
             angular(rotation.y),

@@ -125,8 +125,8 @@ pub(crate) fn run(
     Ok(reports)
 }
 
-/// Returns the scenario with the cameras as a calibration in its cell finds them, where it wants one
-/// and hands over a cube: the workshop's work before a run. The plant's truth is drawn around the
+/// Returns the scenario with the cameras as a calibration in its cell finds them, where it wants
+/// one and hands over a cube: the workshop's work before a run. The plant's truth is drawn around the
 /// scenario as it was read. Also returns the cameras that could not be calibrated, each with the
 /// reason: the run uses them as the scenario has them.
 pub(super) fn believed(scenario: &Scenario) -> (Cow<'_, Scenario>, Vec<String>) {

@@ -58,6 +58,8 @@ pub(super) struct Composition<'a> {
     pub(super) faults: InjectedFaults,
     /// Judges the run.
     pub(super) probe: Option<PlantProbe>,
+    /// Cameras that could not be calibrated, each with the reason.
+    pub(super) uncalibrated: Vec<String>,
 }
 
 /// What the plant knows before the first period; nothing for hardware.
@@ -151,7 +153,7 @@ impl Composition<'_> {
         let truth = beginning.truth(verdict, jams.count());
         let hash = self.operator.trace.hash();
         let (hash, servo_hash) = (hash.hash(), hash.servo_hash());
-        let uncalibrated = Vec::new();
+        let uncalibrated = self.uncalibrated;
         Ok(Done { goal, performed, truth, by_hand, hash, servo_hash, uncalibrated })
     }
 

@@ -186,11 +186,18 @@ fn carried_out(
     let (believed, uncalibrated) = believed(scenario, &operator.trace);
     let runtime = runtime(scenario.pace, scenario.bridge.kind.is_hardware())?;
     let bridge_log = notes.map(|notes| BridgeLog::start(notes, &believed.controller.cell));
-    let composition =
-        Composition { scenario: &believed, options, operator, playback, faults, probe };
+    let composition = Composition {
+        scenario: &believed,
+        options,
+        operator,
+        playback,
+        faults,
+        probe,
+        uncalibrated,
+    };
     let done = runtime.block_on(composition.perform((world, cameras), goal, plan, logbook));
     drop(bridge_log);
-    done.map(|done| Done { uncalibrated, ..done })
+    done
 }
 
 /// Returns the scenario with the cell as a calibration finds it, and the cameras that could not be

@@ -56,9 +56,8 @@ pub(super) fn speeds(control: &Control, arms: &[Option<Arm>], reader: &mut Reade
             ("roll_speed_deg_s", ROLL, c.roll_speed, 1.0, Unit::Degrees),
             ("track_speed_mm_s", TRACK, c.track_speed, 1.0, Unit::Millimetres),
         ] {
-            if let Some((needed, most)) = too_fast(&arm.model, axis, speed / share) {
-                let (needed, most) = (needed * share, most * share);
-                let limit = share * arm.model.motor_speed_limit;
+            let limit = share * arm.model.motor_speed_limit;
+            if let Some((needed, most)) = too_fast(&arm.model, axis, speed, limit) {
                 let reason = format!(
                     "`control.{key}`: {} needs {needed:.0} rad/s of motor {axis} of the {}, which \
                      does {limit:.0}",
@@ -94,14 +93,14 @@ fn down(value: f64) -> f64 {
 }
 
 /// Returns the speed that a motor needs (rad/s) and the greatest speed of its axis, if that is less
-/// than the one wanted.
-fn too_fast(model: &ArmModel, axis: usize, speed: f64) -> Option<(f64, f64)> {
+/// than the one wanted; the motor does at most `limit` (rad/s).
+fn too_fast(model: &ArmModel, axis: usize, speed: f64, limit: f64) -> Option<(f64, f64)> {
     if axis == TRACK && !model.has_track {
         return None;
     }
     let gear = model.gears[axis].abs();
     let needed = gear * speed;
-    (needed > model.motor_speed_limit).then(|| (needed, model.motor_speed_limit / gear))
+    (needed > limit).then(|| (needed, limit / gear))
 }
 
 /// Checks each direction that a force moves: see [`tff::self_excitation`].
@@ -112,10 +111,9 @@ pub(super) fn self_excitation(
     reader: &mut Reader,
 ) {
     let c = control;
-    let approach = guarded_admittance(c.approach_speed, c.approach_force);
     let (speed, force) = c.visual_approach();
     let visual = guarded_admittance(speed, force);
-    // A hand pulls at the cube in another's hand until it feels half of an approach's force.
+    // A hand approaches a cube, and pulls at one in another's hand until it feels half the force.
     let pull = guarded_admittance(c.approach_speed, 0.5 * c.approach_force);
     let turn_admittance = turn::most_ordered(c.turn_speed) / c.turn_torque;
     for arm in arms.iter().flatten() {
@@ -123,7 +121,7 @@ pub(super) fn self_excitation(
         let rows = [
             ("visual_servo.inertia_kg", visual, visual_servo.inertia, mass),
             ("visual_servo.inertia_kg", c.linear_admittance, visual_servo.inertia, mass),
-            ("control.approach_speed_mm_s", approach.max(pull), c.linear_inertia, mass),
+            ("control.approach_speed_mm_s", pull, c.linear_inertia, mass),
             ("control.linear_admittance_mm_sn", c.linear_admittance, c.linear_inertia, mass),
             ("control.turn_speed_deg_s", turn_admittance, 0.0, about_z),
             ("control.angular_admittance_rad_snm", c.angular_admittance, c.angular_inertia, moment),
@@ -209,6 +207,12 @@ mod tests {
         assert!(told.contains("t.toml:2:23: `control.approach_speed_mm_s`"), "{told}");
         assert!(told.contains("shake itself at about 31 Hz"), "{told}");
         assert!(faults("[visual_servo]\ninertia_kg = 5").contains("`visual_servo.inertia_kg`"));
+        let sideways = "approach_speed_mm_s = 2\nlinear_admittance_mm_sn = 2\n[visual_servo]\n";
+        assert!(
+            faults(&format!("{sideways}inertia_kg = 10")).contains("`visual_servo.inertia_kg`")
+        );
+        let pull = faults("approach_speed_mm_s = 20\nlinear_inertia_kg = 0\n");
+        assert!(pull.contains("`control.approach_speed_mm_s`"), "an approach alone would pass");
         assert!(
             faults("angular_admittance_rad_snm = 5\nangular_inertia_kgm2 = 0").contains("angular")
         );

@@ -230,7 +230,7 @@ impl Path {
                 let from = &last.base_from_tool;
                 let to = SetValues::of_task(chain, law.step(period, task, wrench, from), last)?;
                 // A turn orders more than its speed against a layer's resistance, and torques help.
-                // Nothing waits for such a motion at a certain place, so it may go slower.
+                // Such a motion is due at no place at a certain time, so it may go slower.
                 let haste = to.haste(chain.model, last, law.seconds()) / GOVERNED;
                 let governed =
                     heeds_force(&task.directions) && (1.0..MOST_GOVERNED).contains(&haste);

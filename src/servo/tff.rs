@@ -79,8 +79,8 @@ impl ForceLaw {
         base_from_tool * moved.rotated(&tool_from_axes).displacement()
     }
 
-    /// Returns the commanded `base_from_tool` when the arm goes only a share of the last step: as if
-    /// the law had asked for no more.
+    /// Returns the commanded `base_from_tool` when the arm goes only a share of the last step: as
+    /// if the law had asked for no more.
     pub fn shorten(&mut self, share: f64, base_from_tool: &Pose) -> Pose {
         let Twist { linear, angular } = self.last;
         self.last = Twist { linear: linear * share, angular: angular * share };
