@@ -166,6 +166,7 @@ mod tests {
     use super::*;
     use crate::generators::Behaviour;
     use crate::tasks::Event;
+    use crate::tasks::cube::settings::CubeSettings;
 
     /// Both hands hold the cube, and the track turns by a quarter; each go ends as told, in turn.
     fn turns(ends: &[Outcome]) -> (Result<f64, Failure>, Vec<f64>) {
@@ -182,6 +183,26 @@ mod tests {
             _ => goes_well(action, arms),
         });
         (end, angles)
+    }
+
+    #[test]
+    fn layer_that_stood_still_is_eased_gently() {
+        let mut stage = Stage::holding(CubeSettings { turn_acceleration: 3.0, ..settings() });
+        stage.robot.hold(Hand::Postument);
+        let (mut stalls, mut seen) = (true, Vec::new());
+        let turns = async |robot: &mut Robot| turn_through(robot, Hand::Track, FRAC_PI_2).await;
+        let (end, _) = stage.play(turns, &mut |action, arms| match order(action) {
+            Some(Behaviour::Turn { angle, acceleration, .. }) => {
+                seen.push((angle.abs() < 0.1, *acceleration));
+                let stalled = std::mem::take(&mut stalls).then_some(Outcome::Stalled(1.0, 2.0));
+                let outcome = stalled.unwrap_or(Outcome::Turned(*angle));
+                Event::Behaved([Some(outcome), Some(Outcome::Ended)])
+            }
+            _ => goes_well(action, arms),
+        });
+
+        assert!(end.is_ok(), "{end:?}");
+        assert_eq!(seen, [(false, 3.0), (true, 1.0), (false, 3.0)]);
     }
 
     #[test]
