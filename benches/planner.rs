@@ -19,7 +19,7 @@ fn main() {
     let cubes = number("--cubes", 20);
     let effort = Effort {
         nodes: number("--nodes", 1_000_000),
-        candidates: number("--candidates", 1500) as usize,
+        candidates: number("--candidates", 10_000) as usize,
     };
     let scenario = match scenario::read(Path::new("built-in"), "", &[]) {
         Ok(scenario) => scenario,

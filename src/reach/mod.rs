@@ -22,7 +22,7 @@ pub use example::example_cell;
 pub use fold::Fold;
 pub use meeting::{Meeting, MeetingTable};
 pub use settings::ReachSettings;
-pub use way::Way;
+pub use way::{Way, WayFinder};
 
 /// The 24 rotations and their order, as indices of [`MeetingTable::grasps`].
 pub use crate::cube::{rotation_index, rotations};

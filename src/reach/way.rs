@@ -13,6 +13,7 @@ use crate::generators::position::Speeds;
 use crate::generators::profile::Profile;
 use crate::motion::{JointPositions, ROLL};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Where both arms stand at the beginning and at the end of a way.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,6 +52,81 @@ const STRIDE: u32 = 23;
 /// Share of the greatest speed and acceleration that the moments at which a motion is timed see at
 /// least.
 const MISSED: f64 = 0.85;
+
+/// Finds how near to each other two arms may go between a meeting and places where they are apart.
+#[derive(Debug, Clone)]
+pub struct WayFinder {
+    cell: Arc<Cell>,
+    settings: ReachSettings,
+}
+
+impl WayFinder {
+    /// Makes a finder for a cell as it is believed to be.
+    #[must_use]
+    pub fn new(cell: Cell, settings: ReachSettings) -> Self {
+        Self { cell: Arc::new(cell), settings }
+    }
+
+    /// Returns how far the track must draw back from a meeting, so that both arms may go evenly
+    /// between there and where they stand apart, in either direction (m); `None` if no separation
+    /// up to the usual one is enough. `newcomer` is the arm whose hand is free: 0 track,
+    /// 1 postument.
+    #[must_use]
+    pub fn least_separation(
+        &self,
+        apart: &[JointPositions; 2],
+        met: &[JointPositions; 2],
+        newcomer: usize,
+    ) -> Option<f64> {
+        let drawn_back = |by: f64| {
+            let mut joints = *met;
+            joints[0].0[0] -= by;
+            joints
+        };
+        let evenly = |to: [JointPositions; 2], part: f64| {
+            [0, 1].map(|arm: usize| apart[arm].towards(&to[arm], part))
+        };
+        let separations = separations(self.settings.separation);
+        for by in separations.take_while(|by| self.clears(&drawn_back(*by), newcomer)) {
+            let to = drawn_back(by);
+            let moments = (0..=MOMENTS).map(|step| f64::from(step) / f64::from(MOMENTS));
+            if moments.map(|part| evenly(to, part)).all(|joints| self.clears(&joints, newcomer)) {
+                return Some(by);
+            }
+        }
+        None
+    }
+
+    /// Makes a finder for the example cell.
+    #[cfg(test)]
+    pub(crate) fn of_example() -> Self {
+        Self::new(super::example_cell(), ReachSettings::default())
+    }
+
+    /// Returns where both arms of that cell stand at first, far apart.
+    #[cfg(test)]
+    pub(crate) fn example_start() -> [JointPositions; 2] {
+        [0, 1].map(|arm: usize| super::example_cell().arms[arm].start)
+    }
+
+    /// Whether both arms keep the clearance where they stand.
+    fn clears(&self, joints: &[JointPositions; 2], newcomer: usize) -> bool {
+        clearance(&self.cell, joints, newcomer) >= self.settings.clearance
+    }
+}
+
+/// Returns the separations that are tried, up to the usual one (m).
+fn separations(most: f64) -> impl Iterator<Item = f64> {
+    (0..).map(|step| f64::from(step) * FINE).take_while(move |by| *by < most + 0.5 * FINE)
+}
+
+/// Returns the least distance between the arms, and of each hand from its own arm (m).
+fn clearance(cell: &Cell, joints: &[JointPositions; 2], newcomer: usize) -> f64 {
+    let [track, postument] =
+        [0, 1].map(|arm: usize| Bodies::of(cell, &cell.arms[arm], &joints[arm]));
+    let apart = newcomer_apart(newcomer, &track, &postument);
+    track.own().min(postument.own()).min(apart)
+}
 
 impl Way {
     /// Returns the quickest way that keeps the clearance, if it is quicker than the usual one.
@@ -129,25 +205,22 @@ impl Way {
         let across = from.iter().zip(to).map(|(from, to)| speeds.joints_seconds(from, to, 1.0));
         let across = across.fold(0.0, f64::max).max(0.1);
         let (speeds, most) = (*speeds, settings.separation);
-        (0..)
-            .map(|step| f64::from(step) * FINE)
-            .take_while(move |separation| *separation < most + 0.5 * FINE)
-            .flat_map(move |separation| {
-                let mut drawn_back = JointPositions::default();
-                drawn_back.0[0] = separation;
-                let stroke = speeds.joints_seconds(&JointPositions::default(), &drawn_back, 1.0);
-                OVERLAPS.into_iter().flat_map(move |overlap| {
-                    let at_once = overlap * stroke.min(0.5 * across);
-                    let seconds = across + 2.0 * (stroke - at_once);
-                    RAMPS.map(|longer| Self {
-                        separation,
-                        stroke: stroke / seconds,
-                        across: (stroke - at_once) / seconds,
-                        ramp: longer * speeds.profile.ramp / seconds,
-                        seconds,
-                    })
+        separations(most).flat_map(move |separation| {
+            let mut drawn_back = JointPositions::default();
+            drawn_back.0[0] = separation;
+            let stroke = speeds.joints_seconds(&JointPositions::default(), &drawn_back, 1.0);
+            OVERLAPS.into_iter().flat_map(move |overlap| {
+                let at_once = overlap * stroke.min(0.5 * across);
+                let seconds = across + 2.0 * (stroke - at_once);
+                RAMPS.map(|longer| Self {
+                    separation,
+                    stroke: stroke / seconds,
+                    across: (stroke - at_once) / seconds,
+                    ramp: longer * speeds.profile.ramp / seconds,
+                    seconds,
                 })
             })
+        })
     }
 
     /// Returns the legs of both arms between these joint positions.
@@ -200,12 +273,8 @@ impl Way {
         // In long steps, so that a way is soon found blocked.
         (0..=MOMENTS).all(|step| {
             let part = f64::from(step * STRIDE % (MOMENTS + 1)) / f64::from(MOMENTS);
-            let [track, postument] = [0, 1].map(|arm: usize| {
-                let joints = legs[arm].at(&from[arm], part);
-                Bodies::of(cell, &cell.arms[arm], &joints)
-            });
-            let apart = newcomer_apart(*newcomer, &track, &postument);
-            track.own().min(postument.own()).min(apart) >= settings.clearance
+            let joints = [0, 1].map(|arm: usize| legs[arm].at(&from[arm], part));
+            clearance(cell, &joints, *newcomer) >= settings.clearance
         })
     }
 }
@@ -245,6 +314,36 @@ mod tests {
             }
         }
         assert!(ways > 1000 && nearest > 0.8, "{nearest} of the time at most in {ways} ways");
+    }
+
+    #[test]
+    fn least_separation_is_free_and_least() {
+        let finder = WayFinder::of_example();
+        let (cell, settings) = (&finder.cell, finder.settings);
+        let table = MeetingTable::compute(cell, &settings);
+        let apart = WayFinder::example_start();
+        let mut kept = Vec::new();
+        for (i, meeting) in table.grasps.iter().flatten().enumerate() {
+            let met = meeting.short_of(i % 2);
+            let least = |by: f64, moments: u32| {
+                let clearances = (0..=moments).map(|moment| {
+                    let mut to = met;
+                    to[0].0[0] -= by;
+                    let part = f64::from(moment) / f64::from(moments);
+                    let joints = [0, 1].map(|arm: usize| apart[arm].towards(&to[arm], part));
+                    clearance(cell, &joints, i % 2)
+                });
+                clearances.fold(f64::INFINITY, f64::min)
+            };
+            let by = finder.least_separation(&apart, &met, i % 2).unwrap();
+            // Looked at nearer than the finder does.
+            assert!(least(by, 400) > settings.clearance - 0.004, "{by} m: {meeting:?}");
+            if by > 0.0 {
+                assert!(least(by - FINE, MOMENTS) < settings.clearance, "{by} m: {meeting:?}");
+            }
+            kept.push(by);
+        }
+        assert!(kept.contains(&0.0) && kept.iter().any(|by| *by > 0.0), "{kept:?}");
     }
 
     #[test]

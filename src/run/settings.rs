@@ -6,7 +6,7 @@ use crate::cube::{Axis, Face, Keeper};
 use crate::generators::{Compliance, position::Speeds, profile::Profile, visual_servo};
 use crate::hw::driver::WallOptions;
 use crate::motion::{AXES, Depth};
-use crate::reach::{Fold, Meeting, MeetingTable, ReachSettings};
+use crate::reach::{Fold, Meeting, MeetingTable, ReachSettings, WayFinder};
 use crate::scenario::keys::RealTime;
 use crate::scenario::{ControllerConfig, keys};
 use crate::solver::table::TableSpec;
@@ -98,10 +98,12 @@ fn arm_belief(cell: &Cell, index: usize) -> Option<ArmBelief> {
 /// Returns the meetings of a cell, searched unless they are known.
 pub(super) fn meetings(config: &ControllerConfig, reach: &ReachSettings) -> MeetingTable {
     let speeds = manner(config, 0).speeds;
-    // Missions alone go from meeting to meeting.
-    let least =
-        config.control.separation == keys::Separation::Least && config.task == keys::Task::Solve;
-    super::meeting_cache::of(&config.cell, reach, least.then_some(&speeds))
+    super::meeting_cache::of(&config.cell, reach, goes_shortest_ways(config).then_some(&speeds))
+}
+
+/// Whether the arms go the shortest free ways. Missions alone go from meeting to meeting.
+fn goes_shortest_ways(config: &ControllerConfig) -> bool {
+    config.control.separation == keys::Separation::Least && config.task == keys::Task::Solve
 }
 
 /// How much wider than the cube the jaws open to take it from a person or a table (m).
@@ -111,7 +113,7 @@ const TAKING_ROOM: f64 = 0.031;
 pub(super) fn cube_settings(
     config: &ControllerConfig,
     meetings: MeetingTable,
-    back: f64,
+    reach: &ReachSettings,
 ) -> Option<CubeSettings> {
     let calibrated_at = meeting_place(&config.cell, &meetings);
     let c = &config.control;
@@ -121,12 +123,13 @@ pub(super) fn cube_settings(
         arms: [arm_belief(&config.cell, 0)?, arm_belief(&config.cell, 1)?],
         folds: [Fold::of(arm), Fold::of(config.cell.arms.get(1)?)],
         meetings,
+        ways: goes_shortest_ways(config).then(|| WayFinder::new(config.cell.clone(), *reach)),
         edge: config.cell.cube.edge,
         grip: c.grip,
         opening: (arm.gripper.opening.1 - 0.003).min(config.cell.cube.edge + TAKING_ROOM),
         regrasp_opening: (arm.gripper.opening.1 - 0.003).min(config.cell.cube.edge + c.jaw_room),
         jaw_leave: c.jaw_leave,
-        back,
+        back: reach.back,
         pre_grasp: c.pre_grasp,
         approach_speed: c.approach_speed,
         touch: c.approach_force,
@@ -239,7 +242,7 @@ fn strategy(config: &ControllerConfig) -> Strategy {
 pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
     let reach = ReachSettings::default();
     let meetings = meetings(config, &reach);
-    cube_settings(config, meetings, reach.back)
+    cube_settings(config, meetings, &reach)
         .map(|settings| Planner::new(&settings))
         .ok_or_else(|| "a plan is for two effectors".to_owned())
 }
@@ -383,7 +386,7 @@ mod tests {
         let scenario = crate::scenario::read(std::path::Path::new("t.toml"), text, &[]).unwrap();
         let reach = ReachSettings::default();
         let meetings = meetings(&scenario.controller, &reach);
-        let settings = cube_settings(&scenario.controller, meetings, reach.back).unwrap();
+        let settings = cube_settings(&scenario.controller, meetings, &reach).unwrap();
         let assignment = Assignment { patience, ..Assignment::new(Goal::Solve) };
         let mut mission = Mission::new(settings, assignment);
         let arms = [ArmState { jaw_opening: 0.057, ..ArmState::default() }; 2];

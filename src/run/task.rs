@@ -178,9 +178,7 @@ fn cube_kernel(
     assignment: mission::Assignment,
 ) -> Result<Mission, Error> {
     let settings = meetings
-        .and_then(|meetings| {
-            settings::cube_settings(config, meetings, ReachSettings::default().back)
-        })
+        .and_then(|meetings| settings::cube_settings(config, meetings, &ReachSettings::default()))
         .ok_or_else(|| not_created("task", "the cube task needs two effectors"))?;
     Ok(Mission::new(settings, assignment))
 }

@@ -377,7 +377,7 @@ section! {
         /// Nodes that the search for turns may visit.
         node_budget: u64 = 1_000_000, 1000.0..=1e12;
         /// Solutions that are compared by their regrasps.
-        candidates: u32 = 1500, 1.0..=10000.0;
+        candidates: u32 = 10000, 1.0..=100000.0;
         /// Declared cost of one node on the virtual clock.
         node_cost [us]: f64 = 0.1, 0.0..=1000.0;
     }

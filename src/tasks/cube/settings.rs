@@ -2,7 +2,7 @@
 
 use crate::cube::Keeper;
 use crate::generators::{Selector, grasp, position::Speeds, turn, visual_servo};
-use crate::reach::{Fold, MeetingTable};
+use crate::reach::{Fold, MeetingTable, WayFinder};
 use crate::spatial::Pose;
 use nalgebra::Point3;
 
@@ -51,6 +51,9 @@ pub struct CubeSettings {
     pub folds: [Fold; 2],
     /// Where they can meet.
     pub meetings: MeetingTable,
+    /// Finds the ways that the table has not: from where a cube is taken, and back to there. `None`
+    /// where the arms go apart by the whole separation for each way.
+    pub ways: Option<WayFinder>,
     /// Edge of the cube (m).
     pub edge: f64,
     /// Grip force (N).

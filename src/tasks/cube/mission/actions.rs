@@ -155,15 +155,36 @@ impl Robot {
 
     /// Retracts the track from the meeting, unless it is apart already.
     pub(super) async fn move_apart(&mut self) -> Result<(), Failure> {
+        self.move_apart_by(self.settings.meetings.separation).await
+    }
+
+    /// Retracts the track from the meeting by so much (m), unless it is apart already.
+    pub(super) async fn move_apart_by(&mut self, separation: f64) -> Result<(), Failure> {
         if self.apart {
             return Ok(());
         }
         self.check_hold()?;
         self.apart = true;
+        if separation == 0.0 {
+            return Ok(());
+        }
         let mut target = self.arms[Hand::Track.index()].desired_joints;
-        let back = target.0[0] - self.settings.meetings.separation;
+        let back = target.0[0] - separation;
         target.0[0] = self.least_track.map_or(back, |least| back.max(least));
         self.track_joints(target, Doing::Travelling).await
+    }
+
+    /// Returns how far the track stands back from a meeting on the way between there and where
+    /// both arms are apart (m).
+    pub(super) fn separation(
+        &self,
+        apart: &[JointPositions; 2],
+        met: &[JointPositions; 2],
+        newcomer: Hand,
+    ) -> f64 {
+        let ways = self.settings.ways.as_ref();
+        let least = ways.and_then(|ways| ways.least_separation(apart, met, newcomer.index()));
+        least.unwrap_or(self.settings.meetings.separation)
     }
 
     /// Brings both arms from one meeting to another in one go. `false`: the way was refused, or
@@ -194,10 +215,17 @@ impl Robot {
         Ok(false)
     }
 
-    /// Moves the track up to the meeting.
-    pub(super) async fn move_together(&mut self, track: JointPositions) -> Result<(), Failure> {
+    /// Moves the track up to the meeting from where it stands back from it by so much (m).
+    pub(super) async fn move_together(
+        &mut self,
+        track: JointPositions,
+        separation: f64,
+    ) -> Result<(), Failure> {
         self.check_hold()?;
         self.apart = false;
+        if separation == 0.0 {
+            return Ok(());
+        }
         self.track_joints(track, Doing::Adjusting).await
     }
 
@@ -507,6 +535,7 @@ mod tests {
     use super::super::{give_back, regrasp};
     use super::*;
     use crate::cube::Keeper;
+    use crate::reach::{Meeting, WayFinder};
     use crate::tasks::cube::settings::CubeSettings;
     use crate::tasks::cube::think::Conclusion;
     use crate::tasks::{Action, Event};
@@ -658,6 +687,39 @@ mod tests {
             }
         });
         (orders, end)
+    }
+
+    /// Returns the motions of a procedure in a cell whose arms stand where they begin, apart or at
+    /// a meeting; `least` lets them go no farther apart than they must.
+    fn motions(
+        least: bool,
+        apart: bool,
+        goes: impl AsyncFnOnce(&mut Robot) -> Result<(), Failure>,
+    ) -> Vec<&'static str> {
+        let ways = least.then(WayFinder::of_example);
+        let mut stage = Stage::holding(CubeSettings { ways, ..settings() });
+        stage.robot.apart = apart;
+        for (arm, joints) in stage.robot.arms.iter_mut().zip(WayFinder::example_start()) {
+            arm.desired_joints = joints;
+        }
+        let (end, actions) = stage.play(goes, &mut goes_well);
+        assert!(end.is_ok() && stage.robot.apart != apart, "{end:?}");
+        words(&actions)
+    }
+
+    #[test]
+    fn hands_go_no_farther_apart_than_needed() {
+        let [track, postument] = WayFinder::example_start();
+        let meeting = Meeting { track, postument, ..settings().meetings.grasps[0].unwrap() };
+        let meets = async |robot: &mut Robot| {
+            regrasp::meet(robot, Hand::Postument, meeting, regrasp::Coming::ToLook).await
+        };
+        let returns = async |robot: &mut Robot| regrasp::return_to(robot, track).await;
+
+        assert_eq!(motions(true, true, meets), ["joints"]);
+        assert_eq!(motions(true, false, returns), ["joints"]);
+        assert_eq!(motions(false, true, meets), ["joints"; 2]);
+        assert_eq!(motions(false, false, returns), ["joints"; 2]);
     }
 
     #[test]

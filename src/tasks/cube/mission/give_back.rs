@@ -83,14 +83,12 @@ async fn hand_back(robot: &mut Robot) -> Result<(), Failure> {
     match robot.settings.keeper {
         Keeper::Person => {
             robot.phase("hand back").await?;
-            robot.move_apart().await?;
-            robot.joints([Some(place), None]).await?;
+            regrasp::return_to(robot, place).await?;
             offer(robot).await?;
         }
         Keeper::Table => {
             robot.phase("lay down").await?;
-            robot.move_apart().await?;
-            robot.joints([Some(place), None]).await?;
+            regrasp::return_to(robot, place).await?;
             robot.along(Hand::Track, robot.way_back() - before_the_table(robot)).await?;
             robot.zero_forces([true, false]).await?;
             lay_down(robot).await?;

@@ -134,8 +134,7 @@ async fn wait_for_the_cube(
 ) -> Result<(), Failure> {
     robot.phase("wait for the cube").await?;
     robot.open(hand, Depth::One).await?;
-    robot.move_apart().await?;
-    robot.joints([Some(hand_over), None]).await
+    regrasp::return_to(robot, hand_over).await
 }
 
 /// Decides what follows when a hand did not get hold of the cube.

@@ -8,6 +8,7 @@ use super::failure::Failure;
 use super::robot::Robot;
 use super::take::draw_back;
 use crate::cube::rotation_index;
+use crate::motion::JointPositions;
 use crate::reach::Meeting;
 use crate::tasks::cube::hold::{Grip, Hand};
 
@@ -35,8 +36,6 @@ pub(super) async fn meet(
     let meetings = &robot.settings.meetings;
     let quick = robot.meeting.filter(|_| !robot.apart);
     let quick = quick.and_then(|last| meetings.way(&last, &meeting, newcomer.index()).copied());
-    let mut apart = track;
-    apart.0[0] -= meetings.separation;
     robot.meeting = Some(meeting);
     if let Some(way) = quick
         && robot.cross(&way, [track, postument]).await?
@@ -44,8 +43,21 @@ pub(super) async fn meet(
         return Ok(());
     }
     robot.move_apart().await?;
+    let here = Hand::BOTH.map(|hand| robot.arms[hand.index()].desired_joints);
+    let separation = robot.separation(&here, &[track, postument], newcomer);
+    let mut apart = track;
+    apart.0[0] -= separation;
     robot.joints([Some(apart), Some(postument)]).await?;
-    robot.move_together(track).await
+    robot.move_together(track, separation).await
+}
+
+/// Brings the track from a meeting to where the cube was taken. The postument, whose hand is free,
+/// stays where it is.
+pub(super) async fn return_to(robot: &mut Robot, place: JointPositions) -> Result<(), Failure> {
+    let met = Hand::BOTH.map(|hand| robot.arms[hand.index()].desired_joints);
+    let separation = robot.separation(&[place, met[1]], &met, Hand::Postument);
+    robot.move_apart_by(separation).await?;
+    robot.joints([Some(place), None]).await
 }
 
 /// Lets go of the cube and retracts.

@@ -53,6 +53,7 @@ pub(super) fn settings() -> CubeSettings {
             separation: 0.35,
             ways: Vec::new(),
         },
+        ways: None,
         edge: 0.057,
         grip: 60.0,
         opening: 0.09,
