@@ -39,16 +39,37 @@ impl Legs {
     /// Returns the joint positions after a share of the time of a motion that begins at `start`.
     #[must_use]
     pub fn at(&self, start: &JointPositions, part: f64) -> JointPositions {
-        let (mut at, mut last) = (*start, start);
+        self.displaced(start, &self.moves(start), part)
+    }
+
+    /// Returns by how much each leg displaces the joints of a motion that begins at `start` (m,
+    /// rad).
+    fn moves(&self, start: &JointPositions) -> [[f64; AXES]; LEGS] {
+        let mut last = start;
+        self.legs.each_ref().map(|leg| {
+            let from = std::mem::replace(&mut last, &leg.to);
+            std::array::from_fn(|axis| leg.to.0[axis] - from.0[axis])
+        })
+    }
+
+    /// Returns the joint positions after a share of the time, given the legs' [`Legs::moves`] (m,
+    /// rad).
+    fn displaced(
+        &self,
+        start: &JointPositions,
+        moves: &[[f64; AXES]; LEGS],
+        part: f64,
+    ) -> JointPositions {
+        let mut at = *start;
         let roll = self.roll.share(part, 1.0);
-        for Leg { to, window: (begins, ends) } in &self.legs {
+        for (Leg { window: (begins, ends), .. }, by) in self.legs.iter().zip(moves) {
             let lasts = ends - begins;
             let own = if lasts > 0.0 { ((part - begins) / lasts).clamp(0.0, 1.0) } else { 1.0 };
-            let share = self.profile.share(own, lasts);
-            for (axis, (to, last)) in to.0.iter().zip(last.0).enumerate() {
-                at.0[axis] += if axis == ROLL { roll } else { share } * (to - last);
+            let mut shares = [self.profile.share(own, lasts); AXES];
+            shares[ROLL] = roll;
+            for axis in 0..AXES {
+                at.0[axis] += shares[axis] * by[axis];
             }
-            last = to;
         }
         at
     }
@@ -69,20 +90,25 @@ impl Legs {
         accelerations: &[f64; AXES],
     ) -> f64 {
         let step = 1.0 / f64::from(MOMENTS);
-        let at = |moment: u32| self.at(start, f64::from(moment) * step);
+        let moves = self.moves(start);
+        let at = |moment: u32| self.displaced(start, &moves, f64::from(moment) * step);
         let (mut before, mut now) = (*start, at(1));
-        let (mut fastest, mut steepest) = (0.0_f64, 0.0_f64);
+        // What limits divide is a number an axis: the greatest of all moments is divided.
+        let (mut fastest, mut steepest) = ([0.0_f64; AXES], [0.0_f64; AXES]);
         for moment in 2..=MOMENTS + 1 {
             let next = at(moment.min(MOMENTS));
             for i in 0..AXES {
-                let speed = (now.0[i] - before.0[i]).abs() / step;
-                let acceleration = (next.0[i] - 2.0 * now.0[i] + before.0[i]).abs() / (step * step);
-                fastest = fastest.max(speed / speeds[i]);
-                steepest = steepest.max(acceleration / accelerations[i]);
+                fastest[i] = fastest[i].max((now.0[i] - before.0[i]).abs());
+                let bend = (next.0[i] - 2.0 * now.0[i] + before.0[i]).abs();
+                steepest[i] = steepest[i].max(bend);
             }
             (before, now) = (now, next);
         }
-        fastest.max(steepest.sqrt())
+        (0..AXES).fold(0.0, |seconds: f64, i| {
+            let by_speed = fastest[i] / step / speeds[i];
+            let by_acceleration = steepest[i] / (step * step) / accelerations[i];
+            seconds.max(by_speed).max(by_acceleration.sqrt())
+        })
     }
 }
 
@@ -122,7 +148,38 @@ mod tests {
         assert_eq!(legs.at(&start, 1.0), *legs.end());
     }
 
+    /// Divides at each moment, joint by joint.
+    fn plain_seconds(legs: &Legs, start: &JointPositions, limits: &[[f64; AXES]; 2]) -> f64 {
+        let step = 1.0 / f64::from(MOMENTS);
+        let at = |moment: u32| legs.at(start, f64::from(moment.min(MOMENTS)) * step).0;
+        let mut most = [0.0_f64; 2];
+        for moment in 2..=MOMENTS + 1 {
+            let before = if moment == 2 { start.0 } else { at(moment - 2) };
+            let (now, next) = (at(moment - 1), at(moment));
+            for i in 0..AXES {
+                let speed = (now[i] - before[i]).abs() / step;
+                let acceleration = (next[i] - 2.0 * now[i] + before[i]).abs() / (step * step);
+                most[0] = most[0].max(speed / limits[0][i]);
+                most[1] = most[1].max(acceleration / limits[1][i]);
+            }
+        }
+        most[0].max(most[1].sqrt())
+    }
+
     proptest! {
+        #[test]
+        fn shortest_time_is_that_of_each_moment(
+            overlap in 0.0..0.3f64,
+            start in prop::array::uniform7(-1.0..1.0f64),
+            limits in prop::array::uniform2(prop::array::uniform7(0.1..3.0f64)),
+        ) {
+            let (legs, start) = (legs(overlap), JointPositions(start));
+
+            let seconds = legs.seconds(&start, &limits[0], &limits[1]);
+
+            prop_assert_eq!(seconds.to_bits(), plain_seconds(&legs, &start, &limits).to_bits());
+        }
+
         #[test]
         fn shortest_time_needs_all_of_a_limit(overlap in 0.0..0.3f64, limit in 0.1..2.0f64) {
             let (legs, start) = (legs(overlap), to(0.0, 0.0));

@@ -142,27 +142,33 @@ impl Way {
             to[arm].0[ROLL] = from[arm].0[ROLL];
         }
         let ends = Ends { from, to, newcomer };
-        // The quickest last, and those that are yet to be timed by their bound.
+        let mut lookout = Lookout::new(cell, settings, speeds, &ends);
+        // The quickest last, and those that are yet to be timed by what they take at least.
         let mut ways = Vec::new();
-        let rank = |&(way, timed, order): &(Self, bool, usize)| (way.seconds, timed, order);
+        let rank = |&(way, timed, order): &(Self, Timed, usize)| (way.seconds, timed, order);
         let insert = |ways: &mut Vec<_>, new| {
             let place = ways.partition_point(|other| rank(other) > rank(&new));
             ways.insert(place, new);
         };
         for (order, mut way) in Self::all(settings, speeds, &from, &to).enumerate() {
             way.seconds = way.bound(speeds, &ends);
-            insert(&mut ways, (way, false, order));
+            insert(&mut ways, (way, Timed::Bound, order));
         }
         while let Some((mut way, timed, order)) = ways.pop() {
-            if timed && way.is_free(cell, settings, speeds, &ends) {
-                return Some(way);
-            }
-            if !timed {
-                way.seconds = way
-                    .least_seconds(speeds, &from, &to)
-                    .max(way.motor_seconds(cell, speeds, &ends));
-                insert(&mut ways, (way, true, order));
-            }
+            let timed = match timed {
+                Timed::Bound if lookout.finds_blocked(&way, GLANCES) => continue,
+                Timed::Bound => {
+                    way.seconds = way.least_seconds(speeds, &from, &to);
+                    Timed::Joints
+                }
+                Timed::Joints => {
+                    way.seconds = way.seconds.max(way.motor_seconds(cell, speeds, &ends));
+                    Timed::Motors
+                }
+                Timed::Motors if lookout.finds_blocked(&way, usize::MAX) => continue,
+                Timed::Motors => return Some(way),
+            };
+            insert(&mut ways, (way, timed, order));
         }
         None
     }
@@ -266,16 +272,61 @@ impl Way {
         let legs = self.legs(speeds, from, to);
         (0..2).map(|arm| speeds.legs_seconds(&from[arm], &legs[arm])).fold(0.0, f64::max)
     }
+}
 
-    fn is_free(&self, cell: &Cell, settings: &ReachSettings, speeds: &Speeds, ends: &Ends) -> bool {
-        let Ends { from, to, newcomer } = ends;
-        let legs = self.legs(speeds, from, to);
+/// What the time of a way is known from, in the order of the effort.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+enum Timed {
+    /// Its bound: it takes longer.
+    Bound,
+    /// Its joints: its motors may take longer.
+    Joints,
+    /// Joints and motors.
+    Motors,
+}
+
+/// Moments at which a way is looked at before it is timed.
+const GLANCES: usize = 3;
+
+/// Looks whether ways between two meetings are free: first at the moments that blocked others.
+struct Lookout<'a> {
+    cell: &'a Cell,
+    settings: &'a ReachSettings,
+    speeds: &'a Speeds,
+    ends: &'a Ends,
+    /// All moments; those that blocked a way come first, the last one foremost.
+    moments: Vec<u32>,
+}
+
+impl<'a> Lookout<'a> {
+    /// Makes one that has seen no way yet.
+    fn new(
+        cell: &'a Cell,
+        settings: &'a ReachSettings,
+        speeds: &'a Speeds,
+        ends: &'a Ends,
+    ) -> Self {
         // In long steps, so that a way is soon found blocked.
-        (0..=MOMENTS).all(|step| {
-            let part = f64::from(step * STRIDE % (MOMENTS + 1)) / f64::from(MOMENTS);
-            let joints = [0, 1].map(|arm: usize| legs[arm].at(&from[arm], part));
-            clearance(cell, &joints, *newcomer) >= settings.clearance
-        })
+        let moments = (0..=MOMENTS).map(|step| step * STRIDE % (MOMENTS + 1)).collect();
+        Self { cell, settings, speeds, ends, moments }
+    }
+
+    /// Whether a way comes too near to something at one of the first `count` moments.
+    fn finds_blocked(&mut self, way: &Way, count: usize) -> bool {
+        let legs = way.legs(self.speeds, &self.ends.from, &self.ends.to);
+        let looks = self.moments.iter().take(count);
+        let blocking = looks.copied().position(|moment| !self.is_free_at(&legs, moment));
+        if let Some(place) = blocking {
+            self.moments[..=place].rotate_right(1);
+        }
+        blocking.is_some()
+    }
+
+    /// Whether both arms keep the clearance at one of the moments.
+    fn is_free_at(&self, legs: &[Legs; 2], moment: u32) -> bool {
+        let part = f64::from(moment) / f64::from(MOMENTS);
+        let joints = [0, 1].map(|arm: usize| legs[arm].at(&self.ends.from[arm], part));
+        clearance(self.cell, &joints, self.ends.newcomer) >= self.settings.clearance
     }
 }
 
@@ -314,6 +365,40 @@ mod tests {
             }
         }
         assert!(ways > 1000 && nearest > 0.8, "{nearest} of the time at most in {ways} ways");
+    }
+
+    /// Times every way in full, then looks from the quickest on for one that is free.
+    fn plain_quickest(cell: &Cell, settings: &ReachSettings, ends: &Ends) -> Option<Way> {
+        let (speeds, mut ends) = (speeds(), *ends);
+        for arm in 0..2 {
+            ends.to[arm].0[ROLL] = ends.from[arm].0[ROLL];
+        }
+        let mut ways: Vec<Way> = Way::all(settings, &speeds, &ends.from, &ends.to).collect();
+        for way in &mut ways {
+            let by_joints = way.least_seconds(&speeds, &ends.from, &ends.to);
+            way.seconds = by_joints.max(way.motor_seconds(cell, &speeds, &ends));
+        }
+        ways.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+        ways.into_iter().find(|way| {
+            let looks = Lookout::new(cell, settings, &speeds, &ends);
+            let legs = way.legs(&speeds, &ends.from, &ends.to);
+            (0..=MOMENTS).all(|moment| looks.is_free_at(&legs, moment))
+        })
+    }
+
+    #[test]
+    fn quickest_way_is_that_of_a_plain_search() {
+        let (cell, settings) = (example_cell(), ReachSettings::default());
+        let table = MeetingTable::compute(&cell, &settings);
+        let grasps: Vec<_> = table.grasps.iter().flatten().collect();
+        for (i, (a, b)) in grasps.iter().zip(&grasps[1..]).enumerate() {
+            let newcomer = i % 2;
+            let ends = Ends { from: a.short_of(newcomer), to: b.short_of(newcomer), newcomer };
+
+            let found = Way::quickest(&cell, &settings, &speeds(), &ends);
+
+            assert_eq!(found, plain_quickest(&cell, &settings, &ends), "{i}");
+        }
     }
 
     #[test]
