@@ -27,8 +27,9 @@ impl Plant {
             && self.balance.touches.iter().all(Touch::any)
             && self.grasps.iter().any(Grasp::holds);
         for i in 0..self.arms.len() {
-            let touch = self.balance.touches[i];
+            let touch = &self.balance.touches[i];
             let (force, torque) = (touch.force.norm(), touch.torque.norm());
+            let squeeze = touch.pads[0].max(touch.pads[1]).max(touch.palm);
             let v = &mut self.verdict;
             v.arm_peak_force[i] = v.arm_peak_force[i].max(force);
             v.arm_peak_torque[i] = v.arm_peak_torque[i].max(torque);
@@ -36,7 +37,7 @@ impl Plant {
                 v.peak_force = v.peak_force.max(force);
                 v.peak_torque = v.peak_torque.max(torque);
             }
-            let grasp = self.grasps[i];
+            let grasp = &self.grasps[i];
             let (distance, angle) = grasp.slip;
             let held = grasp.hold == Hold::Closed && !self.jaws[i].opens();
             if held && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians()) {
@@ -44,7 +45,6 @@ impl Plant {
                 self.verdict.counts.slips += 1;
                 self.record(Incident::Slip { arm: i, distance, angle });
             }
-            let squeeze = touch.pads[0].max(touch.pads[1]).max(touch.palm);
             if squeeze > 150.0 && !self.crushed[i] {
                 self.crushed[i] = true;
                 self.verdict.counts.crushed += 1;
@@ -126,7 +126,7 @@ impl Plant {
 
     pub(super) fn look_for_collisions(&mut self) {
         let openings = [self.jaws[0].opening(), self.jaws[self.jaws.len() - 1].opening()];
-        let holds = self.grasps.map(|g| g.holds());
+        let holds = self.grasps.each_ref().map(Grasp::holds);
         let cube = HeldCube {
             frame: self.balance.nodes[0],
             edge: self.config.cell.cube.edge,

@@ -243,9 +243,11 @@ impl Balance {
         let bodies = self.bodies();
         let mut step: Option<Step> = None;
         let mut stalled = 0;
+        let mut system = System::new();
         for round in 0..=MOST_ROUNDS {
-            let mut load = self.load(puzzle, grasps, around, dt);
-            let left = load.system.imbalance(bodies);
+            system.clear(bodies);
+            let load = self.load(&mut system, puzzle, grasps, around, dt);
+            let left = system.imbalance(bodies);
             let enough = if round < ROUNDS { 1.0 } else { FAR };
             let before = step.as_ref().map_or(f64::INFINITY, |s| s.imbalance);
             let overshot = round > ROUNDS && left > OVERSHOT * before;
@@ -260,8 +262,8 @@ impl Balance {
                 step.go(&mut self.nodes[..bodies]);
                 continue;
             }
-            self.stiffen(&mut load, grasps, &around.tools);
-            let moves = load.system.solve(bodies);
+            self.stiffen(&mut system, &load, grasps, &around.tools);
+            let moves = system.solve(bodies);
             let step = step.insert(Step { from: self.nodes, moves, imbalance: left });
             step.go(&mut self.nodes[..bodies]);
         }
@@ -269,10 +271,11 @@ impl Balance {
         None
     }
 
-    /// Returns all forces on the bodies where they are now: grippers, weight, the operator's hand,
-    /// the table, and the interface between two bodies.
+    /// Adds all forces on the bodies where they are now to an empty system: grippers, weight, the
+    /// operator's hand, the table, and the interface between two bodies.
     fn load(
         &mut self,
+        system: &mut System,
         puzzle: &Puzzle,
         grasps: &[Grasp; 2],
         around: &Surroundings,
@@ -280,10 +283,11 @@ impl Balance {
     ) -> Load {
         let Surroundings { tools, hands, hold, weight } = around;
         let bodies = self.bodies();
-        let mut system = System::new();
         for (i, hands) in hands.iter().enumerate() {
-            self.touches[i] = Touch::NONE;
-            let Some(hands) = hands else { continue };
+            let Some(hands) = hands else {
+                self.touches[i] = Touch::NONE;
+                continue;
+            };
             let body = &self.nodes[self.body_of(&grasps[i])];
             self.touches[i] = grasps[i].touch(&tools[i], body, hands);
             system.load(self.body_of(&grasps[i]), &tools[i], body, &self.touches[i]);
@@ -292,7 +296,7 @@ impl Balance {
             residual.fixed_rows_mut::<3>(0).add_assign(&(weight / bodies as f64));
         }
         if let Some(hold) = hold {
-            self.hand_force = self.add_hold(&mut system, hold, dt);
+            self.hand_force = self.add_hold(system, hold, dt);
             // The hand carries the cube's weight without sinking.
             system.residual[0].fixed_rows_mut::<3>(0).sub_assign(weight);
         }
@@ -307,7 +311,7 @@ impl Balance {
             system.load_joint(&joint, &self.nodes);
             joint
         });
-        Load { system, borne, joint }
+        Load { borne, joint }
     }
 
     /// Adds the wrench of the operator's hold on the first body, and its stiffness; returns its
@@ -336,8 +340,13 @@ impl Balance {
     }
 
     /// Adds the stiffness of the contacts that bear the load.
-    fn stiffen(&self, load: &mut Load, grasps: &[Grasp; 2], tools: &[Frame; 2]) {
-        let Load { system, borne, joint } = load;
+    fn stiffen(
+        &self,
+        system: &mut System,
+        Load { borne, joint }: &Load,
+        grasps: &[Grasp; 2],
+        tools: &[Frame; 2],
+    ) {
         for (i, touch) in self.touches.iter().enumerate() {
             if touch.any() || grasps[i].attached() {
                 let body = self.body_of(&grasps[i]);
@@ -492,9 +501,8 @@ struct Joint {
     stiffness: Matrix6<f64>,
 }
 
-/// All forces on the bodies in one round.
+/// What acts on the bodies in one round beside grippers and hand, whose stiffness is to be added.
 struct Load {
-    system: System,
     /// What the table bears.
     borne: Option<Bearing>,
     /// The interface between two bodies.
@@ -525,6 +533,16 @@ struct System {
 impl System {
     fn new() -> Self {
         Self { residual: [Vector6::zeros(); 2], stiffness: [[Matrix6::zeros(); 2]; 2] }
+    }
+
+    /// Empties what these bodies have of it.
+    fn clear(&mut self, bodies: usize) {
+        for i in 0..bodies {
+            self.residual[i].fill(0.0);
+            for j in 0..bodies {
+                self.stiffness[i][j].fill(0.0);
+            }
+        }
     }
 
     fn load(&mut self, node: usize, tool: &Frame, body: &Frame, touch: &Touch) {

@@ -291,10 +291,9 @@ impl Plant {
             }
         }
         self.step_cube(t, dt);
-        let touches = self.balance.touches;
         let pushes = self.faults.acting.push;
         for (i, arm) in self.arms.iter_mut().enumerate() {
-            let touch = &touches[i];
+            let touch = &self.balance.touches[i];
             let tool = arm.world_from_tool;
             if touch.any() || pushes[i] != Vector3::zeros() {
                 let force = tool.r * -touch.force + pushes[i];
