@@ -261,8 +261,10 @@ impl<'a> Probe<'a> {
         let (mut x, mut y) = (from.0 as f32, from.1 as f32);
         let (dx, dy) = (step.0 as f32, step.1 as f32);
         for tap in taps {
-            let (column, row) = (x as usize, y as usize);
-            let (fx, fy) = (x - column as f32, y - row as f32);
+            // By way of 32 bits, which one instruction converts to and from.
+            let (left, above) = (x as i32, y as i32);
+            let (fx, fy) = (x - left as f32, y - above as f32);
+            let (column, row) = (left as usize, above as usize);
             let (upper, lower) = ((1.0 - fy) * ROW, fy * ROW);
             let (a, b, c, d) = (upper * (1.0 - fx), upper * fx, lower * (1.0 - fx), lower * fx);
             let at = row * stride + 3 * column;
