@@ -249,8 +249,8 @@ impl Renderer {
                 let range = line + from..line + to;
                 self.behind[range.clone()].copy_from_slice(&self.view.depth()[range]);
             }
-            self.view.colour_row(&self.rays, row, &room, |column, colour| {
-                background[line + column] = colour;
+            self.view.colour_row(&self.rays, row, &room, |column, colours| {
+                background[line + column..][..colours.len()].copy_from_slice(colours);
             });
         }
     }
@@ -268,9 +268,9 @@ impl Renderer {
         for row in 0..self.rays.height {
             let line = row * self.rays.width;
             self.dirty[row] = self.view.span(row);
-            self.view.colour_row(&self.rays, row, &self.background, |column, colour| {
+            self.view.colour_row(&self.rays, row, &self.background, |column, colours| {
                 let site = Photosite { row, column };
-                converter.put(raw, site, colour, gain[line + column] * exposure);
+                converter.put_run(raw, site, colours, (&gain[line + column..], exposure));
             });
         }
         self.blur_motion(scene, camera_from_world, exposure);
@@ -320,10 +320,13 @@ impl Renderer {
             for (line, row) in rows.clone().enumerate() {
                 let sum = &mut self.sum[line * columns.len()..(line + 1) * columns.len()];
                 let background = &self.background;
-                self.view.colour_row(&self.rays, row, background, |column, colour| {
-                    let behind = background[row * width + column];
-                    for (c, sum) in sum[column - columns.start].iter_mut().enumerate() {
-                        *sum += share * (colour[c] - behind[c]);
+                self.view.colour_row(&self.rays, row, background, |column, colours| {
+                    let behind = &background[row * width + column..];
+                    let sums = &mut sum[column - columns.start..];
+                    for (sum, (colour, behind)) in sums.iter_mut().zip(colours.iter().zip(behind)) {
+                        for c in 0..3 {
+                            sum[c] += share * (colour[c] - behind[c]);
+                        }
                     }
                 });
             }

@@ -48,6 +48,8 @@ pub(super) struct View {
     is_whole: bool,
     /// Of one row: not 0 where a pixel lies beside another surface.
     edges: Vec<u32>,
+    /// Of a run of neighbours.
+    colours: Vec<Rgb>,
 }
 
 /// A camera at its place: the rays of its pixels, its pose, and how things look to it.
@@ -97,6 +99,7 @@ impl View {
             spans: vec![(usize::MAX, 0); rays.height],
             is_whole: false,
             edges: Vec::new(),
+            colours: Vec::new(),
         }
     }
 

@@ -24,10 +24,8 @@ const NOISE: usize = 1 << 17;
 /// Tables of a sensor, made once.
 #[derive(Debug, Clone)]
 pub(super) struct Converter {
-    /// Coded value of a linear signal.
-    code: Vec<i16>,
-    /// Standard deviation of the noise in eighths, by coded value of 255.
-    deviation: [i16; 256],
+    /// By linear signal: the coded value, and the standard deviation of its noise in eighths.
+    codes: Vec<(i16, i16)>,
     /// Gaussian numbers in 32nds.
     noise: Vec<i16>,
     pub(super) bayer: bool,
@@ -35,16 +33,18 @@ pub(super) struct Converter {
 
 impl Converter {
     pub(super) fn new(sensor: &Sensor, seed: u64) -> Self {
-        let code = (0..=STEPS)
+        let deviation = |value: i16| {
+            let shot = sensor.shot_noise.powi(2) * f64::from(value / ONE) / 255.0;
+            (8.0 * libm::sqrt(sensor.read_noise.powi(2) + shot)).min(200.0).round() as i16
+        };
+        let codes = (0..=STEPS)
             .map(|k| {
                 let signal = k as f64 / STEPS as f64;
-                (libm::pow(signal, 1.0 / sensor.gamma) * f64::from(FULL)).round() as i16
+                let coded = libm::pow(signal, 1.0 / sensor.gamma) * f64::from(FULL);
+                let value = coded.round() as i16;
+                (value, deviation(value))
             })
             .collect();
-        let deviation = std::array::from_fn(|v| {
-            let shot = sensor.shot_noise.powi(2) * v as f64 / 255.0;
-            (8.0 * libm::sqrt(sensor.read_noise.powi(2) + shot)).min(200.0).round() as i16
-        });
         let mut rng = Pcg64::seed_from_u64(seed);
         let noise = (0..NOISE)
             .map(|_| {
@@ -52,7 +52,7 @@ impl Converter {
                 (n * 32.0).round().clamp(-160.0, 160.0) as i16
             })
             .collect();
-        Self { code, deviation, noise, bayer: sensor.bayer }
+        Self { codes, noise, bayer: sensor.bayer }
     }
 
     /// Values a pixel in the raw picture.
@@ -60,10 +60,12 @@ impl Converter {
         if self.bayer { 1 } else { 3 }
     }
 
-    /// Coded value of a linear signal.
+    /// Returns coded value and deviation of a linear signal.
     #[inline]
-    pub(super) fn code(&self, signal: f32) -> i16 {
-        self.code[((signal * STEPS as f32 + 0.5) as usize).min(STEPS)]
+    fn code(&self, signal: f32) -> (i16, i16) {
+        // By way of 32 bits, which one instruction converts to.
+        let step = (signal * STEPS as f32 + 0.5) as i32;
+        self.codes[step.clamp(0, STEPS as i32) as usize]
     }
 
     /// Stores a pixel's colour, times `gain`, in raw picture and table of noise.
@@ -74,15 +76,42 @@ impl Converter {
         if self.bayer {
             let ends = if row & 1 == 0 { colour[0] } else { colour[2] };
             let signal = if (row + column) & 1 == 0 { ends } else { colour[1] };
-            let value = self.code(signal * gain);
-            raw.value[pixel] = value;
-            raw.deviation[pixel] = self.deviation[(value / ONE) as usize];
+            (raw.value[pixel], raw.deviation[pixel]) = self.code(signal * gain);
         } else {
             for (c, channel) in colour.iter().enumerate() {
-                let value = self.code(channel * gain);
-                raw.value[3 * pixel + c] = value;
-                raw.deviation[3 * pixel + c] = self.deviation[(value / ONE) as usize];
+                let at = 3 * pixel + c;
+                (raw.value[at], raw.deviation[at]) = self.code(channel * gain);
             }
+        }
+    }
+
+    /// Stores the colours of neighbours in a row, `site` and on, each times its `gain` and the
+    /// exposure.
+    #[inline]
+    pub(super) fn put_run(
+        &self,
+        raw: &mut Raw,
+        site: Photosite,
+        colours: &[Rgb],
+        (gains, exposure): (&[f32], f32),
+    ) {
+        let Photosite { row, column } = site;
+        if !self.bayer {
+            for (k, (colour, gain)) in colours.iter().zip(gains).enumerate() {
+                let site = Photosite { row, column: column + k };
+                self.put(raw, site, *colour, gain * exposure);
+            }
+            return;
+        }
+        let start = row * raw.width + column;
+        let range = start..start + colours.len();
+        let stored = raw.value[range.clone()].iter_mut().zip(&mut raw.deviation[range]);
+        let ends = if row & 1 == 0 { 0 } else { 2 };
+        let mut at_end = (row + column) & 1 == 0;
+        for ((value, deviation), (colour, gain)) in stored.zip(colours.iter().zip(gains)) {
+            let signal = if at_end { colour[ends] } else { colour[1] };
+            (*value, *deviation) = self.code(signal * (gain * exposure));
+            at_end = !at_end;
         }
     }
 
@@ -194,7 +223,7 @@ pub(super) struct Photosite {
 }
 
 /// A picture before demosaicing, with the noise that it will get.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Raw {
     width: usize,
     height: usize,
@@ -215,5 +244,48 @@ impl Raw {
         let range = from..from + columns.len() * channels;
         self.value[range.clone()].copy_from_slice(&other.value[range.clone()]);
         self.deviation[range.clone()].copy_from_slice(&other.deviation[range]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Look;
+    use super::*;
+
+    #[test]
+    fn neighbours_are_stored_as_each_alone_is() {
+        let mut rng = Pcg64::seed_from_u64(1);
+        let colours: Vec<Rgb> = (0..40).map(|_| rng.random()).collect();
+        let gains: Vec<f32> = (0..40).map(|_| rng.random()).collect();
+        for bayer in [true, false] {
+            let converter = Converter::new(&Sensor { bayer, ..Look::default().sensor }, 1);
+            let empty = Raw::new(64, 4, converter.channels());
+            for (row, column) in [(0, 0), (0, 3), (1, 2), (3, 7)] {
+                let (mut together, mut alone) = (empty.clone(), empty.clone());
+                let site = Photosite { row, column };
+                converter.put_run(&mut together, site, &colours, (&gains, 1.3));
+                for (k, colour) in colours.iter().enumerate() {
+                    let site = Photosite { row, column: column + k };
+                    converter.put(&mut alone, site, *colour, gains[k] * 1.3);
+                }
+
+                assert_eq!(together, alone, "{row} {column}");
+                assert_ne!(together, empty);
+            }
+        }
+    }
+
+    #[test]
+    fn signals_beyond_the_scale_have_its_ends() {
+        let converter = Converter::new(&Look::default().sensor, 1);
+        let [dark, full] = [0.0, 1.0].map(|signal| converter.code(signal));
+
+        assert_eq!((dark.0, full.0), (0, FULL));
+        for signal in [-1e30, -1.0, -1e-3, f32::NAN] {
+            assert_eq!(converter.code(signal), dark, "{signal}");
+        }
+        for signal in [1.001, 7e5, 1e30, f32::INFINITY] {
+            assert_eq!(converter.code(signal), full, "{signal}");
+        }
     }
 }

@@ -5,70 +5,68 @@ use super::vector::dot;
 use crate::hw::plant::render::look::Rgb;
 use crate::hw::plant::render::rays::{Rays, Window};
 use crate::hw::plant::render::solids::Skin;
+use std::ops::Range;
 
 impl View {
-    /// Colours a touched row: `put(column, colour)` for each pixel that differs from the
-    /// background, and after a cast of [`super::Extent::All`] for the background, too.
+    /// Colours a touched row: `put(column, colours)` for neighbours, `column` and on, that differ
+    /// from the background, and after a cast of [`super::Extent::All`] for the background, too.
     pub(in crate::hw::plant::render) fn colour_row(
         &mut self,
         rays: &Rays,
         row: usize,
         background: &[Rgb],
-        mut put: impl FnMut(usize, Rgb),
+        mut put: impl FnMut(usize, &[Rgb]),
     ) {
         let (from, to) = self.spans[row];
-        let width = rays.width;
-        let line = row * width;
         if from >= to {
             return;
         }
         let mut edges = std::mem::take(&mut self.edges);
-        self.find_edges(row, width, &mut edges);
+        let mut colours = std::mem::take(&mut self.colours);
+        self.find_edges(row, rays.width, &mut edges);
+        let line = row * rays.width;
         let mut column = from;
         while column < to {
-            let pixel = line + column;
-            if edges[column] != 0 {
-                let around = Window {
-                    x0: column.max(1) - 1,
-                    x1: (column + 2).min(width),
-                    y0: row.max(1) - 1,
-                    y1: (row + 2).min(rays.height),
-                };
-                put(column, self.edge(rays, pixel, around, background[pixel]));
-                column += 1;
-                continue;
-            }
-            let id = self.surface[pixel];
-            let run =
-                (column..to).take_while(|c| edges[*c] == 0 && self.surface[line + c] == id).count();
-            let columns = column..column + run;
-            column += run;
-            let index = (id as usize).wrapping_sub(1);
-            if id == 0 {
+            let marks = &edges[column..to];
+            let ids = &self.surface[line + column..line + to];
+            let (id, mixed) = (ids[0], marks[0] != 0);
+            let same =
+                |(mark, other): &(&u32, &u32)| (**mark != 0) == mixed && (mixed || **other == id);
+            let end = column + marks.iter().zip(ids).take_while(same).count();
+            let run = line + column..line + end;
+            colours.clear();
+            if mixed {
+                let edge = |column| self.edge(rays, (row, column), background[line + column]);
+                colours.extend((column..end).map(edge));
+            } else if id == 0 {
                 if self.is_whole {
-                    columns.for_each(|c| put(c, background[line + c]));
-                }
-            } else if let Some(facet) = self.facets.get(index) {
-                if let Some(colour) = facet.flat {
-                    columns.for_each(|c| put(c, colour));
-                } else {
-                    for c in columns {
-                        let (x, y) = (rays.x[line + c], rays.y[line + c]);
-                        put(c, self.shade_facet(facet, x, y, rays.step));
-                    }
+                    colours.extend_from_slice(&background[run]);
                 }
             } else {
-                let round = &self.rounds[index - self.facets.len()];
-                for c in columns {
-                    let pixel = line + c;
-                    put(
-                        c,
-                        self.shade_round(round, rays.x[pixel], rays.y[pixel], self.depth[pixel]),
-                    );
-                }
+                self.colour_run(rays, run, id, &mut colours);
             }
+            put(column, &colours);
+            column = end;
         }
         self.edges = edges;
+        self.colours = colours;
+    }
+
+    /// Appends the colours of pixels that all show one surface.
+    fn colour_run(&self, rays: &Rays, pixels: Range<usize>, id: u32, colours: &mut Vec<Rgb>) {
+        let index = id as usize - 1;
+        let directions = rays.x[pixels.clone()].iter().zip(&rays.y[pixels.clone()]);
+        if let Some(facet) = self.facets.get(index) {
+            if let Some(colour) = facet.flat {
+                colours.resize(pixels.len(), colour);
+            } else {
+                colours.extend(directions.map(|(x, y)| self.shade_facet(facet, *x, *y, rays.step)));
+            }
+        } else {
+            let round = &self.rounds[index - self.facets.len()];
+            let places = directions.zip(&self.depth[pixels]);
+            colours.extend(places.map(|((x, y), near)| self.shade_round(round, *x, *y, *near)));
+        }
     }
 
     /// Marks the pixels of a row's span some of whose eight neighbours show another surface.
@@ -96,7 +94,14 @@ impl View {
     }
 
     /// Mixes the surfaces of a neighbourhood by the share of the aperture that each covers.
-    fn edge(&self, rays: &Rays, pixel: usize, around: Window, background: Rgb) -> Rgb {
+    fn edge(&self, rays: &Rays, (row, column): (usize, usize), background: Rgb) -> Rgb {
+        let pixel = row * rays.width + column;
+        let around = Window {
+            x0: column.max(1) - 1,
+            x1: (column + 2).min(rays.width),
+            y0: row.max(1) - 1,
+            y1: (row + 2).min(rays.height),
+        };
         let mut ids = [0_u32; MAX_SURFACES];
         let mut at = [pixel; MAX_SURFACES];
         let mut count = 1;
