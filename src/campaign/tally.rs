@@ -37,7 +37,7 @@ pub struct Tally {
 pub type Quantity = (&'static str, &'static str, fn(&Figures) -> Option<f64>, usize);
 
 /// What is told of every campaign. All runs with a summary count, solved or not.
-pub(crate) const QUANTITIES: [Quantity; 9] = [
+pub(crate) const QUANTITIES: [Quantity; 10] = [
     ("peak_force_n", "peak force [N]", |f| Some(f.peak_force_n), 1),
     ("peak_contact_n", "peak contact [N]", |f| f.peak_contact_n, 1),
     ("grasps", "grasps", |f| Some(f64::from(f.grasps)), 0),
@@ -47,6 +47,7 @@ pub(crate) const QUANTITIES: [Quantity; 9] = [
     ("heat_share", "heat, of the trip's", |f| Some(f.exertion?.heat_share), 2),
     ("motor_speed_rad_s", "motor speed [rad/s]", |f| Some(f.exertion?.motor_speed_rad_s), 0),
     ("near_person_mm_s", "speed near the person [mm/s]", |f| Some(f.exertion?.near_person_mm_s), 0),
+    ("arms_apart_mm", "distance of the arms [mm]", |f| f.exertion?.arms_apart_mm, 1),
 ];
 
 /// Failures that are listed one by one in a table for people.

@@ -93,7 +93,7 @@ impl Legs {
         let moves = self.moves(start);
         let at = |moment: u32| self.displaced(start, &moves, f64::from(moment) * step);
         let (mut before, mut now) = (*start, at(1));
-        // What limits divide is a number an axis: the greatest of all moments is divided.
+        // Limits divide one number an axis, the greatest of all moments.
         let (mut fastest, mut steepest) = ([0.0_f64; AXES], [0.0_f64; AXES]);
         for moment in 2..=MOMENTS + 1 {
             let next = at(moment.min(MOMENTS));

@@ -274,7 +274,7 @@ impl Way {
     }
 }
 
-/// What the time of a way is known from, in the order of the effort.
+/// The source of the time of a way, in the order of the effort.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 enum Timed {
     /// Its bound: it takes longer.

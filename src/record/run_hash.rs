@@ -20,7 +20,7 @@ struct State {
     hasher: DefaultHasher,
     servo: DefaultHasher,
     text: String,
-    /// Of one record: hashed in one piece, which costs half of word by word.
+    /// Bytes of one record: hashed in one piece, which costs half of word by word.
     bytes: Vec<u8>,
 }
 

@@ -74,7 +74,7 @@ pub struct Accident {
     pub what: String,
 }
 
-/// The greatest values of a run, over all motors of all arms, by the plant.
+/// The values of a run that were nearest to a limit, over all motors of all arms, by the plant.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Exertion {
@@ -86,6 +86,10 @@ pub struct Exertion {
     pub motor_speed_rad_s: f64,
     /// Speed of a tool within 175 mm of the place where a person holds the cube (mm/s).
     pub near_person_mm_s: f64,
+    /// Least distance of a part of one arm from a part of the other (mm); null where they were
+    /// never near to each other.
+    #[serde(default)]
+    pub arms_apart_mm: Option<f64>,
 }
 
 /// What a run comes to. Cubes are 54 letters URFDLB, named by the colours of the centres.
@@ -418,6 +422,7 @@ mod tests {
                 heat_share: 0.01,
                 motor_speed_rad_s: 235.0,
                 near_person_mm_s: 120.0,
+                arms_apart_mm: Some(8.0),
             }),
             force_limit_n: Some(20.0),
             clearance_mm: Some(400.0),

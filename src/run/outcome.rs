@@ -182,6 +182,7 @@ pub(crate) fn exertion(most: &plant::Exertion) -> Exertion {
         heat_share: most.heat,
         motor_speed_rad_s: most.motor_speed,
         near_person_mm_s: most.near_person * 1e3,
+        arms_apart_mm: most.arms_apart.map(|least| least * 1e3),
     }
 }
 

@@ -154,6 +154,7 @@ impl Plant {
         let table = self.config.cell.table_height;
         let bodies = Bodies { arms: &self.arms, openings, grippers, cube, table };
         self.collisions.look(&bodies, found);
+        self.verdict.exertion.arms_apart = self.collisions.arms_apart;
     }
 
     fn looks_solved(&self) -> bool {

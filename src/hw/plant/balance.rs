@@ -82,6 +82,8 @@ pub(super) struct Surroundings<'a> {
     pub(super) hold: Option<HandHold>,
     /// In the world (N).
     pub(super) weight: Vector3<f64>,
+    /// Time of the substep (s).
+    pub(super) dt: f64,
 }
 
 #[derive(Debug, Clone)]
@@ -210,19 +212,18 @@ impl Balance {
         puzzle: &mut Puzzle,
         grasps: &mut [Grasp; 2],
         around: &Surroundings,
-        dt: f64,
     ) {
         if around.hold.is_none() {
             self.carry(grasps, &around.tools);
         }
         self.tools_before = Some(around.tools);
-        let borne = self.find_balance(puzzle, grasps, around, dt);
+        let borne = self.find_balance(puzzle, grasps, around);
         self.rest.commit(borne);
         if around.hold.is_none() {
             self.hand_force = Vector3::zeros();
         }
         for (grasp, touch) in grasps.iter_mut().zip(&self.touches) {
-            grasp.commit(touch, dt);
+            grasp.commit(touch, around.dt);
         }
         self.slip_layers(puzzle);
         self.before = self.nodes[0];
@@ -238,7 +239,6 @@ impl Balance {
         puzzle: &Puzzle,
         grasps: &[Grasp; 2],
         around: &Surroundings,
-        dt: f64,
     ) -> Option<Bearing> {
         let bodies = self.bodies();
         let mut step: Option<Step> = None;
@@ -246,7 +246,7 @@ impl Balance {
         let mut system = System::new();
         for round in 0..=MOST_ROUNDS {
             system.clear(bodies);
-            let load = self.load(&mut system, puzzle, grasps, around, dt);
+            let load = self.load(&mut system, puzzle, grasps, around);
             let left = system.imbalance(bodies);
             let enough = if round < ROUNDS { 1.0 } else { FAR };
             let before = step.as_ref().map_or(f64::INFINITY, |s| s.imbalance);
@@ -279,9 +279,8 @@ impl Balance {
         puzzle: &Puzzle,
         grasps: &[Grasp; 2],
         around: &Surroundings,
-        dt: f64,
     ) -> Load {
-        let Surroundings { tools, hands, hold, weight } = around;
+        let &Surroundings { ref tools, ref hands, ref hold, weight, dt } = around;
         let bodies = self.bodies();
         for (i, hands) in hands.iter().enumerate() {
             let Some(hands) = hands else {
@@ -501,7 +500,7 @@ struct Joint {
     stiffness: Matrix6<f64>,
 }
 
-/// What acts on the bodies in one round beside grippers and hand, whose stiffness is to be added.
+/// Forces on the bodies in one round, beside grippers and hand, whose stiffness is to be added.
 struct Load {
     /// What the table bears.
     borne: Option<Bearing>,

@@ -73,6 +73,9 @@ pub(super) struct Collisions {
     before: Option<Scene>,
     /// Joint torques of the obstacles, per arm.
     pub(super) torques: [[f64; AXES]; 2],
+    /// Least distance of a part of one arm from a part of the other so far (m); none while they
+    /// were far from each other.
+    pub(super) arms_apart: Option<f64>,
 }
 
 /// The cube as an obstacle: pose, edge, and the arm that holds it alone.
@@ -219,6 +222,7 @@ impl<F: FnMut(Incident)> Look<'_, F> {
                     (Some(f), Some(s)) if near => Some(capsules(&f.capsules[k], &s.capsules[l])),
                     _ => None,
                 };
+                self.keep_least_distance(contact);
                 self.touched(contact, part(0, k), part(1, l));
             }
         }
@@ -228,8 +232,17 @@ impl<F: FnMut(Incident)> Look<'_, F> {
                     (Some(plate), Some(other)) if near => Some(plate.meets(&other.capsules[k])),
                     _ => None,
                 };
+                self.keep_least_distance(contact);
                 self.touched(contact, part(1 - owner, k), Part::Palm(owner));
             }
+        }
+    }
+
+    /// Keeps the distance between parts of two arms, if it is the least so far.
+    fn keep_least_distance(&mut self, contact: Option<Contact>) {
+        if let Some(Contact { depth, .. }) = contact {
+            let least = &mut self.collisions.arms_apart;
+            *least = Some(least.map_or(-depth, |least| least.min(-depth)));
         }
     }
 

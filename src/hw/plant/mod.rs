@@ -379,8 +379,8 @@ impl Plant {
             })
         });
         let weight = Vector3::new(0.0, 0.0, -GRAVITY * self.config.cell.cube.mass);
-        let around = Surroundings { tools, hands, hold, weight };
-        self.balance.step(&mut self.puzzle, &mut self.grasps, &around, dt);
+        let around = Surroundings { tools, hands, hold, weight, dt };
+        self.balance.step(&mut self.puzzle, &mut self.grasps, &around);
     }
 
     fn tool(&self, i: usize) -> Frame {

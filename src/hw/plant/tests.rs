@@ -658,6 +658,7 @@ fn hands_that_run_into_each_other_are_reported_once_and_push_back() {
 
     let v = servo.plant.verdict();
     assert!(v.counts.collisions > 0 && v.counts.collisions < 40, "{:?}", v.events);
+    assert!(v.exertion.arms_apart.unwrap() < 0.0, "{:?}", v.exertion);
     assert!(servo.plant.collisions.torques[1] != [0.0; AXES]);
 }
 
@@ -860,6 +861,31 @@ fn near_person_speed_is_the_tools() {
     let (near, fastest) = swing(0.1);
     assert!(fastest > 0.1 && (near - fastest).abs() < 0.03 * fastest, "{near} {fastest}");
     assert_eq!(swing(0.5).0, 0.0, "that far from it nobody is near");
+}
+
+#[test]
+fn least_distance_of_the_arms_is_kept() {
+    let mut config = quiet(cell());
+    config.cell.arms[1].world_from_base.translation.vector.y += 2.0;
+    let mut servo = TestServo::new(Plant::new(config, 1).unwrap());
+    servo.tick();
+    assert_eq!(servo.plant.verdict().exertion.arms_apart, None, "2 m apart");
+
+    let mut config = quiet(cell());
+    config.cell.arms[0].start.0[0] -= 0.25;
+    let mut servo = TestServo::new(Plant::new(config, 1).unwrap());
+    let from = servo.joints(0);
+    let mut least_after = |by: f64| {
+        let mut q = from;
+        q.0[0] += by;
+        servo.aim(0, &q);
+        servo.run(1.0);
+        servo.plant.verdict().exertion.arms_apart.unwrap()
+    };
+    let [first, nearer, again] = [0.0, 0.05, 0.0].map(&mut least_after);
+    // The arm is set 50 mm on at once, and swings beyond.
+    assert!(nearer > 0.0 && (0.045..0.1).contains(&(first - nearer)), "{first} {nearer} m");
+    assert_eq!(again, nearer, "the least is kept");
 }
 
 #[test]

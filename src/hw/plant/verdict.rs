@@ -50,7 +50,7 @@ pub struct Verdict {
     pub events: Vec<Event>,
 }
 
-/// The greatest values of a run, over all motors of all arms.
+/// The values of a run that were nearest to a limit, over all motors of all arms.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Exertion {
     /// Current, as a share of what trips a motor's power stage.
@@ -61,6 +61,9 @@ pub struct Exertion {
     pub motor_speed: f64,
     /// Speed of a tool within [`Exertion::NEAR`] of the place where a person holds the cube (m/s).
     pub near_person: f64,
+    /// Least distance of a part of one arm from a part of the other (m): fingers, palms, hands,
+    /// wrists, forearms; none where the arms were never near to each other.
+    pub arms_apart: Option<f64>,
 }
 
 impl Exertion {

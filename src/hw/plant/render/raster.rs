@@ -48,7 +48,7 @@ pub(super) struct View {
     is_whole: bool,
     /// Of one row: not 0 where a pixel lies beside another surface.
     edges: Vec<u32>,
-    /// Of a run of neighbours.
+    /// Colours of a run of neighbours.
     colours: Vec<Rgb>,
 }
 

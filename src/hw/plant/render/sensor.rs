@@ -24,7 +24,7 @@ const NOISE: usize = 1 << 17;
 /// Tables of a sensor, made once.
 #[derive(Debug, Clone)]
 pub(super) struct Converter {
-    /// By linear signal: the coded value, and the standard deviation of its noise in eighths.
+    /// Table by linear signal: the coded value, and the standard deviation of its noise in eighths.
     codes: Vec<(i16, i16)>,
     /// Gaussian numbers in 32nds.
     noise: Vec<i16>,
