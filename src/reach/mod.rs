@@ -16,13 +16,15 @@ mod search;
 mod settings;
 mod stance;
 mod way;
+mod way_finder;
 mod ways;
 
 pub use example::example_cell;
 pub use fold::Fold;
 pub use meeting::{Meeting, MeetingTable};
 pub use settings::ReachSettings;
-pub use way::{Way, WayFinder};
+pub use way::Way;
+pub use way_finder::WayFinder;
 
 /// The 24 rotations and their order, as indices of [`MeetingTable::grasps`].
 pub use crate::cube::{rotation_index, rotations};

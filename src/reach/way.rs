@@ -13,7 +13,6 @@ use crate::generators::position::Speeds;
 use crate::generators::profile::Profile;
 use crate::motion::{JointPositions, ROLL};
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
 
 /// Where both arms stand at the beginning and at the end of a way.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,7 +40,7 @@ pub struct Way {
 }
 
 /// Steps of the separations that are tried (m).
-const FINE: f64 = 0.02;
+pub(super) const FINE: f64 = 0.02;
 /// How much of a stroke, or of half of the way across, may be gone at once with the other.
 const OVERLAPS: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.0];
 /// How much longer than usual a motion may take to come to its full speed: where it is as short as
@@ -53,75 +52,13 @@ const STRIDE: u32 = 23;
 /// least.
 const MISSED: f64 = 0.85;
 
-/// Finds how near to each other two arms may go between a meeting and places where they are apart.
-#[derive(Debug, Clone)]
-pub struct WayFinder {
-    cell: Arc<Cell>,
-    settings: ReachSettings,
-}
-
-impl WayFinder {
-    /// Makes a finder for a cell as it is believed to be.
-    #[must_use]
-    pub fn new(cell: Cell, settings: ReachSettings) -> Self {
-        Self { cell: Arc::new(cell), settings }
-    }
-
-    /// Returns how far the track must draw back from a meeting, so that both arms may go evenly
-    /// between there and where they stand apart, in either direction (m); `None` if no separation
-    /// up to the usual one is enough. `newcomer` is the arm whose hand is free: 0 track,
-    /// 1 postument.
-    #[must_use]
-    pub fn least_separation(
-        &self,
-        apart: &[JointPositions; 2],
-        met: &[JointPositions; 2],
-        newcomer: usize,
-    ) -> Option<f64> {
-        let drawn_back = |by: f64| {
-            let mut joints = *met;
-            joints[0].0[0] -= by;
-            joints
-        };
-        let evenly = |to: [JointPositions; 2], part: f64| {
-            [0, 1].map(|arm: usize| apart[arm].towards(&to[arm], part))
-        };
-        let separations = separations(self.settings.separation);
-        for by in separations.take_while(|by| self.clears(&drawn_back(*by), newcomer)) {
-            let to = drawn_back(by);
-            let moments = (0..=MOMENTS).map(|step| f64::from(step) / f64::from(MOMENTS));
-            if moments.map(|part| evenly(to, part)).all(|joints| self.clears(&joints, newcomer)) {
-                return Some(by);
-            }
-        }
-        None
-    }
-
-    /// Makes a finder for the example cell.
-    #[cfg(test)]
-    pub(crate) fn of_example() -> Self {
-        Self::new(super::example_cell(), ReachSettings::default())
-    }
-
-    /// Returns where both arms of that cell stand at first, far apart.
-    #[cfg(test)]
-    pub(crate) fn example_start() -> [JointPositions; 2] {
-        [0, 1].map(|arm: usize| super::example_cell().arms[arm].start)
-    }
-
-    /// Whether both arms keep the clearance where they stand.
-    fn clears(&self, joints: &[JointPositions; 2], newcomer: usize) -> bool {
-        clearance(&self.cell, joints, newcomer) >= self.settings.clearance
-    }
-}
-
 /// Returns the separations that are tried, up to the usual one (m).
-fn separations(most: f64) -> impl Iterator<Item = f64> {
+pub(super) fn separations(most: f64) -> impl Iterator<Item = f64> {
     (0..).map(|step| f64::from(step) * FINE).take_while(move |by| *by < most + 0.5 * FINE)
 }
 
 /// Returns the least distance between the arms, and of each hand from its own arm (m).
-fn clearance(cell: &Cell, joints: &[JointPositions; 2], newcomer: usize) -> f64 {
+pub(super) fn clearance(cell: &Cell, joints: &[JointPositions; 2], newcomer: usize) -> f64 {
     let [track, postument] =
         [0, 1].map(|arm: usize| Bodies::of(cell, &cell.arms[arm], &joints[arm]));
     let apart = newcomer_apart(newcomer, &track, &postument);
@@ -142,7 +79,7 @@ impl Way {
             to[arm].0[ROLL] = from[arm].0[ROLL];
         }
         let ends = Ends { from, to, newcomer };
-        let mut lookout = Lookout::new(cell, settings, speeds, &ends);
+        let mut lookout = FreeCheck::new(cell, settings, speeds, &ends);
         // The quickest last, and those that are yet to be timed by what they take at least.
         let mut ways = Vec::new();
         let rank = |&(way, timed, order): &(Self, Timed, usize)| (way.seconds, timed, order);
@@ -274,10 +211,10 @@ impl Way {
     }
 }
 
-/// The source of the time of a way, in the order of the effort.
+/// How the time of a way was found, by increasing effort.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 enum Timed {
-    /// Its bound: it takes longer.
+    /// Its bound: it takes no less.
     Bound,
     /// Its joints: its motors may take longer.
     Joints,
@@ -289,7 +226,7 @@ enum Timed {
 const GLANCES: usize = 3;
 
 /// Looks whether ways between two meetings are free: first at the moments that blocked others.
-struct Lookout<'a> {
+struct FreeCheck<'a> {
     cell: &'a Cell,
     settings: &'a ReachSettings,
     speeds: &'a Speeds,
@@ -298,7 +235,7 @@ struct Lookout<'a> {
     moments: Vec<u32>,
 }
 
-impl<'a> Lookout<'a> {
+impl<'a> FreeCheck<'a> {
     /// Makes one that has seen no way yet.
     fn new(
         cell: &'a Cell,
@@ -380,7 +317,7 @@ mod tests {
         }
         ways.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
         ways.into_iter().find(|way| {
-            let looks = Lookout::new(cell, settings, &speeds, &ends);
+            let looks = FreeCheck::new(cell, settings, &speeds, &ends);
             let legs = way.legs(&speeds, &ends.from, &ends.to);
             (0..=MOMENTS).all(|moment| looks.is_free_at(&legs, moment))
         })
@@ -399,36 +336,6 @@ mod tests {
 
             assert_eq!(found, plain_quickest(&cell, &settings, &ends), "{i}");
         }
-    }
-
-    #[test]
-    fn least_separation_is_free_and_least() {
-        let finder = WayFinder::of_example();
-        let (cell, settings) = (&finder.cell, finder.settings);
-        let table = MeetingTable::compute(cell, &settings);
-        let apart = WayFinder::example_start();
-        let mut kept = Vec::new();
-        for (i, meeting) in table.grasps.iter().flatten().enumerate() {
-            let met = meeting.short_of(i % 2);
-            let least = |by: f64, moments: u32| {
-                let clearances = (0..=moments).map(|moment| {
-                    let mut to = met;
-                    to[0].0[0] -= by;
-                    let part = f64::from(moment) / f64::from(moments);
-                    let joints = [0, 1].map(|arm: usize| apart[arm].towards(&to[arm], part));
-                    clearance(cell, &joints, i % 2)
-                });
-                clearances.fold(f64::INFINITY, f64::min)
-            };
-            let by = finder.least_separation(&apart, &met, i % 2).unwrap();
-            // Looked at nearer than the finder does.
-            assert!(least(by, 400) > settings.clearance - 0.004, "{by} m: {meeting:?}");
-            if by > 0.0 {
-                assert!(least(by - FINE, MOMENTS) < settings.clearance, "{by} m: {meeting:?}");
-            }
-            kept.push(by);
-        }
-        assert!(kept.contains(&0.0) && kept.iter().any(|by| *by > 0.0), "{kept:?}");
     }
 
     #[test]

@@ -89,7 +89,7 @@ mod tests {
     #[test]
     fn record_counts_as_its_words_do() {
         let (hash, mut words) = (RunHash::default(), DefaultHasher::default());
-        // Its bytes leave the words after it across those of the hash.
+        // A message of odd length, so that no later word begins where a word of the hash does.
         hash.message("mp", "ecp", &1.0_f64);
         words.write(b"mp>ecp:1.0");
         for _ in 0..3 {

@@ -74,7 +74,7 @@ pub struct Accident {
     pub what: String,
 }
 
-/// The values of a run that were nearest to a limit, over all motors of all arms, by the plant.
+/// How hard a run was for motors and arms, by the plant: over all of them the greatest of each.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Exertion {
@@ -87,7 +87,7 @@ pub struct Exertion {
     /// Speed of a tool within 175 mm of the place where a person holds the cube (mm/s).
     pub near_person_mm_s: f64,
     /// Least distance of a part of one arm from a part of the other (mm); null where they were
-    /// never near to each other.
+    /// never near to each other. At each grasp fingers are some millimetres from the other palm.
     #[serde(default)]
     pub arms_apart_mm: Option<f64>,
 }

@@ -50,7 +50,7 @@ pub struct Verdict {
     pub events: Vec<Event>,
 }
 
-/// The values of a run that were nearest to a limit, over all motors of all arms.
+/// How hard a run was for motors and arms: over all of them the greatest of each.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Exertion {
     /// Current, as a share of what trips a motor's power stage.
@@ -62,7 +62,8 @@ pub struct Exertion {
     /// Speed of a tool within [`Exertion::NEAR`] of the place where a person holds the cube (m/s).
     pub near_person: f64,
     /// Least distance of a part of one arm from a part of the other (m): fingers, palms, hands,
-    /// wrists, forearms; none where the arms were never near to each other.
+    /// wrists, forearms; none where the arms were never near to each other. At each grasp fingers
+    /// are some millimetres from the other palm.
     pub arms_apart: Option<f64>,
 }
 

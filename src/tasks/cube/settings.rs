@@ -51,8 +51,9 @@ pub struct CubeSettings {
     pub folds: [Fold; 2],
     /// Where they can meet.
     pub meetings: MeetingTable,
-    /// Finds the ways that the table has not: from where a cube is taken, and back to there. `None`
-    /// where the arms go apart by the whole separation for each way.
+    /// Finds how far the arms must go apart on ways that the table has not: from where a cube is
+    /// taken, back to there, and after a way was refused. `None` where they always go apart by the
+    /// whole separation.
     pub ways: Option<WayFinder>,
     /// Edge of the cube (m).
     pub edge: f64,

@@ -68,7 +68,17 @@ impl Robot {
         until: Until,
         doing: Doing,
     ) -> Result<(), Failure> {
-        let mut outcomes = self.behave(orders, until, doing).await?;
+        let outcomes = self.behave(orders, until, doing).await?;
+        self.go_on(outcomes, orders, doing).await
+    }
+
+    /// Has a hand that met something on a way give way and go on to the end, a few times.
+    async fn go_on(
+        &mut self,
+        mut outcomes: Outcomes,
+        orders: Orders,
+        doing: Doing,
+    ) -> Result<(), Failure> {
         while let Some(met) = alarm(&outcomes, doing) {
             if !self.may_give_way() {
                 return Err(Failure::Final(met.why));
@@ -132,6 +142,30 @@ impl Robot {
         &mut self,
         targets: [Option<JointPositions>; 2],
     ) -> Result<(), Failure> {
+        self.follow(self.joint_orders(targets), Until::All, Doing::Travelling).await
+    }
+
+    /// Moves joints by a way that may be too near to something. `false`: it was refused, and
+    /// neither arm has moved.
+    pub(super) async fn joints_unless_refused(
+        &mut self,
+        targets: [Option<JointPositions>; 2],
+    ) -> Result<bool, Failure> {
+        let orders = self.joint_orders(targets);
+        match self.behave(orders, Until::All, Doing::Travelling).await {
+            Err(Failure::Final(why)) => {
+                self.note(format!("{why}: the hands go farther apart"));
+                Ok(false)
+            }
+            outcomes => {
+                self.go_on(outcomes?, orders, Doing::Travelling).await?;
+                Ok(true)
+            }
+        }
+    }
+
+    /// Orders both arms to joint positions, evenly.
+    fn joint_orders(&self, targets: [Option<JointPositions>; 2]) -> Orders {
         let (speed, speeds) = (self.settings.speed, &self.settings.speeds);
         // The ways between meetings are free of collisions when both arms go evenly: the quicker
         // one waits for the other at every point.
@@ -141,9 +175,7 @@ impl Robot {
             .filter_map(|(target, arm)| target.map(|to| (arm.desired_joints, to)))
             .map(|(from, to)| speeds.joints_seconds(&from, &to, speed))
             .fold(0.0, f64::max);
-        let orders =
-            targets.map(|to| to.map(|target| Behaviour::Joints { target, speed, seconds }));
-        self.follow(orders, Until::All, Doing::Travelling).await
+        targets.map(|to| to.map(|target| Behaviour::Joints { target, speed, seconds }))
     }
 
     /// Moves the track alone, as fast as the scenario lets it.
@@ -155,36 +187,34 @@ impl Robot {
 
     /// Retracts the track from the meeting, unless it is apart already.
     pub(super) async fn move_apart(&mut self) -> Result<(), Failure> {
-        self.move_apart_by(self.settings.meetings.separation).await
-    }
-
-    /// Retracts the track from the meeting by so much (m), unless it is apart already.
-    pub(super) async fn move_apart_by(&mut self, separation: f64) -> Result<(), Failure> {
         if self.apart {
             return Ok(());
         }
+        self.separate(self.settings.meetings.separation).await
+    }
+
+    /// Retracts the track from where it stands (m).
+    pub(super) async fn separate(&mut self, by: f64) -> Result<(), Failure> {
         self.check_hold()?;
         self.apart = true;
-        if separation == 0.0 {
+        if by == 0.0 {
             return Ok(());
         }
         let mut target = self.arms[Hand::Track.index()].desired_joints;
-        let back = target.0[0] - separation;
+        let back = target.0[0] - by;
         target.0[0] = self.least_track.map_or(back, |least| back.max(least));
         self.track_joints(target, Doing::Travelling).await
     }
 
-    /// Returns how far the track stands back from a meeting on the way between there and where
-    /// both arms are apart (m).
-    pub(super) fn separation(
+    /// Returns how far the track stands back from a meeting at least, on an even way of both arms
+    /// between there and where they are apart (m); `None` where none is known.
+    pub(super) fn least_separation(
         &self,
         apart: &[JointPositions; 2],
         met: &[JointPositions; 2],
         newcomer: Hand,
-    ) -> f64 {
-        let ways = self.settings.ways.as_ref();
-        let least = ways.and_then(|ways| ways.least_separation(apart, met, newcomer.index()));
-        least.unwrap_or(self.settings.meetings.separation)
+    ) -> Option<f64> {
+        self.settings.ways.as_ref()?.least_separation(apart, met, newcomer.index())
     }
 
     /// Brings both arms from one meeting to another in one go. `false`: the way was refused, or
@@ -221,8 +251,9 @@ impl Robot {
         track: JointPositions,
         separation: f64,
     ) -> Result<(), Failure> {
-        self.check_hold()?;
+        // The arms are near to each other already where the separation is small.
         self.apart = false;
+        self.check_hold()?;
         if separation == 0.0 {
             return Ok(());
         }
@@ -535,9 +566,10 @@ mod tests {
     use super::super::{give_back, regrasp};
     use super::*;
     use crate::cube::Keeper;
+    use crate::motion::ArmState;
     use crate::reach::{Meeting, WayFinder};
     use crate::tasks::cube::settings::CubeSettings;
-    use crate::tasks::cube::think::Conclusion;
+    use crate::tasks::cube::think::{Conclusion, Thought};
     use crate::tasks::{Action, Event};
 
     /// Plays a motion with the cube in the track hand, or a procedure of motions. Returns the word
@@ -689,37 +721,96 @@ mod tests {
         (orders, end)
     }
 
-    /// Returns the motions of a procedure in a cell whose arms stand where they begin, apart or at
-    /// a meeting; `least` lets them go no farther apart than they must.
-    fn motions(
-        least: bool,
-        apart: bool,
-        goes: impl AsyncFnOnce(&mut Robot) -> Result<(), Failure>,
-    ) -> Vec<&'static str> {
-        let ways = least.then(WayFinder::of_example);
+    /// Places of both arms in the example cell: apart, near to a meeting, and how far the track
+    /// must stand back from there on the way between them (m).
+    type Places = ([JointPositions; 2], [JointPositions; 2], f64);
+
+    /// A way between the places, with the track holding the cube: to the meeting, or from there
+    /// back to where the track was apart. The arms go where they are sent. Returns the stage, how
+    /// the way ended, and where the track was sent. `refuses` tells how many ways are refused, and
+    /// the cube is `lost` on the first one.
+    fn goes(
+        to_meeting: bool,
+        (apart, met, _): Places,
+        (ways, refuses, lost): (Option<WayFinder>, u32, bool),
+    ) -> (Stage, Result<(), Failure>, Vec<JointPositions>) {
         let mut stage = Stage::holding(CubeSettings { ways, ..settings() });
-        stage.robot.apart = apart;
-        for (arm, joints) in stage.robot.arms.iter_mut().zip(WayFinder::example_start()) {
-            arm.desired_joints = joints;
+        stage.robot.apart = to_meeting;
+        stage.robot.widths[Hand::Track.index()] = Some(0.0567);
+        let from = if to_meeting { apart } else { [apart[0], met[1]] };
+        let begins = if to_meeting { from } else { met };
+        for (arm, joints) in stage.robot.arms.iter_mut().zip(begins) {
+            (arm.desired_joints, arm.jaw_opening) = (joints, 0.0567);
         }
-        let (end, actions) = stage.play(goes, &mut goes_well);
-        assert!(end.is_ok() && stage.robot.apart != apart, "{end:?}");
-        words(&actions)
+        let [track, postument] = met;
+        let meeting = Meeting { track, postument, ..settings().meetings.grasps[0].unwrap() };
+        let (mut sent, mut refused) = (Vec::new(), 0);
+        let mut shell = |action: &Action<Thought>, arms: &mut [ArmState; 2]| {
+            let Action::Behave { orders, .. } = action else { return goes_well(action, arms) };
+            let both = orders[1].is_some() || !to_meeting && sent.len() == 1;
+            if both && refused < refuses {
+                refused += 1;
+                return Event::Trouble("too near".to_owned());
+            }
+            for (arm, order) in arms.iter_mut().zip(*orders) {
+                if let Some(Behaviour::Joints { target, .. }) = order {
+                    arm.desired_joints = target;
+                }
+            }
+            sent.push(arms[0].desired_joints);
+            arms[0].jaw_opening = if lost { 0.053 } else { 0.0567 };
+            goes_well(action, arms)
+        };
+        let way = async |robot: &mut Robot| {
+            if to_meeting {
+                regrasp::meet(robot, Hand::Postument, meeting, regrasp::Coming::ToLook).await
+            } else {
+                regrasp::return_to(robot, apart[0]).await
+            }
+        };
+        let (end, _) = stage.play(way, &mut shell);
+        (stage, end, sent)
     }
 
     #[test]
     fn hands_go_no_farther_apart_than_needed() {
-        let [track, postument] = WayFinder::example_start();
-        let meeting = Meeting { track, postument, ..settings().meetings.grasps[0].unwrap() };
-        let meets = async |robot: &mut Robot| {
-            regrasp::meet(robot, Hand::Postument, meeting, regrasp::Coming::ToLook).await
+        let finder = WayFinder::of_example();
+        let (met, by) = finder.example_place();
+        let apart = WayFinder::example_start();
+        let back = |by: f64| {
+            let mut track = met[0];
+            track.0[0] -= by;
+            track
         };
-        let returns = async |robot: &mut Robot| regrasp::return_to(robot, track).await;
 
-        assert_eq!(motions(true, true, meets), ["joints"]);
-        assert_eq!(motions(true, false, returns), ["joints"]);
-        assert_eq!(motions(false, true, meets), ["joints"; 2]);
-        assert_eq!(motions(false, false, returns), ["joints"; 2]);
+        let near = |refuses| (Some(finder.clone()), refuses, false);
+        let usual = settings().meetings.separation;
+        for (how, stands) in [(near(0), by), (near(1), usual), ((None, 0, false), usual)] {
+            let (stage, end, sent) = goes(true, (apart, met, by), how);
+            assert!(end.is_ok() && !stage.robot.apart, "{end:?}");
+            assert_eq!(sent, [back(stands), met[0]]);
+        }
+
+        // The way back begins at the same place, while the postument stays.
+        let by = finder.least_separation(&[apart[0], met[1]], &met, 1).unwrap();
+        let place = (apart, met, by);
+        let (stage, end, sent) = goes(false, place, (Some(finder.clone()), 0, false));
+        assert!(end.is_ok() && stage.robot.apart, "{end:?}");
+        assert_eq!(sent.last(), Some(&apart[0]));
+        assert_eq!(sent.len() == 2, by > 0.0, "{by} m: {sent:?}");
+        let (_, end, sent) = goes(false, place, (None, 0, false));
+        assert_eq!((end.is_ok(), sent), (true, vec![back(usual), apart[0]]));
+    }
+
+    #[test]
+    fn lost_cube_leaves_hands_that_are_near() {
+        let finder = WayFinder::of_example();
+        let apart = WayFinder::example_start();
+
+        let (stage, end, _) = goes(true, (apart, apart, 0.0), (Some(finder), 0, true));
+
+        assert_eq!(end, Err(Failure::Lost(Hand::Track)));
+        assert!(!stage.robot.apart, "nothing stands back");
     }
 
     #[test]

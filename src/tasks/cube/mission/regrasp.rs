@@ -44,20 +44,39 @@ pub(super) async fn meet(
     }
     robot.move_apart().await?;
     let here = Hand::BOTH.map(|hand| robot.arms[hand.index()].desired_joints);
-    let separation = robot.separation(&here, &[track, postument], newcomer);
-    let mut apart = track;
-    apart.0[0] -= separation;
-    robot.joints([Some(apart), Some(postument)]).await?;
+    let apart_by = |by: f64| {
+        let mut apart = track;
+        apart.0[0] -= by;
+        [Some(apart), Some(postument)]
+    };
+    let separation = match robot.least_separation(&here, &[track, postument], newcomer) {
+        Some(by) if robot.joints_unless_refused(apart_by(by)).await? => by,
+        _ => {
+            let usual = robot.settings.meetings.separation;
+            robot.joints(apart_by(usual)).await?;
+            usual
+        }
+    };
     robot.move_together(track, separation).await
 }
 
-/// Brings the track from a meeting to where the cube was taken. The postument, whose hand is free,
-/// stays where it is.
+/// Brings the track to where the cube was taken, from a meeting or from anywhere. The postument,
+/// whose hand is free, stays where it is.
 pub(super) async fn return_to(robot: &mut Robot, place: JointPositions) -> Result<(), Failure> {
     let met = Hand::BOTH.map(|hand| robot.arms[hand.index()].desired_joints);
-    let separation = robot.separation(&[place, met[1]], &met, Hand::Postument);
-    robot.move_apart_by(separation).await?;
-    robot.joints([Some(place), None]).await
+    let (were_apart, goes) = (robot.apart, [Some(place), None]);
+    if let Some(by) = robot.least_separation(&[place, met[1]], &met, Hand::Postument) {
+        robot.separate(by).await?;
+        if robot.joints_unless_refused(goes).await? {
+            return Ok(());
+        }
+        if !were_apart {
+            robot.separate(robot.settings.meetings.separation - by).await?;
+        }
+    } else {
+        robot.move_apart().await?;
+    }
+    robot.joints(goes).await
 }
 
 /// Lets go of the cube and retracts.

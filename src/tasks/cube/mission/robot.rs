@@ -74,7 +74,7 @@ pub(super) struct Robot {
     pub(super) belief: Belief,
     /// The meeting in which the hands are, or were last.
     pub(super) meeting: Option<Meeting>,
-    /// The track stands back from the meeting, so that both arms are free to move.
+    /// The track stands back from the meeting by as much as the next way needs, or is on its way.
     pub(super) apart: bool,
     /// What the cameras saw of the stickers.
     pub(super) sight: Sight,

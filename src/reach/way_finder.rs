@@ -1,0 +1,133 @@
+//! How far two arms must go apart on ways that the table of meetings has not: those from where the
+//! track takes a cube, and back to there.
+//!
+//! - in: the believed cell, where both arms stand apart, where they stand at a meeting
+//! - out: how far the track draws back from the meeting (m), so that the straight way is free
+
+use super::motors::MOMENTS;
+use super::settings::ReachSettings;
+use super::way::{clearance, separations};
+use crate::cell::Cell;
+use crate::motion::JointPositions;
+use std::sync::Arc;
+
+/// Finds how near to each other two arms may go between a meeting and places where they are apart.
+#[derive(Debug, Clone)]
+pub struct WayFinder {
+    cell: Arc<Cell>,
+    settings: ReachSettings,
+}
+
+impl WayFinder {
+    /// Makes a finder for a cell as it is believed to be.
+    #[must_use]
+    pub fn new(cell: Cell, settings: ReachSettings) -> Self {
+        Self { cell: Arc::new(cell), settings }
+    }
+
+    /// Returns how far the track must draw back from a meeting, so that both arms may go evenly
+    /// between there and where they stand apart, in either direction (m); `None` if no separation
+    /// up to the usual one is enough, or if the meeting or a place on the way back from it is too
+    /// narrow, as where both hands have their fingers beside one cube. `newcomer` is the arm whose
+    /// hand is free: 0 track, 1 postument.
+    #[must_use]
+    pub fn least_separation(
+        &self,
+        apart: &[JointPositions; 2],
+        met: &[JointPositions; 2],
+        newcomer: usize,
+    ) -> Option<f64> {
+        let drawn_back = |by: f64| {
+            let mut joints = *met;
+            joints[0].0[0] -= by;
+            joints
+        };
+        let evenly = |to: [JointPositions; 2], part: f64| {
+            [0, 1].map(|arm: usize| apart[arm].towards(&to[arm], part))
+        };
+        let separations = separations(self.settings.separation);
+        for by in separations.take_while(|by| self.clears(&drawn_back(*by), newcomer)) {
+            let to = drawn_back(by);
+            let moments = (0..=MOMENTS).map(|step| f64::from(step) / f64::from(MOMENTS));
+            if moments.map(|part| evenly(to, part)).all(|joints| self.clears(&joints, newcomer)) {
+                return Some(by);
+            }
+        }
+        None
+    }
+
+    /// Makes a finder for the example cell.
+    #[cfg(test)]
+    pub(crate) fn of_example() -> Self {
+        Self::new(super::example_cell(), ReachSettings::default())
+    }
+
+    /// Returns where both arms of that cell stand at first, far apart.
+    #[cfg(test)]
+    pub(crate) fn example_start() -> [JointPositions; 2] {
+        [0, 1].map(|arm: usize| super::example_cell().arms[arm].start)
+    }
+
+    /// Returns places near a meeting of that cell from which the track must draw back before both
+    /// arms go to where they stand at first, and by how much (m).
+    #[cfg(test)]
+    pub(crate) fn example_place(&self) -> ([JointPositions; 2], f64) {
+        let table = super::MeetingTable::compute(&self.cell, &self.settings);
+        // The track comes nearer than it would, until it must draw back.
+        let nearer = |met: [JointPositions; 2]| {
+            (0..20).map(move |step| {
+                let mut met = met;
+                met[0].0[0] += 0.01 * f64::from(step);
+                met
+            })
+        };
+        let mut places = table.grasps.iter().flatten().flat_map(|m| nearer(m.short_of(1)));
+        let found = places.find_map(|met| {
+            let by = self.least_separation(&Self::example_start(), &met, 1)?;
+            (by > 0.0).then_some((met, by))
+        });
+        found.unwrap_or_else(|| unreachable!("some meetings of the example need it"))
+    }
+
+    /// Whether both arms keep the clearance where they stand.
+    fn clears(&self, joints: &[JointPositions; 2], newcomer: usize) -> bool {
+        clearance(&self.cell, joints, newcomer) >= self.settings.clearance
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::MeetingTable;
+    use super::super::way::FINE;
+    use super::*;
+
+    #[test]
+    fn least_separation_is_free_and_least() {
+        let finder = WayFinder::of_example();
+        let (cell, settings) = (&finder.cell, finder.settings);
+        let table = MeetingTable::compute(cell, &settings);
+        let apart = WayFinder::example_start();
+        let mut kept = Vec::new();
+        for (i, meeting) in table.grasps.iter().flatten().enumerate() {
+            let met = meeting.short_of(i % 2);
+            let least = |by: f64, moments: u32| {
+                let clearances = (0..=moments).map(|moment| {
+                    let mut to = met;
+                    to[0].0[0] -= by;
+                    let part = f64::from(moment) / f64::from(moments);
+                    let joints = [0, 1].map(|arm: usize| apart[arm].towards(&to[arm], part));
+                    clearance(cell, &joints, i % 2)
+                });
+                clearances.fold(f64::INFINITY, f64::min)
+            };
+            let by = finder.least_separation(&apart, &met, i % 2).unwrap();
+            // Looked at nearer than the finder does.
+            assert!(least(by, 400) > settings.clearance - 0.004, "{by} m: {meeting:?}");
+            if by > 0.0 {
+                assert!(least(by - FINE, MOMENTS) < settings.clearance, "{by} m: {meeting:?}");
+            }
+            kept.push(by);
+        }
+        assert!(kept.contains(&0.0) && kept.iter().any(|by| *by > 0.0), "{kept:?}");
+    }
+}
