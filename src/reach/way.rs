@@ -79,7 +79,7 @@ impl Way {
             to[arm].0[ROLL] = from[arm].0[ROLL];
         }
         let ends = Ends { from, to, newcomer };
-        let mut lookout = FreeCheck::new(cell, settings, speeds, &ends);
+        let mut check = FreeCheck::new(cell, settings, speeds, &ends);
         // The quickest last, and those that are yet to be timed by what they take at least.
         let mut ways = Vec::new();
         let rank = |&(way, timed, order): &(Self, Timed, usize)| (way.seconds, timed, order);
@@ -93,7 +93,7 @@ impl Way {
         }
         while let Some((mut way, timed, order)) = ways.pop() {
             let timed = match timed {
-                Timed::Bound if lookout.finds_blocked(&way, GLANCES) => continue,
+                Timed::Bound if check.finds_blocked(&way, GLANCES) => continue,
                 Timed::Bound => {
                     way.seconds = way.least_seconds(speeds, &from, &to);
                     Timed::Joints
@@ -102,7 +102,7 @@ impl Way {
                     way.seconds = way.seconds.max(way.motor_seconds(cell, speeds, &ends));
                     Timed::Motors
                 }
-                Timed::Motors if lookout.finds_blocked(&way, usize::MAX) => continue,
+                Timed::Motors if check.finds_blocked(&way, usize::MAX) => continue,
                 Timed::Motors => return Some(way),
             };
             insert(&mut ways, (way, timed, order));

@@ -45,15 +45,13 @@ impl WayFinder {
         let evenly = |to: [JointPositions; 2], part: f64| {
             [0, 1].map(|arm: usize| apart[arm].towards(&to[arm], part))
         };
-        let separations = separations(self.settings.separation);
-        for by in separations.take_while(|by| self.clears(&drawn_back(*by), newcomer)) {
-            let to = drawn_back(by);
-            let moments = (0..=MOMENTS).map(|step| f64::from(step) / f64::from(MOMENTS));
-            if moments.map(|part| evenly(to, part)).all(|joints| self.clears(&joints, newcomer)) {
-                return Some(by);
-            }
-        }
-        None
+        let moments = || (0..=MOMENTS).map(|step| f64::from(step) / f64::from(MOMENTS));
+        separations(self.settings.separation)
+            .take_while(|by| self.clears(&drawn_back(*by), newcomer))
+            .find(|by| {
+                let to = drawn_back(*by);
+                moments().all(|part| self.clears(&evenly(to, part), newcomer))
+            })
     }
 
     /// Makes a finder for the example cell.
@@ -68,11 +66,12 @@ impl WayFinder {
         [0, 1].map(|arm: usize| super::example_cell().arms[arm].start)
     }
 
-    /// Returns places near a meeting of that cell from which the track must draw back before both
-    /// arms go to where they stand at first, and by how much (m).
+    /// Returns places near a meeting of that cell from which the track must draw back, so that it
+    /// may go to where it stands at first while the postument stays, and by how much (m).
     #[cfg(test)]
     pub(crate) fn example_place(&self) -> ([JointPositions; 2], f64) {
         let table = super::MeetingTable::compute(&self.cell, &self.settings);
+        let [track, _] = Self::example_start();
         // The track comes nearer than it would, until it must draw back.
         let nearer = |met: [JointPositions; 2]| {
             (0..20).map(move |step| {
@@ -83,7 +82,7 @@ impl WayFinder {
         };
         let mut places = table.grasps.iter().flatten().flat_map(|m| nearer(m.short_of(1)));
         let found = places.find_map(|met| {
-            let by = self.least_separation(&Self::example_start(), &met, 1)?;
+            let by = self.least_separation(&[track, met[1]], &met, 1)?;
             (by > 0.0).then_some((met, by))
         });
         found.unwrap_or_else(|| unreachable!("some meetings of the example need it"))

@@ -280,7 +280,7 @@ impl Balance {
         grasps: &[Grasp; 2],
         around: &Surroundings,
     ) -> Load {
-        let &Surroundings { ref tools, ref hands, ref hold, weight, dt } = around;
+        let Surroundings { tools, hands, hold, weight, dt } = around;
         let bodies = self.bodies();
         for (i, hands) in hands.iter().enumerate() {
             let Some(hands) = hands else {
@@ -295,11 +295,11 @@ impl Balance {
             residual.fixed_rows_mut::<3>(0).add_assign(&(weight / bodies as f64));
         }
         if let Some(hold) = hold {
-            self.hand_force = self.add_hold(system, hold, dt);
+            self.hand_force = self.add_hold(system, hold, *dt);
             // The hand carries the cube's weight without sinking.
             system.residual[0].fixed_rows_mut::<3>(0).sub_assign(weight);
         }
-        let borne = if bodies == 1 { self.rest.bear(&self.nodes[0], dt) } else { None };
+        let borne = if bodies == 1 { self.rest.bear(&self.nodes[0], *dt) } else { None };
         if let Some(borne) = &borne {
             system.residual[0].fixed_rows_mut::<3>(0).add_assign(&borne.force);
             system.residual[0].fixed_rows_mut::<3>(3).add_assign(&borne.torque);

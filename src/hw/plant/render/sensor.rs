@@ -21,6 +21,16 @@ const STEPS: usize = 4096;
 /// Length of the list of noise.
 const NOISE: usize = 1 << 17;
 
+/// Returns the channel that a photosite of an RGGB mosaic sees: 0 red, 1 green, 2 blue.
+#[inline]
+fn mosaic(row: usize, column: usize) -> usize {
+    match (row & 1, column & 1) {
+        (0, 0) => 0,
+        (1, 1) => 2,
+        _ => 1,
+    }
+}
+
 /// Tables of a sensor, made once.
 #[derive(Debug, Clone)]
 pub(super) struct Converter {
@@ -74,8 +84,7 @@ impl Converter {
         let Photosite { row, column } = site;
         let pixel = row * raw.width + column;
         if self.bayer {
-            let ends = if row & 1 == 0 { colour[0] } else { colour[2] };
-            let signal = if (row + column) & 1 == 0 { ends } else { colour[1] };
+            let signal = colour[mosaic(row, column)];
             (raw.value[pixel], raw.deviation[pixel]) = self.code(signal * gain);
         } else {
             for (c, channel) in colour.iter().enumerate() {
@@ -106,12 +115,10 @@ impl Converter {
         let start = row * raw.width + column;
         let range = start..start + colours.len();
         let stored = raw.value[range.clone()].iter_mut().zip(&mut raw.deviation[range]);
-        let ends = if row & 1 == 0 { 0 } else { 2 };
-        let mut at_end = (row + column) & 1 == 0;
+        let [mut channel, mut next] = [column, column + 1].map(|column| mosaic(row, column));
         for ((value, deviation), (colour, gain)) in stored.zip(colours.iter().zip(gains)) {
-            let signal = if at_end { colour[ends] } else { colour[1] };
-            (*value, *deviation) = self.code(signal * (gain * exposure));
-            at_end = !at_end;
+            (*value, *deviation) = self.code(colour[channel] * (gain * exposure));
+            std::mem::swap(&mut channel, &mut next);
         }
     }
 

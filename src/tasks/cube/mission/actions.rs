@@ -152,15 +152,27 @@ impl Robot {
         targets: [Option<JointPositions>; 2],
     ) -> Result<bool, Failure> {
         let orders = self.joint_orders(targets);
+        let Some(outcomes) = self.travel_if_free(orders, "the hands go farther apart").await?
+        else {
+            return Ok(false);
+        };
+        self.go_on(outcomes, orders, Doing::Travelling).await?;
+        Ok(true)
+    }
+
+    /// Has both arms go a way. `None`: it was refused, neither arm has moved, and a note says what
+    /// is done instead.
+    async fn travel_if_free(
+        &mut self,
+        orders: Orders,
+        instead: &str,
+    ) -> Result<Option<Outcomes>, Failure> {
         match self.behave(orders, Until::All, Doing::Travelling).await {
             Err(Failure::Final(why)) => {
-                self.note(format!("{why}: the hands go farther apart"));
-                Ok(false)
+                self.note(format!("{why}: {instead}"));
+                Ok(None)
             }
-            outcomes => {
-                self.go_on(outcomes?, orders, Doing::Travelling).await?;
-                Ok(true)
-            }
+            outcomes => outcomes.map(Some),
         }
     }
 
@@ -229,13 +241,9 @@ impl Robot {
         let seconds = way.least_seconds(speeds, &from, &to);
         let orders =
             way.legs(speeds, &from, &to).map(|legs| Some(Behaviour::Legs { legs, seconds }));
-        let outcomes = match self.behave(orders, Until::All, Doing::Travelling).await {
-            // The way is one of the table's, and the arms do not stand quite where it begins.
-            Err(Failure::Final(why)) => {
-                self.note(format!("{why}: the hands go apart first"));
-                return Ok(false);
-            }
-            outcomes => outcomes?,
+        // The way is one of the table's, and the arms do not stand quite where it begins.
+        let Some(outcomes) = self.travel_if_free(orders, "the hands go apart first").await? else {
+            return Ok(false);
         };
         let Some(met) = alarm(&outcomes, Doing::Travelling) else { return Ok(true) };
         if !self.may_give_way() {
@@ -538,17 +546,14 @@ impl Robot {
             CompliantArm::Body => ([false; 6], s.turn_selector(axis)),
             CompliantArm::Turner => (s.turn_selector(2), [false; 6]),
         };
+        let most = if angle.abs() < SHORT_TURN { GENTLE } else { f64::INFINITY };
         let mut orders = alone(
             turner,
             Behaviour::Turn {
                 angle,
                 // A hand that is to yield to less turns slower: its admittance stays.
                 speed: s.turn_speed * (torque / s.turn_torque).min(1.0),
-                acceleration: if angle.abs() < SHORT_TURN {
-                    s.turn_acceleration.min(GENTLE)
-                } else {
-                    s.turn_acceleration
-                },
+                acceleration: s.turn_acceleration.min(most),
                 torque,
                 least_torque: s.turn_least_torque,
                 selector: turner_selector,
@@ -721,51 +726,52 @@ mod tests {
         (orders, end)
     }
 
-    /// Places of both arms in the example cell: apart, near to a meeting, and how far the track
-    /// must stand back from there on the way between them (m).
-    type Places = ([JointPositions; 2], [JointPositions; 2], f64);
+    /// Conditions of a way between a meeting and a place apart.
+    #[derive(Clone)]
+    struct Conditions {
+        /// Finds how near the arms may go to each other.
+        ways: Option<WayFinder>,
+        /// MP refuses the first try.
+        refused: bool,
+        /// The track has lost the cube at its end.
+        lost: bool,
+    }
 
-    /// A way between the places, with the track holding the cube: to the meeting, or from there
-    /// back to where the track was apart. The arms go where they are sent. Returns the stage, how
-    /// the way ended, and where the track was sent. `refuses` tells how many ways are refused, and
-    /// the cube is `lost` on the first one.
+    /// Goes with the cube in the track hand from `begin` to a meeting at `end`, or back to where
+    /// the track stands at `end`. The arms go where they are sent. Returns the stage, how the way
+    /// ended, and where the track was sent.
     fn goes(
-        to_meeting: bool,
-        (apart, met, _): Places,
-        (ways, refuses, lost): (Option<WayFinder>, u32, bool),
+        begin: [JointPositions; 2],
+        end: [JointPositions; 2],
+        meets: bool,
+        Conditions { ways, mut refused, lost }: Conditions,
     ) -> (Stage, Result<(), Failure>, Vec<JointPositions>) {
         let mut stage = Stage::holding(CubeSettings { ways, ..settings() });
-        stage.robot.apart = to_meeting;
+        stage.robot.apart = meets;
         stage.robot.widths[Hand::Track.index()] = Some(0.0567);
-        let from = if to_meeting { apart } else { [apart[0], met[1]] };
-        let begins = if to_meeting { from } else { met };
-        for (arm, joints) in stage.robot.arms.iter_mut().zip(begins) {
+        for (arm, joints) in stage.robot.arms.iter_mut().zip(begin) {
             (arm.desired_joints, arm.jaw_opening) = (joints, 0.0567);
         }
-        let [track, postument] = met;
+        let [track, postument] = end;
         let meeting = Meeting { track, postument, ..settings().meetings.grasps[0].unwrap() };
-        let (mut sent, mut refused) = (Vec::new(), 0);
+        let mut sent = Vec::new();
         let mut shell = |action: &Action<Thought>, arms: &mut [ArmState; 2]| {
             let Action::Behave { orders, .. } = action else { return goes_well(action, arms) };
-            let both = orders[1].is_some() || !to_meeting && sent.len() == 1;
-            if both && refused < refuses {
-                refused += 1;
+            let Some(Behaviour::Joints { target, .. }) = orders[0] else { panic!("{action:?}") };
+            // All but the track's own way from or to the meeting.
+            if (orders[1].is_some() || !meets && target == track) && std::mem::take(&mut refused) {
                 return Event::Trouble("too near".to_owned());
             }
-            for (arm, order) in arms.iter_mut().zip(*orders) {
-                if let Some(Behaviour::Joints { target, .. }) = order {
-                    arm.desired_joints = target;
-                }
-            }
-            sent.push(arms[0].desired_joints);
+            arms[0].desired_joints = target;
+            sent.push(target);
             arms[0].jaw_opening = if lost { 0.053 } else { 0.0567 };
             goes_well(action, arms)
         };
         let way = async |robot: &mut Robot| {
-            if to_meeting {
+            if meets {
                 regrasp::meet(robot, Hand::Postument, meeting, regrasp::Coming::ToLook).await
             } else {
-                regrasp::return_to(robot, apart[0]).await
+                regrasp::return_to(robot, track).await
             }
         };
         let (end, _) = stage.play(way, &mut shell);
@@ -776,38 +782,39 @@ mod tests {
     fn hands_go_no_farther_apart_than_needed() {
         let finder = WayFinder::of_example();
         let (met, by) = finder.example_place();
-        let apart = WayFinder::example_start();
+        let [apart, _] = WayFinder::example_start();
         let back = |by: f64| {
             let mut track = met[0];
             track.0[0] -= by;
             track
         };
-
-        let near = |refuses| (Some(finder.clone()), refuses, false);
         let usual = settings().meetings.separation;
-        for (how, stands) in [(near(0), by), (near(1), usual), ((None, 0, false), usual)] {
-            let (stage, end, sent) = goes(true, (apart, met, by), how);
+        let near = Conditions { ways: Some(finder), refused: false, lost: false };
+        let too_near = Conditions { refused: true, ..near.clone() };
+        let far = Conditions { ways: None, ..near.clone() };
+
+        for (conditions, stands, returns) in [
+            (near, by, vec![back(by), apart]),
+            (too_near, usual, vec![back(by), back(usual), apart]),
+            (far, usual, vec![back(usual), apart]),
+        ] {
+            let start = [apart, met[1]];
+            let (stage, end, sent) = goes(start, met, true, conditions.clone());
             assert!(end.is_ok() && !stage.robot.apart, "{end:?}");
             assert_eq!(sent, [back(stands), met[0]]);
-        }
 
-        // The way back begins at the same place, while the postument stays.
-        let by = finder.least_separation(&[apart[0], met[1]], &met, 1).unwrap();
-        let place = (apart, met, by);
-        let (stage, end, sent) = goes(false, place, (Some(finder.clone()), 0, false));
-        assert!(end.is_ok() && stage.robot.apart, "{end:?}");
-        assert_eq!(sent.last(), Some(&apart[0]));
-        assert_eq!(sent.len() == 2, by > 0.0, "{by} m: {sent:?}");
-        let (_, end, sent) = goes(false, place, (None, 0, false));
-        assert_eq!((end.is_ok(), sent), (true, vec![back(usual), apart[0]]));
+            let (stage, end, sent) = goes(met, start, false, conditions);
+            assert!(end.is_ok() && stage.robot.apart, "{end:?}");
+            assert_eq!(sent, returns);
+        }
     }
 
     #[test]
     fn lost_cube_leaves_hands_that_are_near() {
-        let finder = WayFinder::of_example();
         let apart = WayFinder::example_start();
+        let lost = Conditions { ways: Some(WayFinder::of_example()), refused: false, lost: true };
 
-        let (stage, end, _) = goes(true, (apart, apart, 0.0), (Some(finder), 0, true));
+        let (stage, end, _) = goes(apart, apart, true, lost);
 
         assert_eq!(end, Err(Failure::Lost(Hand::Track)));
         assert!(!stage.robot.apart, "nothing stands back");
