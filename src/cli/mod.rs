@@ -14,6 +14,7 @@ mod emulate;
 mod engine;
 pub mod evaluate;
 mod faces;
+mod film;
 mod frames;
 pub mod image_file;
 mod keys;
@@ -162,6 +163,8 @@ Examples:
     Replay(replay::ReplayArgs),
     /// Make a page of a recording: verdict, figures, curves, pictures, plan
     Report(report::ReportArgs),
+    /// Make a moving picture of a recorded mission
+    Film(film::FilmArgs),
     /// Make a whole recording of one that was cut off or damaged
     Recover(recover::RecoverArgs),
     /// Write the cell, or one arm, as URDF
@@ -221,6 +224,7 @@ pub fn main() -> ExitCode {
         Command::Picture(args) => picture::picture(&args, &mut output),
         Command::Replay(args) => replay::run(&args, &mut output),
         Command::Report(args) => report::run(&args),
+        Command::Film(args) => film::run(&args, &mut output),
         Command::Recover(args) => recover::run(&args),
         Command::Urdf(args) => urdf::run(&args, &mut output),
         Command::Schema => schema::run(&mut output),

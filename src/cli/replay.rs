@@ -129,7 +129,7 @@ fn json(verified: &Verified) -> String {
 }
 
 /// A recording's label, and the scenario that it is of.
-fn load(path: &Path) -> Result<(Label, Scenario), String> {
+pub(super) fn load(path: &Path) -> Result<(Label, Scenario), String> {
     let mut label = Label::default();
     let reading = open(path).map_err(|e| format!("{}: {e}", path.display()))?;
     for piece in reading {

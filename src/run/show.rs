@@ -503,6 +503,25 @@ impl Show {
             .collect()
     }
 
+    /// Returns the time of the last event (s).
+    #[must_use]
+    pub fn end(&self) -> f64 {
+        self.end
+    }
+
+    /// Returns what the operator saw at each of `times` (s), which ascend.
+    #[must_use]
+    pub fn snapshots(&self, times: &[f64]) -> Vec<Arc<Snapshot>> {
+        let desk = Desk::default().run_end();
+        let mut stand = Stand::new(self, &desk);
+        let at = |time: &f64| {
+            stand.skip(*time);
+            stand.show(*time, true, 1.0);
+            Arc::clone(&desk.snapshots.borrow())
+        };
+        times.iter().map(at).collect()
+    }
+
     /// The middle of each step of the plans (s), and the step in words.
     fn steps(&self) -> Vec<(f64, String)> {
         let (mut steps, mut now, mut begun) = (Vec::new(), None, None);

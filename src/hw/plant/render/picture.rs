@@ -13,78 +13,91 @@ use crate::spatial::{Pose, pose_from_axes};
 use image::RgbImage;
 use nalgebra::{Point3, Vector3};
 
-/// A picture of the cell: both arms, track, table and tray, cube, hand, and the cameras that stand.
-#[must_use]
-pub fn cell(scene: &Scene, setting: &Setting, width: u32, height: u32) -> RgbImage {
-    let look = Look::default();
-    let world = World::new(scene, setting, &look);
-    let (world_from_eye, focal) = viewpoint(scene, setting, width, height);
-    let eye = Point3::from(world_from_eye.translation.vector);
-    // The lower right corner shows the cube enlarged, from the same side.
-    let side = (height.min(width) * 3 / 10).max(1);
-    let (left, top) = (width - side - side / 20, height - side - side / 20);
-    let (world_from_inset, inset_focal) = closer(scene, &world_from_eye, side);
-    let inset_eye = Point3::from(world_from_inset.translation.vector);
-    RgbImage::from_fn(width, height, |column, row| {
-        let (dx, dy) = (i64::from(column) - i64::from(left), i64::from(row) - i64::from(top));
-        let within = |margin: i64| {
-            let range = -margin..i64::from(side) + margin;
-            range.contains(&dx) && range.contains(&dy)
+/// An eye outside the cell: where it is, where it looks, and how far it magnifies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    world_from_eye: Pose,
+    /// Focal length, as a multiple of the picture's height.
+    focal: f64,
+}
+
+impl View {
+    /// Returns the view from the open side of the cell that holds both arms, table, cube and hand
+    /// of all `scenes`. `aspect` is the picture's width over its height.
+    #[must_use]
+    pub fn of_cell(scenes: &[Scene], setting: &Setting, aspect: f64) -> Self {
+        let points: Vec<_> = scenes.iter().flat_map(|scene| outline(scene, setting)).collect();
+        Self::around(&points, aspect)
+    }
+
+    /// Returns the view from the open side of the cell that holds all of `points`.
+    fn around(points: &[Point3<f64>], aspect: f64) -> Self {
+        let first = points.first().copied().unwrap_or_default();
+        let (mut low, mut high) = (first, first);
+        for p in points {
+            low = Point3::from(low.coords.inf(&p.coords));
+            high = Point3::from(high.coords.sup(&p.coords));
+        }
+        let middle = nalgebra::center(&low, &high);
+        let eye = middle + open_side() * ((high - low).norm() * 1.25 + 1.0);
+        let pose = looking(eye, &-open_side());
+        // The longest focal length and the shift of aim that take all points in.
+        let seen = points.iter().map(|p| pose.inverse() * p).map(|p| (p.x / p.z, p.y / p.z));
+        let seen: Vec<_> = seen.collect();
+        let range = |pick: fn(&(f64, f64)) -> f64| {
+            let low = seen.iter().map(pick).fold(f64::MAX, f64::min);
+            (low, seen.iter().map(pick).fold(f64::MIN, f64::max))
         };
-        if within(2) && !within(0) {
-            return image::Rgb([70, 70, 74]);
+        let ((x0, x1), (y0, y1)) = (range(|p| p.0), range(|p| p.1));
+        let aim = Vector3::new(f64::midpoint(x0, x1), f64::midpoint(y0, y1), 1.0).normalize();
+        let margin = 1.08;
+        Self {
+            world_from_eye: looking(eye, &(pose.rotation * aim)),
+            focal: (aspect / (margin * (x1 - x0))).min(1.0 / (margin * (y1 - y0))),
         }
-        let inset = within(0);
-        let mut sum = [0.0_f64; 3];
-        for k in 0..GRID * GRID {
-            let dice = Dice::new(column, row, k);
-            let x = (f64::from(k % GRID) + 0.5) / f64::from(GRID) - 0.5;
-            let y = (f64::from(k / GRID) + 0.5) / f64::from(GRID) - 0.5;
-            let ray = if inset {
-                let half = f64::from(side) / 2.0;
-                let ray = Vector3::new(dx as f64 + x - half, dy as f64 + y - half, inset_focal);
-                world_from_inset.rotation * ray
-            } else {
-                let (half_x, half_y) = (f64::from(width) / 2.0, f64::from(height) / 2.0);
-                let ray = Vector3::new(
-                    f64::from(column) + x - half_x,
-                    f64::from(row) + y - half_y,
-                    focal,
-                );
-                world_from_eye.rotation * ray
-            };
-            let from = if inset { &inset_eye } else { &eye };
-            let colour = world.colour(from, &ray.normalize(), k, dice);
-            for c in 0..3 {
-                sum[c] += colour[c] / f64::from(GRID * GRID);
-            }
+    }
+
+    /// Returns the view of the scene's cube from the open side of the cell, with a picture `edges`
+    /// edges of the cube high.
+    #[must_use]
+    pub fn of_cube(scene: &Scene, edges: f64) -> Self {
+        Self::towards_cube(scene, open_side(), edges)
+    }
+
+    /// Returns the view of the cube from a direction, which is a unit vector from the cube.
+    fn towards_cube(scene: &Scene, away: Vector3<f64>, edges: f64) -> Self {
+        let cube = Point3::from(scene.cube.world_from_cube.translation.vector);
+        let distance = 12.0 * scene.cube.edge;
+        Self {
+            world_from_eye: looking(cube + away * distance, &-away),
+            focal: distance / (edges * scene.cube.edge),
         }
-        image::Rgb(sum.map(coded))
-    })
+    }
+
+    /// Returns the ray (of unit length) through a point of a picture, given from its middle in
+    /// heights of the picture.
+    fn ray(&self, x: f64, y: f64) -> Vector3<f64> {
+        self.world_from_eye.rotation * Vector3::new(x, y, self.focal).normalize()
+    }
+
+    fn eye(&self) -> Point3<f64> {
+        Point3::from(self.world_from_eye.translation.vector)
+    }
 }
 
-/// A view of the cube from the same direction, four edges wide.
-fn closer(scene: &Scene, world_from_eye: &Pose, side: u32) -> (Pose, f64) {
-    let cube = Point3::from(scene.cube.world_from_cube.translation.vector);
-    let away = (Point3::from(world_from_eye.translation.vector) - cube).normalize();
-    let distance = 12.0 * scene.cube.edge;
-    let z = -away;
-    let x = z.cross(&Vector3::z()).try_normalize(1e-9).unwrap_or_else(Vector3::x);
-    let pose = pose_from_axes(x, z.cross(&x), z, cube + away * distance);
-    (pose, f64::from(side) * distance / (4.0 * scene.cube.edge))
+/// Returns the direction (of unit length) from the cell to its open side.
+fn open_side() -> Vector3<f64> {
+    Vector3::new(0.86, -0.42, 0.34).normalize()
 }
 
-/// Samples along each side of a pixel.
-const GRID: u32 = 4;
-
-/// Linear to 8 bits, with a soft shoulder.
-fn coded(linear: f64) -> u8 {
-    let soft = if linear < 0.6 { linear } else { 1.0 - 0.4 * libm::exp((0.6 - linear) / 0.4) };
-    (255.0 * libm::pow(soft.max(0.0), 1.0 / 2.2)).round() as u8
+/// Returns the pose of an eye that looks along `aim`, with the horizon level.
+fn looking(eye: Point3<f64>, aim: &Vector3<f64>) -> Pose {
+    let x = aim.cross(&Vector3::z()).try_normalize(1e-9).unwrap_or_else(Vector3::x);
+    pose_from_axes(x, aim.cross(&x), *aim, eye)
 }
 
-/// From the open side of the cell, so that all that matters fits.
-fn viewpoint(scene: &Scene, setting: &Setting, width: u32, height: u32) -> (Pose, f64) {
+/// Returns the points of a scene that a view of the cell has to hold.
+fn outline(scene: &Scene, setting: &Setting) -> Vec<Point3<f64>> {
     let (half_x, half_y) = (setting.table_size.0 / 2.0, setting.table_size.1 / 2.0);
     let corner = |y: f64, z: f64| Point3::new(setting.table.x + half_x, setting.table.y + y, z);
     let mut points = vec![
@@ -105,33 +118,51 @@ fn viewpoint(scene: &Scene, setting: &Setting, width: u32, height: u32) -> (Pose
         points.extend([camera, Point3::new(camera.x + 0.2, camera.y, 0.0)]);
     }
     points.extend(scene.hand.map(|hand| hand * Point3::new(0.35, 0.0, 0.0)));
-    let (mut low, mut high) = (points[0], points[0]);
-    for p in &points {
-        low = Point3::from(low.coords.inf(&p.coords));
-        high = Point3::from(high.coords.sup(&p.coords));
-    }
-    let middle = nalgebra::center(&low, &high);
-    let away = Vector3::new(0.86, -0.42, 0.34).normalize();
-    let eye = middle + away * ((high - low).norm() * 1.25 + 1.0);
-    let z = -away;
-    let x = z.cross(&Vector3::z()).normalize();
-    let pose = pose_from_axes(x, z.cross(&x), z, eye);
-    // The longest focal length and the shift of aim that take all points in.
-    let seen: Vec<_> =
-        points.iter().map(|p| pose.inverse() * p).map(|p| (p.x / p.z, p.y / p.z)).collect();
-    let range = |pick: fn(&(f64, f64)) -> f64| {
-        let low = seen.iter().map(pick).fold(f64::MAX, f64::min);
-        (low, seen.iter().map(pick).fold(f64::MIN, f64::max))
-    };
-    let ((x0, x1), (y0, y1)) = (range(|p| p.0), range(|p| p.1));
-    let aim =
-        pose.rotation * Vector3::new(f64::midpoint(x0, x1), f64::midpoint(y0, y1), 1.0).normalize();
-    let x = aim.cross(&Vector3::z()).normalize();
-    let pose = pose_from_axes(x, aim.cross(&x), aim, eye);
-    let margin = 1.08;
-    let focal =
-        (f64::from(width) / (margin * (x1 - x0))).min(f64::from(height) / (margin * (y1 - y0)));
-    (pose, focal)
+    points
+}
+
+/// Returns a picture of the cell: both arms, track, table and tray, cube, hand, and the cameras
+/// that stand; in its lower right corner the cube, enlarged.
+#[must_use]
+pub fn cell(scene: &Scene, setting: &Setting, width: u32, height: u32) -> RgbImage {
+    let world = World::new(scene, setting, &Look::default());
+    let aspect = f64::from(width) / f64::from(height);
+    let view = View::of_cell(std::slice::from_ref(scene), setting, aspect);
+    let side = (height.min(width) * 3 / 10).max(1);
+    let (left, top) = (width - side - side / 20, height - side - side / 20);
+    let cube = Point3::from(scene.cube.world_from_cube.translation.vector);
+    let inset = View::towards_cube(scene, (view.eye() - cube).normalize(), 4.0);
+    RgbImage::from_fn(width, height, |column, row| {
+        let (dx, dy) = (i64::from(column) - i64::from(left), i64::from(row) - i64::from(top));
+        let within = |margin: i64| {
+            let range = -margin..i64::from(side) + margin;
+            range.contains(&dx) && range.contains(&dy)
+        };
+        if within(0) {
+            world.pixel(&inset, (dx as u32, dy as u32), (side, side))
+        } else if within(2) {
+            image::Rgb([70, 70, 74])
+        } else {
+            world.pixel(&view, (column, row), (width, height))
+        }
+    })
+}
+
+/// Returns a picture of a scene from a view. The light's noise depends on the pixel alone, so parts
+/// that do not change are equal to the bit in two pictures from one view.
+#[must_use]
+pub fn seen(scene: &Scene, setting: &Setting, view: &View, size: (u32, u32)) -> RgbImage {
+    let world = World::new(scene, setting, &Look::default());
+    RgbImage::from_fn(size.0, size.1, |column, row| world.pixel(view, (column, row), size))
+}
+
+/// Samples along each side of a pixel.
+const GRID: u32 = 4;
+
+/// Linear to 8 bits, with a soft shoulder.
+fn coded(linear: f64) -> u8 {
+    let soft = if linear < 0.6 { linear } else { 1.0 - 0.4 * libm::exp((0.6 - linear) / 0.4) };
+    (255.0 * libm::pow(soft.max(0.0), 1.0 / 2.2)).round() as u8
 }
 
 /// What a ray meets.
@@ -223,6 +254,28 @@ impl World {
         }
         let lamp = Vector3::new(0.55, -0.45, 1.0).normalize();
         Self { groups, cube: look.cube.clone(), lamp }
+    }
+
+    /// Returns a pixel of a picture of this size (px), the mean of several samples.
+    fn pixel(
+        &self,
+        view: &View,
+        (column, row): (u32, u32),
+        (width, height): (u32, u32),
+    ) -> image::Rgb<u8> {
+        let (eye, high) = (view.eye(), f64::from(height));
+        let mut sum = [0.0_f64; 3];
+        for k in 0..GRID * GRID {
+            let x = (f64::from(k % GRID) + 0.5) / f64::from(GRID) - 0.5;
+            let y = (f64::from(k / GRID) + 0.5) / f64::from(GRID) - 0.5;
+            let x = (f64::from(column) + x - f64::from(width) / 2.0) / high;
+            let y = (f64::from(row) + y - high / 2.0) / high;
+            let colour = self.colour(&eye, &view.ray(x, y), k, Dice::new(column, row, k));
+            for c in 0..3 {
+                sum[c] += colour[c] / f64::from(GRID * GRID);
+            }
+        }
+        image::Rgb(sum.map(coded))
     }
 
     fn colour(
